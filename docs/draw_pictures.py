@@ -113,7 +113,14 @@ def hairpin_scene() -> HairpinScene:
     room = route_room(problem, ends)
     tip_paths = tip_paths_along(problem, ends, find_routes(problem, ends, room), room)
     deadline = Deadline.after(60.0)
-    task = MotionTask(problem.arm, problem.workspace, ends.start, ends.goal, None, (), tip_paths, deadline)
+    task = MotionTask(
+        arm=problem.arm,
+        workspace=problem.workspace,
+        start=ends.start,
+        goal=ends.goal,
+        tip_paths=tip_paths,
+        deadline=deadline,
+    )
     run = PlanarRun.from_task(task, task.settings.search.margins[0])
     guide = next(pulled_over(run.stepper, run.start, None, tip_paths[0], (FOLD_LENGTH,))).make_guide()
     recorder = Recorder(guide)

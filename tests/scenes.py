@@ -105,7 +105,7 @@ def sweep_gaps(arm: Arm, workspace: Workspace, poses: FloatArray) -> tuple[float
 
 def make_stepper(scene: Scene, margin: float = MARGIN) -> tuple[Stepper, Pose]:
     """A stepper in the link space through the scene's start, and the pose there."""
-    space, v = LinkSpace.through(scene.arm, scene.start)
+    space, v = LinkSpace.through(scene.arm, scene.arm.bends(scene.start))
     walls = scene.workspace.flat_walls
     finder = ContactFinder(scene.arm, walls, scene.workspace.clearance, margin, 0.04)
     limits = assembled_limits(finder, Certificate(scene.arm, scene.workspace), StepSettings())

@@ -51,10 +51,10 @@ def test_every_pose_is_at_the_goal_and_within_the_limits(
     pose = arc(arm, share, switch)
     arcs = arcs_to(arm, pose, with_heading=with_heading)
     for found in arcs.poses(FULL, 3):
-        assert arm.joint_positions(found)[-1] == pytest.approx(arcs.goal.position, abs=1e-9)
+        assert arm.joint_positions_at(found)[-1] == pytest.approx(arcs.goal.position, abs=1e-9)
         if with_heading:
-            assert wrap(float(found[-1] - pose[-1])) == pytest.approx(0.0, abs=1e-9)
-        assert np.all(np.abs(arm.bends(found)[1:]) <= (FULL + 1e-12) * arm.joint_limit)
+            assert wrap(float(arm.headings(found)[-1] - pose[-1])) == pytest.approx(0.0, abs=1e-9)
+        assert np.all(np.abs(found[1:]) <= (FULL + 1e-12) * arm.joint_limit)
 
 
 @pytest.mark.parametrize("links", [8, 24, 48])
@@ -67,7 +67,7 @@ def test_a_goal_that_takes_every_joint_to_its_limit_gets_the_arc_that_reaches_it
     pose = arc(arm, 0.999, links)
     found = arcs_to(arm, pose, with_heading=with_heading).where_needed(FULL)
     # The tip is also reached by the mirror image where its heading does not matter.
-    assert min(np.abs(wrap(each - pose)).max() for each in found) < 0.05
+    assert min(np.abs(wrap(arm.headings(each) - pose)).max() for each in found) < 0.05
 
 
 def test_a_goal_that_less_bent_joints_reach_needs_no_such_arcs() -> None:

@@ -136,7 +136,7 @@ def test_room_in_the_regions_is_room_to_the_walls(seed: int) -> None:
 def searched(scene: Scene) -> GoalPoseSearch:
     """The search for the goal pose of a scene."""
     problem = scene.problem()
-    return GoalPoseSearch(problem, resolve_ends(problem), resolve_ends(problem).start)
+    return GoalPoseSearch(problem, resolve_ends(problem), problem.start.headings(problem.arm))
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -219,12 +219,12 @@ def test_a_users_constraint_is_a_row_with_a_multiplier() -> None:
     scene = clutter(91_001, 20)
     problem = scene.problem()
     ends = resolve_ends(problem)
-    free = GoalPoseSearch(problem, ends, ends.start).best(scene.goal)
+    free = GoalPoseSearch(problem, ends, scene.start).best(scene.goal)
     assert free is not None
     middle = problem.arm.joint_positions(free.headings)[12]
     aside = Constraint("middle aside", lambda q: q.joint_positions[1, 12], lower=float(middle[1]) + 0.01, where="goal")
     terms = compile_terms(problem.arm, [aside], [])
-    held = GoalPoseSearch(problem, ends, ends.start, terms).best(scene.goal)
+    held = GoalPoseSearch(problem, ends, scene.start, terms).best(scene.goal)
     assert held is not None
     assert problem.arm.joint_positions(held.headings)[12, 1] >= middle[1] + 0.01 - 1e-6
     assert held.answer.multipliers["user: middle aside"] > 0.0
@@ -236,9 +236,9 @@ def test_a_users_cost_shapes_the_pose() -> None:
     scene = clutter(91_002, 20)
     problem = scene.problem()
     ends = resolve_ends(problem)
-    free = GoalPoseSearch(problem, ends, ends.start).best(scene.goal)
+    free = GoalPoseSearch(problem, ends, scene.start).best(scene.goal)
     cost = Cost("low middle", lambda q: q.joint_positions[1, 12], weight=100.0, where="goal")
-    costly = GoalPoseSearch(problem, ends, ends.start, compile_terms(problem.arm, [], [cost])).best(scene.goal)
+    costly = GoalPoseSearch(problem, ends, scene.start, compile_terms(problem.arm, [], [cost])).best(scene.goal)
     assert free is not None
     assert costly is not None
     height = problem.arm.joint_positions(free.headings)[12, 1]

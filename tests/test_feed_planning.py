@@ -60,16 +60,13 @@ def test_poses_carry_the_feed() -> None:
 
 @pytest.mark.parametrize("heading", [0.0, -0.5 * np.pi, 0.7])
 def test_bending_in_the_guide_is_seen(heading: float) -> None:
-    """A path that bends a joint before it has left the guide is refused, the same a little later is not.
-
-    Splines of link headings round, and round other headings than 0 they do so in the guide too.
-    """
+    """A path that bends a joint before it has left the guide is refused, the same a little later is not."""
     arm = fed_arm(feed=Feed(0.0, 0.8, 0.4), base_heading=heading)
     feeds = np.linspace(0.0, 0.8, 81)
     for leaves, fine in ((0.30, False), (0.45, True)):
         bends = np.zeros((81, arm.links))
         bends[:, 0] = np.where(feeds > leaves, 0.1, 0.0)
-        spline = clamped_spline(arm.poses(np.column_stack((bends, feeds))))
+        spline = clamped_spline(np.column_stack((bends, feeds)))
         held = GuideTubeLimit(arm, 1e-3).failures(spline(np.linspace(0.0, 1.0, 500)))
         assert (len(held) == 0) is fine
 
@@ -91,11 +88,10 @@ def test_walls_are_seen_by_the_moving_base() -> None:
     arm = fed_arm()
     ahead = np.zeros((9, arm.links + 1))
     ahead[:, -1] = np.linspace(0.0, 0.8, 9)
-    poses = arm.poses(ahead)
-    assert not len(Certificate(arm, make_room(), 0.0).failures(poses))
+    assert not len(Certificate(arm, make_room(), 0.0).failures(ahead))
     narrow = Certificate(arm, make_room(*_plate(0.6)), 0.0)
-    assert len(narrow.failures(poses))
-    assert not len(narrow.failures(poses[:6]))
+    assert len(narrow.failures(ahead))
+    assert not len(narrow.failures(ahead[:6]))
 
 
 def test_feeding_round_a_plate() -> None:
@@ -189,7 +185,7 @@ def test_reshaping_leaves_the_guide_alone() -> None:
         start[-beyond + 1 : -beyond + 3] = 0.3
         problem = replace(problem, start=JointPose(start, feed), goal=JointPose(bends, feed))
         motion = next(ways(problem, 900.0).at_once())
-        q = arm.configurations(motion.configurations)
+        q = motion.configurations
         assert np.allclose(q[:, -1], feed)
         assert np.abs(q[:, : arm.links - beyond]).max() < 1e-12
         assert np.allclose(q[[0, -1], :-1], [start, bends], atol=1e-9)
@@ -323,9 +319,6 @@ def test_a_motion_lasts_no_longer_than_a_change_of_shape_alone(seed: int) -> Non
     assert len(alone) == 1
     found = CurvePlanner().plan(problem).spline(np.linspace(0.0, 1.0, 2000))
     scale = np.append(1.0 / problem.limits.velocity[1::3], 1.0 / (problem.limits.feed_velocity or 1.0))
-    times = [
-        np.abs(np.diff(q * scale, axis=0)).max(axis=1).sum()
-        for q in (found, problem.arm.configurations(alone[0].configurations))
-    ]
+    times = [np.abs(np.diff(q * scale, axis=0)).max(axis=1).sum() for q in (found, alone[0].configurations)]
     # Both are optimised, each by itself, and end where the optimiser's steps gain little more.
     assert times[0] <= 1.05 * times[1]

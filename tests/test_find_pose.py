@@ -47,7 +47,7 @@ def assert_sound(found: StaticPose) -> None:
     assert isinstance(problem.goal, TipGoal)
     assert found.joint_positions[-1] == pytest.approx(problem.goal.position, abs=1e-6 * arm.length)
     assert np.all(np.abs(found.bends) <= arm.bend_limits)
-    refuse_bad_pose(arm, problem.workspace, arm.headings(found.bends), "pose")
+    refuse_bad_pose(arm, problem.workspace, found.bends, "pose")
     links = shapely.linestrings(np.stack((found.joint_positions[:-1], found.joint_positions[1:]), axis=1))
     for wall in problem.workspace.walls:
         room = shapely.distance(links, wall.core) - wall.rounding - arm.radius - problem.workspace.clearance
@@ -72,7 +72,7 @@ def test_a_pocket_that_a_wide_tolerance_reaches_is_found(seed: int) -> None:
     found = ccm_opt.find_pose(replace(narrow, goal=goal, tolerances=tolerances))
     away = np.hypot(*(found.joint_positions[-1] - goal.position))
     assert away <= tolerances.position + 1e-6
-    refuse_bad_pose(narrow.arm, narrow.workspace, narrow.arm.headings(found.bends), "pose")
+    refuse_bad_pose(narrow.arm, narrow.workspace, found.bends, "pose")
 
 
 def test_random_poses_are_brought_onto_the_goal_and_touch_nothing_much() -> None:

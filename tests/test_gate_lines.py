@@ -45,7 +45,7 @@ def bowed(bow: tuple[float, float, float]) -> tuple[LinkSpace, FloatArray]:
     arm = make_arm(24)
     lift = bow[2] / WALL_X
     headings = lift + 0.006 * np.sin(bow[0] + np.linspace(0.0, 6.0, arm.links)) + 0.006 * bow[1]
-    return LinkSpace.through(arm, headings)
+    return LinkSpace.through(arm, arm.bends(headings))
 
 
 @pytest.mark.parametrize("thick", [0.02, 0.04])
@@ -71,7 +71,7 @@ def test_slopes_are_derivatives(bow: tuple[float, float, float]) -> None:
     found = lines.crossings(space.pose(v).points[None], 1.0)
     assert found.crossed.all()
     assume(np.all((found.share > 1e-3) & (found.share < 1.0 - 1e-3)))
-    slopes = lines.slopes(space.pose(v).moving[None], space.configurations(v)[None], found)[0]
+    slopes = lines.slopes(space.pose(v).moving[None], space.arm.headings(space.configurations(v))[None], found)[0]
     step = 1e-6
     for k in range(0, len(v), 5):
         moved = [v + sign * step * np.eye(len(v))[k] for sign in (1.0, -1.0)]

@@ -40,7 +40,7 @@ seeds = st.integers(0, 2**32 - 1)
 
 def certified(arm: Arm, workspace: Workspace, *keyframes: FloatArray) -> bool:
     """Whether the piecewise-linear motion through keyframes is certified."""
-    return len(Certificate(arm, workspace).failures(np.array(keyframes))) == 0
+    return len(Certificate(arm, workspace).failures(arm.configurations(np.array(keyframes)))) == 0
 
 
 def random_turn(rng: np.random.Generator, arm: Arm, size: float) -> FloatArray:
@@ -197,7 +197,7 @@ def test_the_verdict_does_not_depend_on_the_direction(seed: int) -> None:
     rng = np.random.default_rng(seed)
     scene = clutter(seed % 50, 30)
     turns = np.array([random_turn(rng, scene.arm, 0.15) for _ in range(4)])
-    keyframes = scene.start + np.cumsum(turns, axis=0)
+    keyframes = scene.arm.bends(scene.start + np.cumsum(turns, axis=0))
     certificate = Certificate(scene.arm, scene.workspace)
     forwards = certificate.failures(keyframes)
     backwards = certificate.failures(keyframes[::-1])
@@ -210,7 +210,8 @@ def test_intervals_are_judged_one_by_one(seed: int) -> None:
     """The failing intervals of a long motion are those whose own two keyframes fail."""
     rng = np.random.default_rng(seed)
     scene = clutter(seed % 50, 30)
-    keyframes = scene.start + np.cumsum([random_turn(rng, scene.arm, 0.08) for _ in range(8)], axis=0)
+    turns = [random_turn(rng, scene.arm, 0.08) for _ in range(8)]
+    keyframes = scene.arm.bends(scene.start + np.cumsum(turns, axis=0))
     certificate = Certificate(scene.arm, scene.workspace)
     alone = [k for k in range(7) if len(certificate.failures(keyframes[k : k + 2]))]
     assert certificate.failures(keyframes).tolist() == alone
@@ -220,7 +221,7 @@ def test_more_bisections_never_refuse_more() -> None:
     """What is certified at a depth stays certified at a greater one."""
     for arm, workspace, start, end in random_motions(40):
         certificate = Certificate(arm, workspace)
-        verdicts = [len(certificate.failures(np.array([start, end]), depth)) == 0 for depth in (0, 2, 7)]
+        verdicts = [len(certificate.failures(arm.bends(np.array([start, end])), depth)) == 0 for depth in (0, 2, 7)]
         assert verdicts == sorted(verdicts)
 
 
@@ -232,7 +233,8 @@ def test_wide_turns_need_bisections() -> None:
         for k, a in enumerate(at)
     )
     certificate = Certificate(make_arm(24), Workspace(ROOM, posts))
-    turn = np.array([np.zeros(24), np.ones(24)])
+    turn = np.zeros((2, 24))
+    turn[1, 0] = 1.0
     assert certificate.failures(turn, 1).tolist() == [0]
     assert len(certificate.failures(turn)) == 0
 
@@ -241,7 +243,7 @@ def test_wide_turns_need_bisections() -> None:
 def test_an_arm_at_rest_is_certified_where_it_touches_nothing(keyframes: int) -> None:
     """Standing still is safe in free space, also as a motion of a single keyframe, and unsafe in contact."""
     scene = clutter(3)
-    still = np.tile(scene.start, (keyframes, 1))
+    still = np.tile(scene.arm.bends(scene.start), (keyframes, 1))
     assert len(Certificate(scene.arm, scene.workspace).failures(still)) == 0
     beside = Obstacle("beside", PlaneShape(shapely.Point(scene.arm.joint_positions(scene.start)[-1]), 0.01))
     blocked = Workspace(ROOM, (beside,))
@@ -269,7 +271,7 @@ def test_a_spare_gap_is_kept() -> None:
     apart = arm.link_length - 2.0 * arm.radius  # of the strands
     for spare, expected in ((apart + 1e-3, False), (apart - 1e-3, True)):
         certificate = Certificate(arm, Workspace(ROOM), spare)
-        assert (len(certificate.failures(np.array([hook, hook]))) == 0) == expected
+        assert (len(certificate.failures(arm.bends(np.array([hook, hook])))) == 0) == expected
 
 
 @given(seed=seeds, links=st.sampled_from((2, 6, 24, 60)), turn=st.sampled_from((0.02, 0.2, 1.0)))

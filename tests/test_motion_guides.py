@@ -51,12 +51,11 @@ seeds = st.integers(0, 2**32 - 1)
 
 def goal_coordinates(stepper: Stepper, headings: FloatArray) -> FloatArray:
     """Coordinates of a pose near given headings."""
-    coordinates: FloatArray = stepper.space.blended_to(headings)[1][:-1]
-    return coordinates
+    return stepper.space.fitted(stepper.space.arm.bends(headings))
 
 
-def headings_of(poses: list[Pose]) -> FloatArray:
-    """Link headings of poses."""
+def configurations_of(poses: list[Pose]) -> FloatArray:
+    """The configurations of poses."""
     return np.array([pose.q for pose in poses])
 
 
@@ -102,7 +101,7 @@ def test_every_candidate_reaches_its_end_in_the_open(turn: float, heading: float
         assert poses[0] is start
         assert arrived, candidate.name
         assert np.hypot(*(poses[-1].points[-1] - scene.goal_tip.position)) < 0.1
-        assert len(Certificate(scene.arm, room).failures(headings_of(poses))) == 0
+        assert len(Certificate(scene.arm, room).failures(configurations_of(poses))) == 0
 
 
 @pytest.mark.planning
@@ -113,7 +112,7 @@ def test_wherever_a_candidate_leads_it_leads_safely(seed: int) -> None:
     stepper, start = make_stepper(scene)
     paths = motion_task(scene.problem()).tip_paths[:1]
     for candidate in first_candidates(stepper, start, (goal_coordinates(stepper, scene.goal),), paths):
-        headings = headings_of(followed(stepper, start, candidate)[0])
+        headings = scene.arm.headings(configurations_of(followed(stepper, start, candidate)[0]))
         fine = np.vstack([swept(a, b, 4)[:-1] for a, b in pairwise(headings)])
         assert min(sweep_gaps(scene.arm, scene.workspace, fine)) > 0.0, candidate.name
 
@@ -157,7 +156,7 @@ def test_interpolation_arrives_near_its_end(seed: int) -> None:
     stepper, start = make_stepper(scene)
     goal = goal_coordinates(stepper, scene.goal)
     poses = follow(stepper, PoseLed(stepper.space, start.v, goal), start, later())
-    assert np.abs(poses[-1].q - stepper.space.configurations(goal)).max() < 0.15
+    assert np.abs(np.cumsum(poses[-1].q - stepper.space.configurations(goal))).max() < 0.15
 
 
 def test_the_tip_is_led_along_the_track() -> None:
@@ -184,8 +183,8 @@ def test_a_stalled_guide_tells_the_way_there() -> None:
         follow(stepper, guide, start, later(), patience=10)
     poses = caught.value.poses
     assert poses[0] is start
-    assert np.abs(poses[-1].q - start.q).max() > 0.2
-    assert min(sweep_gaps(scene.arm, scene.workspace, headings_of(poses))) > 0.0
+    assert np.abs(np.cumsum(poses[-1].q - start.q)).max() > 0.2
+    assert min(sweep_gaps(scene.arm, scene.workspace, scene.arm.headings(configurations_of(poses)))) > 0.0
 
 
 def test_a_passed_deadline_stops_the_continuation() -> None:
@@ -204,20 +203,20 @@ def test_polish_meets_the_goal_to_a_nanometre(seed: int, links: int, *, free: bo
     """From a few millimetres and hundredths of a radian off, the tip ends within 1e-9 m and, if asked, 1e-9 rad."""
     rng = np.random.default_rng(seed)
     arm = make_arm(links)
-    space, v = LinkSpace.through(arm, random_headings(rng, arm, 5.0))
+    space, v = LinkSpace.through(arm, arm.bends(random_headings(rng, arm, 5.0)))
     points = space.pose(v).points
-    last = space.configurations(v)[-1]
+    last = arm.headings(space.configurations(v))[-1]
     heading = None if free else float(last + rng.uniform(-0.05, 0.05)) + 2.0 * np.pi * int(rng.integers(-1, 2))
     inwards = 0.004 * (points[0] - points[-1]) / np.hypot(*(points[0] - points[-1]))
     direction = None if heading is None else unit_vector(heading)
     goal = GoalPose(points[-1] + inwards + rng.uniform(-0.001, 0.001, 2), direction)
     final = moved_onto(space, goal, space.pose(v)).v
     assert np.hypot(*(space.pose(final).points[-1] - goal.position)) < 2.0 * GoalSettings().polish_tolerance
-    turn = space.configurations(final)[-1] - (last if heading is None else heading)
+    turn = arm.headings(space.configurations(final))[-1] - (last if heading is None else heading)
     assert (
         heading is None or abs(np.remainder(turn + np.pi, 2.0 * np.pi) - np.pi) < 2.0 * GoalSettings().polish_tolerance
     )
-    assert np.abs(space.configurations(final) - space.configurations(v)).max() < 0.5
+    assert np.abs(np.cumsum(space.configurations(final) - space.configurations(v))).max() < 0.5
 
 
 @pytest.mark.parametrize("heading", [True, False])
@@ -225,14 +224,14 @@ def test_settling_ends_on_the_goal(heading: bool) -> None:
     """From some way off, the tip is drawn onto the goal pose exactly; every pose keeps clear and within limits."""
     scene = clutter(5, 20)
     stepper, pose = make_stepper(scene)
-    turn = unit_vector(pose.tip_heading + 0.2) if heading else None
+    turn = unit_vector(float(scene.arm.headings(pose.q)[-1]) + 0.2) if heading else None
     inwards = 0.03 * (pose.points[0] - pose.points[-1]) / np.hypot(*pose.points[-1])
     goal = GoalPose(pose.points[-1] + inwards, turn)
     poses = settle(stepper, goal, pose, later())
     assert goal.errors(poses[-1]) == pytest.approx((0.0, 0.0), abs=10.0 * GoalSettings().polish_tolerance)
-    assert min(sweep_gaps(scene.arm, scene.workspace, headings_of(poses))) > 0.0
+    assert min(sweep_gaps(scene.arm, scene.workspace, scene.arm.headings(configurations_of(poses)))) > 0.0
     within = 0.5 * (1.0 + StepSettings().limit_share) * scene.arm.bend_limits + 1e-9
-    assert (np.abs(scene.arm.bends(headings_of(poses))) <= within).all()
+    assert (np.abs(configurations_of(poses)) <= within).all()
 
 
 def test_settling_behind_an_obstacle_stalls() -> None:
@@ -258,7 +257,7 @@ def test_the_goal_heading_is_approached_the_short_way(seed: int) -> None:
     goal = GoalPose(rng.normal(size=2), unit_vector(heading))
     (turn,) = goal.turn(pose)
     assert abs(turn) <= np.pi
-    assert np.cos(pose.q[-1] + turn - heading) == pytest.approx(1.0)
+    assert np.cos(stepper.space.arm.headings(pose.q)[-1] + turn - heading) == pytest.approx(1.0)
     assert goal.errors(pose)[0] == pytest.approx(np.linalg.norm(goal.position - pose.points[-1]))
     assert GoalPose(goal.position, None).turn(pose) == 0.0
     assert stepper.space.arm.links == len(pose.q)
@@ -353,7 +352,7 @@ def led_motion(seed: int) -> tuple[Scene, FloatArray]:
         poses = follow(stepper, guide, start, later(), patience=5)
     except Stalled as stalled:
         poses = stalled.poses
-    return scene, headings_of(poses)
+    return scene, configurations_of(poses)
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -367,7 +366,7 @@ def test_the_smooth_path_is_certified_finer_than_it_was_made(seed: int) -> None:
     np.testing.assert_allclose(spline([0.0, 1.0]), keyframes[[0, -1]], atol=1e-12)
     fine = spline(np.linspace(0.0, 1.0, 32 * (len(spline.c) - 3) + 1))
     assert len(certificate.failures(fine)) == 0
-    samples = scene.arm.joint_positions(fine[::8])
+    samples = scene.arm.joint_positions_at(fine[::8])
     assert min(wall_gaps(scene.arm, scene.workspace, samples).min(), self_gap(scene.arm, samples)) > 0.0
 
 
@@ -375,7 +374,8 @@ def test_the_smooth_path_is_certified_finer_than_it_was_made(seed: int) -> None:
 def test_few_keyframes_make_a_path_too(count: int) -> None:
     """Any number of keyframes makes a C² spline that starts and ends on them and stays in their hull."""
     scene = open_scene(2)
-    keyframes = swept(scene.start, scene.start + 0.3, max(count - 1, 1))[:count]
+    start = scene.arm.bends(scene.start)
+    keyframes = swept(start, start + 0.01, max(count - 1, 1))[:count]
     spline = certified_spline(keyframes, Certificate(scene.arm, scene.workspace))
     assert spline is not None
     u = np.linspace(0.0, 1.0, 101)
@@ -397,7 +397,7 @@ def test_the_clamped_spline_is_twice_differentiable(seed: int, count: int) -> No
 def test_a_motion_without_room_has_no_smooth_path() -> None:
     """Keyframes that touch an obstacle cannot be smoothed: there is no path rather than an unsafe one."""
     scene = walled_off()
-    keyframes = swept(scene.start, scene.goal, 8)
+    keyframes = scene.arm.bends(swept(scene.start, scene.goal, 8))
     assert certified_spline(keyframes, Certificate(scene.arm, scene.workspace)) is None
 
 

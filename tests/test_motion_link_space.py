@@ -24,9 +24,15 @@ def random_coordinates(seed: int) -> FloatArray:
 
 
 def space_at_zero(links: int) -> LinkSpace:
-    """The link space with offset zero."""
+    """The link space in which a curve stands for its mean headings alone."""
     arm = make_arm(links)
-    return LinkSpace(arm, mean_heading_matrix(links, arm.length), np.zeros(links))
+    slopes = np.diff(mean_heading_matrix(links, arm.length), axis=0, prepend=0.0)
+    return LinkSpace(arm, slopes, arm.bends(np.zeros(links)))
+
+
+def headings_in(space: LinkSpace, v: FloatArray) -> FloatArray:
+    """Link headings of coordinates, shape (links,) [rad]."""
+    return space.arm.headings(space.configurations(v))
 
 
 @pytest.mark.parametrize("links", LINK_COUNTS)
@@ -40,7 +46,7 @@ def test_headings_are_the_means_of_the_curve(links: int) -> None:
     half = 0.5 * np.diff(fine)[:, None]
     theta = curve.heading_at(np.clip(fine[:-1, None] + half * (nodes + 1.0), 0.0, 1.0))
     means = (theta @ weights / 2.0).reshape(links, 20).mean(axis=1)
-    np.testing.assert_allclose(space.configurations(v), means, atol=1e-11)
+    np.testing.assert_allclose(headings_in(space, v), means, atol=1e-11)
 
 
 @pytest.mark.parametrize("links", [4, 14, 96])
@@ -53,7 +59,7 @@ def test_headings_agree_with_adaptive_quadrature(links: int) -> None:
     for j in (0, 1, links // 2, links - 1):
         inner = curve.breakpoints[(curve.breakpoints > j * l) & (curve.breakpoints < (j + 1) * l)]
         total, _ = quad(lambda s: float(curve.heading_at(np.array(s))), j * l, (j + 1) * l, points=inner, epsabs=1e-13)
-        assert space.configurations(v)[j] == pytest.approx(total / l, abs=1e-10)
+        assert headings_in(space, v)[j] == pytest.approx(total / l, abs=1e-10)
 
 
 @settings(max_examples=25)
@@ -63,8 +69,8 @@ def test_start_is_met_exactly(seed: int, links: int) -> None:
     arm = make_arm(links)
     rng = np.random.default_rng(seed)
     start = random_headings(rng, arm) + rng.normal(0.0, 0.3, links)
-    space, v = LinkSpace.through(arm, start)
-    np.testing.assert_allclose(space.configurations(v), start, atol=1e-12)
+    space, v = LinkSpace.through(arm, arm.bends(start))
+    np.testing.assert_allclose(headings_in(space, v), start, atol=1e-12)
     np.testing.assert_allclose(space.pose(v).points, arm.joint_positions(start), atol=1e-12)
 
 
@@ -78,7 +84,7 @@ def test_start_of_a_curve_is_found_again(seed: int, links: int) -> None:
     s = np.linspace(0.0, 1.0, KNOTS)
     gentle = np.append(rng.uniform(-3.0, 3.0), np.polynomial.chebyshev.chebval(2.0 * s - 1.0, coefficients))
     found, _ = LinkSpace.through(space.arm, space.configurations(gentle))
-    assert np.abs(found.offset).max() < 2e-3
+    assert np.abs(found.arm.headings(found.offset)).max() < 2e-3
 
 
 @settings(max_examples=25)
@@ -88,11 +94,11 @@ def test_blended_space_holds_both_ends(seed: int, links: int) -> None:
     arm = make_arm(links)
     rng = np.random.default_rng(seed)
     start, goal = (random_headings(rng, arm) + rng.normal(0.0, 0.3, links) for _ in range(2))
-    space, v = LinkSpace.through(arm, start)
-    blended, end = space.blended_to(goal)
+    space, v = LinkSpace.through(arm, arm.bends(start))
+    blended, end = space.blended_to(arm.bends(goal))
     assert end[-1] == 1.0
-    np.testing.assert_allclose(blended.configurations(end), goal, atol=1e-11)
-    np.testing.assert_allclose(blended.configurations(np.append(v, 0.0)), start, atol=1e-11)
+    np.testing.assert_allclose(headings_in(blended, end), goal, atol=1e-11)
+    np.testing.assert_allclose(headings_in(blended, np.append(v, 0.0)), start, atol=1e-11)
 
 
 @settings(max_examples=10)
@@ -101,10 +107,10 @@ def test_jacobians_are_the_derivatives_of_the_positions(seed: int, links: int, *
     """Central differences of all joint positions agree with the Jacobians, also in the blended space."""
     arm = make_arm(links, base=np.array([0.3, -0.2]))
     rng = np.random.default_rng(seed)
-    space, v = LinkSpace.through(arm, random_headings(rng, arm))
+    space, v = LinkSpace.through(arm, arm.bends(random_headings(rng, arm)))
     if blended:
-        space, v = space.blended_to(random_headings(rng, arm))
-    jacobians = space.jacobians(space.configurations(v))
+        space, v = space.blended_to(arm.bends(random_headings(rng, arm)))
+    jacobians = space.jacobians(headings_in(space, v))
     steps = 1e-6 * np.eye(len(v))
     numeric = np.stack([(space.pose(v + h).points - space.pose(v - h).points) / 2e-6 for h in steps], axis=-1)
     assert jacobians.shape == (links + 1, 2, len(v))
@@ -148,10 +154,10 @@ def test_spaces_of_every_fineness_follow_their_curve(
     arm = make_arm(links)
     rng = np.random.default_rng(seed)
     start = random_headings(rng, arm)
-    space, v = LinkSpace.through(arm, start, nominal_links, clamped=clamped)
-    np.testing.assert_allclose(space.configurations(v), start, atol=1e-12)
+    space, v = LinkSpace.through(arm, arm.bends(start), nominal_links, clamped=clamped)
+    np.testing.assert_allclose(headings_in(space, v), start, atol=1e-12)
     moved = v + rng.normal(0.0, 1.0, len(v))
-    turned = space.configurations(moved) - space.configurations(v)
+    turned = headings_in(space, moved) - headings_in(space, v)
     expected = space.curve(moved).mean_headings(links) - space.curve(v).mean_headings(links)
     np.testing.assert_allclose(turned, expected, atol=1e-10)
     assert space.nominal_length == pytest.approx(arm.length / nominal_links)
@@ -166,11 +172,11 @@ def test_a_clamped_base_keeps_its_heading(seed: int) -> None:
     start = random_headings(rng, arm)
     goal = random_headings(rng, arm)
     goal += start[0] - goal[0]
-    space, v = LinkSpace.through(arm, start, clamped=True)
-    blended, end = space.blended_to(goal)
-    np.testing.assert_allclose(blended.configurations(end), goal, atol=1e-11)
+    space, v = LinkSpace.through(arm, arm.bends(start), clamped=True)
+    blended, end = space.blended_to(arm.bends(goal))
+    np.testing.assert_allclose(headings_in(blended, end), goal, atol=1e-11)
     for held, at in ((space, v), (blended, end)):
-        assert held.configurations(at + rng.normal(0.0, 3.0, len(at)))[0] == pytest.approx(start[0], abs=1e-12)
+        assert headings_in(held, at + rng.normal(0.0, 3.0, len(at)))[0] == pytest.approx(start[0], abs=1e-12)
 
 
 @settings(max_examples=25)
@@ -181,5 +187,5 @@ def test_the_nearest_curves_of_many_poses_are_those_of_each(seed: int, links: in
     rng = np.random.default_rng(seed)
     poses = np.array([random_headings(rng, arm) for _ in range(4)])
     arcs = np.linspace(0.0, arm.length, 57)
-    for pose, curve in zip(poses, nearest_curves(arm, poses), strict=True):
+    for pose, curve in zip(poses, nearest_curves(arm, arm.bends(poses)), strict=True):
         np.testing.assert_allclose(curve.heading_at(arcs), nearest_curve(arm, pose).heading_at(arcs), atol=1e-8)

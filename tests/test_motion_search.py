@@ -60,7 +60,7 @@ CANDIDATES = (
 
 def certified(scene: Scene, headings: FloatArray) -> bool:
     """Whether the certificate passes a motion."""
-    return len(Certificate(scene.arm, scene.workspace).failures(headings)) == 0
+    return len(Certificate(scene.arm, scene.workspace).failures(scene.arm.bends(headings))) == 0
 
 
 @cache
@@ -81,9 +81,9 @@ def least_gap(arm: Arm, workspace: Workspace, headings: FloatArray) -> float:
 def test_a_motion_leads_from_start_to_goal(name: str) -> None:
     """It starts at the start, ends on the goal pose to nanometres, keeps all joint limits and touches nothing."""
     task, motion = planned(name)
-    headings = motion.configurations
     arm = task.arm
-    np.testing.assert_allclose(headings[0], task.start, atol=1e-12)
+    headings = arm.headings(motion.configurations)
+    np.testing.assert_allclose(motion.configurations[0], task.start, atol=1e-12)
     assert np.hypot(*(arm.joint_positions(headings[-1])[-1] - task.goal.position)) < EXACT
     assert task.goal.heading is not None
     assert abs(np.sin(0.5 * (headings[-1, -1] - task.goal.heading))) < EXACT
@@ -112,18 +112,18 @@ def test_whole_arm_goals_are_met_by_every_link(seed: int) -> None:
     scene = clutter(seed, 10)
     task = motion_task(scene.problem(JointPose(scene.arm.bends(scene.goal))))
     motion = find_motion(task)
-    np.testing.assert_allclose(motion.configurations[0], scene.start, atol=1e-12)
-    np.testing.assert_allclose(motion.configurations[-1], scene.goal, atol=1e-9)
-    assert least_gap(scene.arm, scene.workspace, motion.configurations) > 0.0
+    np.testing.assert_allclose(scene.arm.headings(motion.configurations[0]), scene.start, atol=1e-12)
+    np.testing.assert_allclose(scene.arm.headings(motion.configurations[-1]), scene.goal, atol=1e-9)
+    assert least_gap(scene.arm, scene.workspace, scene.arm.headings(motion.configurations)) > 0.0
 
 
 def test_a_goal_without_heading_is_met_by_the_tip() -> None:
     """Any heading will do when none is asked for."""
     scene = clutter(4)
     motion = find_motion(motion_task(scene.problem(TipGoal(scene.goal_tip.position))))
-    tip = scene.arm.joint_positions(motion.configurations[-1])[-1]
+    tip = scene.arm.joint_positions_at(motion.configurations[-1])[-1]
     assert np.hypot(*(tip - scene.goal_tip.position)) < EXACT
-    assert certified(scene, motion.configurations)
+    assert certified(scene, scene.arm.headings(motion.configurations))
 
 
 @pytest.mark.parametrize("name", ["clutter 4", "corridor"])
@@ -134,24 +134,28 @@ def test_optimising_shortens_and_stays_safe(name: str) -> None:
     found = find_motion(replace(task, deadline=later(), optimiser="none"))
     assert optimised.travel < found.travel
     for motion in (found, optimised):
-        np.testing.assert_allclose(motion.configurations[0], scene.start, atol=1e-12)
-        tip = scene.arm.joint_positions(motion.configurations[-1])[-1]
+        np.testing.assert_allclose(scene.arm.headings(motion.configurations[0]), scene.start, atol=1e-12)
+        tip = scene.arm.joint_positions_at(motion.configurations[-1])[-1]
         assert np.hypot(*(tip - scene.goal_tip.position)) < EXACT
-        assert certified(scene, motion.configurations)
-        assert (np.abs(scene.arm.bends(motion.configurations)) <= scene.arm.bend_limits).all()
+        assert certified(scene, scene.arm.headings(motion.configurations))
+        assert (np.abs(motion.configurations) <= scene.arm.bend_limits).all()
 
 
 def test_a_detour_is_cut_short() -> None:
     """In the open a motion that goes astray and comes back becomes not much longer than the straight one."""
     scene = open_scene(2)
     task = motion_task(scene.problem())
-    space, v = LinkSpace.through(scene.arm, scene.start)
+    space, v = LinkSpace.through(scene.arm, scene.arm.bends(scene.start))
     turn = np.eye(len(v))[0]
     bend = np.eye(len(v))[5]
     way = np.vstack((np.linspace(v, v + 0.8 * turn, 12), np.linspace(v + 0.8 * turn, v + 0.3 * turn + bend, 12)[1:]))
     astray = Motion(space, way, space.configurations(way), "astray")
-    points = scene.arm.joint_positions(astray.configurations[-1])
-    task = replace(task, goal=GoalPose(points[-1], unit_vector(astray.configurations[-1, -1])), deadline=later())
+    points = scene.arm.joint_positions_at(astray.configurations[-1])
+    task = replace(
+        task,
+        goal=GoalPose(points[-1], unit_vector(scene.arm.headings(astray.configurations[-1])[-1])),
+        deadline=later(),
+    )
     straight = Motion(space, way[[0, -1]], astray.configurations[[0, -1]], "straight")
     assert astray.travel > 2.0 * straight.travel
     assert optimise(astray, task).travel < 1.2 * straight.travel
@@ -176,10 +180,10 @@ def test_a_motion_is_lifted_to_more_links(name: str, links: int) -> None:
     lifted = lift(motion, task)
     assert lifted is not None
     assert lifted.configurations.shape[1] == links
-    np.testing.assert_allclose(lifted.configurations[0], start, atol=1e-12)
-    assert np.hypot(*(arm.joint_positions(lifted.configurations[-1])[-1] - coarse.goal_tip.position)) < EXACT
-    assert least_gap(arm, scene.workspace, lifted.configurations) > 0.0
-    assert (np.abs(arm.bends(lifted.configurations)) <= arm.bend_limits).all()
+    np.testing.assert_allclose(arm.headings(lifted.configurations[0]), start, atol=1e-12)
+    assert np.hypot(*(arm.joint_positions_at(lifted.configurations[-1])[-1] - coarse.goal_tip.position)) < EXACT
+    assert least_gap(arm, scene.workspace, arm.headings(lifted.configurations)) > 0.0
+    assert (np.abs(lifted.configurations) <= arm.bend_limits).all()
 
 
 @pytest.mark.parametrize("share", [1.0, 0.3, 1e-15, -1e-15])
@@ -199,14 +203,14 @@ def test_a_motion_bent_once_more_to_its_own_end_is_lifted(backwards: bool, share
     once, end = space.blended_to(ends[1])
     # Of the first blend as much as is left, or nothing but for rounding; the second one makes up for the rest.
     end[-1] = share
-    twice = replace(once, matrix=np.column_stack((once.matrix, ends[1] - once.configurations(end))))
+    twice = replace(once, slopes=np.column_stack((once.slopes, ends[1] - once.configurations(end))))
     last = np.append(end, 1.0)
     coordinates = np.linspace(np.append(first, (0.0, 0.0)), last, 12)
     if backwards:
         coordinates = coordinates[::-1]
     lifted = lift(Motion(twice, coordinates, twice.configurations(coordinates), "bent twice"), task)
     assert lifted is not None
-    np.testing.assert_allclose(lifted.configurations[[0, -1]], [start, goal], atol=1e-9)
+    np.testing.assert_allclose(many.headings(lifted.configurations[[0, -1]]), [start, goal], atol=1e-9)
 
 
 def _refined(headings: FloatArray, links: int) -> FloatArray:
@@ -220,10 +224,10 @@ def test_arms_of_many_links_are_planned_and_certified_on_their_own_links() -> No
     scene = clutter(4, 10, 72)
     motion = find_motion(motion_task(scene.problem()))
     assert motion.configurations.shape[1] == 72
-    np.testing.assert_allclose(motion.configurations[0], scene.start, atol=1e-12)
-    tip = scene.arm.joint_positions(motion.configurations[-1])[-1]
+    np.testing.assert_allclose(scene.arm.headings(motion.configurations[0]), scene.start, atol=1e-12)
+    tip = scene.arm.joint_positions_at(motion.configurations[-1])[-1]
     assert np.hypot(*(tip - scene.goal_tip.position)) < EXACT
-    assert least_gap(scene.arm, scene.workspace, motion.configurations) > 0.0
+    assert least_gap(scene.arm, scene.workspace, scene.arm.headings(motion.configurations)) > 0.0
 
 
 def test_a_coarser_arm_has_the_same_shape() -> None:
@@ -232,8 +236,8 @@ def test_a_coarser_arm_has_the_same_shape() -> None:
     coarse = coarsened(fine, 24)
     assert coarse.arm.links == 24
     assert coarse.arm.length == pytest.approx(fine.arm.length)
-    here = fine.arm.joint_positions(fine.start)[::4]
-    there = coarse.arm.joint_positions(coarse.start)
+    here = fine.arm.joint_positions_at(fine.start)[::4]
+    there = coarse.arm.joint_positions_at(coarse.start)
     assert np.linalg.norm(here - there, axis=1).max() < 0.25 * coarse.arm.link_length
 
 
@@ -268,7 +272,7 @@ def test_a_slot_that_is_too_narrow_is_no_way() -> None:
         CurvePlanner(refuse=refuse_closed).plan(boxed_goal(0.028).problem(goal))
     scene = boxed_goal(0.12)
     motion = find_motion(motion_task(scene.problem(goal)))
-    assert least_gap(scene.arm, scene.workspace, motion.configurations) > 0.0
+    assert least_gap(scene.arm, scene.workspace, scene.arm.headings(motion.configurations)) > 0.0
 
 
 @pytest.mark.parametrize("links", [12, 24])

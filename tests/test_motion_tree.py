@@ -57,7 +57,7 @@ def runs_of(task: MotionTask) -> list[PlanarRun]:
 
 def is_certified(scene: Scene, headings: FloatArray) -> bool:
     """Whether a motion is proved to touch nothing."""
-    return len(Certificate(scene.arm, scene.workspace).failures(headings)) == 0
+    return len(Certificate(scene.arm, scene.workspace).failures(scene.arm.bends(headings))) == 0
 
 
 @pytest.mark.parametrize("seed", [4, 6])
@@ -66,20 +66,20 @@ def test_the_trees_alone_lead_the_tip_to_its_goal(seed: int) -> None:
     scene = clutter(seed)
     motion = find_motion(motion_task(scene.problem(), guessing=True), NO_CANDIDATES)
     assert motion.candidate == TREES
-    np.testing.assert_allclose(motion.configurations[0], scene.start, atol=1e-12)
-    tip = scene.arm.joint_positions(motion.configurations[-1])[-1]
+    np.testing.assert_allclose(scene.arm.headings(motion.configurations[0]), scene.start, atol=1e-12)
+    tip = scene.arm.joint_positions_at(motion.configurations[-1])[-1]
     assert np.hypot(*(tip - scene.goal_tip.position)) < EXACT
-    assert (np.abs(scene.arm.bends(motion.configurations)) <= scene.arm.bend_limits).all()
-    assert is_certified(scene, motion.configurations)
+    assert (np.abs(motion.configurations) <= scene.arm.bend_limits).all()
+    assert is_certified(scene, scene.arm.headings(motion.configurations))
 
 
 def test_the_trees_meet_whole_arm_goals() -> None:
     """A goal for the whole arm is met by every link."""
     scene = clutter(1, 10)
     motion = find_motion(motion_task(scene.problem(JointPose(scene.arm.bends(scene.goal)))), NO_CANDIDATES)
-    np.testing.assert_allclose(motion.configurations[-1], scene.goal, atol=1e-9)
+    np.testing.assert_allclose(scene.arm.headings(motion.configurations[-1]), scene.goal, atol=1e-9)
     assert motion.candidate == TREES
-    assert is_certified(scene, motion.configurations)
+    assert is_certified(scene, scene.arm.headings(motion.configurations))
 
 
 def test_a_single_tree_settles_on_the_goal() -> None:
@@ -88,7 +88,7 @@ def test_a_single_tree_settles_on_the_goal() -> None:
     task = motion_task(scene.problem(TipGoal(scene.goal_tip.position)))
     poses = search_by_trees(runs_of(replace(task, guesses=(), further_guesses=lambda: iter(()))))
     assert np.hypot(*(poses[-1].points[-1] - scene.goal_tip.position)) < EXACT
-    assert is_certified(scene, np.array([pose.q for pose in poses]))
+    assert is_certified(scene, scene.arm.headings(np.array([pose.q for pose in poses])))
 
 
 @pytest.mark.planning
@@ -172,7 +172,7 @@ def test_the_way_to_a_node_leads_through_its_ancestors() -> None:
     stepper, root = make_stepper(open_scene(1))
     bend = np.eye(len(root.v))[5]
     poses = [root, *(stepper.pose(root.v + 0.1 * k * bend) for k in range(1, 6))]
-    tree = PoseTree(1.0)
+    tree = PoseTree(make_arm())
     tree.add_root(root)
     middle = tree.add(0, poses[1:3])
     tree.add(0, poses[5:])
@@ -184,7 +184,7 @@ def test_the_way_to_a_node_leads_through_its_ancestors() -> None:
 def test_least_used_nodes_are_drawn_first() -> None:
     """Of a choice of nodes the one that was drawn least often comes next."""
     stepper, root = make_stepper(open_scene(1))
-    tree = PoseTree(1.0)
+    tree = PoseTree(make_arm())
     for k in range(3):
         tree.add_root(stepper.pose(root.v + 0.1 * k))
     assert sorted(tree.least_used(np.arange(3)) for _ in range(3)) == [0, 1, 2]

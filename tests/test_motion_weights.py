@@ -44,10 +44,9 @@ def optimised(weights: Weights, slowness: JointSlowness | None = None) -> FloatA
     task = replace(task, optimiser="sequential-convex", weights=weights, slowness=slowness, deadline=later())
     result = optimise(motion, task)
     assert len(task.certificate.failures(result.configurations)) == 0
-    at = np.linspace(0.0, len(result.configurations) - 1.0, 400)
-    return np.stack(
-        [np.interp(at, np.arange(len(result.configurations)), column) for column in result.configurations.T], axis=1
-    )
+    headings = task.arm.headings(result.configurations)
+    at = np.linspace(0.0, len(headings) - 1.0, 400)
+    return np.stack([np.interp(at, np.arange(len(headings)), column) for column in headings.T], axis=1)
 
 
 def travel(headings: FloatArray) -> float:

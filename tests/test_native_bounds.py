@@ -127,7 +127,7 @@ def test_arms_in_the_plane(headings: FloatArray, reach: float) -> None:
     """Headings of any size touch, or are free; none that are no number are certified."""
     arm = make_arm(LINKS, 0.01)
     room = mixed_walls()
-    failures = Certificate(arm, room).failures(headings, depth=3)
+    failures = Certificate(arm, room).failures(arm.bends(headings), depth=3)
     still = np.isfinite(headings).all(axis=1)
     assert set(np.flatnonzero(~(still[:-1] & still[1:]))) <= set(failures.tolist())
     finder = ContactFinder(arm, room.flat_walls, 0.0, 0.0, min(abs(reach), 1e3))

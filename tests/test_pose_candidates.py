@@ -8,6 +8,7 @@ import shapely
 from hypothesis import given
 from hypothesis import strategies as st
 
+from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.polyline import WHOLE_TURN
 from ccm_opt.planning.ends import resolve_ends
 from ccm_opt.planning.goal_pose import GoalPoseSearch
@@ -25,12 +26,12 @@ def searched(scene: Scene) -> GoalPoseSearch:
     """The search for the goal pose of a scene."""
     problem = scene.problem()
     ends = resolve_ends(problem)
-    return GoalPoseSearch(problem, ends, ends.start)
+    return GoalPoseSearch(problem, ends, scene.start)
 
 
 def draws_in(scene: Scene) -> PoseDraws:
     """Poses at the goal of a scene, near its goal pose."""
-    space, _ = LinkSpace.through(scene.arm, scene.goal)
+    space, _ = LinkSpace.through(scene.arm, scene.arm.bends(scene.goal))
     energy = PoseEnergy.of(space, scene.start, EnergyWeights(0.02, 0.5))
     goal = scene.goal_tip
     return PoseDraws(energy, scene.workspace.wall_segments, goal.position, goal.heading, scene.start, scene.goal)
@@ -44,7 +45,7 @@ def test_the_energy_is_bending_travel_and_distance(seed: int) -> None:
     near = rng.normal(0.0, 1.0, 10)
     space, v = LinkSpace.through(arm, rng.normal(0.0, 1.0, 10))
     energy = PoseEnergy.of(space, near, EnergyWeights(0.3, 0.5))
-    headings = space.configurations(v)
+    headings = arm.headings(space.configurations(v))
     bends = np.diff(headings)
     turned = np.diff(headings - near, prepend=0.0)
     parts = 0.3 * 10 * np.sum(bends**2) + 0.5 * np.sum(turned**2)
@@ -57,11 +58,15 @@ def test_the_energy_is_bending_travel_and_distance(seed: int) -> None:
 def test_the_rows_of_the_tip_are_derivatives(seed: int) -> None:
     """Differences of what the tip misses, over small changes of the coordinates, are those that the rows say."""
     rng = np.random.default_rng(seed)
-    space, v = LinkSpace.through(make_arm(12), rng.normal(0.0, 1.0, 12))
+    space, v = LinkSpace.through(make_arm(12), rng.normal(0.0, 0.5, 12))
     equations = TipEquations(space, np.array([0.4, 0.3]), np.array([1.0]))
     step = 1e-6 * rng.standard_normal((1, len(v)))
-    rows = equations.rows(space.configurations(v[None]))[0]
-    change = equations.miss(space.configurations(v + 0.5 * step)) - equations.miss(space.configurations(v - 0.5 * step))
+
+    def headings(v: FloatArray) -> FloatArray:
+        return space.arm.headings(space.configurations(v))
+
+    rows = equations.rows(headings(v[None]))[0]
+    change = equations.miss(headings(v + 0.5 * step)) - equations.miss(headings(v - 0.5 * step))
     assert change[0] == pytest.approx(-rows @ step[0], abs=1e-11)
 
 
@@ -83,12 +88,14 @@ def test_drawn_poses_are_at_the_goal_and_cross_nothing(seed: int, polygons: int)
 
 def test_the_cheapest_pose_without_walls_is_not_beaten() -> None:
     """No pose that is drawn is cheaper than the cheapest of its whole turns."""
-    draws = draws_in(clutter(90_510, 20))
+    scene = clutter(90_510, 20)
+    draws = draws_in(scene)
     cheapest = draws.cheapest_below(20.0)
     least = min(pose.cost for pose in cheapest)
     drawn = draws.about(cheapest, least + 5.0)
     assert len(drawn) > 0
-    fitted = (drawn - draws.energy.space.offset) @ np.linalg.pinv(draws.energy.space.matrix).T
+    space = draws.energy.space
+    fitted = (drawn - scene.arm.headings(space.offset)) @ np.linalg.pinv(space.turns).T
     assert draws.energy.cost(fitted).min() > least - 1e-3
 
 

@@ -92,7 +92,7 @@ def test_poses_of_a_cell_are_there_with_their_headings_and_sound() -> None:
     for number, pose in found.poses.items():
         assert arm.joint_positions(pose)[-1] == pytest.approx([0.33, 0.05], abs=1e-6)
         assert number == FREE or np.cos(pose[-1] - headings[number]) == pytest.approx(1.0, abs=1e-9)
-        refuse_bad_pose(arm, problem.workspace, pose, "pose")
+        refuse_bad_pose(arm, problem.workspace, arm.bends(pose), "pose")
     assert found.gap >= 0.0
 
 

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from functools import cache
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -30,9 +31,9 @@ def crowded(scene: Scene, settings: TipWalkSettings = FEW) -> MotionTask:
 
 def assert_right(motion: Motion, scene: Scene) -> None:
     """A motion begins at the start, ends on the goal and is free in a dense sweep."""
-    assert motion.configurations[0] == pytest.approx(scene.start)
-    assert np.allclose(scene.arm.joint_positions(motion.configurations[-1])[-1], scene.goal_tip.position, atol=1e-8)
-    frames = [swept(a, b, 6) for a, b in zip(motion.configurations[:-1], motion.configurations[1:], strict=True)]
+    assert scene.arm.headings(motion.configurations[0]) == pytest.approx(scene.start)
+    assert np.allclose(scene.arm.joint_positions_at(motion.configurations[-1])[-1], scene.goal_tip.position, atol=1e-8)
+    frames = [swept(a, b, 6) for a, b in pairwise(scene.arm.headings(motion.configurations))]
     assert min(sweep_gaps(scene.arm, scene.workspace, np.vstack(frames))) > 0.0
 
 

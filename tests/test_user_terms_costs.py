@@ -105,7 +105,7 @@ def test_a_cost_that_is_not_finite_somewhere_makes_no_model_there() -> None:
 
     arm = camera_room().arm
     root = ccm_opt.Cost("root", lambda q: ca.sqrt(q.tip[1] - 0.3), weight=1.0)
-    start = arm.headings(np.full(arm.links, -0.1))
+    start = np.full(arm.links, -0.1)
     space, v = LinkSpace.through(arm, start)
     sweep = PlanarSweep(space, np.stack((v, v, v)))
     u = np.linspace(0.0, 1.0, 3)

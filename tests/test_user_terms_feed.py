@@ -46,10 +46,10 @@ def test_an_equation_holds_with_a_feed() -> None:
 
 @pytest.mark.parametrize("feed", [0.1, 0.7])
 def test_slopes_by_poses_are_those_of_differences(feed: float) -> None:
-    """Rows and costs know the base's way as a coordinate of the pose, in link lengths."""
+    """Rows and costs know the base's way as a coordinate of the configuration."""
     arm = fed_arm()
     rng = np.random.default_rng(3)
-    pose = arm.poses(np.append(rng.normal(0.0, 0.2, arm.links), feed))
+    pose = np.append(rng.normal(0.0, 0.2, arm.links), feed)
     terms = compile_terms(
         arm,
         [Constraint("tip", lambda q: q.tip[0] * q.base_feed, upper=9.0)],
@@ -68,13 +68,13 @@ def test_slopes_by_poses_are_those_of_differences(feed: float) -> None:
 
 
 def test_the_space_of_a_fed_arm_moves_as_its_points_do() -> None:
-    """Jacobians by bends and feed agree with differences of the points, and coordinates come back from poses."""
+    """Jacobians by bends and feed agree with differences of the points, and coordinates are found again."""
     arm = fed_arm(base_heading=0.4)
     space = FedSpace.of_arm(arm, 0.3)
     v = np.append(np.random.default_rng(5).normal(0.0, 0.3, arm.links), 4.2)
-    pose = space.configurations(v)
-    assert np.allclose(space.coordinates(pose), v)
-    jacobians = space.jacobians(pose)
+    q = space.configurations(v)
+    assert np.allclose(space.fitted(q), v)
+    jacobians = space.jacobians(arm.headings(q))
     for k, d in enumerate(1e-6 * np.eye(len(v))):
-        change = (arm.points(space.configurations(v + d)) - arm.points(space.configurations(v - d))) / 2e-6
+        change = np.diff(arm.joint_positions_at(space.configurations(np.stack((v - d, v + d)))), axis=0)[0] / 2e-6
         assert np.allclose(jacobians[..., k], change, atol=1e-7)

@@ -38,7 +38,7 @@ def reaching(x: float, y: float) -> Problem:
 
 def start_tip(problem: Problem) -> tuple[FloatArray, float]:
     """Position and heading of the tip at the start."""
-    headings = resolve_ends(problem).start
+    headings = problem.start.headings(problem.arm)
     return problem.arm.joint_positions(headings)[-1], float(headings[-1])
 
 
@@ -167,7 +167,7 @@ class Straight:
         """Straight through joint space."""
         arm = problem.arm
         u = np.linspace(0.0, 1.0, 5)
-        start = arm.bends(resolve_ends(problem).start)
+        start = resolve_ends(problem).start
         keyframes = start + u[:, None] * (self.end - start)
         curve = Configuration.chain(arm.base, arm.base_heading, [arm.length], [np.zeros(5)])
         return JointPath(make_interp_spline(u, keyframes, k=3), keyframes, (curve,) * 5, "straight")
@@ -208,20 +208,19 @@ def arm() -> Arm:
 def test_points_are_moved_onto_equations_by_the_least_change() -> None:
     """The result lies on the equation, and its change is along the equation's slope."""
     terms = compile_terms(arm(), [Constraint("x", lambda q: q.tip[0], lower=0.5, upper=0.5)], [])
-    headings = np.linspace(0.3, 1.2, arm().links)
-    rows = np.diff(np.eye(len(headings)), axis=0, prepend=0.0)
-    joints = KnotJoints(rows, arm().bends, arm().bend_limits, np.ones_like)
-    moved = moved_onto((UserLimit(terms),), joints, headings, 0.0)
+    q = arm().bends(np.linspace(0.3, 1.2, arm().links))
+    joints = KnotJoints(np.eye(len(q)), lambda q: q, arm().bend_limits, np.ones_like)
+    moved = moved_onto((UserLimit(terms),), joints, q, 0.0)
     assert moved is not None
-    assert arm().joint_positions(moved)[-1, 0] == pytest.approx(0.5, abs=1e-9)
-    slope = terms.motion_rows.at(0.5 * (headings + moved)).equation_slopes[0]
-    change = moved - headings
+    assert arm().joint_positions_at(moved)[-1, 0] == pytest.approx(0.5, abs=1e-9)
+    slope = terms.motion_rows.at(0.5 * (q + moved)).equation_slopes[0]
+    change = moved - q
     assert abs(slope @ change) > 0.999 * np.linalg.norm(slope) * np.linalg.norm(change)
 
 
 def test_models_of_costs_are_those_of_differences() -> None:
     """Gradient and Hessian of own costs over the keyframes agree with finite differences where they are convex."""
-    space, v = LinkSpace.through(arm(), np.linspace(1.4, 0.6, arm().links))
+    space, v = LinkSpace.through(arm(), arm().bends(np.linspace(1.4, 0.6, arm().links)))
     soft = Constraint("right", lambda q: q.tip, lower=[0.9, 0.0], upper=[1.0, 2.0], soft=True, weight=3.0)
     cost = Cost("turn", lambda q: q.path_parameter * q.tip_heading**2, weight=0.7, where=Interval(0.4, 1.0))
     costs = UserCosts(compile_terms(arm(), [soft], [cost]), np.linspace(0.0, 1.0, 4))

@@ -25,7 +25,7 @@ def gaps_of(solution: Solution) -> np.ndarray:
     """Least gap at every fourth sample and at the last [m]."""
     problem = solution.problem
     ends = resolve_ends(problem)
-    search = GoalPoseSearch(problem, ends, ends.start)
+    search = GoalPoseSearch(problem, ends, problem.arm.headings(ends.start))
     headings = problem.arm.headings(solution.trajectory.bend_angles)
     return np.array([search.gap(pose) for pose in [*headings[::4], headings[-1]]])
 

@@ -46,8 +46,8 @@ def guides_back(scene: Scene, length: float = 5.0) -> tuple[Stepper, Pose, list[
     return stepper, start, [guide for _, guide in withdrawals(stepper, start, end, ways, length)]
 
 
-def headings_of(poses: list[Pose]) -> FloatArray:
-    """Link headings of poses, shape (K, links) [rad]."""
+def configurations_of(poses: list[Pose]) -> FloatArray:
+    """The configurations of poses, shape (K, c)."""
     return np.array([pose.q for pose in poses])
 
 
@@ -72,7 +72,7 @@ def test_a_fold_draws_the_arm_out_of_its_duct_safely(heading: float) -> None:
     except Stalled as stalled:
         pytest.fail(str(stalled))
     assert poses[-1].points[-1][0] < 0.3
-    assert len(Certificate(scene.arm, scene.workspace).failures(headings_of(poses))) == 0
+    assert len(Certificate(scene.arm, scene.workspace).failures(configurations_of(poses))) == 0
     inside = [pose.points[pose.points[:, 0] > 0.3] for pose in poses]
     assert max(np.abs(points[:, 1]).max(initial=0.0) for points in inside) < 0.025
 
@@ -80,8 +80,8 @@ def test_a_fold_draws_the_arm_out_of_its_duct_safely(heading: float) -> None:
 def test_the_base_turns_least_on_the_first_way_back() -> None:
     """Both sides are offered, wound as the arm is wound on them, and the way with the lesser turn comes first."""
     for heading in (2.0, -2.0):
-        _, start, guides = guides_back(in_duct(0.05, heading))
-        turns = [guide.fold.old[0] - start.q[0] for guide in guides]
+        stepper, start, guides = guides_back(in_duct(0.05, heading))
+        turns = [guide.fold.old[0] - stepper.space.arm.headings(start.q)[0] for guide in guides]
         assert [abs(turn) for turn in turns] == sorted(abs(turn) for turn in turns)
         assert turns[0] == pytest.approx(heading)
         assert np.diff(turns) == pytest.approx(-2.0 * np.pi * np.sign(heading))
@@ -134,7 +134,7 @@ def test_coils_have_a_known_way_out(seed: int) -> None:
     assert isinstance(goal, JointPose)
     poses = np.array(unwound(problem.arm, problem.arm.headings(goal.bends), 3))
     # Certified between poses where they stand still only by rounding: as near as they are, all of it is free.
-    assert len(Certificate(problem.arm, problem.workspace).failures(poses)) == 0
+    assert len(Certificate(problem.arm, problem.workspace).failures(problem.arm.bends(poses))) == 0
 
 
 def test_an_arm_leaves_a_duct_by_drawing_back() -> None:

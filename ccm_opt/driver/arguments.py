@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ccm_opt.core.arguments import expect, expect_callable, expect_method
-from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.errors import Diagnosis, Finding, ProblemError, UnreachableGoal
 from ccm_opt.driver.legs import Planner, Retimer
 from ccm_opt.ik.compiled_terms import UserTerms
@@ -121,20 +120,13 @@ def refuse_contradictions(problem: Problem, terms: UserTerms | None) -> None:
 
 def _breaks_start(problem: Problem, terms: UserTerms) -> bool:
     """Whether the start breaks a constraint: then the input is bad, and the planner says so."""
-    headings = _shape_at_start(problem)
+    start = problem.start.configuration(problem.arm)
     misses = (
-        float(item.residuals(headings[None], np.zeros(1))[0])
+        float(item.residuals(start[None], np.zeros(1))[0])
         for item in terms.hard
         if bool(applies_at(item.constraint.where, np.array([0.0, 1.0]))[0])
     )
     return any(not miss <= TERM_TOLERANCE for miss in misses)
-
-
-def _shape_at_start(problem: Problem) -> FloatArray:
-    """Headings of the links at the start, or in space its configuration, shape (k,)."""
-    if problem.dimension == 3:
-        return problem.start.configuration(problem.arm)
-    return problem.start.headings(problem.arm)
 
 
 def _contradictions(terms: UserTerms, goal: Goal, tolerances: Tolerances) -> tuple[Contradiction, ...]:

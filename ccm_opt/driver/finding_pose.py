@@ -199,7 +199,7 @@ def _answer(
         curve=record.curve,
         nearest=first.search.nearest(pose.headings),
         binding=binding_sides(first.search, pose, first.starts[number]),
-        residuals={} if terms is None else terms.residuals_at_goal(pose.headings),
+        residuals={} if terms is None else terms.residuals_at_goal(pose.q),
         outcomes=tuple(_outcome(each) for each in tries),
         timings=dict(stages.timings),
     )

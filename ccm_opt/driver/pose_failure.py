@@ -109,21 +109,22 @@ def least_misses(tries: Sequence[PoseTry], terms: UserTerms | None) -> dict[str,
 
 def _misses_from(each: PoseTry, terms: UserTerms) -> dict[str, float] | None:
     """What the pose misses to which one beginning leads when the constraints are soft; None when there is no pose."""
+    arm = each.search.problem.arm
     headings = each.starts[0]
     found = None
     for weight in _ELASTIC_WEIGHTS:
-        softened = terms.softened(headings, weight)
+        softened = terms.softened(arm.bends(headings), weight)
         again = tried_from(replace(each.search, terms=softened), each.start, headings)
         if again.best is None:
             break
         headings = again.poses[again.best].headings
-        found = _worst_misses(terms, softened, headings)
+        found = _worst_misses(terms, softened, arm.bends(headings))
     return found
 
 
-def _worst_misses(terms: UserTerms, softened: UserTerms, headings: FloatArray) -> dict[str, float]:
+def _worst_misses(terms: UserTerms, softened: UserTerms, q: FloatArray) -> dict[str, float]:
     """Hard constraints that a pose misses: what is missed, and what counts beside the worst of them."""
-    misses = terms.residuals_at_goal(headings)
+    misses = terms.residuals_at_goal(q)
     weights = {item.constraint.name: item.constraint.weight for item in softened.constraints}
     missed = {
         item.constraint.name: misses[item.constraint.name]

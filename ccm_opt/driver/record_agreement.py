@@ -44,7 +44,7 @@ def keyframe_curves(arm: Arm, keyframes: FloatArray) -> tuple[Configuration, ...
         arm: the arm.
         keyframes: of all its coordinates, shape (K, c) [rad, m].
     """
-    return nearest_curves(arm, arm.headings(keyframes[:, : arm.links]))
+    return nearest_curves(arm, keyframes)
 
 
 _OF_PLANNING = ("cost_", "residual_", "leader_")

@@ -161,26 +161,22 @@ class UserTerms:
         """Constraints that must hold at the goal, those of the whole motion among them."""
         return tuple(c for c in self.hard if _holds_at_the_goal(c.constraint.where))
 
-    def residuals_at_goal(self, headings: FloatArray) -> dict[str, float]:
-        """By how much a pose at the goal misses each constraint that covers it, soft ones too, by name.
-
-        Args:
-            headings: of the links, shape (links,) [rad].
-        """
+    def residuals_at_goal(self, q: FloatArray) -> dict[str, float]:
+        """By how much a configuration (c,) misses each constraint that covers the goal, soft ones too, by name."""
         return {
-            item.constraint.name: float(item.residuals(headings[None], np.ones(1))[0])
+            item.constraint.name: float(item.residuals(q[None], np.ones(1))[0])
             for item in self.constraints
             if _holds_at_the_goal(item.constraint.where)
         }
 
-    def softened(self, headings: FloatArray, weight: float) -> "UserTerms":
+    def softened(self, q: FloatArray, weight: float) -> "UserTerms":
         """The same terms with every hard constraint soft, its violation weighed as a turn of the whole arm.
 
         Args:
-            headings: where the slopes are taken that turn the users' units into radians, shape (links,) [rad].
+            q: where the slopes are taken that turn the users' units into radians, shape (c,) [rad, m].
             weight: of half the squared violation [1/rad²].
         """
-        return replace(self, constraints=tuple(_softened(item, headings, weight) for item in self.constraints))
+        return replace(self, constraints=tuple(_softened(item, q, weight) for item in self.constraints))
 
     def with_costs_lowered(self, share: float) -> "UserTerms":
         """The same terms with a share of the weights of costs and soft constraints; without these where it is 0."""
@@ -259,9 +255,9 @@ def _refuse_other_kind(term: object, kind: type[Constraint] | type[Cost]) -> Non
         raise ProblemError(f"expected a {wanted}, got {term!r}; decorate the function with @ccm_opt.{wanted.lower()}")
 
 
-def _softened(item: CompiledConstraint, headings: FloatArray, weight: float) -> CompiledConstraint:
+def _softened(item: CompiledConstraint, q: FloatArray, weight: float) -> CompiledConstraint:
     """A constraint as a soft one."""
-    slopes = np.asarray(item.slopes(headings, 1.0))
+    slopes = item.quantities.heading_slopes(np.asarray(item.slopes(q, 1.0)))
     norms = np.linalg.norm(slopes[np.isfinite(slopes).all(axis=1)], axis=1)
     steepest = float(norms.max(initial=0.0))
     # A slope of zero there says nothing of the unit.

@@ -33,31 +33,28 @@ class CompiledConstraint:
 
     @cached_property
     def function(self) -> Any:
-        """(φ, feed, u) to the expression."""
+        """Shape, feed and u to the expression."""
         return ca.Function("constraint", list(self.quantities.symbols), [self.expression])
 
     @cached_property
     def slopes(self) -> Any:
-        """Pose and u to the derivative of the expression by the pose."""
-        pose, in_pose = self.quantities.in_poses(self.expression)
-        symbols = [pose, self.quantities.path_parameter]
-        return ca.Function("slopes", symbols, [ca.densify(ca.jacobian(in_pose, pose))])
+        """Configuration and u to the derivative of the expression by the configuration."""
+        q, expression = self.quantities.in_configurations(self.expression)
+        symbols = [q, self.quantities.path_parameter]
+        return ca.Function("slopes", symbols, [ca.densify(ca.jacobian(expression, q))])
 
-    def residuals(self, headings: FloatArray, u: FloatArray, feed: FloatArray | float = 0.0) -> FloatArray:
+    def residuals(self, q: FloatArray, u: FloatArray) -> FloatArray:
         """By how much the worst entry violates its bounds, shape (N,); 0 where all hold, NaN where not finite.
 
         Args:
-            headings: shape (N, links) [rad], or poses, shape (N, c) [rad, link lengths].
+            q: configurations, shape (N, c) [rad, m].
             u: path parameter, shape (N,).
-            feed: shape (N,) or scalar [m]; of poses their own.
         """
-        headings, feed = self.quantities.parted(headings, feed)
-        return self.violations(evaluated(self.function, headings, u, feed))
+        return np.maximum(self.excesses(q, u), 0.0)
 
-    def excesses(self, headings: FloatArray, u: FloatArray, feed: FloatArray | float = 0.0) -> FloatArray:
+    def excesses(self, q: FloatArray, u: FloatArray) -> FloatArray:
         """The same with its sign: below zero there is so much to spare; arguments as for ``residuals``."""
-        headings, feed = self.quantities.parted(headings, feed)
-        return self.beyond_bounds(evaluated(self.function, headings, u, feed))
+        return self.beyond_bounds(evaluated(self.function, self.quantities, q, u))
 
     def violations(self, values: FloatArray) -> FloatArray:
         """As ``residuals`` for values of the expression, shape (N, m)."""
@@ -91,24 +88,23 @@ class CompiledCost:
 
     @cached_property
     def function(self) -> Any:
-        """(φ, feed, u) to the cost."""
+        """Shape, feed and u to the cost."""
         return ca.Function("cost", list(self.quantities.symbols), [self.expression])
 
-    def values(self, headings: FloatArray, u: FloatArray, feed: FloatArray | float = 0.0) -> FloatArray:
+    def values(self, q: FloatArray, u: FloatArray) -> FloatArray:
         """The cost, unweighted, shape (N,); arguments as for ``CompiledConstraint.residuals``."""
-        headings, feed = self.quantities.parted(headings, feed)
-        return evaluated(self.function, headings, u, feed)[:, 0]
+        return evaluated(self.function, self.quantities, q, u)[:, 0]
 
     @cached_property
     def _derivatives(self) -> Any:
-        pose, in_pose = self.quantities.in_poses(self.expression)
-        hessian, gradient = ca.hessian(in_pose, pose)
-        symbols = [pose, self.quantities.path_parameter]
+        q, expression = self.quantities.in_configurations(self.expression)
+        hessian, gradient = ca.hessian(expression, q)
+        symbols = [q, self.quantities.path_parameter]
         return ca.Function("derivatives", symbols, [ca.densify(gradient), ca.densify(hessian)])
 
-    def second_order(self, headings: FloatArray, u: float) -> tuple[FloatArray, FloatArray]:
-        """Gradient, shape (c,), and Hessian, shape (c, c), by one pose: link headings, and what carries the base."""
-        gradient, hessian = self._derivatives(headings, u)
+    def second_order(self, q: FloatArray, u: float) -> tuple[FloatArray, FloatArray]:
+        """Gradient, shape (c,), and Hessian, shape (c, c), by one configuration."""
+        gradient, hessian = self._derivatives(q, u)
         return np.asarray(gradient)[:, 0], np.asarray(hessian)
 
     def applies(self, u: FloatArray) -> BoolArray:
@@ -116,15 +112,12 @@ class CompiledCost:
         return applies_at(self.cost.where, u)
 
 
-def evaluated(function: Any, headings: FloatArray, u: FloatArray, feed: FloatArray | float = 0.0) -> FloatArray:
-    """Values of a function of (φ, feed, u) at many poses, shape (N, m); headings of shape (N, links)."""
-    count = len(headings)
-
-    feeds = np.broadcast_to(np.asarray(feed, dtype=np.float64), (count,))
-    places = np.broadcast_to(np.asarray(u, dtype=np.float64), (count,))
+def evaluated(function: Any, quantities: ArmQuantities, q: FloatArray, u: FloatArray) -> FloatArray:
+    """Values of a function of shape, feed and u at many configurations, shape (N, m); arguments as for residuals."""
+    feeds = quantities.arm.coordinates.advance(q)
     # CasADi maps a function over the columns of its arguments: one pose, one column.
-    values = function(ca.DM(headings.T), ca.DM(feeds).T, ca.DM(places).T)
-    return np.asarray(values, dtype=np.float64).reshape(-1, count).T
+    values = function(ca.DM(quantities.shapes_at(q).T), ca.DM(feeds).T, ca.DM(u).T)
+    return np.asarray(values, dtype=np.float64).reshape(-1, len(q)).T
 
 
 def as_cost(compiled: CompiledConstraint) -> CompiledCost:
@@ -155,18 +148,14 @@ class MotionStates:
     """Places and rates of a motion at which constraints on speeds are checked.
 
     Attributes:
-        shapes: headings of the links, or in space bends of the joints, shape (N, k) [rad].
-        feed: shape (N,) [m].
+        q: configurations, shape (N, c) [rad, m].
         u: path parameter, shape (N,).
-        shape_rates: of the same, shape (N, k) [rad/s].
-        feed_rate: shape (N,) [m/s].
+        rates: of the configurations, shape (N, c) [rad/s, m/s]; NaN where time is unknown.
     """
 
-    shapes: FloatArray
-    feed: FloatArray
+    q: FloatArray
     u: FloatArray
-    shape_rates: FloatArray
-    feed_rate: FloatArray
+    rates: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -206,13 +195,14 @@ class TimedConstraint:
     def excesses(self, states: MotionStates) -> FloatArray:
         """By how much the worst entry passes its bounds, shape (N,); negative where all hold, NaN where not finite."""
         # CasADi maps a function over the columns of its arguments: one state, one column.
-        count = len(states.u)
+        quantities = self.compiled.quantities
+        advance = quantities.arm.coordinates.advance
         arguments = (
-            ca.DM(states.shapes.T),
-            ca.DM(states.feed).T,
+            ca.DM(quantities.shapes_at(states.q).T),
+            ca.DM(advance(states.q)).T,
             ca.DM(states.u).T,
-            ca.DM(states.shape_rates.T),
-            ca.DM(states.feed_rate).T,
+            ca.DM(quantities.shape_rates_at(states.rates).T),
+            ca.DM(advance(states.rates)).T,
         )
-        values = np.asarray(self._function(*arguments), dtype=np.float64).reshape(-1, count).T
+        values = np.asarray(self._function(*arguments), dtype=np.float64).reshape(-1, len(states.u)).T
         return self.compiled.beyond_bounds(values)

@@ -89,25 +89,36 @@ class ArmQuantities(ABC):
             points[-1] = self.tip_symbols[0]
         return ca.horzcat(*points)
 
-    @abstractmethod
     def heading_slopes(self, slopes: FloatArray) -> FloatArray:
-        """Slopes by a pose, shape (m, c), as slopes by the links' headings and the base's way in lengths."""
+        """Slopes by a configuration, shape (m, c), as slopes by turns of the links, and of the base by arm lengths.
+
+        A link that turns about an axis of bends, the others staying, adds to its own bend what it takes from the next.
+        """
+        bends, k = len(self.arm.bend_limits), self.arm.bends_a_joint
+        turned: FloatArray = np.concatenate((slopes[:, :bends], self.arm.length * slopes[:, bends:]), axis=1)
+        turned[:, : bends - k] -= slopes[:, k:bends]
+        return turned
 
     @abstractmethod
     def of_shape(self, shape: Any) -> Any:
         """The shape as expressions know it, from headings against the straight arm or from bends, in one column."""
 
     @abstractmethod
-    def in_poses(self, expression: Any) -> tuple[Any, Any]:
-        """The symbols of a pose, as planning handles it, and an expression of a path in them and the path parameter."""
+    def bent(self, bends: Any) -> Any:
+        """The shape as expressions know it, from the bends of the joints, a column of symbols."""
+
+    def in_configurations(self, expression: Any) -> tuple[Any, Any]:
+        """The symbols of a configuration, shape (c, 1) [rad, m], and an expression of a path in these."""
+        bends = ca.SX.sym("bend", len(self.arm.bend_limits))
+        carried = ca.SX.sym("carried", len(self.arm.base_axes))
+        inserted = ca.substitute(
+            [expression], [self.shape, self.base_feed], [self.bent(bends), ca.densify(ca.sum1(carried))]
+        )
+        return ca.vertcat(bends, carried), inserted[0]
 
     @abstractmethod
-    def parted(self, poses: FloatArray, feed: FloatArray | float) -> tuple[FloatArray, FloatArray | float]:
-        """Shape and feed [m] of poses of shape (N, c); where they are shapes alone, with the feed that is given."""
-
-    @abstractmethod
-    def shapes_at(self, coordinates: FloatArray) -> FloatArray:
-        """The arm's shape, shape (N, k) [rad], at coordinates of the arm, shape (N, c) [rad, m]."""
+    def shapes_at(self, q: FloatArray) -> FloatArray:
+        """The arm's shape, shape (N, k) [rad], in configurations, shape (N, c) [rad, m]."""
 
     @abstractmethod
     def shape_rates_at(self, rates: FloatArray) -> FloatArray:
@@ -184,39 +195,17 @@ class Quantities(ArmQuantities):
         """Rates of the link headings, shape (links, 1) [rad/s]; on the finished motion only."""
         return self.shape_rates
 
-    def heading_slopes(self, slopes: FloatArray) -> FloatArray:
-        """Slopes by a pose, shape (m, c), as slopes by the links' headings and the base's way: those they are."""
-        return slopes
-
     def of_shape(self, shape: Any) -> Any:
         """Headings from those against the straight arm."""
         return self.arm.base_heading + shape
 
-    def in_poses(self, expression: Any) -> tuple[Any, Any]:
-        """The symbols of a pose and an expression of a path in them and the path parameter.
+    def bent(self, bends: Any) -> Any:
+        """Headings from bends."""
+        return self.arm.base_heading + ca.cumsum(bends)
 
-        A pose has the headings of the links [rad] and then how far the base is carried, in link lengths.
-        """
-        axes = len(self.arm.base_axes)
-        carried = ca.SX.sym("carried", axes)
-        feed = self.arm.link_length * ca.sum1(carried) if axes else ca.SX(0.0)
-        return ca.vertcat(self.link_headings, carried), ca.substitute(expression, self.base_feed, feed)
-
-    def parted(self, poses: FloatArray, feed: FloatArray | float) -> tuple[FloatArray, FloatArray | float]:
-        """Link headings and the feed of poses; where they are headings alone, with the feed that is given [m].
-
-        Args:
-            poses: shape (N, links) or (N, c) [rad, link lengths].
-            feed: shape (N,) or scalar [m].
-        """
-        links = self.arm.links
-        if poses.shape[-1] == links:
-            return poses, feed
-        return poses[..., :links], self.arm.link_length * np.sum(poses[..., links:], axis=-1)
-
-    def shapes_at(self, coordinates: FloatArray) -> FloatArray:
-        """Headings of the links at coordinates of the arm, shape (N, links) [rad]."""
-        return self.arm.headings(coordinates[:, self.arm.coordinates.bends])
+    def shapes_at(self, q: FloatArray) -> FloatArray:
+        """Headings of the links in configurations, shape (N, links) [rad]."""
+        return self.arm.headings(q)
 
     def shape_rates_at(self, rates: FloatArray) -> FloatArray:
         """Rates of the headings, shape (N, links) [rad/s]."""
@@ -317,45 +306,17 @@ class SpaceQuantities(ArmQuantities):
         """Rates of the bends, shape (2 links, 1) [rad/s]; on the finished motion only."""
         return self.shape_rates
 
-    def heading_slopes(self, slopes: FloatArray) -> FloatArray:
-        """Slopes by a configuration, shape (m, c), as slopes by turns of the links, and of the base by arm lengths.
-
-        A link that turns about an axis of bends, the others staying, adds to its own bend what it takes from the next.
-        """
-        turned: FloatArray = slopes * self._units
-        turned[:, : 2 * self.arm.links - 2] -= slopes[:, 2 : 2 * self.arm.links]
-        return turned
-
-    @cached_property
-    def _units(self) -> FloatArray:
-        """What counts as a radian of each coordinate, shape (c,) [rad, m]."""
-        return np.append(np.ones(2 * self.arm.links), np.full(len(self.arm.base_axes), self.arm.length))
-
     def of_shape(self, shape: Any) -> Any:
         """Bends as they are."""
         return shape
 
-    def in_poses(self, expression: Any) -> tuple[Any, Any]:
-        """The symbols of a configuration, bends [rad] and the feed [m] where there is one, and the expression."""
-        if self.arm.base_axes:
-            return ca.vertcat(self.bends, self.base_feed), expression
-        return self.bends, ca.substitute(expression, self.base_feed, ca.SX(0.0))
+    def bent(self, bends: Any) -> Any:
+        """Bends as they are."""
+        return bends
 
-    def parted(self, poses: FloatArray, feed: FloatArray | float) -> tuple[FloatArray, FloatArray | float]:
-        """Bends and feed of configurations; where they are bends alone, with the feed that is given [m].
-
-        Args:
-            poses: shape (N, 2 links) or (N, c) [rad, m].
-            feed: shape (N,) or scalar [m].
-        """
-        bends = 2 * self.arm.links
-        if poses.shape[-1] == bends:
-            return poses, feed
-        return poses[..., :bends], np.asarray(np.sum(poses[..., bends:], axis=-1))
-
-    def shapes_at(self, coordinates: FloatArray) -> FloatArray:
-        """Both bends of every joint at coordinates of the arm, shape (N, 2 links) [rad]."""
-        return coordinates[:, : 2 * self.arm.links]
+    def shapes_at(self, q: FloatArray) -> FloatArray:
+        """Both bends of every joint in configurations, shape (N, 2 links) [rad]."""
+        return q[:, : 2 * self.arm.links]
 
     def shape_rates_at(self, rates: FloatArray) -> FloatArray:
         """Rates of the bends, shape (N, 2 links) [rad/s]."""

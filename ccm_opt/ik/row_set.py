@@ -1,4 +1,4 @@
-"""Hard constraints as rows for the planner: equations h(φ, u) = 0 and gaps g(φ, u) ≥ 0, with their slopes."""
+"""Hard constraints as rows for the planner: equations h(q, u) = 0 and gaps g(q, u) ≥ 0, with their slopes."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -22,9 +22,9 @@ class RowValues:
 
     Attributes:
         equations: what must vanish, shape (m,).
-        equation_slopes: by the link headings, and the base's way in link lengths, shape (m, links) or (m, c).
+        equation_slopes: by the configuration, shape (m, c).
         gaps: what must not be negative, shape (k,).
-        gap_slopes: likewise, shape (k, links) or (k, c).
+        gap_slopes: likewise, shape (k, c).
     """
 
     equations: FloatArray
@@ -70,8 +70,8 @@ class RowSet:
         first: path parameter from which a row applies, shape (rows,).
         last: path parameter up to which it applies, shape (rows,).
         parametric: whether a row depends on the path parameter, shape (rows,).
-        values: CasADi function from poses and u to the rows.
-        slopes: CasADi function from poses and u to the rows and their derivatives by the pose.
+        values: CasADi function from configurations and u to the rows.
+        slopes: CasADi function from configurations and u to the rows and their derivatives by the configuration.
     """
 
     names: tuple[str, ...]
@@ -90,47 +90,47 @@ class RowSet:
         column = ca.vertcat(*expressions) if rows else ca.SX(0, 1)
 
         path_parameter = quantities.path_parameter
-        pose, in_pose = quantities.in_poses(column)
-        slopes = ca.densify(ca.jacobian(in_pose, pose))
-        symbols = [pose, path_parameter]
+        q, column = quantities.in_configurations(column)
+        slopes = ca.densify(ca.jacobian(column, q))
+        symbols = [q, path_parameter]
         return cls(
             names=tuple(row.name for row in rows),
             equal=np.array([row.equal for row in rows], dtype=bool),
             first=np.array([row.first for row in rows], dtype=np.float64),
             last=np.array([row.last for row in rows], dtype=np.float64),
             parametric=np.array([bool(ca.depends_on(each, path_parameter)) for each in expressions], dtype=bool),
-            values=ca.Function("rows", symbols, [in_pose]),
-            slopes=ca.Function("slopes", symbols, [in_pose, slopes]),
+            values=ca.Function("rows", symbols, [column]),
+            slopes=ca.Function("slopes", symbols, [column, slopes]),
         )
 
     def __len__(self) -> int:
         return len(self.names)
 
-    def at(self, headings: FloatArray, u: float = 0.0) -> RowValues:
+    def at(self, q: FloatArray, u: float = 0.0) -> RowValues:
         """Values and slopes of the rows that apply at a pose.
 
         Args:
-            headings: and what carries the base, shape (links,) or (c,) [rad, link lengths].
+            q: configuration, shape (c,) [rad, m].
             u: path parameter.
         """
         # The buffers are overwritten by the next call; picking rows by a mask makes copies.
-        values, jacobian = self._evaluated(headings, u)
+        values, jacobian = self._evaluated(q, u)
         here = self._apply_at(u)
         equations = here & self.equal
         gaps = here & ~self.equal
         return RowValues(values[equations], jacobian[equations], values[gaps], jacobian[gaps])
 
-    def table(self, headings: FloatArray, u: FloatArray | float = 0.0) -> FloatArray:
+    def table(self, q: FloatArray, u: FloatArray | float = 0.0) -> FloatArray:
         """Values of all rows at many poses, shape (N, rows); NaN where a row does not apply.
 
         Args:
-            headings: and what carries the base, shape (N, links) or (N, c) [rad, link lengths].
+            q: configurations, shape (N, c) [rad, m].
             u: path parameter, shape (N,) or scalar.
         """
-        count = len(headings)
+        count = len(q)
         places = np.broadcast_to(np.asarray(u, dtype=np.float64), (count,))
         # One pose a column.
-        columns = self.values(ca.DM(headings.T), ca.DM(places).T)
+        columns = self.values(ca.DM(q.T), ca.DM(places).T)
         values = np.asarray(columns, dtype=np.float64).reshape(len(self), count).T
         table: FloatArray = np.where(self._apply_at(places[:, None]), values, np.nan)
         return table
@@ -140,12 +140,12 @@ class RowSet:
         inside: BoolArray = (self.first <= u + TINY) & (u <= self.last + TINY)
         return inside
 
-    def _evaluated(self, headings: FloatArray, u: float) -> tuple[FloatArray, FloatArray]:
+    def _evaluated(self, q: FloatArray, u: float) -> tuple[FloatArray, FloatArray]:
         """All rows and their slopes, of shapes (rows,) and (rows, c); overwritten by the next call."""
         if not len(self):
-            return np.zeros(0), np.zeros((0, len(headings)))
+            return np.zeros(0), np.zeros((0, len(q)))
         buffers = self._buffers
-        buffers.headings[:] = headings
+        buffers.q[:] = q
         buffers.path_parameter[0] = u
         buffers.evaluate()
         return buffers.values, buffers.slopes.T
@@ -162,7 +162,7 @@ class _Buffers:
     Attributes:
         memory: CasADi's buffer object, which must live as long as ``evaluate`` is called.
         evaluate: fills ``values`` and ``slopes``.
-        headings: and what carries the base, shape (c,) [rad, link lengths].
+        q: configuration, shape (c,) [rad, m].
         path_parameter: shape (1,).
         values: shape (rows,).
         slopes: shape (c, rows), transposed because CasADi stores matrices by columns.
@@ -170,7 +170,7 @@ class _Buffers:
 
     memory: Any
     evaluate: Any
-    headings: FloatArray
+    q: FloatArray
     path_parameter: FloatArray
     values: FloatArray
     slopes: FloatArray
@@ -183,7 +183,7 @@ class _Buffers:
         buffers = cls(memory, evaluate, np.zeros(columns), np.zeros(1), np.zeros(rows), np.zeros((columns, rows)))
 
         # CasADi keeps the addresses alone: the arrays must not be replaced, only written to.
-        memory.set_arg(0, buffers.headings.data)
+        memory.set_arg(0, buffers.q.data)
         memory.set_arg(1, buffers.path_parameter.data)
         memory.set_res(0, buffers.values.data)
         memory.set_res(1, buffers.slopes.data)

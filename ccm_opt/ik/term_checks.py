@@ -77,41 +77,19 @@ def _refined(path: JointPath, poses: FloatArray, u: FloatArray) -> FloatArray:
 
 
 @dataclass(frozen=True)
-class CheckedPoses:
+class CheckedPoses(MotionStates):
     """Poses of the motion at which constraints are checked and costs are averaged.
 
     Attributes:
         time: shape (N,) [s]; NaN where unknown.
-        shapes: headings of the links, or in space bends of the joints, shape (N, k) [rad].
-        u: path parameter, shape (N,).
-        feed: shape (N,), zeros without a feed axis [m].
-        shape_rates: of the same, shape (N, k) [rad/s]; NaN where time is unknown.
-        feed_rate: shape (N,) [m/s]; NaN where time is unknown.
     """
 
     time: FloatArray
-    shapes: FloatArray
-    u: FloatArray
-    feed: FloatArray
-    shape_rates: FloatArray
-    feed_rate: FloatArray
-
-    @property
-    def states(self) -> MotionStates:
-        """The same for constraints on speeds."""
-        return MotionStates(self.shapes, self.feed, self.u, self.shape_rates, self.feed_rate)
 
     def where(self, where: Where) -> "CheckedPoses":
         """Those at which a term applies."""
         chosen = applies_at(where, self.u)
-        return CheckedPoses(
-            self.time[chosen],
-            self.shapes[chosen],
-            self.u[chosen],
-            self.feed[chosen],
-            self.shape_rates[chosen],
-            self.feed_rate[chosen],
-        )
+        return CheckedPoses(self.q[chosen], self.u[chosen], self.rates[chosen], self.time[chosen])
 
 
 def results_of_terms(
@@ -134,7 +112,7 @@ def results_of_terms(
     """
     # Poses are shared by all terms, since finding their path parameters is what takes time.
     every = poses_at_rate(terms, arm, path, trajectory)
-    keyframes = poses_at_keyframes(terms, arm, path.keyframes, _path_parameters(arm, path, path.keyframes))
+    keyframes = poses_at_keyframes(path.keyframes, _path_parameters(arm, path, path.keyframes))
     return _checks(terms, every, keyframes), _figures(terms, every)
 
 
@@ -162,7 +140,7 @@ def checks_without_path(
         )
     every = poses_at_rate(terms, arm, None, trajectory)
     even = np.linspace(0.0, 1.0, len(keyframes))
-    return _checks(terms, every, poses_at_keyframes(terms, arm, keyframes, even))
+    return _checks(terms, every, poses_at_keyframes(keyframes, even))
 
 
 def _checks(terms: UserTerms, every: CheckedPoses, keyframes: CheckedPoses) -> tuple[Check, ...]:
@@ -185,7 +163,7 @@ def _figures(terms: UserTerms, every: CheckedPoses) -> Mapping[str, float]:
         figures[f"residual_{_key(timed.compiled.constraint.name)}"] = _missed(excess)
     for cost in terms.costs:
         poses = every.where(cost.cost.where)
-        figures[f"cost_{_key(cost.cost.name)}"] = float(np.mean(cost.values(poses.shapes, poses.u, poses.feed)))
+        figures[f"cost_{_key(cost.cost.name)}"] = float(np.mean(cost.values(poses.q, poses.u)))
     return figures
 
 
@@ -202,14 +180,11 @@ def poses_at_rate(
     motion = _hermite(trajectory.time, *known)
     positions: FloatArray = motion(time)
     rates: FloatArray = motion.derivative()(time)
-    feed = arm.coordinates.advance(positions)
     # Path parameters cost a search along the path, so they are found only where a term depends on them.
     u = np.linspace(0.0, 1.0, len(time))
     if path is not None and _parametric(terms):
         u = _path_parameters(arm, path, positions)
-    known_as = terms.quantities
-    feed_rates = arm.coordinates.advance(rates)
-    return CheckedPoses(time, known_as.shapes_at(positions), u, feed, known_as.shape_rates_at(rates), feed_rates)
+    return CheckedPoses(positions, u, rates, time)
 
 
 def _parametric(terms: UserTerms) -> bool:
@@ -225,13 +200,10 @@ def _path_parameters(arm: Arm, path: JointPath, positions: FloatArray) -> FloatA
     return nearest_path_parameters(path, positions[:, arm.coordinates.bends])
 
 
-def poses_at_keyframes(terms: UserTerms, arm: Arm, keyframes: FloatArray, u: FloatArray) -> CheckedPoses:
+def poses_at_keyframes(keyframes: FloatArray, u: FloatArray) -> CheckedPoses:
     """The planner's keyframes, shape (K, coordinates), at their path parameters; their time is unknown."""
-    shapes = terms.quantities.shapes_at(keyframes)
-    feed = arm.coordinates.advance(keyframes)
     # NaN rather than zero: a constraint on speeds that is evaluated here must fail, not pass.
-    unknown = np.full(len(shapes), np.nan)
-    return CheckedPoses(unknown, shapes, u, feed, np.full_like(shapes, np.nan), unknown)
+    return CheckedPoses(keyframes, u, np.full_like(keyframes, np.nan), np.full(len(keyframes), np.nan))
 
 
 def _times_at_rate(time: FloatArray, rate: float) -> FloatArray:
@@ -263,7 +235,7 @@ def _check_in_time(timed: TimedConstraint, poses: CheckedPoses) -> Check:
 def _worst_in_time(timed: TimedConstraint, poses: CheckedPoses) -> tuple[float, str]:
     """As ``_worst`` for a constraint on speeds."""
     chosen = poses.where(timed.compiled.constraint.where)
-    return _largest(timed.excesses(chosen.states), chosen) if len(chosen.u) else (0.0, "at no sample")
+    return _largest(timed.excesses(chosen), chosen) if len(chosen.u) else (0.0, "at no sample")
 
 
 def _check(compiled: CompiledConstraint, poses: CheckedPoses) -> Check:
@@ -285,7 +257,7 @@ def _worst(compiled: CompiledConstraint, poses: CheckedPoses) -> tuple[float, st
     chosen = poses.where(compiled.constraint.where)
     if not len(chosen.u):
         return 0.0, "at no sample"
-    return _largest(compiled.excesses(chosen.shapes, chosen.u, chosen.feed), chosen)
+    return _largest(compiled.excesses(chosen.q, chosen.u), chosen)
 
 
 def _largest(excesses: FloatArray, chosen: CheckedPoses) -> tuple[float, str]:

@@ -91,10 +91,15 @@ def follow(
 
 
 def without_pauses(poses: list[Pose], least: float) -> list[Pose]:
-    """The way without poses in which no link has turned by ``least`` [rad] since the one before; both ends stay."""
+    """The way without poses in which no link has turned by ``least`` [rad] since the one before; both ends stay.
+
+    A base that is carried by a link length counts as a turn of a radian.
+    """
     kept = [poses[0]]
     for pose in poses[1:]:
-        if np.max(np.abs(pose.q - kept[-1].q)) >= least:
+        turns = pose.turning @ (pose.v - kept[-1].v)
+        fed = float(np.linalg.norm(pose.points[0] - kept[-1].points[0])) * len(turns) / pose.length
+        if max(float(np.max(np.abs(turns))), fed) >= least:
             kept.append(pose)
     # The end replaces the last pose kept, which is nearly the same; the start is never replaced.
     if kept[-1] is not poses[-1]:

@@ -102,7 +102,7 @@ def _bent(known: Motion, stepper: Stepper, task: MotionTask) -> Motion | None:
 def _tracked(known: Motion, stepper: Stepper, task: MotionTask) -> Motion | None:
     """The known motion tracked by steps that keep off the walls as they are now, then settled on the goal."""
     start = stepper.pose(_coordinates(stepper.space, known, task.start)[0])
-    reference = ReferenceMotion.from_headings(known.configurations)
+    reference = ReferenceMotion.of(known)
     try:
         way = follow_reference(stepper, reference, task.limited_goal, start, task.deadline)
     except Stalled:
@@ -113,8 +113,8 @@ def _tracked(known: Motion, stepper: Stepper, task: MotionTask) -> Motion | None
 
 def _coordinates(space: LinkSpace, known: Motion, start: FloatArray) -> FloatArray:
     """Coordinates nearest to the keyframes of the known motion, shape (K, p); those of the start are exact."""
-    wanted = known.configurations - space.offset
-    coordinates = np.array(np.linalg.lstsq(space.matrix, wanted.T, rcond=None)[0].T, dtype=np.float64)
+    wanted = space.arm.poses(known.configurations) - space.arm.poses(space.offset)
+    coordinates = np.array(np.linalg.lstsq(space.turns, wanted.T, rcond=None)[0].T, dtype=np.float64)
     exact = LinkSpace.through(space.arm, start, space.nominal_links, clamped=space.clamped)[1]
     coordinates[0] = np.append(exact, 0.0)
     return coordinates
@@ -320,12 +320,9 @@ def laid_path(motion: Motion, task: MotionTask) -> JointPath | None:
     path = smooth_path(motion, task)
     if path is None:
         return None
-    arm = task.arm
-    # Coordinates are linear in poses, so control points can be turned into them one by one.
-    control = arm.configurations(np.asarray(path.spline.c))
-    if arm.base_axes:
-        control[np.abs(control) < TINY] = 0.0  # in a guide tube exactly straight, where headings only round
-    spline = BSpline(path.spline.t, control, path.spline.k)
-    curves = nearest_curves(arm, motion.configurations[:, : arm.links])
-    keyframes = arm.configurations(motion.configurations)
-    return JointPath(spline, keyframes, curves, motion.candidate, motion.leaders, spare=path.spare)
+    spline = path.spline
+    if task.arm.base_axes:
+        # What leaders bend by rounding is exactly straight in a guide tube.
+        spline = BSpline(spline.t, np.where(np.abs(spline.c) > TINY, spline.c, 0.0), spline.k)
+    curves = nearest_curves(task.arm, motion.configurations)
+    return JointPath(spline, motion.configurations, curves, motion.candidate, motion.leaders, spare=path.spare)

@@ -86,7 +86,7 @@ def route_room(problem: Problem, ends: Ends) -> FreeSpace:
 def _connected(problem: Problem, ends: Ends, room: FreeSpace) -> bool:
     """Whether the free places nearest to the base, the tip as it is, and a member of the goal are in one piece."""
     pieces = shapely.get_parts(room.polygons)
-    places = [problem.arm.base, problem.arm.joint_positions(ends.start)[-1]]
+    places = [problem.arm.base, problem.arm.joint_positions_at(ends.start)[-1]]
     if ends.goal.is_set:
         if len(pieces) == 0 or not goal_members(problem.arm, ends.goal, room):
             return False
@@ -185,9 +185,9 @@ def tip_paths_along(
         settings: numbers.
     """
     arm = problem.arm
-    points = arm.joint_positions(ends.start)
+    points = arm.joint_positions_at(ends.start)
     if ends.goal_pose is not None:
-        ways: tuple[FloatArray, ...] = (arm.joint_positions(ends.goal_pose),)
+        ways: tuple[FloatArray, ...] = (arm.joint_positions_at(ends.goal_pose),)
     else:
         ways = tuple(route.taut for route in routes)
     link = max(arm.link_length, arm.length / NOMINAL_LINKS)
@@ -198,7 +198,7 @@ def tip_paths_along(
     except UnreachableGoal:
         return ()
     if ends.goal_pose is None:
-        return turning_least(paths, float(arm.bends(ends.start)[0]), arm.base_limit)
+        return turning_least(paths, float(ends.start[0]), arm.base_limit)
     return turning_by(paths, float(ends.goal_pose[0] - ends.start[0]))
 
 
@@ -208,7 +208,7 @@ def find_guesses(
     room: FreeSpace,
     routes: tuple[Route, ...],
 ) -> Iterator[FloatArray]:
-    """Link headings of a goal pose: the goal itself, or a configuration of the curve along one of the first routes."""
+    """Configuration of a goal pose: the goal itself, or a configuration of the curve along one of the first routes."""
     if ends.goal_pose is not None:
         yield ends.goal_pose
         return
@@ -227,7 +227,7 @@ def further_guesses(
     room: FreeSpace,
     routes: tuple[Route, ...],
 ) -> Iterator[FloatArray]:
-    """Link headings of goal poses along every route, with more patience."""
+    """Configurations of goal poses along every route, with more patience."""
     for route in routes:
         guess = guess_along(problem, ends, room, route, FURTHER_ATTEMPTS, CURVATURE_SHARE)
         if guess is not None:
@@ -242,14 +242,14 @@ def guess_along(
     attempts: int,
     share: float,
 ) -> FloatArray | None:
-    """Link headings of a configuration at the goal along a route; None when the NLP finds none that links can follow.
+    """Configuration at the goal along a route; None when the NLP finds none that links can follow.
 
     That is no failure: the motion search can lead the tip to the goal by itself.
     """
     try:
         task = configuration_task(problem, ends, room, route, share)
         configuration = find_configuration(task, attempts)
-        return problem.arm.headings(map_curve(problem.arm, configuration, problem.planner.mapping))
+        return map_curve(problem.arm, configuration, problem.planner.mapping)
     except (ConfigurationNotFound, ProblemError):
         return None
 
@@ -312,5 +312,6 @@ def base_heading_range(problem: Problem, ends: Ends) -> tuple[float, float]:
     """Least and greatest heading of the curve at the base [rad]."""
     arm = problem.arm
     if ends.clamped:
-        return float(ends.start[0]), float(ends.start[0])
+        heading = float(arm.headings(ends.start)[0])
+        return heading, heading
     return arm.base_heading - arm.base_limit, arm.base_heading + arm.base_limit

@@ -106,22 +106,23 @@ class TargetDraws:
 
         Args:
             space: the link space, perhaps with a coordinate that blends a goal in.
-            ends: link headings of the start and, of a goal for the whole arm, of the goal, each of shape (links,).
+            ends: configurations of the start and, of a goal for the whole arm, of the goal, each of shape (links,).
             curve_columns: coordinates of the curve alone.
             share: of the joint limits that is used; a bend that an end has is allowed in any case.
             settings: numbers.
         """
         arm = space.arm
-        curve = space.matrix[:, :curve_columns]
+        curve = space.turns[:, :curve_columns]
         projector = curve @ np.linalg.pinv(curve, rcond=_RANK)
-        blended = space.offset + space.matrix[:, curve_columns:].sum(axis=1)
+        offset = arm.headings(space.offset)
+        blended = offset + space.turns[:, curve_columns:].sum(axis=1)
 
-        bends = np.array([arm.bends(end) for end in ends])
+        bends = np.array(ends)
         limits = np.maximum(share * arm.bend_limits, np.abs(bends).max(axis=0))
         # A base that turns further winds the arm round itself.
         low = max(-limits[0], float(bends[:, 0].min()) - _WINDING)
         high = min(limits[0], float(bends[:, 0].max()) + _WINDING)
-        return cls(arm, projector, (space.offset, blended), limits, (low, high), settings)
+        return cls(arm, projector, (offset, blended), limits, (low, high), settings)
 
     def draw(self, rng: np.random.Generator, count: int, tree: PointTree, other: PointTree) -> FloatArray:
         """Link headings of targets for the extension of a tree, shape (count, links) [rad]; the other attracts."""
@@ -305,7 +306,7 @@ class Connecting:
             rng = np.random.default_rng((*seed, number))
             way = self._search(check, rng).run(budget)
             if way is not None:
-                shortcuts = Shortcuts(check, task.certificate.failures)
+                shortcuts = Shortcuts(check, task.certificate.heading_failures)
                 return self._motion(shortcuts.shortened(way, rng))
             if task.deadline.passed():
                 break
@@ -314,11 +315,11 @@ class Connecting:
     def _motion(self, way: FloatArray) -> Motion | None:
         """A way in the coordinates of the curve, certified once more; None when that fails."""
         coordinates = self._coordinates(dense(way, _KEYFRAME_TURN))
-        headings = self.space.configurations(coordinates)
+        q = self.space.configurations(coordinates)
         # The same motion but for rounding, and for the last bit of the way onto the goal.
-        if not self._on_goal(coordinates[-1]) or len(self.task.certificate.failures(headings)):
+        if not self._on_goal(coordinates[-1]) or len(self.task.certificate.failures(q)):
             return None
-        return Motion(self.space, coordinates, headings, CONNECT)
+        return Motion(self.space, coordinates, q, CONNECT)
 
     def _search(self, check: SampledCheck, rng: np.random.Generator) -> ConnectSearch:
         """Trees with nothing but the start."""
@@ -329,21 +330,22 @@ class Connecting:
         share = task.settings.step.limit_share
         draws = TargetDraws.within(self.space, ends, KNOTS + 1, share, self.settings)
         trees = (PointTree.empty(task.arm.links), PointTree.empty(task.arm.links))
-        trees[0].add(self.start.q[None], np.array([-1]))
+        trees[0].add(task.arm.headings(self.start.q)[None], np.array([-1]))
         goals = self._goals(draws, check, rng)
-        unproved = task.certificate.failures
+        unproved = task.certificate.heading_failures
         return ConnectSearch(check, draws, unproved, goals, task.deadline.passed, rng, trees)
 
     def _goals(self, draws: TargetDraws, check: SampledCheck, rng: np.random.Generator) -> Iterator[FloatArray]:
-        """Poses at the goal: that of the whole arm, or some that have the tip there."""
+        """Link headings at the goal, shape (m, links): of the goal of the whole arm, or with the tip there."""
+        arm = self.task.arm
         if self.goal.coordinates is not None:
-            yield self.space.configurations(self.goal.coordinates)[None]
+            yield arm.headings(self.space.configurations(self.goal.coordinates))[None]
             return
         drawn = GoalDraws(draws, self.goal, check).poses(rng)
         yield next(drawn)
         # Poses drawn at random seldom fit where it is narrow; those of the NLP are costlier.
         for pose in self.known_goals():
-            yield pose.q[None]
+            yield arm.headings(pose.q)[None]
             yield next(drawn)
         yield from drawn
 
@@ -361,15 +363,14 @@ class Connecting:
     def _fitted(self, headings: FloatArray, near: FloatArray) -> FloatArray:
         """Coordinates near given ones with given link headings."""
         space = self.space
-        missed = headings - space.configurations(near)
+        missed = headings - space.arm.headings(space.configurations(near))
         # Few links leave many curves with the same headings: the smoothest, and then what it misses.
-        change = fit_coordinates(space.matrix, missed, space.arm.length)
-        rest = missed - space.matrix @ change
-        return near + change + np.linalg.lstsq(space.matrix, rest, rcond=None)[0]
+        change = fit_coordinates(space.turns, missed, space.arm.length)
+        rest = missed - space.turns @ change
+        return near + change + np.linalg.lstsq(space.turns, rest, rcond=None)[0]
 
     def _on_goal(self, v: FloatArray) -> bool:
         if self.goal.coordinates is not None:
             return True
         final = self.space.pose(v)
-        within = np.all(np.abs(self.task.arm.bends(final.q)) <= self.task.arm.bend_limits)
-        return bool(within) and self.goal.on_goal(final) and self.goal.limits_met(final)
+        return self.task.within_joint_limits(final.q) and self.goal.on_goal(final) and self.goal.limits_met(final)

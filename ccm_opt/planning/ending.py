@@ -205,7 +205,7 @@ def bent_to(motion: Motion, wanted: FloatArray, task: MotionTask) -> Motion | No
 
     Args:
         motion: certified.
-        wanted: link headings of the other end, shape (links,) [rad]; at the same goal.
+        wanted: configuration of the other end, shape (c,); at the same goal.
         task: arm, room and limits.
     """
     curve, end = motion.curve.blended_to(wanted)

@@ -55,9 +55,9 @@ class Ends:
     """Both ends of a motion.
 
     Attributes:
-        start: link headings and what carries the base, shape (c,) [rad, link lengths].
+        start: configuration, shape (c,) [rad, m].
         goal: where the tip has to be.
-        goal_pose: the same of a whole-arm goal, shape (c,), or None.
+        goal_pose: configuration of a whole-arm goal, shape (c,), or None.
         clamped: whether the base stands flush on a wall, so that its joint cannot turn.
     """
 
@@ -76,30 +76,30 @@ def resolve_ends(problem: Problem) -> Ends:
     Raises:
         UnreachableGoal: naming link and obstacle with the depth, or joint and angle.
     """
-    start = _pose(problem, problem.start, "start")
+    start = _configuration(problem, problem.start, "start")
     clamped = not problem.arm.base_axes and stands_flush(problem, start)
     arm = clamped_arm(problem.arm) if clamped else problem.arm
     refuse_bad_pose(arm, problem.workspace, start, "start", _REACH)
     if isinstance(problem.goal, TipGoal):
         refuse_blocked_tip(problem, problem.goal)
         return Ends(start, tip_goal(problem, problem.goal), None, clamped)
-    headings = _within_limits(problem, _pose(problem, problem.goal, "goal"))
+    q = _within_limits(problem, _configuration(problem, problem.goal, "goal"))
     # A base that is clamped at the start is so at the goal only if it has not turned.
-    at_goal = arm if headings[0] == start[0] else problem.arm
-    refuse_bad_pose(at_goal, problem.workspace, headings, "goal", _REACH)
-    direction = unit_vector(headings[arm.links - 1])
-    return Ends(start, GoalPose(arm.points(headings)[-1], direction), headings, clamped)
+    at_goal = arm if q[0] == start[0] else problem.arm
+    refuse_bad_pose(at_goal, problem.workspace, q, "goal", _REACH)
+    goal = GoalPose(arm.joint_positions_at(q)[-1], arm.link_rotations(q)[-1, :, 0])
+    return Ends(start, goal, q, clamped)
 
 
-def _pose(problem: Problem, pose: JointPose, which: str) -> FloatArray:
-    """Link headings and what carries the base, shape (c,), bends exactly 0 where a guide tube holds a joint.
+def _configuration(problem: Problem, pose: JointPose, which: str) -> FloatArray:
+    """The configuration of a pose, shape (c,), bends exactly 0 where a guide tube holds a joint.
 
     Raises:
         UnreachableGoal: a joint that it holds is bent; ``which`` names the pose.
     """
     arm = problem.arm
     if not arm.base_axes:
-        return pose.headings(arm)
+        return pose.configuration(arm)
     held = arm.held(pose.feed)
     # A bend moves the tip by no more than itself times the arm's length.
     mapped = _STRAIGHTENING / (arm.length * max(int(held.sum()), 1))
@@ -109,7 +109,7 @@ def _pose(problem: Problem, pose: JointPose, which: str) -> FloatArray:
         reason = f"the {which} bends joint {joint + 1} by {np.rad2deg(pose.bends[joint]):.3g}° inside the guide tube"
         advice = (f"straighten the {which} inside the guide tube", f"raise {which}.feed")
         raise UnreachableGoal(Diagnosis(reason, which, advice))
-    return arm.poses(arm.configuration(np.where(held, 0.0, pose.bends), pose.feed))
+    return arm.configuration(np.where(held, 0.0, pose.bends), pose.feed)
 
 
 def tip_goal(problem: Problem, goal: TipGoal) -> GoalPose:
@@ -165,13 +165,13 @@ def aim(problem: Problem, goal: TipGoal) -> FloatArray:
     return np.asarray(nearest[1])
 
 
-def stands_flush(problem: Problem, headings: FloatArray) -> bool:
+def stands_flush(problem: Problem, q: FloatArray) -> bool:
     """Whether the arm leaves a wall so that the end of its mount just clears it, and no turn of the base would."""
     arm = problem.arm
     # The whole first link belongs to the mount already.
     if arm.mount_length >= arm.link_length:
         return False
-    points = arm.joint_positions(headings)
+    points = arm.joint_positions_at(q)
     reach = _REACH * arm.length
     near = problem.workspace.near(shapely.LineString(points), arm.radius + problem.workspace.clearance + reach)
     contacts = ContactFinder(arm, near.flat_walls, near.clearance, 0.0, reach).find(points)
@@ -180,7 +180,7 @@ def stands_flush(problem: Problem, headings: FloatArray) -> bool:
 
     # Turning the base by dφ moves the mount's end sideways by mount · dφ. With the wall square to the link the gap only
     # falls, by the square of dφ: no turn of the base is free, in either direction.
-    sideways = contacts.normal @ np.array([-np.sin(headings[0]), np.cos(headings[0])])
+    sideways = contacts.normal @ arm.link_rotations(q)[0, :, 1]
     return bool(np.any(flush & (np.abs(sideways) < _UPRIGHT)))
 
 
@@ -189,15 +189,15 @@ def clamped_arm(arm: Arm) -> Arm:
     return replace(arm, mount_length=arm.link_length)
 
 
-def _within_limits(problem: Problem, headings: FloatArray) -> FloatArray:
+def _within_limits(problem: Problem, q: FloatArray) -> FloatArray:
     """A whole-arm goal whose joints lie beyond their limits by less than its tolerance, turned back onto them."""
     arm = problem.arm
-    bends = arm.bends(headings[: arm.links])
+    bends = q[: arm.links]
     kept = np.clip(bends, -arm.bend_limits, arm.bend_limits)
     over = float(np.max(np.abs(bends - kept)))
     given = isinstance(problem.goal, JointPose) and problem.goal.curve is None
-    clipped = np.append(arm.headings(kept), headings[arm.links :])
-    return clipped if given and 0.0 < over <= _ROOM_USED * problem.tolerances.heading else headings
+    clipped = np.append(kept, q[arm.links :])
+    return clipped if given and 0.0 < over <= _ROOM_USED * problem.tolerances.heading else q
 
 
 def refuse_blocked_tip(problem: Problem, goal: TipGoal) -> None:

@@ -19,7 +19,7 @@ from ccm_opt.robot.configuration import Configuration
 
 @dataclass(frozen=True)
 class FedSpace(LinkSpace):
-    """The space of all poses of an arm, link headings and the base's way, in its bends and that way.
+    """The space of all configurations of an arm, in its bends and the base's way in link lengths.
 
     Attributes:
         turn_per_link: turn of a joint that counts as much as a link length of the base's way [rad]: what a joint turns
@@ -31,21 +31,16 @@ class FedSpace(LinkSpace):
     @classmethod
     def of_arm(cls, arm: Arm, turn_per_link: float = 1.0) -> "FedSpace":
         """The space of an arm with axes that carry its base."""
-        axes = len(arm.base_axes)
-        matrix = np.zeros((arm.links + axes, arm.links + axes))
-        # φ_j = base heading + Σ_{i ≤ j} bend_i
-        matrix[: arm.links, : arm.links] = np.tril(np.ones((arm.links, arm.links)))
-        matrix[arm.links :, arm.links :] = np.eye(axes)
-        offset = np.concatenate((np.full(arm.links, arm.base_heading), np.zeros(axes)))
-        return cls(arm, matrix, offset, NOMINAL_LINKS, turn_per_link=turn_per_link)
+        slopes = np.diag(np.concatenate((np.ones(arm.links), np.full(len(arm.base_axes), arm.link_length))))
+        return cls(arm, slopes, np.zeros(len(slopes)), NOMINAL_LINKS, turn_per_link=turn_per_link)
 
-    def coordinates(self, poses: FloatArray) -> FloatArray:
-        """Coordinates of poses, shape (..., c), all of which the space holds."""
-        return super().drives(poses)
+    def fitted(self, q: FloatArray) -> FloatArray:
+        """Coordinates of configurations, all of which the space holds, shape (..., c)."""
+        return q / np.diag(self.slopes)
 
-    def drives(self, headings: FloatArray) -> FloatArray:
+    def drives(self, q: FloatArray) -> FloatArray:
         """Joint bends, and the base's way as the turn of a joint that takes as long, shape (..., c) [rad]."""
-        return self.coordinates(headings) * self._weights
+        return self.fitted(q) * self._weights
 
     @cached_property
     def drive_rows(self) -> FloatArray:
@@ -57,9 +52,9 @@ class FedSpace(LinkSpace):
         axes = self.dimension - self.arm.links
         return np.concatenate((np.ones(self.arm.links), np.full(axes, self.turn_per_link)))
 
-    def blended_to(self, headings: FloatArray) -> tuple[LinkSpace, FloatArray]:
-        """The space itself, which holds any pose, and the coordinates of one, shape (p,)."""
-        return self, self.coordinates(headings)
+    def blended_to(self, q: FloatArray) -> tuple[LinkSpace, FloatArray]:
+        """The space itself, which holds any configuration, and the coordinates of one, shape (p,)."""
+        return self, self.fitted(q)
 
     @cached_property
     def curvature_rows(self) -> FloatArray:
@@ -74,15 +69,11 @@ class FedSpace(LinkSpace):
     def spread(self, pose: Pose, rows: FloatArray) -> FloatArray:
         """As of any space, but joints that the guide tube holds do not move, nor does the base."""
         free = np.zeros(self.dimension, dtype=bool)
-        free[: self.arm.links] = ~self.arm.held(self.feed(pose.v))
+        free[: self.arm.links] = ~self.arm.held(float(self.arm.coordinates.advance(pose.q)))
         spread = np.zeros((self.dimension, len(rows)))
         spread[free] = np.linalg.solve(self.metric[np.ix_(free, free)], rows[:, free].T)
         return spread
 
-    def feed(self, v: FloatArray) -> FloatArray:
-        """How far the base is carried at coordinates, shape (..., p) to (...) [m]."""
-        return np.asarray(self.arm.link_length * np.sum(v[..., self.arm.links :], axis=-1))
-
     def curve(self, v: FloatArray) -> Configuration:
         """The curve nearest to the links, as it lies at a feed of 0."""
-        return nearest_curve(self.arm, self.configurations(v)[: self.arm.links])
+        return nearest_curve(self.arm, self.arm.headings(self.configurations(v)))

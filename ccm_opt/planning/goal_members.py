@@ -217,25 +217,26 @@ class EndPoses:
     settings: PoseSettings
     said: list[tuple[GoalPoseSearch, ArmPose]] = field(default_factory=list)
 
-    def __call__(self, arm: Arm, headings: FloatArray) -> Iterator[FloatArray]:
-        """Link headings of better poses than the one in which a motion ends, the best first; none without need.
+    def __call__(self, arm: Arm, q: FloatArray) -> Iterator[FloatArray]:
+        """Configurations of better poses than the one in which a motion ends, the best first; none without need.
 
         The pose of the motion's own class comes first, for interpolation reaches it. Only where it lacks room are poses
         of other classes asked for.
 
         Args:
             arm: the arm, or one as long with fewer links.
-            headings: of its links at the end of the motion, shape (links,) [rad].
+            q: its configuration at the end of the motion, shape (c,) [rad].
         """
         if self.problem.wanted_gap == 0.0 or self.ends.goal_pose is not None:
             return
+        headings = arm.headings(q)
         with self.stages("configuration"):
             search = GoalPoseSearch(for_arm(self.problem, arm), self.ends, headings, self.terms, self.settings)
             poses = search.improved(headings)
             own = search.best_of(poses)
         self.said.append((search, own or poses[-1]))
         if own is not None and own.gap >= _ROOM_ENOUGH * search.wanted_gap:
-            yield own.headings
+            yield own.q
             return
         with self.stages("configuration"):
             others = [each.pose for each in search.candidates(headings, self.deadline)]
@@ -243,18 +244,18 @@ class EndPoses:
         for pose in poses_of_all:
             if pose is not own:
                 self.said.append((search, pose))
-            yield pose.headings
+            yield pose.q
 
     def record(self, reached: FloatArray | None) -> GoalPoseRecord | None:
         """What was said of the pose in which the motion ends, or of the last that was asked for.
 
         Args:
-            reached: link headings of the offered pose that the motion ends in, shape (links,) [rad]; None where it
-                ends elsewhere.
+            reached: configuration of the offered pose that the motion ends in, shape (c,); None where it ends
+                elsewhere.
         """
         if not self.said:
             return None
-        taken = [each for each in self.said if reached is not None and np.array_equal(each[1].headings, reached)]
+        taken = [each for each in self.said if reached is not None and np.array_equal(each[1].q, reached)]
         search, pose = taken[-1] if taken else self.said[-1]
         return pose_record(search, pose, len(self.said), "" if taken else _why_not(search, pose))
 

@@ -364,8 +364,7 @@ class PoseLed:
         return self.start + self.u * (self.end - self.start) - pose.v
 
     def _turning(self, pose: Pose) -> FloatArray:
-        """Turns of the links, and ways of the base, by the unknowns, shape (r, p)."""
+        """Turns of the links, and ways of the base in link lengths, by the unknowns, shape (r, p)."""
         arm = self.space.arm
         base = pose.slopes[len(pose.slopes) - len(arm.base_axes) :]
-        unit = arm.link_length if arm.dimension == 3 else 1.0
-        return np.vstack((pose.turning.reshape(-1, len(pose.v)), base / unit))
+        return np.vstack((pose.turning.reshape(-1, len(pose.v)), base / arm.link_length))

@@ -199,7 +199,7 @@ class Hairpin:
         """What draws the arm towards the reference; the tip's error in nominal links has weight 1."""
         links = self.space.arm.links
         per_link = self.space.nominal_per_link
-        turns = self.space.matrix
+        turns = self.space.turns
         tip = pose.moving[-1] / self.nominal_length
         joints = pose.moving[1:].reshape(2 * links, -1) / self.nominal_length
 
@@ -209,7 +209,7 @@ class Hairpin:
         return [
             # The tip goes to its target and every link into its reference heading,
             Term(tip, error / self.nominal_length, 1.0),
-            Term(turns, self.reference() - pose.q, _HEADING_WEIGHT * per_link),
+            Term(turns, self.reference() - self.space.arm.headings(pose.q), _HEADING_WEIGHT * per_link),
             # all with little turning, and joints ahead of the fold stay where they are.
             Term(turns, np.zeros(links), _TURN_WEIGHT * per_link),
             Term(joints, np.zeros(2 * links), still),
@@ -397,10 +397,10 @@ def fold_about_to_travel(
     # The strands lie at least so far apart that the arm keeps its planning margin from itself; a half circle of the
     # fold's length has them further apart.
     strands = max(2.0 * arm.radius + 2.0 * stepper.finder.margin, fold_length / np.pi)
-    last_heading = float(start.q[-1])
+    old = arm.headings(start.q)
     window = _HEADING_WINDOW * stepper.space.nominal_length
-    track, retraced = fold_track(start.points, joint, route, path.side, strands, window, last_heading)
-    return Hairpin(stepper.space, track, retraced, start.q, fold_length, arm.length)
+    track, retraced = fold_track(start.points, joint, route, path.side, strands, window, float(old[-1]))
+    return Hairpin(stepper.space, track, retraced, old, fold_length, arm.length)
 
 
 def _pulled_out(stepper: Stepper, path: TipPath, guide: Guide, pose: Pose) -> Guide:

@@ -54,7 +54,7 @@ def joint_regions(
 
 def _wall_sides(arm: Arm, walls: WallSegments, clearance: float, headings: FloatArray, reach: float) -> Sides:
     """Sides before the walls, as the optimisation of motions draws them about a motion that stands still."""
-    space, coordinates = LinkSpace.through(arm, headings)
+    space, coordinates = LinkSpace.through(arm, arm.bends(headings))
     resting = PlanarSweep(space, np.stack((coordinates, coordinates)))
     found = sweep_regions(resting, walls, 0, reach)
     return found.link, found.normal, found.bound - arm.radius - clearance - arm.room_for_errors(found.link + 1)

@@ -104,9 +104,9 @@ def fed_strategies(
 def _kept(motion: Motion, task: MotionTask, failures: list[Failure]) -> Motion | None:
     """The motion where it keeps all limits, or the same tracked under those of the user; None where it cannot be."""
     arm = task.arm
-    q = arm.configurations(motion.configurations)
+    q = motion.configurations
     beyond = np.any((q < arm.lower_limits - TINY) | (q > arm.upper_limits + TINY), axis=1)
-    failing = np.append(np.flatnonzero(beyond), task.certificate.failures(motion.configurations))
+    failing = np.append(np.flatnonzero(beyond), task.certificate.failures(q))
     if len(failing) == 0 and not task.parametric and keeps_limits(motion, task):
         return motion
     margins = task.settings.search.margins
@@ -126,7 +126,7 @@ def _kept(motion: Motion, task: MotionTask, failures: list[Failure]) -> Motion |
 def _keeping_up(settings: MotionSettings, found: Motion) -> MotionSettings:
     """Settings with which a motion that is tracked runs no faster than steps can follow: a long feed takes many."""
     tracking = settings.tracking
-    length = float(np.abs(np.diff(found.configurations, axis=0)).max(axis=1).sum())
+    length = float(np.abs(np.diff(found.curve.arm.poses(found.configurations), axis=0)).max(axis=1).sum())
     most = 0.5 * settings.step.largest_turn / max(length, TINY)
     first, largest = (min(advance, most) for advance in (tracking.first_advance, tracking.largest_advance))
     return replace(settings, tracking=replace(tracking, first_advance=first, largest_advance=largest))
@@ -172,16 +172,15 @@ class LedWays:
     def _arm(self) -> Arm:
         return self.problem.arm
 
-    @cached_property
+    @property
     def _start(self) -> FloatArray:
-        """The configuration at the start, exactly straight where headings only round, shape (links + 1,) [rad, m]."""
-        return _snapped(self._arm.configurations(self.task.start))
+        """The configuration at the start, shape (links + 1,) [rad, m]."""
+        return self.task.start
 
-    @cached_property
+    @property
     def _goal(self) -> FloatArray | None:
         """The same of a goal for the whole arm, or None."""
-        goal = self.task.goal_pose
-        return None if goal is None else _snapped(self._arm.configurations(goal))
+        return self.task.goal_pose
 
     @cached_property
     def _travel(self) -> float:
@@ -340,11 +339,10 @@ class LedWays:
 
     def _motion(self, keyframes: FloatArray, name: str, leaders: tuple[FloatArray, ...] = ()) -> Motion:
         """The motion of keyframes, its ends those of the task without rounding."""
-        poses = self._arm.poses(keyframes)
-        poses[0] = self.task.start
-        if self.task.goal_pose is not None:
-            poses[-1] = self.task.goal_pose
-        return Motion(*self.task.space_through(poses), poses, name, leaders=leaders)
+        keyframes[0] = self._start
+        if self._goal is not None:
+            keyframes[-1] = self._goal
+        return Motion(*self.task.space_through(keyframes), keyframes, name, leaders=leaders)
 
     def _changed(self, start: FloatArray, goal: FloatArray | TipGoal, outside: float) -> FloatArray | None:
         """Keyframes from a configuration to other bends, or to a goal of the tip, at its feed; None without a motion.
@@ -371,16 +369,11 @@ class LedWays:
         except NoPlanFound:
             return None
         keyframes = np.zeros((len(motion.configurations), arm.links + 1))
-        keyframes[:, first:-1] = part.arm.bends(motion.configurations)
+        keyframes[:, first:-1] = motion.configurations
         if clamped:
             keyframes[:, first] = 0.0
         keyframes[:, -1] = start[-1]
         return keyframes
-
-
-def _snapped(q: FloatArray) -> FloatArray:
-    """A configuration of a pose with zeros where it only rounds, shape (c,)."""
-    return np.where(np.abs(q) > TINY, q, 0.0)
 
 
 def _end_of(way: FloatArray, goal: GoalPose) -> GoalMember:

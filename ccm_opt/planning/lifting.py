@@ -28,6 +28,7 @@ from ccm_opt.planning.shortcuts import straightened
 from ccm_opt.planning.space_sweep import failing_edges, in_pieces
 from ccm_opt.planning.space_task import SpaceTask
 from ccm_opt.planning.step import SpaceStepper, Stepper
+from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
 
 _REACH = 0.02
@@ -104,10 +105,10 @@ def lift(motion: Motion, task: MotionTask) -> Motion | None:
         failing = certificate.failures(space.configurations(coordinates))
 
     # The offset is not the one that the motion was planned with, so bends have to be looked at once more.
-    headings = space.configurations(coordinates)
-    if len(failing) or not task.within_joint_limits(headings):
+    q = space.configurations(coordinates)
+    if len(failing) or not task.within_joint_limits(q):
         return None
-    return Motion(space, coordinates, headings, f"{motion.candidate}, lifted", end_pose=motion.end_pose)
+    return Motion(space, coordinates, q, f"{motion.candidate}, lifted", end_pose=motion.end_pose)
 
 
 def _resampled_columns(columns: FloatArray, links: int) -> FloatArray:
@@ -122,33 +123,40 @@ def _lifted_space(motion: Motion, task: MotionTask) -> LinkSpace:
     A motion with a blended end has one coordinate more, w: 1 at the end that is given for the whole arm (the goal, or
     for a motion planned backwards the start) and 0 at the other.
     """
-    matrix = mean_heading_matrix(task.arm.links, task.arm.length)
+    arm = task.arm
+    matrix = mean_heading_matrix(arm.links, arm.length)
     p = matrix.shape[1]
     first = motion.unknowns[0]
     last = motion.unknowns[-1]
+    start = arm.headings(task.start)
     if task.goal_pose is not None:
         # The column that leads from one end to the other is laid anew, so that both are met exactly. A motion that was
         # bent to its own end for more room has still more coordinates: their columns are taken over.
-        columns = np.column_stack((matrix, _resampled_columns(motion.curve.matrix[:, p:], task.arm.links)))
+        columns = np.column_stack((matrix, _resampled_columns(motion.curve.turns[:, p:], arm.links)))
         change = last - first
         k = p + int(np.argmax(np.abs(change[p:])))
         columns[:, k] = 0.0
-        before = task.start - columns @ first
-        behind = task.goal_pose - columns @ last
+        before = start - columns @ first
+        behind = arm.headings(task.goal_pose) - columns @ last
         columns[:, k] = (behind - before) / change[k]
-        return LinkSpace(task.arm, columns, before - first[k] * columns[:, k])
+        return _space_of(arm, columns, before - first[k] * columns[:, k])
 
-    at_start = task.start - matrix @ first[:p]  # the offset that the first keyframe needs
+    at_start = start - matrix @ first[:p]  # the offset that the first keyframe needs
     if len(first) > p and first[-1] == 0.0:
         # Blended to an end that the planner chose for the coarse arm: its column is taken over, the start stays exact.
-        extra = _resampled_columns(motion.curve.matrix[:, p:], task.arm.links)
-        return LinkSpace(task.arm, np.column_stack((matrix, extra)), at_start - extra @ first[p:])
+        extra = _resampled_columns(motion.curve.turns[:, p:], arm.links)
+        return _space_of(arm, np.column_stack((matrix, extra)), at_start - extra @ first[p:])
 
     if len(first) > p:
-        offset = _resampled(motion.curve.offset, task.arm.links)
-        return LinkSpace(task.arm, np.column_stack((matrix, at_start - offset)), offset)
+        offset = _resampled(motion.curve.arm.headings(motion.curve.offset), arm.links)
+        return _space_of(arm, np.column_stack((matrix, at_start - offset)), offset)
 
-    return LinkSpace(task.arm, matrix, at_start)
+    return _space_of(arm, matrix, at_start)
+
+
+def _space_of(arm: Arm, turns: FloatArray, offset: FloatArray) -> LinkSpace:
+    """The link space whose headings are turns (links, p) by the coordinates beside an offset (links,) [rad]."""
+    return LinkSpace(arm, np.diff(turns, axis=0, prepend=0.0), arm.bends(offset))
 
 
 def _resampled(offset: FloatArray, links: int) -> FloatArray:
@@ -182,7 +190,7 @@ def _pushed_clear(stepper: Stepper, coordinates: FloatArray, keyframes: IntArray
             continue  # the ends are given
         pose = stepper.pose(coordinates[k])
         stay = [
-            Term(space.matrix, np.zeros(space.arm.links), space.nominal_per_link),
+            Term(space.turns, np.zeros(space.arm.links), space.nominal_per_link),
             Term(np.eye(len(pose.v)), np.zeros(len(pose.v)), _COORDINATE_WEIGHT),
         ]
         mended[k] = stepper.step(pose, stay).v

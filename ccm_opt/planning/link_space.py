@@ -1,9 +1,10 @@
-"""Link headings in the coordinates of the curve: φ = A v + φ₀, the space in which motions are planned.
+"""Configurations in the coordinates of the curve: q = B v + q₀, the space in which motions are planned.
 
 The curve has ``SEGMENTS`` equal segments that share curvature values at their ends, so
-v = [θ(0), C_0, …, C_20]: 22 numbers at any number of links. θ(s) is linear in v; row j of A is the mean over
-link j of ∂θ/∂v, so A v is the mean heading of the curve on each link. The offset φ₀ = φ_start − A v_start keeps the
-start exact whatever mapping made it. A whole-arm goal adds one more coordinate that blends the goal's offset in.
+v = [θ(0), C_0, …, C_20]: 22 numbers at any number of links. θ(s) is linear in v; with A_j the mean over link j of
+∂θ/∂v, A v is the mean heading of the curve on each link, and the bend of joint j is (A_j − A_{j−1}) v: the rows of B.
+The offset q₀ = q_start − B v_start keeps the start exact whatever mapping made it. A whole-arm goal adds one more
+coordinate that blends the goal's offset in.
 """
 
 from dataclasses import dataclass, replace
@@ -32,18 +33,18 @@ _METRIC_RIDGE = 1e-9
 
 @dataclass(frozen=True)
 class LinkSpace:
-    """An affine map from curve coordinates to link headings.
+    """An affine map from curve coordinates to configurations.
 
     Attributes:
-        arm: the arm whose links they are.
-        matrix: A, shape (links, p).
-        offset: φ₀, shape (links,) [rad].
+        arm: the arm.
+        slopes: B, shape (c, p).
+        offset: q₀, shape (c,) [rad, m].
         nominal_links: how many of them there are to the arm's length.
         clamped: whether the first link keeps its heading; θ(0) then follows from the curvature.
     """
 
     arm: Arm
-    matrix: FloatArray
+    slopes: FloatArray
     offset: FloatArray
     nominal_links: float = NOMINAL_LINKS
     clamped: bool = False
@@ -60,92 +61,112 @@ class LinkSpace:
 
     @classmethod
     def through(
-        cls, arm: Arm, headings: FloatArray, nominal_links: float = NOMINAL_LINKS, *, clamped: bool = False
+        cls, arm: Arm, q: FloatArray, nominal_links: float = NOMINAL_LINKS, *, clamped: bool = False
     ) -> tuple["LinkSpace", FloatArray]:
-        """The space that holds given link headings exactly, and their coordinates there.
+        """The space that holds a configuration exactly, and its coordinates there.
 
         Args:
             arm: the arm.
-            headings: link headings of the start, shape (links,) [rad].
+            q: configuration of the start, shape (c,) [rad].
             nominal_links: to the arm's length.
             clamped: keep the heading of the first link in all of the space.
 
         Returns:
             The space and v_start, shape (p,).
         """
-        matrix = mean_heading_matrix(arm.links, arm.length)
-        if clamped:
-            # With row 0 subtracted the first heading is φ₀ for every v; θ(0) loses its effect, and the fit leaves it at
-            # 0.
-            matrix = matrix - matrix[0]
-        start = fit_coordinates(matrix, headings - (headings[0] if clamped else 0.0), arm.length)
-        return cls(arm, matrix, headings - matrix @ start, nominal_links, clamped), start
+        headings = mean_heading_matrix(arm.links, arm.length)
+        # The bend of the first joint is its link's heading: of a clamped one θ(0) has no effect, and the fit leaves it
+        # at 0.
+        slopes = np.diff(headings, axis=0, prepend=headings[:1] if clamped else 0.0)
+        space = cls(arm, slopes, q, nominal_links, clamped)
+        start = space.fitted(q)
+        return replace(space, offset=q - slopes @ start), start
 
-    def blended_to(self, headings: FloatArray) -> tuple["LinkSpace", FloatArray]:
-        """The space with one more coordinate w, so that w = 1 holds other given link headings exactly too.
+    def fitted(self, q: FloatArray) -> FloatArray:
+        """Coordinates of the curve whose mean headings come nearest to the links', shape (..., c) to (..., p).
+
+        Few links leave many curves with the same mean headings; the smoothest of them is taken.
+        """
+        arm = self.arm
+        headings = arm.poses(q) - (self.offset[0] + arm.base_heading if self.clamped else 0.0)
+        return np.asarray(fit_coordinates(self.turns, headings.T, arm.length).T)
+
+    def nearest(self, q: FloatArray) -> FloatArray:
+        """Coordinates whose configuration, offset and all, comes nearest to a given one, shape (..., c) to (..., p)."""
+        headings = self.arm.poses(q) - self.arm.poses(self.offset)
+        return np.asarray(fit_coordinates(self.turns, headings.T, self.arm.length).T)
+
+    def blended_to(self, q: FloatArray) -> tuple["LinkSpace", FloatArray]:
+        """The space with one more coordinate w, so that w = 1 holds another configuration exactly too.
 
         Returns:
-            The larger space and the coordinates of ``headings`` in it, shape (p + 1,).
+            The larger space and the coordinates of ``q`` in it, shape (p + 1,).
         """
-        base = self.offset[0] if self.clamped else 0.0
-        goal = fit_coordinates(self.matrix, headings - base, self.arm.length)
+        goal = self.fitted(q)
         # What the curve cannot show of the goal; w from 0 to 1 trades the offset of the start for it.
-        column = headings - self.matrix @ goal - self.offset
-        return replace(self, matrix=np.column_stack((self.matrix, column))), np.append(goal, 1.0)
+        column = q - self.slopes @ goal - self.offset
+        return replace(self, slopes=np.column_stack((self.slopes, column))), np.append(goal, 1.0)
 
     def configurations(self, v: FloatArray) -> FloatArray:
-        """Link headings of coordinates, shape (..., p) to (..., links) [rad]."""
-        return v @ self.matrix.T + self.offset
+        """Configurations of coordinates, shape (..., p) to (..., c) [rad, m]."""
+        return v @ self.slopes.T + self.offset
+
+    @cached_property
+    def turns(self) -> FloatArray:
+        """Turns of the links, and ways of the base in link lengths, by the coordinates, shape (c, p)."""
+        links = self.arm.links
+        return np.vstack((np.cumsum(self.slopes[:links], axis=0), self.slopes[links:] / self.arm.link_length))
 
     def pose(self, v: FloatArray) -> Pose:
         """The pose at coordinates, shape (p,)."""
-        headings = self.configurations(v)
-        cos = np.cos(headings[: self.arm.links])
-        sin = np.sin(headings[: self.arm.links])
+        q = self.configurations(v)
+        headings = self.arm.headings(q)
+        cos = np.cos(headings)
+        sin = np.sin(headings)
         frames = np.stack((cos, -sin, sin, cos), axis=-1).reshape(-1, 2, 2)
-        points = self.arm.points(headings)
-        return Pose(v, headings, self.matrix, points, self.jacobians(headings), self._turning, frames)
+        points = self.arm.joint_positions_at(q)
+        return Pose(v, q, self.slopes, points, self.jacobians(headings), self._turning, frames)
 
     @cached_property
     def _turning(self) -> FloatArray:
         """Derivatives of the links' headings, about the one axis of the plane, shape (links, 1, p)."""
-        return self.matrix[: self.arm.links, None]
+        return self.turns[: self.arm.links, None]
 
     def jacobians(self, headings: FloatArray) -> FloatArray:
         """Derivatives of joint and tip positions by v, shape (..., links) to (..., links + 1, 2, p) [m per unit]."""
         l = self.arm.link_length
         links = self.arm.links
-        turning = headings[..., :links]
+        turns = self.turns[:links]
         jacobians = np.zeros((*headings.shape[:-1], links + 1, 2, self.dimension))
         # P_j = base + l Σ_{i<j} (cos φ_i, sin φ_i) and ∂φ/∂v = A, so ∂P_j/∂v = l Σ_{i<j} (−sin φ_i, cos φ_i) A_i.
-        np.cumsum((-l * np.sin(turning))[..., None] * self.matrix[:links], axis=-2, out=jacobians[..., 1:, 0, :])
-        np.cumsum((l * np.cos(turning))[..., None] * self.matrix[:links], axis=-2, out=jacobians[..., 1:, 1, :])
-        if len(self.matrix) > links:
-            # What carries the base carries all joints alike; it is counted in link lengths.
-            jacobians += np.multiply.outer(l * self.arm.direction, self.matrix[links:].sum(axis=0))
+        np.cumsum((-l * np.sin(headings))[..., None] * turns, axis=-2, out=jacobians[..., 1:, 0, :])
+        np.cumsum((l * np.cos(headings))[..., None] * turns, axis=-2, out=jacobians[..., 1:, 1, :])
+        if len(self.slopes) > links:
+            # What carries the base carries all joints alike.
+            jacobians += np.multiply.outer(self.arm.direction, self.slopes[links:].sum(axis=0))
         return jacobians
 
-    def bends(self, headings: FloatArray) -> FloatArray:
-        """Joint bends of link headings, shape (..., links) [rad]."""
-        return self.arm.bends(headings[..., : self.arm.links])
+    def bends(self, q: FloatArray) -> FloatArray:
+        """Joint bends of configurations, shape (..., links) [rad]."""
+        return q[..., : self.arm.links]
 
     def along(self, spline: BSpline) -> BSpline:
         """The path of configurations along a spline of coordinates."""
         return BSpline(spline.t, self.configurations(spline.c), spline.k)
 
-    def drives(self, headings: FloatArray) -> FloatArray:
-        """What the drives have to move: joint bends [rad] and then what carries the base [link lengths], (..., c)."""
-        return np.concatenate((self.bends(headings), headings[..., self.arm.links :]), axis=-1)
+    def drives(self, q: FloatArray) -> FloatArray:
+        """What the drives have to move in configurations: these themselves, shape (..., c)."""
+        return q
 
     @property
     def dimension(self) -> int:
         """Number of coordinates p."""
-        return int(self.matrix.shape[1])
+        return int(self.slopes.shape[1])
 
-    @cached_property
+    @property
     def bend_rows(self) -> FloatArray:
         """Derivative of the joint bends by v, shape (links, p)."""
-        return np.diff(self.matrix[: self.arm.links], axis=0, prepend=0.0)
+        return self.slopes[: self.arm.links]
 
     def bend_slopes(self, pose: Pose) -> FloatArray:
         """Derivative of the joint bends by v, the same in every pose, shape (links, p)."""
@@ -155,7 +176,7 @@ class LinkSpace:
     @cached_property
     def drive_rows(self) -> FloatArray:
         """Derivative of what the drives move by v, shape (c, p)."""
-        return np.vstack((self.bend_rows, self.matrix[self.arm.links :]))
+        return self.slopes
 
     @cached_property
     def curvature_rows(self) -> FloatArray:
@@ -188,7 +209,7 @@ class LinkSpace:
     @property
     def heading_metric(self) -> FloatArray:
         """Squared turns of the links by v, shape (p, p)."""
-        return self.matrix.T @ self.matrix
+        return self.turns.T @ self.turns
 
     @property
     def affine(self) -> bool:
@@ -207,8 +228,8 @@ class LinkSpace:
 
     @cached_property
     def metric(self) -> FloatArray:
-        """Squared turns of the links by the coordinates, AᵀA, a little regularised, shape (p, p)."""
-        metric = self.matrix.T @ self.matrix
+        """Squared turns of the links by the coordinates, a little regularised, shape (p, p)."""
+        metric = self.heading_metric
         metric += _METRIC_SHARE * np.diag(np.diag(metric)) + _METRIC_RIDGE * np.eye(len(metric))
         return metric
 
@@ -236,14 +257,14 @@ class LinkSpace:
         Returns:
             Of every joint and the tip, shape (..., links + 1).
         """
-        squares = self.arm.link_length * turns[..., : self.arm.links] ** 2 / 8.0
+        squares = self.arm.link_length * turns**2 / 8.0
         return np.concatenate((np.zeros((*squares.shape[:-1], 1)), np.cumsum(squares, axis=-1)), axis=-1)
 
     def sag_slopes(self, turns: FloatArray) -> FloatArray:
         """Derivative of the sag by the change of v over the turn, shape (..., links + 1, p) [m per unit]."""
         # d(⅛ l Δφ²) = ¼ l Δφ dΔφ, and dΔφ = A dΔv.
         links = self.arm.links
-        steps = (0.25 * self.arm.link_length * turns[..., :links])[..., None] * self.matrix[:links]
+        steps = (0.25 * self.arm.link_length * turns)[..., None] * self.turns[:links]
         slopes = np.zeros((*turns.shape[:-1], links + 1, self.dimension))
         np.cumsum(steps, axis=-2, out=slopes[..., 1:, :])
         return slopes
@@ -260,9 +281,8 @@ class LinkSpace:
         # ∂²x_j/∂φ_i² = −l (cos φ_i, sin φ_i) for every joint j beyond link i; mixed derivatives vanish, since every
         # link adds a term of its own heading alone. The forces sum to 0: those beyond link i are minus those up to it.
         carried = np.cumsum(forces[..., :links, :], axis=-2)
-        turning = headings[..., :links]
-        curvature: FloatArray = -l * (np.cos(turning) * carried[..., 0] + np.sin(turning) * carried[..., 1])
-        return self._with_base(curvature)
+        curvature: FloatArray = -l * (np.cos(headings) * carried[..., 0] + np.sin(headings) * carried[..., 1])
+        return curvature
 
     def sag_curvature(self, weights: FloatArray) -> FloatArray:
         """Second derivatives of −Σ w_j sag_j by the turns of the links, in which they are diagonal, shape (..., links).
@@ -273,12 +293,7 @@ class LinkSpace:
         links = self.arm.links
         # As above: the weights sum to 0, and those beyond link i are minus those up to it.
         curvature: FloatArray = 0.25 * self.arm.link_length * np.cumsum(weights, axis=-1)[..., :links]
-        return self._with_base(curvature)
-
-    def _with_base(self, of_links: FloatArray) -> FloatArray:
-        """Values of the links with zeros for what carries the base, which does so without any curvature; (..., c)."""
-        axes = len(self.matrix) - self.arm.links
-        return np.concatenate((of_links, np.zeros((*of_links.shape[:-1], axes))), axis=-1) if axes else of_links
+        return curvature
 
     @cached_property
     def mount_end(self) -> tuple[int, float]:
@@ -298,7 +313,8 @@ class LinkSpace:
         if self.clamped:
             # A clamped space has subtracted row 0, (1, a), from A; the curve gets the heading θ(0) = φ₀ − a · C that
             # puts its first mean heading back.
-            heading = self.offset[0] - mean_heading_matrix(self.arm.links, self.arm.length)[0, 1:] @ curvature
+            mean = mean_heading_matrix(self.arm.links, self.arm.length)[0, 1:] @ curvature
+            heading = self.arm.base_heading + self.offset[0] - mean
         return Configuration.chain(self.arm.base, float(heading), [self.arm.length / SEGMENTS] * SEGMENTS, values)
 
 
@@ -392,13 +408,13 @@ def _heading_basis(s: FloatArray, width: float, coefficients: FloatArray) -> Flo
 
 def nearest_curve(arm: Arm, headings: FloatArray) -> Configuration:
     """The continuous curve whose mean headings on the links come nearest to given ones, shape (links,) [rad]."""
-    space, v = LinkSpace.through(arm, headings)
+    space, v = LinkSpace.through(arm, arm.bends(headings))
     return space.curve(v)
 
 
-def nearest_curves(arm: Arm, headings: FloatArray) -> tuple[Configuration, ...]:
-    """The same, but for rounding, for many poses at once, shape (k, links) [rad]; in a fortieth of the time."""
-    coordinates = fit_coordinates(mean_heading_matrix(arm.links, arm.length), headings.T, arm.length).T
+def nearest_curves(arm: Arm, q: FloatArray) -> tuple[Configuration, ...]:
+    """The same, but for rounding, for many configurations at once, shape (k, c); in a fortieth of the time."""
+    coordinates = fit_coordinates(mean_heading_matrix(arm.links, arm.length), arm.headings(q).T, arm.length).T
     length = arm.length / SEGMENTS
     begin = coordinates[:, :1] + arm.length * coordinates[:, 1:] @ turns_before_segments().T
     curvatures = [coordinates[:, 1 + 4 * k : 6 + 4 * k] for k in range(SEGMENTS)]

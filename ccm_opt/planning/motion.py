@@ -49,8 +49,7 @@ class CurveMotion(Generic[CurveType]):
     Attributes:
         curve: the map that its unknowns belong to.
         unknowns: at the keyframes, shape (K, p).
-        configurations: the same as configurations, shape (K, c): link headings [rad] and what carries the base [link
-            lengths] in the plane, bends [rad] and that [m] in space.
+        configurations: the same as configurations, shape (K, c) [rad, m].
         candidate: name of what led to it.
         u: path parameters of the keyframes, increasing from 0 to 1, shape (K,); None where nothing depends on them.
         end_pose: configuration of the offered pose at the goal that it ends in, of the arm it was planned for; None

@@ -47,19 +47,18 @@ _SPARE = 1e-4
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class MotionTask(SearchTask):
-    """What the search in the plane needs to know; poses are link headings [rad], and then the base's way.
+    """What the search in the plane needs to know.
 
     Attributes:
         workspace: the room.
-        guesses: link headings of possible goal poses to interpolate to, each of shape (links,) [rad]; made when first
-            asked for.
+        guesses: configurations of possible goal poses to interpolate to, each of shape (c,); made when first asked for.
         tip_paths: classes of tip motions, most promising first.
         clamped: whether the first link must keep its heading.
         further_guesses: makes more such poses, when the first do not help.
         slowness: of the joints; None when all are alike.
         user_limits: what the user asks of the motion; usually nothing.
-        end_poses: link headings of better poses at the goal than one in which a motion of an arm ends, the best first,
-            all of shape (links,) [rad].
+        end_poses: better configurations at the goal than one in which a motion of an arm ends, the best first, all of
+            shape (c,).
         guide_tubes: limits of what carries the base; none where it is fixed.
         fed_space: in which an arm on a feed axis moves; None where the base is fixed, and the arm moves in the curves
             through its start.
@@ -97,7 +96,7 @@ class MotionTask(SearchTask):
         Ends that touch may be left, and reached, by motions that touch no deeper than rounding.
         """
         ends = [self.start] if self.goal_pose is None else [self.start, self.goal_pose]
-        gaps = [self._end_finder.find(self.arm.points(end)).gap.min(initial=np.inf) for end in ends]
+        gaps = [self._end_finder.find(self.arm.joint_positions_at(end)).gap.min(initial=np.inf) for end in ends]
         contact = allowed_contact(self.arm, self.workspace, self.settings.certificate)
         most = _SPARE * self.arm.length
         # No certificate can ask for more than an end has; an end in contact gets a small depth below it, or its first
@@ -107,22 +106,22 @@ class MotionTask(SearchTask):
         spare = min(spare, max(_SPARE_IN_GATES * in_gates, 0.0))
         return Certificate(self.arm, self.workspace, float(spare), self.settings.certificate)
 
-    def space_through(self, poses: FloatArray) -> tuple[LinkSpace, FloatArray]:
-        """The space of motions from a pose, shape (c,), and its coordinates; a fed arm's holds any poses, (..., c)."""
+    def space_through(self, q: FloatArray) -> tuple[LinkSpace, FloatArray]:
+        """The space of motions from a configuration, (c,), and its coordinates; a fed arm's holds any, (..., c)."""
         if self.fed_space is not None:
-            return self.fed_space, self.fed_space.coordinates(poses)
-        return LinkSpace.through(self.arm, poses, self.nominal_links, clamped=self.clamped)
+            return self.fed_space, self.fed_space.fitted(q)
+        return LinkSpace.through(self.arm, q, self.nominal_links, clamped=self.clamped)
 
     def at_full_limits(self) -> "MotionTask":
         """The same, but that steps use nearly all of the joint limits."""
         step = self.settings.step
         return replace(self, settings=replace(self.settings, step=replace(step, limit_share=step.full_limit_share)))
 
-    def bends_all_it_may(self, headings: FloatArray) -> bool:
-        """Whether a pose, link headings (links,) [rad], bends a joint as far as planning does, or farther."""
+    def bends_all_it_may(self, q: FloatArray) -> bool:
+        """Whether a configuration, shape (c,), bends a joint as far as planning does, or farther."""
         share = self.settings.step.limit_share
         hair = self.settings.certificate.rounding + 1e-3 * (1.0 - share)
-        return bool(np.any(np.abs(self.arm.bends(headings[: self.arm.links])) > (share - hair) * self.arm.bend_limits))
+        return bool(np.any(np.abs(q[: self.arm.links]) > (share - hair) * self.arm.bend_limits))
 
     def gap_about(self, places: FloatArray) -> float:
         """Gap that the arm would have to walls at the nearest of some places of its axis, shape (m, 2) [m]."""
@@ -183,43 +182,39 @@ class MotionTask(SearchTask):
         contact = replace(self.contact_certificate, spare=max(spare, self.contact_certificate.spare))
         return MotionCertificate(self.arm, contact.spare, self.limits(self._end_finder, certificate=contact))
 
-    def least_gap(self, headings: FloatArray) -> float:
-        """Least gap beyond contact of the poses of a motion, shape (K, links) [m], as far as the wanted gap sees."""
-        finder = self.finder(0.0, self.wanted_gap)
-        gaps = (finder.find(self.arm.points(pose)).gap.min(initial=finder.reach) for pose in headings)
-        return float(min(gaps))
+    def least_gap(self, q: FloatArray) -> float:
+        """Least gap beyond contact of configurations, shape (K, c) [m], as far as the wanted gap sees."""
+        return float(self.wanted_gap - np.max(self.room_lacking(q)))
 
     def room_lacking(self, q: FloatArray) -> FloatArray:
         """By how much poses, shape (k, c), lack the wanted gap, shape (k,) [m]."""
         finder = self.finder(0.0, self.wanted_gap)
-        gaps = [finder.find(self.arm.points(pose)).gap.min(initial=finder.reach) for pose in q]
+        gaps = [finder.find(points).gap.min(initial=finder.reach) for points in self.arm.joint_positions_at(q)]
         return self.wanted_gap - np.array(gaps)
 
     @property
     def knot_joints(self) -> KnotJoints:
         """What knots of a path may move."""
         arm = self.arm
-        # Bend i is φ_i − φ_{i−1}, and that of the first joint is φ_0 less the mount, which is fixed.
-        rows = np.diff(np.eye(arm.links, arm.links + len(arm.base_axes)), axis=0, prepend=0.0)
-        return KnotJoints(rows, lambda q: arm.bends(q[..., : arm.links]), arm.bend_limits, self._free)
+        rows = np.eye(arm.links, arm.links + len(arm.base_axes))
+        return KnotJoints(rows, lambda q: q[..., : arm.links], arm.bend_limits, self._free)
 
-    def _free(self, pose: FloatArray) -> FloatArray:
-        """1 for what a knot may turn, 0 for a clamped base, links in a guide tube and the base's way, shape (c,)."""
+    def _free(self, q: FloatArray) -> FloatArray:
+        """1 for what a knot may turn, 0 for a clamped base, joints in a guide tube and the base's way, shape (c,)."""
         arm = self.arm
-        free = np.zeros(len(pose))
-        # Links up to the first joint outside the tube keep the heading of the tube.
-        free[: arm.links] = ~arm.held(arm.link_length * float(pose[arm.links :].sum()))
+        free = np.zeros(len(q))
+        free[: arm.links] = ~arm.held(float(arm.coordinates.advance(q)))
         # A clamped base may not be turned, not even by the little that a knot is moved.
         free[0] *= 0.0 if self.clamped else 1.0
         return free
 
-    def within_joint_limits(self, headings: FloatArray) -> bool:
-        """Whether all bends of poses, shape (K, links) [rad], are within the joints' limits."""
-        return bool(np.all(np.abs(self.arm.bends(headings[..., : self.arm.links])) <= self.arm.bend_limits))
+    def within_joint_limits(self, q: FloatArray) -> bool:
+        """Whether all bends of configurations, shape (K, c), are within the joints' limits."""
+        return bool(np.all(np.abs(q[..., : self.arm.links]) <= self.arm.bend_limits))
 
-    def ending_at(self, coordinates: FloatArray, headings: FloatArray) -> "MotionTask":
-        """The same task for motions that end in one pose: its coordinates, shape (p,), and link headings [rad]."""
-        return replace(self, goal=replace(self.goal, coordinates=coordinates), goal_pose=headings)
+    def ending_at(self, coordinates: FloatArray, q: FloatArray) -> "MotionTask":
+        """The same task for motions that end in one pose: its coordinates, shape (p,), and configuration, (c,)."""
+        return replace(self, goal=replace(self.goal, coordinates=coordinates), goal_pose=q)
 
     @property
     def among_many_walls(self) -> bool:
@@ -257,16 +252,18 @@ def coarsened(task: MotionTask, links: int) -> MotionTask:
     """The same task for an arm of the same length with fewer links."""
     many = task.arm.links
 
-    def resampled(headings: FloatArray) -> FloatArray:
+    arm = task.arm.with_links(links)
+
+    def resampled(q: FloatArray) -> FloatArray:
         # Each new heading is the mean of the old ones over its stretch of the arm: differences of their running
         # integral.
-        covered = np.concatenate(([0.0], np.cumsum(headings)))
+        covered = np.concatenate(([0.0], np.cumsum(task.arm.headings(q))))
         edges = np.interp(np.linspace(0.0, many, links + 1), np.arange(many + 1), covered)
-        return np.diff(edges) * links / many
+        return arm.bends(np.diff(edges) * links / many)
 
     return replace(
         task,
-        arm=task.arm.with_links(links),
+        arm=arm,
         start=resampled(task.start),
         goal_pose=None if task.goal_pose is None else resampled(task.goal_pose),
         guesses=CachedItems(resampled(guess) for guess in task.guesses),

@@ -67,11 +67,11 @@ def neighbourhood(problem: Problem, ends: Ends) -> Problem:
 def _outline_error(problem: Problem, near: Workspace, ends: Ends) -> float:
     """How far outlines may grow [m]: a small share of the arm's length, and of the gaps that the ends have."""
     arm = problem.arm
-    shapes: list[shapely.Geometry] = [shapely.LineString(arm.joint_positions(ends.start))]
+    shapes: list[shapely.Geometry] = [shapely.LineString(arm.joint_positions_at(ends.start))]
     if ends.goal_pose is None:
         shapes.append(shapely.Point(ends.goal.position))
     else:
-        shapes.append(shapely.LineString(arm.joint_positions(ends.goal_pose)))
+        shapes.append(shapely.LineString(arm.joint_positions_at(ends.goal_pose)))
     apart = [float(np.min(near.apart(shape)[:-1], initial=np.inf)) for shape in shapes]
     gap = max(0.0, min(apart) - arm.radius - problem.workspace.clearance)
     return min(_OUTLINE_ERROR * arm.length, _OUTLINE_GAP_SHARE * gap)
@@ -83,7 +83,7 @@ def route_workspace(problem: Problem, ends: Ends) -> Workspace:
     workspace = problem.workspace
     if arm.base_axes or not workspace.obstacles:
         return workspace
-    goal = ends.goal.position if ends.goal_pose is None else arm.joint_positions(ends.goal_pose)[-1]
+    goal = ends.goal.position if ends.goal_pose is None else arm.joint_positions_at(ends.goal_pose)[-1]
     # A disc about each obstacle: the sum of the distances of its points is that of its middle, less at most twice the
     # disc's radius.
     boxes = shapely.bounds([obstacle.core for obstacle in workspace.obstacles])

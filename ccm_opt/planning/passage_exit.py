@@ -15,13 +15,13 @@ import shapely
 
 from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.core.length_words import long_length, short_length
-from ccm_opt.core.polyline import arc_lengths, leg_headings, legs_at, points_at, unit_vector, whole_turns
+from ccm_opt.core.polyline import arc_lengths, leg_headings, legs_at, points_at, whole_turns
 from ccm_opt.planning.continuation import Guide, GuideCandidate, Stalled, settle
 from ccm_opt.planning.goal import GoalPose, moved_onto
 from ccm_opt.planning.guides import PoseLed
 from ccm_opt.planning.hairpin import led_along
 from ccm_opt.planning.limits.gate_rails import GateRails
-from ccm_opt.planning.link_space import KNOTS, LinkSpace, fit_coordinates
+from ccm_opt.planning.link_space import KNOTS, LinkSpace
 from ccm_opt.planning.motion import Motion
 from ccm_opt.planning.motion_task import MotionTask
 from ccm_opt.planning.pose import Pose, Term
@@ -39,7 +39,7 @@ def backward_tasks(task: MotionTask, stepper: Stepper) -> Iterator[MotionTask | 
     if not task.tip_paths:
         return
     if task.goal_pose is not None:
-        points = task.arm.joint_positions(task.goal_pose)
+        points = task.arm.joint_positions_at(task.goal_pose)
         # Headings count full turns, paths do not: the way back has to undo what the base has turned.
         turn = float(task.start[0] - task.goal_pose[0])
         turned = _exchanged(task, task.goal_pose, points)
@@ -62,7 +62,7 @@ def laid_backward_tasks(task: MotionTask, stepper: Stepper) -> Iterator[MotionTa
 
 
 def _laid_through_gates(task: MotionTask) -> Iterator[FloatArray]:
-    """Link headings (links,) [rad] of the arm laid along routes through narrow gates; none where there are no gates.
+    """Configurations (c,) of the arm laid along routes through narrow gates; none where there are no gates.
 
     No curve of the goal's program may pass a gate that the arm itself hardly passes.
     """
@@ -75,34 +75,34 @@ def _laid_through_gates(task: MotionTask) -> Iterator[FloatArray]:
         along += whole_turns(arm.base_heading - along[0])
         # What the arm is longer than its route lies along the last leg, beyond the goal, until it is settled.
         middles = arm.link_length * (np.arange(arm.links) + 0.5)
-        yield along[legs_at(arcs, np.minimum(middles, arcs[-1]))]
+        yield arm.bends(along[legs_at(arcs, np.minimum(middles, arcs[-1]))])
 
 
-def _exchanged(task: MotionTask, headings: FloatArray, points: FloatArray) -> MotionTask:
-    """From a pose at the goal, link headings and joints, to the start as a goal of the whole arm."""
-    start_points = task.arm.joint_positions(task.start)
+def _exchanged(task: MotionTask, q: FloatArray, points: FloatArray) -> MotionTask:
+    """From a pose at the goal, its configuration and joints, to the start as a goal of the whole arm."""
+    start_points = task.arm.joint_positions_at(task.start)
     first = task.tip_paths[0]
     return replace(
         task,
-        start=headings,
-        goal=GoalPose(start_points[-1], unit_vector(task.start[-1])),
+        start=q,
+        goal=GoalPose(start_points[-1], task.arm.link_rotations(task.start)[-1, :, 0]),
         goal_pose=task.start,
         guesses=(),
         tip_paths=tip_paths_in(first.free_space, points, (start_points,), first.shrink),
     )
 
 
-def ending_in(task: MotionTask, headings: FloatArray) -> MotionTask:
-    """The same task, but for a pose at its goal, link headings (links,) [rad], as a goal of the whole arm."""
-    points = task.arm.joint_positions(headings)
+def ending_in(task: MotionTask, q: FloatArray) -> MotionTask:
+    """The same task, but for a pose at its goal, a configuration (c,), as a goal of the whole arm."""
+    points = task.arm.joint_positions_at(q)
     first = task.tip_paths[0]
     return replace(
         task,
-        goal=GoalPose(points[-1], unit_vector(headings[-1])),
-        goal_pose=headings,
-        guesses=(headings,),
+        goal=GoalPose(points[-1], task.arm.link_rotations(q)[-1, :, 0]),
+        goal_pose=q,
+        guesses=(q,),
         further_guesses=lambda: iter(()),
-        tip_paths=tip_paths_in(first.free_space, task.arm.joint_positions(task.start), (points,), first.shrink),
+        tip_paths=tip_paths_in(first.free_space, task.arm.joint_positions_at(task.start), (points,), first.shrink),
     )
 
 
@@ -112,10 +112,9 @@ def pose_at_goal(task: MotionTask, stepper: Stepper, guess: FloatArray) -> Pose 
     Args:
         task: with a goal for the tip alone.
         stepper: of the task.
-        guess: link headings of a pose near the goal, shape (links,) [rad].
+        guess: configuration near the goal, shape (c,) [rad].
     """
-    space = stepper.space
-    near = stepper.pose(fit_coordinates(space.matrix, guess - space.offset, task.arm.length))
+    near = stepper.pose(stepper.space.nearest(guess))
     goal = task.limited_goal
     centred = _in_the_middle_of_gates(stepper, goal, near)
     if centred is not None:
@@ -240,7 +239,7 @@ class SlidingOut:
             ),
             Term(curvature, wanted, _BENDING),
             Term(even, -even @ pose.v, _EVENNESS),
-            Term(self.space.matrix, np.zeros(links), _TURN_WEIGHT * per_link),
+            Term(self.space.turns, np.zeros(links), _TURN_WEIGHT * per_link),
         ]
 
     def progress(self, pose: Pose) -> bool:

@@ -23,8 +23,7 @@ class Pose:
 
     Attributes:
         v: unknowns, shape (p,).
-        q: the configuration, shape (c,): headings of the links [rad] in the plane, their joints' turns [rad] in space,
-            and then what carries the base [link lengths, in space m].
+        q: the configuration, shape (c,) [rad, m].
         slopes: derivatives of it by the unknowns, shape (c, p).
         points: joint and tip positions, shape (n + 1, d) [m].
         moving: derivatives of the points, shape (n + 1, d, p) [m].
@@ -72,11 +71,6 @@ class Pose:
     def directions(self) -> FloatArray:
         """Unit vectors along the links, shape (n, d)."""
         return np.asarray(self.frames[:, :, 0])
-
-    @property
-    def tip_heading(self) -> float:
-        """Heading of the last link in the plane, whole turns counted [rad]."""
-        return float(self.q[len(self.frames) - 1])
 
 
 class CurveUnknowns(Protocol):

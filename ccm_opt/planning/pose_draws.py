@@ -16,7 +16,7 @@ import shapely
 
 from ccm_opt.core.arrays import BoolArray, FloatArray, IntArray
 from ccm_opt.core.polyline import WHOLE_TURN
-from ccm_opt.planning.link_space import LinkSpace, fit_coordinates
+from ccm_opt.planning.link_space import LinkSpace
 from ccm_opt.planning.pose_energy import PoseEnergy
 from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.walls import WallSegments
@@ -98,7 +98,7 @@ class TipEquations:
 
     def rows(self, headings: FloatArray) -> FloatArray:
         """Derivatives of what is reached by the coordinates, shape (m, links) to (m, 2 or 3, p)."""
-        matrix = self.space.matrix
+        matrix = self.space.turns
         links = self.space.arm.links
         place = np.stack((-np.sin(headings) @ matrix, np.cos(headings) @ matrix), axis=1) / links
         if self.heading is None:
@@ -181,7 +181,7 @@ class PoseDraws:
         price = np.zeros(len(v))
         for _ in range(settings.descents):
             v, price = self._descent(equations, v, price)
-        costs = np.where(self._there(equations, self.energy.space.configurations(v)), self.energy.cost(v), np.inf)
+        costs = np.where(self._there(equations, self.energy.headings(v)), self.energy.cost(v), np.inf)
         found = []
         for tip, heading in enumerate(tips):
             best = int(np.argmin(np.where(of_tip == tip, costs, np.inf)))
@@ -220,11 +220,11 @@ class PoseDraws:
         """
         settings = self.settings
         down = self.energy.descent(v)
-        change, multipliers = equations.correction(self.energy.space.configurations(v), self.energy.inverse, down)
+        change, multipliers = equations.correction(self.energy.headings(v), self.energy.inverse, down)
         step = self._shortened(down + change)
         price = np.maximum(settings.forgetting * price, settings.penalty * np.abs(multipliers).max(axis=1))
         tried = v + np.array(settings.line)[:, None, None] * step
-        miss = np.abs(equations.miss(self.energy.space.configurations(tried))).sum(axis=-1)
+        miss = np.abs(equations.miss(self.energy.headings(tried))).sum(axis=-1)
         best = np.argmin(self.energy.cost(tried) + price * miss, axis=0)
         return tried[best, np.arange(len(v))], price
 
@@ -240,24 +240,23 @@ class PoseDraws:
             if len(found):
                 break
         order = np.argsort(self.energy.cost(found), kind="stable")
-        return self.energy.space.configurations(found[order])
+        return self.energy.headings(found[order])
 
     def _batch(self, pose: CheapestPose, cost: float) -> FloatArray:
         """The same, drawn once about one of them."""
         settings = self.settings
-        space = self.energy.space
         shares = self._rng.uniform(0.0, settings.spread, settings.draws)
         shares[0] = 0.0
         v = self.energy.drawn(self._rng, pose.coordinates, shares * (cost - pose.cost))
         equations = self._equations(np.full(len(v), pose.heading))
         for _ in range(settings.newton_steps):
-            v = v + self._shortened(equations.correction(space.configurations(v), self.energy.inverse)[0])
-        v = v[self._there(equations, space.configurations(v)) & (self.energy.cost(v) < cost)]
-        return v[self._crossing_nothing(space.configurations(v))]
+            v = v + self._shortened(equations.correction(self.energy.headings(v), self.energy.inverse)[0])
+        v = v[self._there(equations, self.energy.headings(v)) & (self.energy.cost(v) < cost)]
+        return v[self._crossing_nothing(self.energy.headings(v))]
 
     def _shortened(self, step: FloatArray) -> FloatArray:
         """Steps that turn no link too far, shape (m, p)."""
-        turns = np.abs(step @ self.energy.space.matrix.T).max(axis=1)
+        turns = np.abs(step @ self.energy.space.turns.T).max(axis=1)
         shortened: FloatArray = step * np.minimum(1.0, self.settings.longest_turn / np.maximum(turns, 1e-12))[:, None]
         return shortened
 
@@ -293,7 +292,7 @@ class PoseDraws:
 
     def _coordinates(self, headings: FloatArray) -> FloatArray:
         space = self.energy.space
-        return fit_coordinates(space.matrix, headings - space.offset, space.arm.length)
+        return space.nearest(space.arm.bends(headings))
 
 
 HALF_TURN = np.pi

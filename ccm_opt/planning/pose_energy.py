@@ -56,25 +56,25 @@ class PoseEnergy:
             weights: of the parts.
         """
         links = space.arm.links
-        bends = np.eye(links) - np.eye(links, k=-1)
-        inner = bends[1:]
-        # Every part is a weight times |rows · φ - wanted|², and φ = A v + φ₀; ∫κ² ds ≈ Σ (bend / l)² l, l = 1/links.
+        # Every part is a weight times |q - wanted|², and q = B v + q₀; ∫κ² ds ≈ Σ (bend / l)² l, l = 1/links.
         parts = (
-            (weights.bending * links, inner, np.zeros(links - 1)),
-            (weights.distance, bends, bends @ near),
+            (weights.bending * links, space.slopes[1:], -space.offset[1:]),
+            (weights.distance, space.slopes, space.arm.bends(near) - space.offset),
         )
         size = space.dimension
         hessian = np.zeros((size, size))
         slope = np.zeros(size)
         constant = 0.0
-        for weight, rows, wanted in parts:
-            matrix = rows @ space.matrix
-            missing = wanted - rows @ space.offset
+        for weight, matrix, missing in parts:
             hessian += 2.0 * weight * matrix.T @ matrix
             slope += 2.0 * weight * matrix.T @ missing
             constant += weight * float(missing @ missing)
         hessian += RIDGE * np.diag(np.diag(hessian)) + RIDGE**2 * np.eye(size)
         return cls(space, hessian, slope, constant)
+
+    def headings(self, v: FloatArray) -> FloatArray:
+        """Link headings of coordinates, shape (..., p) to (..., links) [rad]."""
+        return self.space.arm.headings(self.space.configurations(v))
 
     def cost(self, v: FloatArray) -> FloatArray:
         """The energy of coordinates, shape (..., p) to (...)."""
@@ -100,8 +100,8 @@ class PoseEnergy:
 
     def least_with_heading(self, heading: float) -> float:
         """The least energy of all poses whose last link has a heading [rad], wherever their tips are."""
-        row = self.space.matrix[-1]
-        short = heading - self.space.offset[-1] - row @ self._least
+        row = self.space.turns[-1]
+        short = heading - self.space.arm.headings(self.space.offset)[-1] - row @ self._least
         # min ½ δᵀH δ subject to row · δ = short.
         return float(self.cost(self._least) + 0.5 * short**2 / (row @ self.inverse @ row))
 

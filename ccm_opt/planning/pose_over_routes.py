@@ -128,7 +128,7 @@ def pose_search(
     """
     ends = resolve_ends(problem)
     arm = clamped_arm(problem.arm) if ends.clamped else problem.arm
-    return GoalPoseSearch(for_arm(problem, arm), ends, ends.start, terms, settings.goal_pose)
+    return GoalPoseSearch(for_arm(problem, arm), ends, problem.arm.headings(ends.start), terms, settings.goal_pose)
 
 
 def pose_tries(search: GoalPoseSearch, settings: CurvePlannerSettings = DEFAULT_CURVE_PLANNER) -> Iterator[PoseTry]:
@@ -163,7 +163,7 @@ def drawn_tries(search: GoalPoseSearch, tries: Sequence[PoseTry]) -> Iterator[Po
         tries: made so far; the best of them says below which cost a pose is worth drawing.
     """
     best = min(tries, key=lambda each: each.cost, default=None)
-    near = search.ends.start
+    near = search.problem.arm.headings(search.ends.start)
     if best is not None and best.best is not None:
         near = best.poses[best.best].headings
     elif best is not None and best.starts:

@@ -11,11 +11,11 @@ from ccm_opt.core.errors import UnreachableGoal
 from ccm_opt.planning.continuation import Guide
 from ccm_opt.planning.guides import PoseLed
 from ccm_opt.planning.hairpin import FOLD_LENGTHS, led_along, pulled_over
-from ccm_opt.planning.link_space import fit_coordinates
 from ccm_opt.planning.pose import Pose
 from ccm_opt.planning.settings import DEFAULT_TREES
 from ccm_opt.planning.step import Stepper
 from ccm_opt.planning.tip_paths import TipPath, taut_round_base
+from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.free_space import FreeSpace
 
 _TO_SHAPE = 0.25
@@ -55,7 +55,7 @@ class PoseTree:
     """Poses of the whole arm and how they are reached; several roots are allowed.
 
     Attributes:
-        length: of the arm [m].
+        arm: whose poses they are.
         heading_weight: of a radian of heading against the length of the arm in the distance of two poses.
         poses: of the nodes.
         parents: number of each node's parent, -1 for a root.
@@ -63,7 +63,7 @@ class PoseTree:
         uses: how often each node was drawn.
     """
 
-    length: float
+    arm: Arm
     heading_weight: float = DEFAULT_TREES.heading_weight
     poses: list[Pose] = field(default_factory=list)
     parents: list[int] = field(default_factory=list)
@@ -92,7 +92,7 @@ class PoseTree:
         if count == len(self._points):
             self._double_capacity(pose)
         self._points[count] = pose.points
-        self._headings[count] = pose.q
+        self._headings[count] = self.arm.headings(pose.q)
         self.poses.append(pose)
         self.parents.append(parent)
         self.edges.append(edge)
@@ -105,8 +105,8 @@ class PoseTree:
         The headings tell poses apart that look the same but are wound round the base differently.
         """
         count = len(self)
-        apart = np.linalg.norm(self._points[:count] - pose.points, axis=2).mean(axis=1) / self.length
-        turn = np.sqrt(np.mean((self._headings[:count] - pose.q) ** 2, axis=1))
+        apart = np.linalg.norm(self._points[:count] - pose.points, axis=2).mean(axis=1) / self.arm.length
+        turn = np.sqrt(np.mean((self._headings[:count] - self.arm.headings(pose.q)) ** 2, axis=1))
         distances: FloatArray = apart + self.heading_weight * turn
         return distances
 
@@ -138,7 +138,7 @@ class PoseTree:
         count = len(self)
         capacity = max(64, 2 * count)
         points = np.zeros((capacity, *like.points.shape))
-        headings = np.zeros((capacity, *like.q.shape))
+        headings = np.zeros((capacity, self.arm.links))
         if count:
             points[:count] = self._points[:count]
             headings[:count] = self._headings[:count]
@@ -200,7 +200,7 @@ class ExtensionSampler:
         bends = np.interp(self._middles(), np.linspace(0.0, 1.0, _SHAPE_KNOTS), knots)
         # The base turns anywhere, but winds no more than half a turn more than some node.
         bends[0] = tree.poses[self._any(tree)].q[0] + self.rng.uniform(-np.pi, np.pi)
-        shape = self._pose(np.cumsum(bends))
+        shape = self._pose(bends)
         return self._towards(tree, tree.nearest(shape), shape)
 
     def to_bump(self, tree: PoseTree) -> Extension:
@@ -210,7 +210,7 @@ class ExtensionSampler:
         at = self.rng.uniform(0.0, 1.0)
         turn = self.rng.normal(0.0, _BUMP_TURN)
         bump = turn * np.exp(-(((self._middles() - at) / width) ** 2))
-        return self._towards(tree, node, self._pose(tree.poses[node].q + bump))
+        return self._towards(tree, node, self._pose(tree.poses[node].q + np.diff(bump, prepend=0.0)))
 
     def to_other(self, tree: PoseTree, other: PoseTree) -> Extension:
         """The whole arm towards a random pose of the other tree, from the nearest node."""
@@ -263,10 +263,9 @@ class ExtensionSampler:
         """The whole arm of a node straight towards a pose."""
         return Extension(node, PoseLed(self.stepper.space, tree.poses[node].v, target.v))
 
-    def _pose(self, headings: FloatArray) -> Pose:
-        """The pose of the link space that comes nearest to link headings."""
-        space = self.stepper.space
-        return self.stepper.pose(fit_coordinates(space.matrix, headings - space.offset, space.arm.length))
+    def _pose(self, q: FloatArray) -> Pose:
+        """The pose of the link space that comes nearest to a configuration."""
+        return self.stepper.pose(self.stepper.space.nearest(q))
 
     def _middles(self) -> FloatArray:
         """Middles of the links, as shares of the arm's length, shape (links,)."""

@@ -77,7 +77,7 @@ class Withdrawal:
         space = self.fold.space
         links = space.arm.links
         per_link = space.nominal_per_link
-        turns = space.matrix
+        turns = space.turns
         unit = space.nominal_length
         joints = pose.moving[1:].reshape(2 * links, -1) / unit
 
@@ -88,7 +88,7 @@ class Withdrawal:
         drawn = _STRAND_WEIGHT * np.repeat(per_link * self._on_strand(), 2)
         return [
             Term(joints, error.ravel() / unit, drawn),
-            Term(turns, self.fold.reference() - pose.q, _HEADING_WEIGHT * per_link),
+            Term(turns, self.fold.reference() - space.arm.headings(pose.q), _HEADING_WEIGHT * per_link),
             Term(turns, np.zeros(links), _TURN_WEIGHT * per_link),
             Term(joints, np.zeros(2 * links), _MOTION_WEIGHT * per_link),
         ]
@@ -196,13 +196,14 @@ def withdrawals(
         ways: of the tip, from ``ways_back``.
         length: of the fold, in nominal links.
     """
+    base_heading = stepper.space.arm.headings(start.q)[0]
     found = []
     for way, leave in ways:
         guide = withdrawal(stepper, start, end, (way, leave), length)
         if guide is not None:
             side = "left" if way.side > 0 else "right"
             found.append((f"drawn back by a fold of {length:.2g}, {side} of the goal pose", guide))
-    return sorted(found, key=lambda named: abs(named[1].fold.old[0] - start.q[0]))
+    return sorted(found, key=lambda named: abs(named[1].fold.old[0] - base_heading))
 
 
 def lies_confined(stepper: Stepper, start: Pose, path: TipPath) -> bool:
@@ -266,9 +267,10 @@ def withdrawal(stepper: Stepper, start: Pose, end: Pose, way_back: WayBack, leng
     fold = fold_about_to_travel(stepper, end, way, joint, route, length)
     fold.run_through()
     # Headings count full turns, paths do not: the way in has to end as the arm is wound now.
-    turns = whole_turns(float(np.median(start.q - fold.reference())))
-    wound = end.q + turns
-    if abs(arm.bends(wound)[0]) > arm.base_limit:
+    turns = whole_turns(float(np.median(arm.headings(start.q) - fold.reference())))
+    wound = end.q.copy()
+    wound[0] += turns
+    if abs(wound[0]) > arm.base_limit:
         return None
     fold = fold_about_to_travel(stepper, replace(end, q=wound), way, joint, route, length)
     fold.run_through()

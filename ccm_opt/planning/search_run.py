@@ -320,7 +320,7 @@ class PlanarRun(SearchRun[MotionTask, LinkSpace]):
             task = replace(task, settings=replace(task.settings, step=narrowed))
         space, start = task.space_through(task.start)
         goal = task.limited_goal
-        guesses: Iterable[FloatArray] = CachedItems(_nearest_coordinates(space, guess) for guess in task.guesses)
+        guesses: Iterable[FloatArray] = CachedItems(space.fitted(guess) for guess in task.guesses)
         if task.goal_pose is not None:
             # The first coordinates of the goal are fitted; the last, w, goes from 0 at the start to 1 there. A fed
             # arm needs none: its space holds any pose.
@@ -396,7 +396,7 @@ class PlanarRun(SearchRun[MotionTask, LinkSpace]):
         if self.task.gates is None:
             return None
         for _ in range(_MENDS):
-            failing = self.task.certificate.failures(pose_headings(poses))
+            failing = self.task.certificate.failures(configurations_of(poses))
             if len(failing) == 0:
                 return poses
             for k in reversed(failing):
@@ -439,7 +439,7 @@ class PlanarRun(SearchRun[MotionTask, LinkSpace]):
         return finder.tightest(finder.find(pose.points))
 
     def _certified(self, poses: list[Pose]) -> bool:
-        return len(self.task.certificate.failures(pose_headings(poses))) == 0
+        return len(self.task.certificate.failures(configurations_of(poses))) == 0
 
     def goal_poses(self) -> Iterator[Pose]:
         """The goal of the whole arm, or poses of it that have the tip at the goal."""
@@ -454,7 +454,7 @@ class PlanarRun(SearchRun[MotionTask, LinkSpace]):
     def tracked(self, found: Motion, failures: list[Failure]) -> Motion | None:
         """A motion bent to the limits; None when that fails."""
         name = f"{found.candidate}, tracked"
-        reference = ReferenceMotion.from_headings(found.configurations)
+        reference = ReferenceMotion.of(found)
         try:
             way = follow_reference(self.stepper, reference, self.goal, self.start, self.task.deadline)
         except Stalled as stalled:
@@ -479,12 +479,6 @@ def _made(make: Callable[[], Guide], pose: Pose) -> Guide:
         raise Stalled(apart.diagnosis.reason, [pose]) from apart
 
 
-def pose_headings(poses: list[Pose]) -> FloatArray:
-    """Link headings of a motion, shape (K, links) [rad]."""
+def configurations_of(poses: list[Pose]) -> FloatArray:
+    """The configurations of poses, shape (K, c)."""
     return np.array([pose.q for pose in poses])
-
-
-def _nearest_coordinates(space: LinkSpace, headings: FloatArray) -> FloatArray:
-    """Coordinates in the space nearest to given link headings."""
-    # Only the curve's share: without the coordinate that would add what the curve cannot show.
-    return space.blended_to(headings)[1][:-1]

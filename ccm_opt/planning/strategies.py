@@ -92,7 +92,7 @@ class ArcsAtLimits:
             full: share of the joints' limits that may be used.
 
         Returns:
-            Link headings of poses that may touch something, each of shape (links,) [rad].
+            Configurations that may touch something, each of shape (links,) [rad].
         """
         if self.poses(_AMPLE, 1):
             return ()
@@ -106,7 +106,7 @@ class ArcsAtLimits:
             most: number of poses.
 
         Returns:
-            Link headings, each of shape (links,) [rad].
+            Configurations, each of shape (links,) [rad].
         """
         bounds = share * self.arm.bend_limits
         bounds[0] = self.arm.base_limit
@@ -118,7 +118,7 @@ class ArcsAtLimits:
                 found.append(bends)
             if len(found) == most:
                 break
-        return tuple(self.arm.headings(bends) for bends in found)
+        return tuple(found)
 
     def _nearest(self, bounds: FloatArray) -> FloatArray:
         """Bends of the arcs whose tip comes nearest to the goal, the base turned towards it, shape (m, links) [rad]."""
@@ -381,9 +381,9 @@ def candidate_motions(task: MotionTask, margin: float, failures: list[Failure]) 
     yield forward.run(forward.further(), failures)
 
 
-def _touches_nothing(task: MotionTask, headings: FloatArray) -> bool:
-    """Whether a pose, link headings (links,) [rad], keeps off walls and off itself."""
-    points = task.arm.joint_positions(headings)
+def _touches_nothing(task: MotionTask, q: FloatArray) -> bool:
+    """Whether a configuration, shape (c,), keeps off walls and off itself."""
+    points = task.arm.joint_positions_at(q)
     finder = task.finder(0.0, task.arm.link_length)
     return not finder.crosses(points) and bool(finder.find(points).gap.min(initial=np.inf) > 0.0)
 

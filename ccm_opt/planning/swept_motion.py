@@ -1,4 +1,4 @@
-"""Headings, joint positions, Jacobians and sag bounds of all keyframes of a motion at once."""
+"""Configurations, joint positions, Jacobians and sag bounds of all keyframes of a motion at once."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -28,20 +28,25 @@ class PlanarSweep:
         return len(self.unknowns) - 1
 
     @cached_property
-    def headings(self) -> FloatArray:
-        """Link headings [rad], and then what carries the base [link lengths], shape (K + 1, c)."""
+    def configurations(self) -> FloatArray:
+        """At the keyframes, shape (K + 1, c) [rad, m]."""
         return self.space.configurations(self.unknowns)
+
+    @cached_property
+    def headings(self) -> FloatArray:
+        """Link headings, shape (K + 1, links) [rad]."""
+        return self.space.arm.headings(self.configurations)
 
     @cached_property
     def points(self) -> FloatArray:
         """Joint and tip positions, the mount's end, and last what stands still, shape (K + 1, n + 3, 2) [m]."""
-        return self._with_marks(self.space.arm.points(self.headings), self.space.arm.base)
+        return self._with_marks(self.space.arm.joint_positions_at(self.configurations), self.space.arm.base)
 
     @cached_property
     def middles(self) -> FloatArray:
         """Joint and tip positions half-way through the intervals, shape (K, n + 1, 2) [m]."""
-        # Of the mean headings, not the mean of the positions: links keep their length on the way.
-        return self.space.arm.points(0.5 * (self.headings[:-1] + self.headings[1:]))
+        # Of the mean bends, not the mean of the positions: links keep their length on the way.
+        return self.space.arm.joint_positions_at(0.5 * (self.configurations[:-1] + self.configurations[1:]))
 
     @cached_property
     def middle_points(self) -> FloatArray:
@@ -50,7 +55,7 @@ class PlanarSweep:
 
     @cached_property
     def turns(self) -> FloatArray:
-        """Turns of the links over the intervals Δφ, and ways of the base, shape (K, c) [rad, link lengths]."""
+        """Turns of the links over the intervals Δφ, shape (K, links) [rad]."""
         return np.diff(self.headings, axis=0)
 
     @cached_property
@@ -68,21 +73,16 @@ class PlanarSweep:
         """Derivatives of ``points`` by the coordinates, shape (K + 1, n + 3, 2, p) [m per unit]."""
         return self._with_marks(self.space.jacobians(self.headings), np.zeros((2, 1)))
 
-    @cached_property
-    def configurations(self) -> FloatArray:
-        """Link headings [rad], and what carries the base [link lengths], shape (K + 1, c): what users' terms read."""
-        return self.headings
-
     @property
     def slopes(self) -> FloatArray:
         """Derivatives of the configurations by the coordinates, shape (K + 1, c, p)."""
-        matrix = self.space.matrix
-        return np.broadcast_to(matrix, (len(self.unknowns), *matrix.shape))
+        slopes = self.space.slopes
+        return np.broadcast_to(slopes, (len(self.unknowns), *slopes.shape))
 
     @property
     def turn_metrics(self) -> FloatArray:
         """Squared turns of the links by the coordinates, shape (K + 1, p, p)."""
-        metric = self.space.matrix.T @ self.space.matrix
+        metric = self.space.heading_metric
         return np.broadcast_to(metric, (len(self.unknowns), *metric.shape))
 
     # ------------------------------------------------------------ what rows need
@@ -104,7 +104,7 @@ class PlanarSweep:
         """
         # Headings are affine in v, so a curvature that is diagonal in headings becomes Aᵀ diag(c) A. Dropping negative
         # entries of the diagonal is the exact projection onto convex ones.
-        matrix = self.space.matrix
+        matrix = self.space.turns[: self.space.arm.links]
         of_headings, of_turns = self.heading_curvature(rows, multipliers, pull)
         diagonal = matrix.T @ (np.maximum(of_headings, 0.0)[:, :, None] * matrix)
         return RowCurvature(diagonal, matrix.T @ (np.maximum(of_turns, 0.0)[:, :, None] * matrix))
@@ -115,7 +115,7 @@ class PlanarSweep:
         """Second derivatives of Σ λ g + pull·tip, which are diagonal in headings and in their turns.
 
         Returns:
-            Of the positions by the headings, shape (K + 1, c), any sign; of the sag by the turns, shape (K, c).
+            Of the positions by the headings, shape (K + 1, links), any sign; of the sag by the turns, shape (K, links).
         """
         space = self.space
         keyframes = len(self.headings)

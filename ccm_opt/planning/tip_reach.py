@@ -209,13 +209,13 @@ class _Explorer:
 
     def _settled(self, near: FloatArray, target: FloatArray, heading: float | None) -> FloatArray | None:
         """Link headings with the tip at a place, from a pose nearby; None when something keeps it off."""
-        space, v = LinkSpace.through(self.arm, near, clamped=self.clamped)
+        space, v = LinkSpace.through(self.arm, self.arm.bends(near), clamped=self.clamped)
         stepper = Stepper(space, self._limits, self._motion, finder=self._finder)
         goal = GoalPose(target, None if heading is None else unit_vector(heading))
         pose = stepper.pose(v)
         for _ in range(self.settings.settle_rounds):
             try:
-                return settle(stepper, goal, pose, NEVER)[-1].q
+                return self.arm.headings(settle(stepper, goal, pose, NEVER)[-1].q)
             except Stalled as stalled:
                 # Most of the time goes into places that cannot be reached: who hardly comes nearer is given up.
                 if self._left(goal, stalled.poses[-1]) > self.settings.progress * self._left(goal, pose):

@@ -29,7 +29,7 @@ from ccm_opt.planning.motion_task import MotionTask
 from ccm_opt.planning.pose import Pose
 from ccm_opt.planning.pose_tree import PoseTree
 from ccm_opt.planning.search import Failure
-from ccm_opt.planning.search_run import PlanarRun, pose_headings
+from ccm_opt.planning.search_run import PlanarRun, configurations_of
 from ccm_opt.planning.settings import TipWalkSettings
 from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.free_space import FreeSpace
@@ -193,7 +193,7 @@ class TipWalks:
     reached: PoseTree = field(init=False)
 
     def __post_init__(self) -> None:
-        self.reached = PoseTree(self.ways.arm.length)
+        self.reached = PoseTree(self.ways.arm)
         self.reached.add_root(self.runs[0].start)
 
     def search(self, walks: int, failures: list[Failure]) -> Motion | None:
@@ -225,7 +225,7 @@ class TipWalks:
             poses, arrived = self._settled(run, poses)
         if len(poses) < 2:
             return None
-        failing = run.task.certificate.failures(pose_headings(poses))
+        failing = run.task.certificate.failures(configurations_of(poses))
         if arrived and onto_goal and len(failing) == 0:
             return [*self.reached.poses_to(node), *poses[1:]]
         certified = poses[: int(failing[0]) + 1] if len(failing) else poses
@@ -253,7 +253,7 @@ class TipWalks:
         if self.rng.random() < _FROM_START:
             return 0
         reached = self.reached
-        distances = reached.tip_distances(self.runs[0].goal.position) / reached.length
+        distances = reached.tip_distances(self.runs[0].goal.position) / reached.arm.length
         weights = np.exp(-distances / _NEARNESS) / (1.0 + np.array(reached.uses))
         node = int(self.rng.choice(len(reached), p=weights / weights.sum()))
         reached.uses[node] += 1

@@ -8,7 +8,7 @@ that which misses the constraints least, and of equal ones that which is nearest
 """
 
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -20,11 +20,13 @@ from ccm_opt.planning.continuation import Stalled, follow, settle
 from ccm_opt.planning.goal import GoalPose
 from ccm_opt.planning.guides import PoseLed
 from ccm_opt.planning.limits.user_limit import UserLimit
-from ccm_opt.planning.motion import SpaceMotion
+from ccm_opt.planning.link_space import LinkSpace
+from ccm_opt.planning.motion import Motion, SpaceMotion
 from ccm_opt.planning.pose import CurveUnknowns, Pose, Term
 from ccm_opt.planning.space_sweep import edge_is_safe, pieces
 from ccm_opt.planning.space_task import SpaceTask
 from ccm_opt.planning.step import AnyUnknowns, SpaceStepper, Stepper, StepperOf
+from ccm_opt.robot.arm import Arm
 
 _STILL_WEIGHT = 0.02
 """Weight of standing still. Taste."""
@@ -45,7 +47,7 @@ _PULL_WEIGHT = 0.1
 class Reference(Protocol):
     """A motion to be tracked."""
 
-    def drawn(self, space: CurveUnknowns, u: float, pose: Pose) -> tuple[list[Term], bool]:
+    def drawn(self, space: Any, u: float, pose: Pose) -> tuple[list[Term], bool]:
         """What draws a pose to the motion at u, and whether it is as near as it has to come before u goes on."""
         ...
 
@@ -55,36 +57,40 @@ class ReferenceMotion:
     """A motion in the plane to be tracked.
 
     Attributes:
+        arm: that moves.
         u: path parameter of its poses, increasing from 0 to 1, shape (K,).
-        headings: shape (K, links) [rad].
+        poses: link headings and the base, shape (K, c) [rad, link lengths].
     """
 
+    arm: Arm
     u: FloatArray
-    headings: FloatArray
+    poses: FloatArray
 
     @classmethod
-    def from_headings(cls, headings: FloatArray) -> "ReferenceMotion":
-        """A motion, link headings of shape (K, links) [rad], with u even in the turns of its links."""
-        way = arc_lengths(headings)
+    def of(cls, motion: Motion) -> "ReferenceMotion":
+        """A motion with u even in the turns of its links."""
+        arm = motion.curve.arm
+        poses = arm.poses(motion.configurations)
+        way = arc_lengths(poses)
         if way[-1] <= 0.0:
-            return cls(np.array([0.0, 1.0]), headings[[0, -1]])
+            return cls(arm, np.array([0.0, 1.0]), poses[[0, -1]])
         # Poses that repeat would make u stand still, and ``at`` divide by 0.
         kept = np.append(np.diff(way) > 0.0, True)
-        return cls(way[kept] / way[-1], headings[kept])
+        return cls(arm, way[kept] / way[-1], poses[kept])
 
     def at(self, u: float) -> FloatArray:
-        """Link headings at u, shape (links,) [rad]."""
+        """Link headings and the base at u, shape (c,) [rad, link lengths]."""
         k = int(np.clip(np.searchsorted(self.u, u, side="right") - 1, 0, len(self.u) - 2))
         share = (u - self.u[k]) / (self.u[k + 1] - self.u[k])
-        between: FloatArray = self.headings[k] + share * (self.headings[k + 1] - self.headings[k])
+        between: FloatArray = self.poses[k] + share * (self.poses[k + 1] - self.poses[k])
         return between
 
-    def drawn(self, space: CurveUnknowns, u: float, pose: Pose) -> tuple[list[Term], bool]:
+    def drawn(self, space: LinkSpace, u: float, pose: Pose) -> tuple[list[Term], bool]:
         """What draws the links to their headings at u; how far they are from these does not count."""
-        turn = np.clip(self.at(u) - pose.q, -_LARGEST_TURN, _LARGEST_TURN)
+        turn = np.clip(self.at(u) - self.arm.poses(pose.q), -_LARGEST_TURN, _LARGEST_TURN)
         return [
-            Term(pose.slopes, turn, _PULL_WEIGHT * space.nominal_per_link),
-            Term(pose.slopes, np.zeros(len(turn)), _STILL_WEIGHT * space.nominal_per_link),
+            Term(space.turns, turn, _PULL_WEIGHT * space.nominal_per_link),
+            Term(space.turns, np.zeros(len(turn)), _STILL_WEIGHT * space.nominal_per_link),
         ], True
 
 

@@ -100,7 +100,7 @@ class TreeSearch:
         from_goal = ExtensionSampler(run.stepper, free_space, (run.start.points,), shrink, rng)
 
         heading_weight = task.settings.tree.heading_weight
-        trees = (PoseTree(task.arm.length, heading_weight), PoseTree(task.arm.length, heading_weight))
+        trees = (PoseTree(task.arm, heading_weight), PoseTree(task.arm, heading_weight))
         trees[_Root.START].add_root(run.start)
         return cls(runs, run.goal_poses(), rng, trees, (from_start, from_goal))
 

@@ -49,8 +49,8 @@ class Arm:
     beyond it by a about its z axis and then by b about the new y axis, and its link lies along the new x axis, R_i =
     R_(i−1) Rz(a_i) Ry(b_i), as a ball joint of the order ``zyx`` whose roll stays at zero.
 
-    In the plane a pose is what planning handles: the headings of the links, and then how far the base is carried, in
-    link lengths, so that every column moves the tip by about one link length a unit.
+    In the plane a pose measures how far a motion turns and moves the arm: the headings of the links, and then how far
+    the base is carried, in link lengths, so that every column moves the tip by about one link length a unit.
 
     Attributes:
         links: number of links, even.
@@ -333,19 +333,13 @@ class Arm:
         lowest = np.broadcast_to(self.lower_limits[base], highest.shape)
         return np.concatenate((-bends, lowest), axis=-1), np.concatenate((bends, highest), axis=-1)
 
-    def headings(self, bends: FloatArray) -> FloatArray:
-        """Link headings φ from joint bends in the plane, shape (..., links) [rad]."""
-        return self.base_heading + np.cumsum(bends, axis=-1)
+    def headings(self, q: FloatArray) -> FloatArray:
+        """Link headings φ in the plane, of bends (..., links) or configurations (..., c), shape (..., links) [rad]."""
+        return self.base_heading + np.cumsum(q[..., : self.links], axis=-1)
 
     def travel(self, change: FloatArray) -> FloatArray:
-        """Bound on how far any point of the arm moves when a pose changes, in space a configuration, shape (...) [m].
-
-        Args:
-            change: of it, shape (..., c).
-        """
-        if self.dimension == 3:
-            return self.coordinates.travel(change, self.link_length)
-        return np.asarray(self.link_length * np.abs(change).sum(axis=-1))
+        """Bound on how far any point of the arm moves when a configuration changes, shapes (..., c) to (...) [m]."""
+        return self.coordinates.travel(change, self.link_length)
 
     def bends(self, headings: FloatArray) -> FloatArray:
         """Joint bends from link headings, shape (..., links) [rad]; the first is relative to the base heading."""

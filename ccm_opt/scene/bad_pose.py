@@ -51,21 +51,21 @@ def joints_at_limits(bends: FloatArray, limits: FloatArray) -> tuple[str, tuple[
     return words, tuple(f"raise {key}: where the best attempt ended, it holds {which}" for key in keys)
 
 
-def refuse_bad_pose(arm: Arm, workspace: Workspace, pose: FloatArray, which: str, reach: float = 0.02) -> float:
+def refuse_bad_pose(arm: Arm, workspace: Workspace, q: FloatArray, which: str, reach: float = 0.02) -> float:
     """The least gap between the arm and anything near it [m]; infinite when nothing is near.
 
     Args:
         arm: the arm.
         workspace: the room.
-        pose: link headings and perhaps the base, shape (links,) or (c,) [rad, link lengths].
+        q: configuration, shape (c,) [rad, m].
         which: names the pose in messages.
         reach: what is nearer than this share of the arm's length is looked at.
 
     Raises:
         UnreachableGoal: the pose breaks a joint limit or touches something; names joint or link and obstacle.
     """
-    _refuse_sharp_bends(arm, arm.bends(pose[: arm.links]), which)
-    points = arm.points(pose)
+    _refuse_sharp_bends(arm, q[: arm.links], which)
+    points = arm.joint_positions_at(q)
     # Walls farther away can neither be touched nor hold the arm inside.
     errors = float(arm.room_for_errors(np.array([arm.links]))[0])
     farthest = arm.radius + workspace.clearance + errors + reach * arm.length
@@ -78,7 +78,7 @@ def refuse_bad_pose(arm: Arm, workspace: Workspace, pose: FloatArray, which: str
     crossing = finder.crosses(points)
     touching = bool(np.any(contacts.gap < least)) or crossing
     # A pose that stands still is a motion too: its certificate sees links inside obstacles, far from any wall.
-    inside = not touching and len(Certificate.allowing_contact(arm, workspace).failures(np.stack((pose, pose)))) > 0
+    inside = not touching and len(Certificate.allowing_contact(arm, workspace).failures(np.stack((q, q)))) > 0
     if touching or inside:
         if (outside := _outside(arm, workspace, points)) is not None:
             raise UnreachableGoal(Diagnosis(f"the {which} {outside}", which, (f"move the {which} into the room",)))

@@ -202,14 +202,15 @@ def proof_rounding(arm: Arm, workspace: Workspace, depth: int) -> float:
     """By how much a distance of an arm's axis from a wall, less its sag, may be off [m]; twice that between links.
 
     Args:
-        arm: whose headings are at most those of joints that all bend by half a turn.
+        arm: whose headings, sums of bends, are at most those of joints that all bend by half a turn.
         workspace: its walls.
         depth: how often stretches are halved.
     """
     links = arm.links
     headings = abs(arm.base_heading) + np.pi * links
-    # Headings are halved, sines are off by four units in the last place, and running sums of lengths lose digits.
-    along = (depth + 1) * UNIT * headings + 8.0 * UNIT + 1.01 * (links + 2) * UNIT
+    # Headings are sums and are halved, sines are off by four units in the last place, and running sums of lengths lose
+    # digits.
+    along = (depth + links + 2) * UNIT * headings + 8.0 * UNIT + 1.01 * (links + 2) * UNIT
     # The sag is a sum as well; turns of one interval are below a whole one, and an eighth of its square below five.
     of_sag = 1.01 * (links + 4) * UNIT * 5.0
     reach = float(np.max(np.abs(arm.base))) + arm.length
@@ -240,22 +241,19 @@ class Certificate:
         """The certificate that lets an arm with some width touch."""
         return cls(arm, workspace, -allowed_contact(arm, workspace, settings), settings)
 
-    def failures(self, headings: FloatArray, depth: int | None = None) -> IntArray:
+    def failures(self, q: FloatArray, depth: int | None = None) -> IntArray:
         """Intervals of a piecewise-linear motion that cannot be certified.
 
         Args:
-            headings: link headings, and perhaps the base, at the keyframes, shape (K, links) or (K, c) [rad, link
-                lengths].
+            q: configurations at the keyframes, shape (K, c) [rad, m].
             depth: bisections that are allowed; as many as the settings say when None.
 
         Returns:
             Sorted indices of intervals k (from keyframe k to k + 1); empty when the motion is safe.
         """
         depth = self.settings.depth if depth is None else depth
-        start = headings[:-1]
-        end = headings[1:]
-        owner = np.arange(len(headings) - 1)
-        spans = Stretches(self.arm, start, end, owner)
+        poses = self.arm.poses(q)
+        spans = Stretches(self.arm, poses[:-1], poses[1:], np.arange(len(q) - 1))
 
         links: Links | None = None
         pairs: Pairs | None = None

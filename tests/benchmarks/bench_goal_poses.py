@@ -232,7 +232,7 @@ def hard(seeds: range) -> None:
     total = 0
     for name, problem, goal in hard_problems(seeds):
         ends = resolve_ends(problem)
-        search = GoalPoseSearch(problem, ends, ends.start)
+        search = GoalPoseSearch(problem, ends, problem.arm.headings(ends.start))
         pose = search.solved(goal)
         said = pose.answer
         statuses[said.status] += 1

@@ -148,7 +148,7 @@ def least_gaps(problem: Problem, headings: FloatArray) -> tuple[float, float]:
 def compared(name: str, problem: Problem) -> Compared:
     """Both plans of a problem, and more with larger wanted gaps where the first keeps too little."""
     ends = resolve_ends(problem)
-    wanted = GoalPoseSearch(problem, ends, ends.start).wanted_gap
+    wanted = GoalPoseSearch(problem, ends, problem.arm.headings(ends.start)).wanted_gap
     wide = planned(problem, wanted)
     close = planned(problem, 0.0)
     allowed = np.nanmax([wide.walls, close.walls, 0.0])

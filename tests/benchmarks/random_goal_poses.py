@@ -67,8 +67,9 @@ class RandomPoses:
 
     @cached_property
     def _space(self) -> LinkSpace:
-        space, _ = LinkSpace.through(self.problem.arm, self.ends.start, clamped=self.ends.clamped)
-        return replace(space, offset=space.offset if self.ends.clamped else np.zeros(self.problem.arm.links))
+        arm = self.problem.arm
+        space, _ = LinkSpace.through(arm, self.ends.start, clamped=self.ends.clamped)
+        return replace(space, offset=space.offset if self.ends.clamped else arm.bends(np.zeros(arm.links)))
 
     def _along(self, route: Route, count: int) -> FloatArray:
         """At most so many poses along one route, shape (m, links)."""
@@ -87,7 +88,7 @@ class RandomPoses:
         places = (np.arange(self.problem.arm.links) + 0.5) / self.problem.arm.links
         along = leg_headings(taut)[legs_at(arcs, places * arcs[-1])]
         # Whole turns count from the start of the motion, which the objective counts them from.
-        along = along + WHOLE_TURN * np.round((self.ends.start[0] - along[0]) / WHOLE_TURN)
+        along = along + WHOLE_TURN * np.round((self.problem.arm.headings(self.ends.start)[0] - along[0]) / WHOLE_TURN)
         turns = WHOLE_TURN * self.rng.choice((-1.0, 0.0, 0.0, 0.0, 1.0), (BATCH, 1))
         swing = self.rng.choice(SWINGS, (BATCH, 1, 1)) * self.rng.standard_normal((BATCH, WAVES, 1))
         number = 0.5 * np.arange(1, WAVES + 1)[:, None]
@@ -98,24 +99,25 @@ class RandomPoses:
     def _onto_goal(self, headings: FloatArray) -> FloatArray:
         """Poses of the curve with the tip at the goal, near given headings; those that do not converge are left out."""
         space = self._space
+        arm = self.problem.arm
         goal = self.ends.goal
-        v = (headings - space.offset) @ np.linalg.pinv(space.matrix).T
+        v = (headings - arm.headings(space.offset)) @ np.linalg.pinv(space.turns).T
         last = headings[:, -1]
         if goal.heading is not None:
             last = last + wrap(goal.heading - last)
         for _ in range(NEWTON_STEPS):
-            headings = space.configurations(v)
+            headings = arm.headings(space.configurations(v))
             rows = space.jacobians(headings)[:, -1]
-            miss = goal.position - self.problem.arm.joint_positions(headings)[:, -1]
+            miss = goal.position - arm.joint_positions(headings)[:, -1]
             if goal.heading is not None:
-                rows = np.concatenate((rows, np.broadcast_to(space.matrix[-1:], (len(v), 1, rows.shape[2]))), axis=1)
+                rows = np.concatenate((rows, np.broadcast_to(space.turns[-1:], (len(v), 1, rows.shape[2]))), axis=1)
                 miss = np.column_stack((miss, last - headings[:, -1]))
             spread = space.inverse_metric @ rows.transpose(0, 2, 1)
             step = (spread @ np.linalg.solve(rows @ spread + NEAR**2 * np.eye(rows.shape[1]), miss[:, :, None]))[..., 0]
-            largest = np.abs(step @ space.matrix.T).max(axis=1)
+            largest = np.abs(step @ space.turns.T).max(axis=1)
             v = v + step * np.minimum(1.0, LONGEST_STEP / np.maximum(largest, NEAR))[:, None]
         there = np.abs(miss).max(axis=1) < NEAR
-        within = np.all(np.abs(self.problem.arm.bends(headings)) <= self.problem.arm.bend_limits, axis=1)
+        within = np.all(np.abs(arm.bends(headings)) <= arm.bend_limits, axis=1)
         return headings[there & within]
 
     def _crossing_nothing(self, headings: FloatArray) -> BoolArray:

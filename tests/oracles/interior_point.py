@@ -73,7 +73,8 @@ def _solution(program: MotionProgram[PlanarSweep], sweep: PlanarSweep, all_rows:
     slack = ca.SX.sym("s", frames - 1)
     v = ca.horzcat(ca.DM(sweep.unknowns[0]), moving)
     headings = ca.horzcat(ca.DM(sweep.headings[0]), turning)
-    tie = ca.vec(ca.DM(space.matrix) @ moving + ca.repmat(ca.DM(space.offset), 1, frames - 1) - turning)
+    offset = space.arm.headings(space.offset)
+    tie = ca.vec(ca.DM(space.turns) @ moving + ca.repmat(ca.DM(offset), 1, frames - 1) - turning)
     points = _points(program, headings)
 
     # One slack an interval at a price, as in the QP: the start is infeasible as soon as the sag is counted.
@@ -164,13 +165,13 @@ def _end_values(program: MotionProgram[PlanarSweep], sweep: PlanarSweep, v: Any,
         return tip
     # Linear, with the turn still to go taken from the last iterate: a goal heading is given only up to multiples of 2π.
     (turn,) = goal.turn(program.curve.pose(sweep.unknowns[-1]))
-    heading = ca.DM(program.curve.matrix[-1:]) @ (v[:, -1] - ca.DM(sweep.unknowns[-1])) - turn
+    heading = ca.DM(program.curve.turns[-1:]) @ (v[:, -1] - ca.DM(sweep.unknowns[-1])) - turn
     return ca.vertcat(tip, heading)
 
 
 def _bend_bounds(sweep: PlanarSweep, limit_share: float) -> tuple[FloatArray, FloatArray]:
     """Least and largest change of every bend after the first keyframe, keyframe by keyframe."""
-    bends = sweep.space.bends(sweep.headings[1:])
+    bends = sweep.space.bends(sweep.configurations[1:])
     limits = limit_share * sweep.space.bend_limits
     return np.minimum(-limits - bends, 0.0).ravel(), np.maximum(limits - bends, 0.0).ravel()
 

@@ -348,8 +348,8 @@ def proved_motions(scale: float) -> None:
         headings = np.cumsum(rng.normal(0.0, 2.0 / links, links) + rng.choice((0.0, 5.0 / links)))
         turned = np.array([headings, headings + rng.normal(0.0, 0.1, links), headings + rng.normal(0.0, 0.4, links)])
         room = Workspace(ROOM, walls()[k % 2 :], 0.002)
-        Certificate(arm, room, spare=0.001).failures(turned)
-        Certificate.allowing_contact(arm, room).failures(turned, depth=3)
+        Certificate(arm, room, spare=0.001).failures(arm.bends(turned))
+        Certificate.allowing_contact(arm, room).failures(arm.bends(turned), depth=3)
         spans = Stretches(arm, turned[:-1], turned[1:], np.arange(2))
         least = arm.radius + 0.002 + 0.001 * np.arange(links)
         asked = WallQuestion(room, least, (k % 3, 0.3))
@@ -383,9 +383,9 @@ def near_poses(scale: float) -> None:
         room_advice(arm.radius, 0.0)
         for pose in (headings, headings + 0.3 * k, np.linspace(0.0, 9.0, links), np.linspace(0.3, 5.9, links)):
             with suppress(CcmError):
-                refuse_bad_pose(arm, room, pose, "start")
+                refuse_bad_pose(arm, room, arm.bends(pose), "start")
             with suppress(CcmError):
-                refuse_bad_pose(replace(arm, base=np.array([1.4, 0.2])), room, 0.2 * pose, "goal")
+                refuse_bad_pose(replace(arm, base=np.array([1.4, 0.2])), room, arm.bends(0.2 * pose), "goal")
         room_advice(0.0, room.clearance)
 
 

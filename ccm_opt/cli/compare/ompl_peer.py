@@ -12,7 +12,6 @@ from itertools import pairwise
 from typing import Any, Protocol
 
 import numpy as np
-from scipy.interpolate import BSpline
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.deadline import Deadline
@@ -20,7 +19,7 @@ from ccm_opt.core.errors import Diagnosis, MotionNotFound, NoPlanFound, ProblemE
 from ccm_opt.planning.curve_map import CurveMap
 from ccm_opt.planning.draws import GoalDraws, TargetDraws
 from ccm_opt.planning.ends import Ends, refuse_ends, resolve_ends
-from ccm_opt.planning.link_space import nearest_curve
+from ccm_opt.planning.link_space import nearest_curves
 from ccm_opt.planning.own_units import in_own_units
 from ccm_opt.planning.sampled_check import SampledCheck
 from ccm_opt.planning.settings import ConnectSettings, SpaceMotionSettings
@@ -268,7 +267,7 @@ class _InPlane:
         self._settings = settings
         self.deadline = Deadline.after(settings.planning_share * problem.planner.time_limit)
         self._ends = ends = resolve_ends(problem)
-        self.start = arm.bends(ends.start)
+        self.start = ends.start
         # Bounds hold the start in any case.
         reach = np.maximum(arm.bend_limits, np.abs(self.start))
         low, high = -reach, reach.copy()
@@ -280,7 +279,7 @@ class _InPlane:
     def goals(self) -> Iterator[FloatArray]:
         arm, settings = self.problem.arm, self._settings
         if self._ends.goal_pose is not None:
-            yield arm.bends(self._ends.goal_pose)
+            yield self._ends.goal_pose
             return
         rng = np.random.default_rng(self.problem.planner.seed)
         check = SampledCheck.of(arm, self.problem.workspace)
@@ -289,29 +288,25 @@ class _InPlane:
         until = Deadline.after(settings.goal_share * self.problem.planner.time_limit)
         found = 0
         while found < settings.goal_poses and not until.passed() and not self.deadline.passed():
-            free = [pose for pose in next(drawn) if _stands_free(self._searched, pose)]
-            yield from (arm.bends(pose) for pose in free[: settings.goal_poses - found])
+            free = [q for q in arm.bends(next(drawn)) if _stands_free(self._searched, q)]
+            yield from free[: settings.goal_poses - found]
             found += len(free)
 
     def safe(self, before: FloatArray, after: FloatArray, depth: int | None = None) -> bool:
-        headings = self.problem.arm.headings(np.stack((before, after)))
-        return len(self._searched.failures(headings, depth=depth)) == 0
+        return len(self._searched.failures(np.stack((before, after)), depth=depth)) == 0
 
     def smooth_path(self, keyframes: FloatArray) -> JointPath | None:
-        arm = self.problem.arm
-        legs = arm.headings(keyframes)
         certificate = _certificate(self.problem, self._ends, self._settings.certified_gap)
-        spline = certified_spline(legs, certificate, self._settings.refinements)
+        spline = certified_spline(keyframes, certificate, self._settings.refinements)
         if spline is None:
             return None
-        curves = tuple(nearest_curve(arm, pose) for pose in legs)
-        spare = spare_kept(spline, certificate)
-        return JointPath(BSpline(spline.t, arm.bends(spline.c), spline.k), keyframes, curves, NAME, spare=spare)
+        curves = nearest_curves(self.problem.arm, keyframes)
+        return JointPath(spline, keyframes, curves, NAME, spare=spare_kept(spline, certificate))
 
 
-def _stands_free(certificate: Certificate, headings: FloatArray) -> bool:
-    """Whether a pose touches nothing, link headings (links,) [rad]."""
-    return len(certificate.failures(np.stack((headings, headings)), depth=0)) == 0
+def _stands_free(certificate: Certificate, q: FloatArray) -> bool:
+    """Whether a configuration, shape (c,), touches nothing."""
+    return len(certificate.failures(np.stack((q, q)), depth=0)) == 0
 
 
 def _any_shape(problem: Problem, ends: Ends, settings: OmplSettings) -> TargetDraws:
@@ -320,11 +315,12 @@ def _any_shape(problem: Problem, ends: Ends, settings: OmplSettings) -> TargetDr
     free = np.eye(arm.links)
     if ends.clamped:
         free[0, 0] = 0.0
-    first = float(arm.bends(ends.start)[0])
+    start = arm.headings(ends.start)
+    first = float(ends.start[0])
     bound = float(arm.bend_limits[0])
     # As far as the base may turn at all: other planners are held to what winds the arm least.
     base = (first, first) if ends.clamped else (-bound, bound)
-    return TargetDraws(arm, free, (ends.start, ends.start), arm.bend_limits, base, settings.draws)
+    return TargetDraws(arm, free, (start, start), arm.bend_limits, base, settings.draws)
 
 
 def _certificate(problem: Problem, ends: Ends, gap: float) -> Certificate:

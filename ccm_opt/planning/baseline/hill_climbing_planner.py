@@ -11,7 +11,6 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import shapely
-from scipy.interpolate import BSpline
 
 from ccm_opt.core.arrays import TINY, FloatArray
 from ccm_opt.core.errors import Diagnosis, MotionNotFound, ProblemError, TimeLimitReached, UnreachableGoal
@@ -327,7 +326,6 @@ def followed_joint_path(follower: Follower, name: str, steps: tuple[SchemaStep, 
     arm = follower.problem.arm
     curves = (follower.start, *(step.configuration for step in steps))
     headings = np.concatenate([follower.headings(Shapes.from_configurations([curve])) for curve in curves])
-    headings[0] = follower.ends.start  # the same but for rounding
 
     turns = np.abs(np.diff(headings, axis=0)).max(axis=1)
     # The spline wants distinct keyframes; steps that turn no link by more than rounding are left out.
@@ -335,12 +333,14 @@ def followed_joint_path(follower: Follower, name: str, steps: tuple[SchemaStep, 
     headings = headings[moved]
     curves = tuple(curves[k] for k in np.flatnonzero(moved))
 
-    spline = certified_spline(headings, follower.certificate)
+    keyframes = arm.bends(headings)
+    keyframes[0] = follower.ends.start  # the same but for rounding
+    spline = certified_spline(keyframes, follower.certificate)
     if spline is None:
         reason = "the motion leaves no room for a smooth path"
         raise MotionNotFound(Diagnosis(reason, "motion", room_advice(arm.radius, follower.problem.workspace.clearance)))
     spare = spare_kept(spline, follower.certificate)
-    return JointPath(BSpline(spline.t, arm.bends(spline.c), spline.k), arm.bends(headings), curves, name, spare=spare)
+    return JointPath(spline, keyframes, curves, name, spare=spare)
 
 
 def _diagnosis(what: str, stops: list[_Stop]) -> Diagnosis:

@@ -371,14 +371,18 @@ class Follower:
     def start(self) -> Configuration:
         """The curve at the start, with as few segments as follow it."""
         pose = self.problem.start
-        curve = nearest_curve(self.problem.arm, self.ends.start) if pose.curve is None else pose.curve
+        curve = (
+            nearest_curve(self.problem.arm, self.problem.arm.headings(self.ends.start))
+            if pose.curve is None
+            else pose.curve
+        )
         return _with_few_segments(curve, _MERGING_TOLERANCE)
 
     @cached_property
     def offset(self) -> FloatArray:
         """What the start's mapping adds to mean headings, shape (links,) [rad]."""
         mean_headings = Shapes.from_configurations([self.start]).mean_headings(self.problem.arm.links)[0]
-        offset: FloatArray = self.ends.start - mean_headings
+        offset: FloatArray = self.problem.arm.headings(self.ends.start) - mean_headings
         return offset
 
     def headings(self, shapes: Shapes) -> FloatArray:
@@ -405,14 +409,14 @@ class Follower:
         """
         look_at_clock(self.deadline)
         arm = self.problem.arm
-        headings = self.headings(there)
         limits = _JOINT_LIMIT_SHARE * arm.bend_limits
-        allowed: BoolArray = np.all(np.abs(arm.bends(headings)) <= limits, axis=1)
+        bends = arm.bends(self.headings(there))
+        allowed: BoolArray = np.all(np.abs(bends) <= limits, axis=1)
         if allowed.any():
             # One call of the certificate for all moves: here, there, here, there, ... The odd intervals are the ways
             # back from a candidate to the start, which nobody asks about.
-            keyframes = np.repeat(headings[allowed], 2, axis=0)
-            keyframes[::2] = self.headings(here)[0]
+            keyframes = np.repeat(bends[allowed], 2, axis=0)
+            keyframes[::2] = arm.bends(self.headings(here)[0])
             failing = self.certificate.failures(keyframes, _BISECTIONS)
             blocked = failing[failing % 2 == 0] // 2
             allowed[np.flatnonzero(allowed)[blocked]] = False

@@ -128,7 +128,7 @@ class GateLines:
 
         Args:
             jacobians: of the joints of poses, shape (K, links + 1, 2, p) [m per unit].
-            headings: of their links, shape (K, links) or (K, c) [rad].
+            headings: of their links, shape (K, links) [rad].
             found: where they cross.
         """
         pose = np.arange(len(headings))[:, None]
@@ -160,8 +160,9 @@ class GateLines:
         exact = settings.exact * space.arm.length
         off = np.full(len(moved), np.inf)
         for _ in range(_NEWTON_STEPS):
-            headings = space.configurations(moved)
-            found = self.crossings(space.arm.points(headings), settings.across * space.nominal_length)
+            q = space.configurations(moved)
+            headings = space.arm.headings(q)
+            found = self.crossings(space.arm.joint_positions_at(q), settings.across * space.nominal_length)
             off = np.abs(found.aside).max(axis=1, initial=0.0)
             if np.all(off <= exact):
                 break
@@ -173,7 +174,7 @@ class GateLines:
             normal += np.eye(len(self.middles)) * np.where(found.crossed, _RIDGE * size, 1.0)[..., None]
             by = np.linalg.solve(normal, -found.aside[..., None])[..., 0]
             moved += np.einsum("kg,kgp->kp", by, spread)
-        turned = np.abs((moved - coordinates) @ space.matrix.T).max(axis=1)
+        turned = np.abs((moved - coordinates) @ space.turns.T).max(axis=1)
         kept = (off <= 10.0 * exact) & (turned <= _LARGEST_TURN)
         return np.where(kept[:, None], moved, coordinates)
 
@@ -248,7 +249,7 @@ class GateRails(Limit):
         unit = space.nominal_length
         found = self.lines.crossings(pose.points[None], self.settings.across * unit)
         crossed = found.crossed[0]
-        slopes = self.lines.slopes(pose.moving[None], pose.q[None], found)[0][crossed] / unit
+        slopes = self._slopes(space, pose, found)[crossed] / unit
         most = self.settings.catching_up
         back = np.clip(-found.aside[0][crossed] / unit, -most, most)
         rows = LimitRows(slopes, back, back, equations=len(back))
@@ -279,7 +280,7 @@ class GateRails(Limit):
     def restored(self, space: LinkSpace, pose: Pose, most: float) -> Pose:
         """A pose after a step moved so that the axis crosses in the middle; as it is where that fails."""
         moved = self.lines.restored(space, pose.v[None])[0]
-        turned = np.max(np.abs(space.matrix @ (moved - pose.v)))
+        turned = np.max(np.abs(space.turns @ (moved - pose.v)))
         return space.pose(moved) if 0.0 < turned <= most else pose
 
     # ------------------------------------------------------------ at the goal
@@ -287,7 +288,11 @@ class GateRails(Limit):
         """Slopes of the lines that a pose crosses, shape (k, p), and how far it has to be moved across them [m]."""
         found = self.lines.crossings(pose.points[None], self.settings.across * space.nominal_length)
         crossed = found.crossed[0]
-        return self.lines.slopes(pose.moving[None], pose.q[None], found)[0][crossed], -found.aside[0][crossed]
+        return self._slopes(space, pose, found)[crossed], -found.aside[0][crossed]
+
+    def _slopes(self, space: LinkSpace, pose: Pose, found: LineCrossings) -> FloatArray:
+        """Derivatives of how far aside a pose crosses every line, shape (g, p) [m per unit]."""
+        return np.asarray(self.lines.slopes(pose.moving[None], space.arm.headings(pose.q)[None], found)[0])
 
     def met(self, pose: Pose) -> bool:
         """Whether a pose crosses every line in the middle, up to the play beside which joints are left alone."""

@@ -47,7 +47,7 @@ Number = TypeVar("Number", np.float64, np.intp)
 class GuideTubeLimit(Limit):
     """Keeps straight what is in the tube.
 
-    All lengths that it reckons with are in link lengths, in which poses have the base.
+    All lengths that it reckons with are in link lengths.
 
     Attributes:
         arm: with axes that carry its base.
@@ -103,7 +103,7 @@ class GuideTubeLimit(Limit):
     def keyframe_equations(self, sweep: "PlanarSweep", u: FloatArray) -> tuple[KeyframeRows, ...]:
         """No bend before the first joint that may bend."""
         del u
-        straight = np.arange(self.arm.links) < self._first_free(sweep.headings)[:, None]
+        straight = np.arange(self.arm.links) < self._first_free(sweep.configurations)[:, None]
         straight[0] = False  # the start is fixed
         keyframe, joint = np.nonzero(straight)
         zero = np.zeros(len(keyframe))
@@ -112,12 +112,12 @@ class GuideTubeLimit(Limit):
     def keyframe_rows(self, sweep: "PlanarSweep", u: FloatArray) -> tuple[KeyframeRows, ...]:
         """The base where joints that bend, here or at a keyframe beside, stay outside the tube, and in its range."""
         del u
-        first = self._first_free(sweep.headings)
+        first = self._first_free(sweep.configurations)
         around = _least_around(first, _MIXED)
-        base = self._base(sweep.headings)
+        base = self._base(sweep.configurations)
         # Nothing bends where the first that may is beyond the last joint: then only the range counts.
         outside = np.where(around < self.arm.links, self._hole + self._reserve - around, -np.inf)
-        low, high = self._range_left(sweep.headings)
+        low, high = self._range_left(sweep.configurations)
         least = np.minimum(np.maximum(low, outside - base), 0.0)
         keyframe = np.arange(1, len(base))
         rows = np.repeat(self._base_row(sweep.space), len(keyframe), axis=0)
@@ -133,19 +133,19 @@ class GuideTubeLimit(Limit):
     def holds(self, sweep: "PlanarSweep", before: "PlanarSweep", u: FloatArray) -> bool:
         """Whether the base is in its range at every keyframe; what is held between them is for ``failures`` to see."""
         del before, u
-        low, high = self._range_left(sweep.headings)
+        low, high = self._range_left(sweep.configurations)
         return bool(np.all((low <= ROUNDING) & (high >= -ROUNDING)))
 
     # ------------------------------------------------------------ between keyframes
-    def failures(self, headings: FloatArray, depth: int | None = None) -> IntArray:
+    def failures(self, q: FloatArray, depth: int | None = None) -> IntArray:
         """Intervals in which a joint is bent that the tube holds at some time."""
         del depth
-        return np.flatnonzero(self._held_bent(headings))
+        return np.flatnonzero(self._held_bent(q))
 
     # ------------------------------------------------------------ words
-    def describe(self, headings: FloatArray) -> str:
+    def describe(self, q: FloatArray) -> str:
         """That the base is at an end of its range; empty when it is not."""
-        low, high = self._range_left(headings)
+        low, high = self._range_left(q)
         if min(-float(low), float(high)) > _AT_END:
             return ""
         return "the feed is at the end of its range"
@@ -162,11 +162,11 @@ class GuideTubeLimit(Limit):
 
     def _base(self, poses: FloatArray) -> FloatArray:
         """How far the base is carried, shape (..., c) to (...) [link lengths]."""
-        return np.asarray(np.sum(poses[..., self.arm.links :], axis=-1))
+        return self.arm.coordinates.advance(poses) / self.arm.link_length
 
     def _base_row(self, space: LinkSpace) -> FloatArray:
         """Derivative of that by the coordinates, shape (1, p)."""
-        return np.asarray(space.matrix[self.arm.links :].sum(axis=0, keepdims=True))
+        return np.asarray(space.turns[self.arm.links :].sum(axis=0, keepdims=True))
 
     def _beyond(self, poses: FloatArray) -> FloatArray:
         """How far every joint is beyond the hole, shape (..., links) [link lengths]."""
@@ -190,8 +190,8 @@ class GuideTubeLimit(Limit):
         return first
 
     def _bent(self, poses: FloatArray) -> BoolArray:
-        """Which joints are bent by more than splines of link headings round, shape (K, c) to (K, links)."""
-        return np.asarray(np.abs(self.arm.bends(poses[:, : self.arm.links])) > TINY)
+        """Which joints are bent by more than splines round, shape (K, c) to (K, links)."""
+        return np.asarray(np.abs(poses[:, : self.arm.links]) > TINY)
 
     def _held_bent(self, poses: FloatArray) -> BoolArray:
         """In which intervals between poses, shape (K, c), or at which pose alone, some joint is bent and held."""

@@ -200,9 +200,9 @@ class LimitOf(Generic[AnyUnknowns_contra]):
         return pose
 
     # ------------------------------------------------------------ at the goal
-    def miss(self, headings: FloatArray) -> float:
+    def miss(self, q: FloatArray) -> float:
         """By how much a pose misses the limit where the limit has to be met exactly, in the limit's unit."""
-        del headings
+        del q
         return 0.0
 
     def mending(self, pose: Pose, most: float) -> tuple[FloatArray, FloatArray]:
@@ -257,30 +257,30 @@ class LimitOf(Generic[AnyUnknowns_contra]):
         return True
 
     # ------------------------------------------------------------ between keyframes
-    def failures(self, headings: FloatArray, depth: int | None = None) -> IntArray:
+    def failures(self, q: FloatArray, depth: int | None = None) -> IntArray:
         """Intervals of a piecewise-linear motion in which the limit cannot be certified, sorted.
 
         Args:
-            headings: link headings at the keyframes, shape (K, links) [rad].
+            q: configurations at the keyframes, shape (K, c) [rad, m].
             depth: bisections of an interval that are allowed; as many as the certificate's settings say when None.
         """
-        del headings, depth
+        del q, depth
         return np.zeros(0, dtype=np.intp)
 
     # ------------------------------------------------------------ the smooth path
-    def missed_on_path(self, headings: FloatArray, u: float) -> tuple[FloatArray, FloatArray]:
-        """Slopes by the link headings of what a point of the path misses, shape (k, links), and by how much, (k,).
+    def missed_on_path(self, q: FloatArray, u: float) -> tuple[FloatArray, FloatArray]:
+        """Slopes by the configuration of what a point of the path misses, shape (k, c), and by how much, (k,).
 
         Args:
-            headings: shape (links,) [rad].
+            q: shape (c,) [rad, m].
             u: path parameter.
         """
         del u
-        return np.zeros((0, len(headings))), np.zeros(0)
+        return np.zeros((0, len(q))), np.zeros(0)
 
-    def misses_path(self, headings: FloatArray, u: FloatArray) -> BoolArray:
-        """At which samples of a path, shape (N, links) at u (N,), the limit is missed; shape (N,)."""
-        del headings
+    def misses_path(self, q: FloatArray, u: FloatArray) -> BoolArray:
+        """At which samples of a path, shape (N, c) at u (N,), the limit is missed; shape (N,)."""
+        del q
         return np.zeros(len(u), dtype=bool)
 
     # ------------------------------------------------------------ ends and words
@@ -298,8 +298,8 @@ class LimitOf(Generic[AnyUnknowns_contra]):
         """Refuse ends that break the limit by themselves.
 
         Args:
-            start: link headings, shape (links,) [rad].
-            goal: link headings of a whole-arm goal, or None.
+            start: configuration, shape (c,) [rad, m].
+            goal: configuration of a whole-arm goal, or None.
 
         Raises:
             ProblemError: the start breaks the limit.
@@ -307,14 +307,14 @@ class LimitOf(Generic[AnyUnknowns_contra]):
         """
         del start, goal
 
-    def worst(self, headings: FloatArray) -> tuple[str, float]:
+    def worst(self, q: FloatArray) -> tuple[str, float]:
         """Name of the part of the limit that a pose misses most, and its miss in the limit's unit."""
-        del headings
+        del q
         return "", 0.0
 
-    def describe(self, headings: FloatArray) -> str:
+    def describe(self, q: FloatArray) -> str:
         """What of the limit is missed, or else at its bound, in words; empty when nothing is."""
-        del headings
+        del q
         return ""
 
 

@@ -303,9 +303,9 @@ class ContactLimit(Limit):
         inside = self.gates.holds_links(sweep.points[:, : arm.links + 1], arm.radius)
         return np.where(inside[:-1] | inside[1:], self.certificate.spare, np.inf)
 
-    def failures(self, headings: FloatArray, depth: int | None = None) -> IntArray:
+    def failures(self, q: FloatArray, depth: int | None = None) -> IntArray:
         """Intervals in which something may touch."""
-        return self.certificate.failures(headings, depth)
+        return self.certificate.failures(q, depth)
 
 
 def keeps_clear(contacts: Contacts, allowed: float, keep_share: float) -> bool:
@@ -382,7 +382,7 @@ class JointLimit(Limit):
         """Rows of the bends near their bound at keyframes after the first."""
         del u
         space = sweep.space
-        bends = space.bends(sweep.headings)
+        bends = space.bends(sweep.configurations)
         limits = np.broadcast_to(self.settings.limit_share * space.bend_limits, bends.shape)
 
         # Far from its limit a bend needs no row: every row costs the QP time, and ``holds`` judges all bends
@@ -399,8 +399,8 @@ class JointLimit(Limit):
         """Whether no bend is beyond its limit, nor nearer to it than accepted or than it was."""
         del u
         space = sweep.space
-        allowed = np.maximum(self._accepted(space), np.abs(space.bends(before.headings)))
-        return not np.any(np.abs(space.bends(sweep.headings)) > np.minimum(allowed, space.bend_limits))
+        allowed = np.maximum(self._accepted(space), np.abs(space.bends(before.configurations)))
+        return not np.any(np.abs(space.bends(sweep.configurations)) > np.minimum(allowed, space.bend_limits))
 
     def _accepted(self, space: LinkSpace) -> FloatArray:
         """Bends that are accepted after a step: half-way between what planning uses and the limit."""
@@ -432,9 +432,8 @@ class TurnLimit(Limit):
     def linearised(self, space: LinkSpace, pose: Pose, turn: float) -> LimitRows:
         """One row a link: −turn ≤ Δφ ≤ turn."""
         del pose
-        matrix = space.matrix
-        bound = np.full(len(matrix), turn)
-        return LimitRows(matrix, -bound, bound)
+        bound = np.full(len(space.turns), turn)
+        return LimitRows(space.turns, -bound, bound)
 
 
 def assembled_limits(

@@ -19,7 +19,7 @@ class MovedArm(Protocol):
         ...
 
     def travel(self, change: FloatArray) -> FloatArray:
-        """Bound on how far any point moves with changes of a pose, shapes (...) [m] and (..., c)."""
+        """Bound on how far any point moves with changes of a configuration, shapes (...) [m] and (..., c)."""
         ...
 
 
@@ -36,8 +36,8 @@ class IntervalCertificate(Protocol):
         """Gap beyond contact that is asked for [m]."""
         ...
 
-    def failures(self, headings: FloatArray, /, depth: int | None = None) -> IntArray:
-        """Sorted intervals of a motion, poses of shape (K, c), that are not certified."""
+    def failures(self, q: FloatArray, /, depth: int | None = None) -> IntArray:
+        """Sorted intervals of a motion, configurations of shape (K, c), that are not certified."""
         ...
 
 
@@ -55,22 +55,26 @@ class MotionCertificate:
     spare: float
     limits: tuple[Limit, ...]
 
-    def failures(self, headings: FloatArray, depth: int | None = None) -> IntArray:
+    def failures(self, q: FloatArray, depth: int | None = None) -> IntArray:
         """Intervals that cannot be certified.
 
         Args:
-            headings: link headings at the keyframes, shape (K, links) [rad].
+            q: configurations at the keyframes, shape (K, c) [rad, m].
             depth: bisections of an interval that are allowed; as many as the certificate's settings say when None.
 
         Returns:
             Sorted indices of intervals k (from keyframe k to k + 1); empty when the motion is certified.
         """
-        return failed_intervals(self.limits, headings, depth)
+        return failed_intervals(self.limits, q, depth)
+
+    def heading_failures(self, headings: FloatArray) -> IntArray:
+        """The same of link headings at the keyframes, shape (K, links) [rad]."""
+        return self.failures(self.arm.bends(headings))
 
 
-def failed_intervals(limits: tuple[Limit, ...], headings: FloatArray, depth: int | None = None) -> IntArray:
+def failed_intervals(limits: tuple[Limit, ...], q: FloatArray, depth: int | None = None) -> IntArray:
     """Intervals in which some limit cannot be certified, sorted; arguments as for ``MotionCertificate.failures``."""
     failing = np.zeros(0, dtype=np.intp)
     for limit in limits:
-        failing = np.union1d(failing, limit.failures(headings, depth))
+        failing = np.union1d(failing, limit.failures(q, depth))
     return failing

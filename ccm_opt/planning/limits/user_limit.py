@@ -145,7 +145,7 @@ class UserLimit(LimitOf[CurveUnknowns]):
         return replace(self, u=1.0, at_goal=True)
 
     def values(self, q: FloatArray) -> "RowValues":
-        """Rows at a pose, shape (c,): headings or bends, and what carries the base."""
+        """Rows in a configuration, shape (c,)."""
         return self.rows.at(q, self.u)
 
     def turns(self, slopes: FloatArray) -> FloatArray:
@@ -263,9 +263,9 @@ class UserLimit(LimitOf[CurveUnknowns]):
         return None
 
     # ------------------------------------------------------------ at the goal
-    def miss(self, headings: FloatArray) -> float:
+    def miss(self, q: FloatArray) -> float:
         """By how much the worst row is missed, beyond what counts as met."""
-        miss = self.values(headings).violation
+        miss = self.values(q).violation
         return 0.0 if miss <= _MET_AT_GOAL else miss
 
     def mending(self, pose: Pose, most: float) -> tuple[FloatArray, FloatArray]:
@@ -356,7 +356,7 @@ class UserLimit(LimitOf[CurveUnknowns]):
         rows = self.terms.path_rows
         return np.asarray(~rows.equal & (rows.first <= 0.0) & (rows.last >= 1.0) & ~rows.parametric)
 
-    def failures(self, headings: FloatArray, depth: int | None = None) -> IntArray:
+    def failures(self, q: FloatArray, depth: int | None = None) -> IntArray:
         """Intervals in which a gap falls below its reserve at samples, which need no bisection.
 
         A gap that has less at an end of the interval, as a start or a goal may, has to be kept in between.
@@ -367,10 +367,10 @@ class UserLimit(LimitOf[CurveUnknowns]):
             return np.zeros(0, dtype=np.intp)
         rows = self.terms.path_rows
         share = np.linspace(0.0, 1.0, _SAMPLES + 1)[:, None]
-        between = headings[:-1, None] + share * np.diff(headings, axis=0)[:, None]
-        gaps = rows.table(between.reshape(-1, headings.shape[1]))[:, lasting].reshape(*between.shape[:2], -1)
+        between = q[:-1, None] + share * np.diff(q, axis=0)[:, None]
+        gaps = rows.table(between.reshape(-1, q.shape[1]))[:, lasting].reshape(*between.shape[:2], -1)
         # The reserve is an angle of the whole arm; a slope turns it into the unit of its gap.
-        steepest = np.max([self.turns(np.asarray(rows.slopes(end, 0.0)[1])) for end in headings[[0, -1]]], axis=0)
+        steepest = np.max([self.turns(np.asarray(rows.slopes(end, 0.0)[1])) for end in q[[0, -1]]], axis=0)
         reserve = _RESERVE * _KEEP_SHARE * _MARGIN * steepest[lasting]
         ends = np.minimum(gaps[:, 0], gaps[:, -1])
         floor = np.where(ends >= reserve, reserve, np.clip(ends, -_ALLOWED, -self._slack))
@@ -387,9 +387,9 @@ class UserLimit(LimitOf[CurveUnknowns]):
         return _PATH_SHARE * _ALLOWED
 
     # ------------------------------------------------------------ the smooth path
-    def missed_on_path(self, headings: FloatArray, u: float) -> tuple[FloatArray, FloatArray]:
-        """Slopes by the link headings of equations and broken gaps, shape (k, links), and what they have to change."""
-        values = self.terms.path_rows.at(headings, u)
+    def missed_on_path(self, q: FloatArray, u: float) -> tuple[FloatArray, FloatArray]:
+        """Slopes by the configuration of equations and broken gaps, shape (k, c), and what they have to change."""
+        values = self.terms.path_rows.at(q, u)
         reserve = _RESERVE * _KEEP_SHARE * _MARGIN * self.turns(values.gap_slopes)
         # The certificate asks for the reserve, by the steepest slope at the ends; beside its knots a path has less gap
         # than at them.
@@ -397,10 +397,10 @@ class UserLimit(LimitOf[CurveUnknowns]):
         slopes = np.vstack((values.equation_slopes, values.gap_slopes[broken]))
         return slopes, np.append(-values.equations, _KNOT_RESERVES * reserve[broken] - values.gaps[broken])
 
-    def misses_path(self, headings: FloatArray, u: FloatArray) -> BoolArray:
+    def misses_path(self, q: FloatArray, u: FloatArray) -> BoolArray:
         """At which samples a row is missed by more than its share of what is allowed."""
         rows = self.terms.path_rows
-        table = rows.table(headings, u)
+        table = rows.table(q, u)
         miss = np.where(rows.equal, np.abs(table), -table)
         return np.asarray(np.any(miss > self._slack, axis=1))
 
@@ -421,27 +421,27 @@ class UserLimit(LimitOf[CurveUnknowns]):
         if goal is not None:
             refuse_broken_goal(self.terms, goal, _ALLOWED)
 
-    def worst(self, headings: FloatArray) -> tuple[str, float]:
+    def worst(self, q: FloatArray) -> tuple[str, float]:
         """Name of the constraint that is missed most in radians of the arm, and its miss in the user's unit."""
         rows = self.rows
-        table = rows.table(headings[None], self.u)[0]
+        table = rows.table(q[None], self.u)[0]
         miss = np.where(rows.equal, np.abs(table), np.maximum(-table, 0.0))
         # The table holds NaN where a row does not apply at this u.
         if np.all(np.isnan(miss)):
             return "", 0.0
-        k = int(np.nanargmax(miss / self._slope_norms(headings)))
+        k = int(np.nanargmax(miss / self._slope_norms(q)))
         return rows.names[k], float(miss[k])
 
-    def describe(self, headings: FloatArray) -> str:
+    def describe(self, q: FloatArray) -> str:
         """The constraint that is missed, or else at its bound, in words; empty when none is."""
-        name, miss = self.worst(headings)
+        name, miss = self.worst(q)
         if miss > _MET_AT_GOAL:
             return f"constraint '{name}' is missed by {miss:.3g}"
         rows = self.rows
-        turns = rows.table(headings[None], self.u)[0] / self._slope_norms(headings)
+        turns = rows.table(q[None], self.u)[0] / self._slope_norms(q)
         near = ~rows.equal & (turns < 2.0 * _MARGIN)
         return f"constraint '{rows.names[int(np.flatnonzero(near)[0])]}' is at its bound" if near.any() else ""
 
-    def _slope_norms(self, headings: FloatArray) -> FloatArray:
+    def _slope_norms(self, q: FloatArray) -> FloatArray:
         """Norm of the slope of every row, whether it applies here or not, shape (rows,)."""
-        return self.turns(np.asarray(self.rows.slopes(headings, self.u)[1]))
+        return self.turns(np.asarray(self.rows.slopes(q, self.u)[1]))

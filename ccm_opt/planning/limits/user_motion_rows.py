@@ -81,7 +81,7 @@ def refuse_broken_start(terms: "UserTerms", start: "FloatArray", allowed: float)
 
     Args:
         terms: constraints and costs.
-        start: link headings, shape (links,) [rad].
+        start: configuration, shape (c,) [rad, m].
         allowed: by which a hard constraint may be missed, in the unit of its expression.
 
     Raises:

@@ -265,7 +265,7 @@ def motion_program(motion: Motion, task: MotionTask, margin: float | None = None
         curve=motion.curve,
         sweep=partial(PlanarSweep, motion.curve),
         limits=limits,
-        failures=lambda sweep: failed_intervals(limits, sweep.headings),
+        failures=lambda sweep: failed_intervals(limits, sweep.configurations),
         # Of a goal that is a set the motion keeps the member to which it was found.
         goal=task.limited_goal.nearest_member(end.tip, end.tip_direction),
         end_fixed=task.goal_pose is not None,
@@ -346,7 +346,7 @@ class RoomGrowth:
 
     def ended(self, sweep: PlanarSweep) -> bool:
         """Whether a motion has enough room, or none has had more for long."""
-        room = _room(sweep.headings, self.task)
+        room = _room(sweep.configurations, self.task)
         grows = room > _ROOM_GROWTH * self.most
         self.idle = 0 if grows else self.idle + 1
         self.most = max(self.most, room)
@@ -395,7 +395,7 @@ def _enough_room(motion: Motion, task: MotionTask) -> float:
     return _ENOUGH_ROOM * most
 
 
-def _room(headings: FloatArray, task: MotionTask) -> float:
-    """Least gap of the spline near keyframes, shape (K, links) [m]."""
-    samples = places_along(len(headings), _ROOM_SAMPLES)
-    return task.least_gap(clamped_spline(headings)(samples))
+def _room(q: FloatArray, task: MotionTask) -> float:
+    """Least gap of the spline near keyframes, shape (K, c) [m]."""
+    samples = places_along(len(q), _ROOM_SAMPLES)
+    return task.least_gap(clamped_spline(q)(samples))
