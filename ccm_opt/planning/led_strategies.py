@@ -19,6 +19,7 @@ from ccm_opt.core.deadline import Deadline
 from ccm_opt.core.errors import NoPlanFound
 from ccm_opt.core.length_words import long_length
 from ccm_opt.core.polyline import leg_headings, wrap
+from ccm_opt.core.progress import tell_candidate
 from ccm_opt.planning.continuation import Stalled
 from ccm_opt.planning.ends import Ends, resolve_ends
 from ccm_opt.planning.goal import GoalPose
@@ -36,7 +37,7 @@ from ccm_opt.planning.leader_paths import LeaderPaths
 from ccm_opt.planning.motion import Motion
 from ccm_opt.planning.motion_task import MotionTask
 from ccm_opt.planning.optimisation.optimise import keeps_limits
-from ccm_opt.planning.search import Failure, Strategy, tell_tried
+from ccm_opt.planning.search import Failure, Strategy
 from ccm_opt.planning.search_run import PlanarRun
 from ccm_opt.planning.settings import CurvePlannerSettings, MotionSettings
 from ccm_opt.planning.strategies import goes_straight_to_pose, straight
@@ -88,7 +89,8 @@ def fed_strategies(
         seconds = _CHANGE_SHARE * problem.planner.time_limit if patient else _SHORT_CHANGE
         ways = LedWays(problem, task, change, seconds, settings.corner_distance)
         for motion in ways.changing() if patient else ways.quick():
-            tell_tried(motion.candidate, failures)
+            nearest = min((each.remaining for each in failures), default=np.inf)
+            tell_candidate(len(failures) + 1, motion.candidate, nearest)
             kept = _kept(motion, task, failures)
             if kept is not None or task.deadline.passed():
                 return kept
