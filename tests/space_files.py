@@ -7,7 +7,9 @@ from pathlib import Path
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray, IntArray
+from ccm_opt.io.raw_mesh import RawMesh
 from ccm_opt.scene.bodies import BOX_FACES, box_corners
+from ccm_opt.scene.shells import find_shells
 
 CUBE = box_corners(np.zeros(3), np.ones(3))
 """Corners of the unit cube."""
@@ -56,6 +58,11 @@ CONTENT_TYPES = """<?xml version="1.0"?>
 <Types xmlns="http://schemas.openxmlformats.org/package/2006/content-types">
 <Default Extension="rels" ContentType="application/vnd.openxmlformats-package.relationships+xml"/>
 <Default Extension="model" ContentType="application/vnd.ms-package.3dmanufacturing-3dmodel+xml"/></Types>"""
+
+
+def is_closed(mesh: RawMesh) -> bool:
+    """Whether every edge joins two triangles."""
+    return bool(find_shells(mesh.vertices, mesh.faces).closed.all())
 
 
 def linked(*targets: str) -> str:

@@ -9,12 +9,13 @@ import pytest
 from pydantic import BaseModel
 
 from ccm_opt.cli.commands import app
-from ccm_opt.io import schema
+from ccm_opt.io import schema, schema_tables
 from ccm_opt.io.schema_tables import Table
 
 DOCS = Path(__file__).parent.parent / "docs"
 PAGE = (DOCS / "problem-file.md").read_text() + (DOCS / "space.md").read_text()
-TABLES = [table for _, table in inspect.getmembers(schema, inspect.isclass) if issubclass(table, Table)]
+CLASSES = dict(inspect.getmembers(schema_tables, inspect.isclass)) | dict(inspect.getmembers(schema, inspect.isclass))
+TABLES = [table for table in CLASSES.values() if issubclass(table, Table)]
 WRITTEN_OUT = {
     *("CircleTable", "WallTable", "InertiaTable", "GainsTable", "PoseTable", "Table"),
     *("ChainTable", "SphereTable", "BarTable", "BaseTable", "SpacePoseTable"),

@@ -59,7 +59,7 @@ def test_engines_begin_with_files_that_are_read(tmp_path: Path, suffix: str) -> 
         path = tmp_path / f"seed{suffix}"
         path.write_bytes(content)
         with contextlib.suppress(ProblemError):
-            count += len(read_mesh_file(path).mesh.faces if suffix in MESH_READERS else drawn_in(path))
+            count += len(read_mesh_file(path).faces if suffix in MESH_READERS else drawn_in(path))
     assert count > 0
 
 

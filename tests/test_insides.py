@@ -139,7 +139,7 @@ def as_files_have_it(triangles: FloatArray, rng: np.random.Generator, *, may_tur
 
 def as_read(triangles: FloatArray) -> MeshBody:
     """The body that a file with such triangles becomes."""
-    mended = mended_mesh(RawMesh.of_corners(triangles)).mesh
+    mended = mended_mesh(RawMesh.of_corners(triangles))
     return MeshBody(mended.vertices, mended.faces)
 
 

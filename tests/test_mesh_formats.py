@@ -16,7 +16,7 @@ from ccm_opt.core.errors import ProblemError
 from ccm_opt.io.mesh_obstacles import mended_mesh, read_mesh_file
 from ccm_opt.io.raw_mesh import MeshSettings, RawMesh, triangles_of
 from ccm_opt.scene.bodies import BOX_FACES
-from tests.space_files import CUBE, binary_stl, linked, model_3mf, object_3mf, three_mf
+from tests.space_files import CUBE, binary_stl, is_closed, linked, model_3mf, object_3mf, three_mf
 
 QUADS = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
 """The faces of the cube whose corners count x in fours, y in twos."""
@@ -27,7 +27,7 @@ MIXED = [*QUADS[:5], [1, 5, 7], [1, 7, 3]]
 def read(folder: Path, name: str, content: bytes) -> RawMesh:
     """A mesh from a file."""
     (folder / name).write_bytes(content)
-    return read_mesh_file(folder / name).mesh
+    return read_mesh_file(folder / name)
 
 
 def area(mesh: RawMesh) -> float:
@@ -155,16 +155,16 @@ COMMENTED = (
 def test_what_a_format_allows_is_read(tmp_path: Path, name: str, content: bytes) -> None:
     """However a cube is written down, it is a closed cube."""
     mended = mended_mesh(read(tmp_path, name, content))
-    assert (len(mended.mesh.vertices), mended.closed) == (8, True)
-    assert area(mended.mesh) == pytest.approx(6.0)
+    assert (len(mended.vertices), is_closed(mended)) == (8, True)
+    assert area(mended) == pytest.approx(6.0)
 
 
 def test_vertices_told_backwards_belong_to_what_stands_before_them(tmp_path: Path) -> None:
     """In a second object of an OBJ file -1 is its own last vertex: two cubes are two cubes."""
     both = obj(QUADS, first=-8) + "o second\n" + obj(QUADS, vertices=GRID + 3.0, first=-8)
     mesh = mended_mesh(read(tmp_path, "part.obj", both.encode()))
-    assert (len(mesh.mesh.faces), mesh.closed, mesh.mended) == (24, True, ())
-    assert np.ptp(mesh.mesh.vertices, axis=0) == pytest.approx([4.0, 4.0, 4.0])
+    assert (len(mesh.faces), is_closed(mesh), mesh.mended) == (24, True, ())
+    assert np.ptp(mesh.vertices, axis=0) == pytest.approx([4.0, 4.0, 4.0])
 
 
 def test_several_solids_of_one_file(tmp_path: Path) -> None:

@@ -15,7 +15,7 @@ from ccm_opt.io.mesh_obstacles import mended_mesh, read_mesh_file
 from ccm_opt.io.raw_mesh import MeshSettings, RawMesh
 from ccm_opt.scene.bodies import BOX_FACES
 from ccm_opt.scene.shells import repeated
-from tests.space_files import CUBE, binary_stl, cube_3mf, model_3mf, object_3mf, three_mf, written
+from tests.space_files import CUBE, binary_stl, cube_3mf, is_closed, model_3mf, object_3mf, three_mf, written
 
 OBJ = "".join(f"v {x} {y} {z}\n" for x, y, z in CUBE) + "".join(f"f {a + 1} {b + 1} {c + 1}\n" for a, b, c in BOX_FACES)
 
@@ -48,10 +48,10 @@ def volume(mesh: RawMesh) -> float:
 def test_every_format_gives_the_same_surface(tmp_path: Path, name: str, content: bytes) -> None:
     """A cube is a closed mesh of volume 1 in whichever format it is, and nothing of it is mended."""
     (tmp_path / name).write_bytes(content)
-    mended = mended_mesh(read_mesh_file(tmp_path / name).mesh)
-    assert (len(mended.mesh.vertices), len(mended.mesh.faces)) == (8, 12)
-    assert (mended.closed, mended.mended) == (True, ())
-    assert volume(mended.mesh) == pytest.approx(1.0)
+    mended = mended_mesh(read_mesh_file(tmp_path / name))
+    assert (len(mended.vertices), len(mended.faces)) == (8, 12)
+    assert (is_closed(mended), mended.mended) == (True, ())
+    assert volume(mended) == pytest.approx(1.0)
 
 
 MUTATED = {
@@ -202,32 +202,24 @@ def test_a_packed_bomb_does_not_fill_the_memory(tmp_path: Path) -> None:
     tracemalloc.stop()
 
 
-def test_what_simplified_meshes_is_refused_by_name(tmp_path: Path) -> None:
-    """The key of earlier versions is one defect, which says that it is no longer needed."""
-    with pytest.raises(ProblemFileError) as refused:
-        ccm_opt.load_problem(written(tmp_path, binary_stl(), extra="simplify = 0.5"))
-    (issue,) = refused.value.issues
-    assert (issue.key, issue.message[:16]) == ("workspace.obstacles[0].simplify", "no longer needed")
-
-
 def test_other_files_are_not_read_for_a_mesh(tmp_path: Path) -> None:
     """Materials that a mesh names in other places are left alone."""
     (tmp_path / "part.obj").write_text("mtllib ../../secret.mtl\nusemtl x\n" + OBJ)
-    assert len(read_mesh_file(tmp_path / "part.obj").mesh.faces) == 12
+    assert len(read_mesh_file(tmp_path / "part.obj").faces) == 12
 
 
 def test_parts_without_triangles_are_left_out(tmp_path: Path) -> None:
     """Vertices that belong to nothing, in a part of their own, do not keep the rest from being read."""
     (tmp_path / "part.obj").write_text(f"{OBJ}o other\nusemtl y\nv 0 0 9\nv 1 0 9\nf 9 10\n")
-    assert len(read_mesh_file(tmp_path / "part.obj").mesh.faces) == 12
+    assert len(read_mesh_file(tmp_path / "part.obj").faces) == 12
 
 
 @pytest.mark.parametrize("far", [1e30, np.inf, np.nan])
 def test_vertices_that_no_triangle_has_may_be_anywhere(far: float) -> None:
     """They are left out, and do not make the others' triangles small."""
     mended = mended_mesh(RawMesh(np.vstack(([[0.0, far, 0.0]], CUBE)), BOX_FACES + 1))
-    assert (len(mended.mesh.vertices), mended.closed, mended.mended) == (8, True, ())
-    assert volume(mended.mesh) == pytest.approx(1.0)
+    assert (len(mended.vertices), is_closed(mended), mended.mended) == (8, True, ())
+    assert volume(mended) == pytest.approx(1.0)
 
 
 def test_what_is_mended_is_told() -> None:
@@ -235,11 +227,11 @@ def test_what_is_mended_is_told() -> None:
     vertices = np.concatenate((CUBE, [[0.5, 0.0, 0.0], [3.0, 0.0, 0.0]]))
     faces = np.concatenate((BOX_FACES, BOX_FACES[:2], [[0, 8, 1], [1, 1, 0]]))
     mended = mended_mesh(RawMesh(vertices, faces))
-    assert (len(mended.mesh.faces), mended.closed) == (12, True)
+    assert (len(mended.faces), is_closed(mended)) == (12, True)
     assert mended.mended == ("left out 2 triangles without area", "left out 2 repeated triangles")
     alone = mended_mesh(RawMesh(vertices, np.concatenate((faces, [[0, 9, 9]]))))
-    assert (len(alone.mesh.faces), alone.closed) == (13, True)
-    assert not mended_mesh(RawMesh(CUBE, BOX_FACES[1:])).closed
+    assert (len(alone.faces), is_closed(alone)) == (13, True)
+    assert not is_closed(mended_mesh(RawMesh(CUBE, BOX_FACES[1:])))
 
 
 def test_repeated_triangles_among_vertices_without_end() -> None:
@@ -260,7 +252,7 @@ def test_reading_many_triangles(tmp_path: Path) -> None:
     flat = np.zeros((1_000_000, 3), dtype=np.intp)
     (tmp_path / "flat.stl").write_bytes(binary_stl(CUBE, flat))
     with pytest.raises(ccm_opt.ProblemError, match="1000000 of 1000000 triangles have no area"):
-        mended_mesh(read_mesh_file(tmp_path / "flat.stl").mesh)
+        mended_mesh(read_mesh_file(tmp_path / "flat.stl"))
     around = np.linspace(0.0, 2.0 * np.pi, 360, endpoint=False)
     big, small = (grid.ravel() for grid in np.meshgrid(around, around, indexing="ij"))
     beside = 1.0 + 0.3 * np.cos(small)
@@ -271,5 +263,5 @@ def test_reading_many_triangles(tmp_path: Path) -> None:
     a, b, c, d = (corner.ravel() for corner in corners)
     faces = np.concatenate((np.column_stack((a, b, c)), np.column_stack((a, c, d))))
     (tmp_path / "torus.stl").write_bytes(binary_stl(torus, faces))
-    mended = mended_mesh(read_mesh_file(tmp_path / "torus.stl").mesh)
-    assert (len(mended.mesh.faces), mended.closed, mended.mended) == (len(faces), True, ())
+    mended = mended_mesh(read_mesh_file(tmp_path / "torus.stl"))
+    assert (len(mended.faces), is_closed(mended), mended.mended) == (len(faces), True, ())

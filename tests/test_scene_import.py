@@ -22,7 +22,7 @@ from ccm_opt.io.drawing import import_scene as import_drawing
 from ccm_opt.io.dxf_pieces import Piece, joined_pieces
 from ccm_opt.io.problem_data import recorded_data
 from ccm_opt.io.reading import load_problem, parse_problem, problem_from_mapping
-from ccm_opt.io.shapes import Line, Region, flatten_bezier, flatten_bulges, flatten_ellipse, flatten_spline
+from ccm_opt.io.shapes import Shape, flatten_bezier, flatten_bulges, flatten_ellipse, flatten_spline
 from ccm_opt.scene.workspace import Obstacle
 
 from .conftest import SMALL_PROBLEM
@@ -517,13 +517,13 @@ def test_outlines_within_outlines_are_holes_by_turns(nested: list[int], repeated
 def test_outlines_without_area_are_walls_or_told(place: tuple[float, float], size: float) -> None:
     """A polygon whose corners lie in a line is a wall along it; one whose corners are one place is told."""
     ring = np.array(place) + size * np.array([[0.0, 0.0], [0.5, 0.25], [1.0, 0.5]])
-    found = divided(Region("thin", (ring,)), 1e9)
+    found = divided(Shape("thin", (ring,)), 1e9)
     if np.all(ring == ring[0]):
         assert found == []
     else:
         (wall,) = found
-        assert isinstance(wall, Line)
-        assert shapely.LineString(wall.points).distance(shapely.Point(ring[2])) == 0.0
+        assert wall.drawn == "line"
+        assert shapely.LineString(wall.rings[0]).distance(shapely.Point(ring[2])) == 0.0
 
 
 def test_chains_end_where_three_lines_meet() -> None:
@@ -651,7 +651,7 @@ from ccm_opt.io.reading import parse_problem
 parse_problem({SMALL_PROBLEM!r})
 assert "ezdxf" not in sys.modules
 from ccm_opt.io.drawing import import_scene
-from ccm_opt.io.shapes import Line, Region
+from ccm_opt.io.shapes import Shape
 from ccm_opt.io.drawing import ImportOptions
 from ccm_opt.io.drawing import divided
 import_scene(Path({str(DATA / "scene.wkt")!r}), ImportOptions())

@@ -20,11 +20,12 @@ from ccm_opt.cli.tables import columned_table, report_console, stage_line, units
 from ccm_opt.core.errors import Diagnosis, NoPlanFound
 from ccm_opt.core.executors import DaskWorkers, LocalWorkers, ThisProcess, Workers
 from ccm_opt.io.folder import POSE_RECORD, REACH_RECORD, check_target
-from ccm_opt.io.records import pose_json, segment_words
+from ccm_opt.io.records import pose_json
 from ccm_opt.io.result_folders import reach_json, write_pose, write_pose_failure, write_reach
 from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import ReachMap, StaticPose
 from ccm_opt.robot.bishop_curve import SpaceSegment
+from ccm_opt.robot.segment import segment_words
 
 ROWS_SHOWN = 5
 """Multipliers that the table shows; all are in the record."""

@@ -20,7 +20,7 @@ from ccm_opt.io.controller_points import controller_points, trajectory_texts
 from ccm_opt.io.folder import ARRAYS, model_meshes, model_texts
 from ccm_opt.io.glb import motion_glb
 from ccm_opt.io.reading_back import SavedMotion, load_any_problem, load_motion, read_arrays
-from ccm_opt.io.record_file import RecordedResults, recorded_curves, recorded_results
+from ccm_opt.io.record_file import RecordedResults, recorded_results
 from ccm_opt.io.records import arrays_npz, bends_of_arrays, room_data
 from ccm_opt.io.robot_models import MESHES, URDF_MESHES
 from ccm_opt.io.text_agreement import check_of_data, checks_of_texts
@@ -100,22 +100,10 @@ def _checks_of_record(
     left_out: Sequence[str],
 ) -> list[Check]:
     """Whatever else the folder says of the motion, held against it."""
-    from ccm_opt.driver.record_agreement import WrittenRecord, checks_of_record  # noqa: PLC0415 - loads the simulation
+    from ccm_opt.driver.record_agreement import checks_of_record  # noqa: PLC0415 - loads the simulation
 
-    record = WrittenRecord(
-        motion.keyframes,
-        recorded_curves(motion.arrays, problem.arm),
-        motion.simulated_angles,
-        motion.simulated_torques,
-        motion.simulated_base,
-        recorded.verdict,
-        recorded.figures,
-        recorded.checks,
-        recorded.tolerance,
-        motion.room_arrays,
-    )
     return [
-        *checks_of_record(problem, motion.trajectory, motion.joints, record, own, room),
+        *checks_of_record(problem, motion, recorded, own, room),
         check_of_data(recorded.data, problem, motion.trajectory, room, left_out),
         *checks_of_texts(folder, problem, motion.trajectory, motion.joints, own),
     ]

@@ -1,18 +1,19 @@
 """Whether a record agrees with its motion."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.driver.closed_loop import simulate_and_check
 from ccm_opt.driver.metrics import figures_of_motion
+from ccm_opt.io.reading_back import SavedMotion
+from ccm_opt.io.record_file import RecordedResults, recorded_curves
 from ccm_opt.planning.link_space import nearest_curves
 from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import (
     Check,
-    JointStates,
     JointTrajectory,
     RoomRecord,
     SimulatedMotion,
@@ -55,40 +56,10 @@ _OF_USER = "constraint "
 """What names of checks begin with that hold what the user asks for."""
 
 
-@dataclass(frozen=True)
-class WrittenRecord:
-    """What a folder says of a motion beside the motion itself.
-
-    Attributes:
-        keyframes: of all coordinates, shape (K, c) [rad, m].
-        curves: behind the keyframes; none in space.
-        simulated_angles: shape (T, 3 * links) [rad].
-        simulated_torques: shape (T, 3 * links) [N m].
-        simulated_base: positions of the axes that carry the base, shape (T, axes) [m].
-        verdict: on the simulation, by the names of ``SimulationVerdict``.
-        figures: of merit, by name; those that are not finite are None.
-        checks: with what they found; numbers that are not finite are nan.
-        tolerance: errors that are survived; none where nobody asked.
-        room_arrays: ``room_time``, ``wall_gaps``, ``self_gaps``, each of shape (N,); none where nobody measured them.
-    """
-
-    keyframes: FloatArray
-    curves: tuple[Configuration, ...]
-    simulated_angles: FloatArray
-    simulated_torques: FloatArray
-    simulated_base: FloatArray
-    verdict: Mapping[str, object]
-    figures: Mapping[str, float | None]
-    checks: tuple[Check, ...]
-    tolerance: tuple[SurvivedError, ...]
-    room_arrays: Mapping[str, FloatArray]
-
-
 def checks_of_record(
     problem: Problem,
-    trajectory: JointTrajectory,
-    joints: JointStates,
-    record: WrittenRecord,
+    motion: SavedMotion,
+    record: RecordedResults,
     checks: tuple[Check, ...],
     room: RoomRecord,
     settings: VerificationSettings = DEFAULT_VERIFICATION,
@@ -99,63 +70,63 @@ def checks_of_record(
 
     Args:
         problem: what was asked.
-        trajectory: the motion, which is well-formed.
-        joints: the same for all drives.
-        record: what the folder says.
+        motion: in the folder, which is well-formed, with keyframes and simulation.
+        record: what else the folder says.
         checks: of the verifier, made anew.
         room: that the motion keeps, measured anew.
         settings: what counts as the same.
     """
     settings = settings.for_problem(problem)
-    found = [check_keyframes(problem.arm, trajectory, record.keyframes, settings)]
+    trajectory, joints = motion.trajectory, motion.joints
+    found = [check_keyframes(problem.arm, trajectory, motion.keyframes, settings)]
     figures = dict(figures_of_motion(problem, trajectory, joints, checks))
     if problem.dimension == 2:
-        found.append(_curves(problem, record))
-    figures["keyframes"] = float(len(record.keyframes))
+        found.append(_curves(problem, motion))
+    figures["keyframes"] = float(len(motion.keyframes))
     if record.verdict["outcome"] == "not simulated":
-        found.append(_at_rest(trajectory, joints, record))
+        found.append(_at_rest(motion))
         unheld = {name: value for name, value in record.figures.items() if name.endswith(_OF_SIMULATION)}
         figures |= {name: np.nan if value is None else value for name, value in unheld.items()}
     else:
         again, of_simulation = simulate_and_check(problem, trajectory, joints)
-        found.append(_simulated(trajectory.time, record, again))
+        found.append(_simulated(motion, record.verdict, again))
         figures |= of_simulation
     found.append(_figures(record.figures, figures, settings))
     found.append(_checks(record.checks, checks, settings))
-    if record.room_arrays:
-        found.append(_room(record.room_arrays, room, settings))
+    if motion.room_arrays:
+        found.append(_room(motion.room_arrays, room, settings))
     if record.tolerance:
         found.append(_survived(problem, trajectory, record.tolerance))
     return found
 
 
-def _curves(problem: Problem, record: WrittenRecord) -> Check:
+def _curves(problem: Problem, motion: SavedMotion) -> Check:
     """The curves behind the keyframes of a motion in the plane."""
+    curves = recorded_curves(motion.arrays, problem.arm)
     if problem.planner.method != "nlp":
-        return check_followed_curves(problem.arm, record.curves, record.keyframes)
-    wanted = keyframe_curves(problem.arm, record.keyframes)
-    return check_nearest_curves(record.curves, wanted)
+        return check_followed_curves(problem.arm, curves, motion.keyframes)
+    return check_nearest_curves(curves, keyframe_curves(problem.arm, motion.keyframes))
 
 
-def _at_rest(trajectory: JointTrajectory, joints: JointStates, record: WrittenRecord) -> Check:
+def _at_rest(motion: SavedMotion) -> Check:
     """An arm that was not simulated stands where the plan begins."""
     off = [
-        np.abs(record.simulated_angles - joints.angles[:1]),
-        np.abs(record.simulated_torques),
-        np.abs(record.simulated_base - trajectory.base_positions[:1]),
+        np.abs(motion.simulated_angles - motion.joints.angles[:1]),
+        np.abs(motion.simulated_torques),
+        np.abs(motion.simulated_base - motion.trajectory.base_positions[:1]),
     ]
     worst = max(float(np.max(part, initial=0.0)) for part in off)
     return Check("simulated arm against its plan", worst, 0.0, "rad", "it was not simulated", passed=worst == 0.0)
 
 
-def _simulated(time: FloatArray, record: WrittenRecord, again: SimulatedMotion) -> Check:
+def _simulated(motion: SavedMotion, recorded: Mapping[str, object], again: SimulatedMotion) -> Check:
     """The simulated arm against another run of the same simulation."""
     name = "simulated arm against its plan"
     verdict = asdict(again.verdict)
     # Where the arm does not follow its plan, words and numbers of the verdict are as far off as the run is.
     held = [field for field in verdict if again.verdict.followed or field == "outcome"]
     for field in held:
-        told = record.verdict.get(field, verdict[field])
+        told = recorded.get(field, verdict[field])
         wanted = list(verdict[field]) if isinstance(verdict[field], tuple) else verdict[field]
         if told != wanted:
             return Check(
@@ -163,12 +134,12 @@ def _simulated(time: FloatArray, record: WrittenRecord, again: SimulatedMotion) 
             )
     peak = float(np.max(np.abs(again.torques), initial=0.0))
     sources = (
-        ("angle", record.simulated_angles, again.angles, _SIMULATED_ANGLE),
-        ("feed", record.simulated_base, again.base_positions, _SIMULATED_ANGLE),
-        ("torque", record.simulated_torques, again.torques, _SIMULATED_TORQUE * peak),
+        ("angle", motion.simulated_angles, again.angles, _SIMULATED_ANGLE),
+        ("feed", motion.simulated_base, again.base_positions, _SIMULATED_ANGLE),
+        ("torque", motion.simulated_torques, again.torques, _SIMULATED_TORQUE * peak),
     )
     worst = (0.0, _SIMULATED_ANGLE, "")
-    rows = slice(_samples_alike(time, again.verdict))
+    rows = slice(_samples_alike(motion.trajectory.time, again.verdict))
     for what, ours, theirs, allowed in sources:
         off = np.abs(ours[rows] - theirs[rows])
         if off.size and float(np.max(off)) > worst[0] / worst[1] * allowed:

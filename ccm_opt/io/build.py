@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -11,27 +10,18 @@ import shapely
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.errors import ProblemError
 from ccm_opt.io.schema import (
-    ArmTable,
-    DisturbancesTable,
-    FeedTable,
     GoalTable,
-    LimitsTable,
     ObstacleTable,
     PlacementTable,
-    PlannerTable,
     PoseTable,
-    RootTable,
-    SegmentTable,
-    SimulationTable,
     SpaceArmTable,
     SpaceGoalTable,
     SpaceObstacleTable,
     SpacePoseTable,
     SpaceWorkspaceTable,
-    ToleranceTable,
-    VerificationTable,
     WorkspaceTable,
 )
+from ccm_opt.io.schema_tables import ArmTable, LimitsTable, PlannerTable, SimulationTable, Table
 from ccm_opt.problem import (
     Disturbances,
     Goal,
@@ -59,11 +49,6 @@ _GAP_IN_DIAMETERS = 1.1
 """The axes of distant links keep at least this many link diameters (two radii) apart."""
 _LEAST_GAP_IN_LINKS = 0.1
 """And at least this many link lengths, for arms of zero radius."""
-
-
-def straight_bends(arm: Arm) -> FloatArray:
-    """All links along the base heading, shape (links,) [rad]."""
-    return np.zeros(arm.links)
 
 
 def folded_bends(arm: Arm) -> FloatArray:
@@ -127,51 +112,42 @@ def _diagonal(arm: Arm, bends: FloatArray) -> float:
     return float(np.linalg.norm(np.ptp(arm.joint_positions(arm.headings(bends)), axis=0)))
 
 
-@dataclass(frozen=True)
-class Tables:
-    """All tables of a problem file, validated.
-
-    Attributes:
-        obstacles: each with its place in the file.
-        meshes: bodies of those that are meshes, by that place.
-    """
-
-    root: RootTable
-    workspace: WorkspaceTable | SpaceWorkspaceTable
-    obstacles: tuple[tuple[int, ObstacleTable | SpaceObstacleTable], ...]
-    meshes: Mapping[int, MeshBody]
-    arm: ArmTable | SpaceArmTable
-    limits: LimitsTable
-    start: PoseTable | SpacePoseTable
-    goals: tuple[GoalTable | SpaceGoalTable, ...]
-    planner: PlannerTable
-    simulation: SimulationTable
-    tolerance: ToleranceTable
-    verification: VerificationTable
-
-
-def build_problem(tables: Tables, source: str) -> Problem:
-    """Assemble a problem from tables that have passed all checks."""
-    arm = build_arm(tables.arm)
-    mapping = tables.planner.mapping
-    *stops, last = tables.goals
+def build_problem(tables: Mapping[str, Any], source: str) -> Problem:
+    """Assemble a problem from tables that have passed all checks, by where they stand; see ``table_reading``."""
+    arm = build_arm(tables["arm"])
+    mapping = tables["planner"].mapping
+    *stops, last = ((_goal(goal, arm, mapping), _tolerances(goal), goal.pause) for goal in tables["goals"])
+    simulation: SimulationTable = tables["simulation"]
     return Problem(
-        name=tables.root.name,
-        description=tables.root.description,
-        workspace=build_workspace(tables.workspace, tables.obstacles, tables.meshes),
+        name=tables["root"].name,
+        description=tables["root"].description,
+        workspace=build_workspace(tables["workspace"], tables["obstacles"], tables["meshes"]),
         arm=arm,
-        limits=build_limits(tables.limits, arm.links),
-        start=build_pose(tables.start, arm, mapping),
-        goal=_goal(last, arm, mapping),
-        tolerances=_tolerances(last),
-        stops=tuple(Stop(_goal(stop, arm, mapping), _tolerances(stop), stop.pause) for stop in stops),
-        planner=build_options(tables.planner),
-        simulation=build_simulation(tables.simulation),
-        joint_error=tables.tolerance.joint_error_deg,
-        verification=VerificationOptions(tables.verification.contact_tolerance),
+        limits=build_limits(tables["limits"], arm.links),
+        start=build_pose(tables["start"], arm, mapping),
+        goal=last[0],
+        tolerances=last[1],
+        stops=tuple(Stop(*stop) for stop in stops),
+        planner=build_options(tables["planner"]),
+        simulation=SimulationOptions(
+            gravity=np.array(simulation.gravity),
+            step=simulation.step,
+            controller=simulation.controller,
+            bandwidth=simulation.bandwidth,
+            proportional_gain=simulation.gains.proportional,
+            derivative_gain=simulation.gains.derivative,
+            disturbances=Disturbances(**_without_units(simulation.disturbances)),
+        ),
+        joint_error=tables["tolerance"].joint_error_deg,
+        verification=VerificationOptions(**tables["verification"].model_dump()),
         source=source,
-        length_unit=tables.root.units,
+        length_unit=tables["root"].units,
     )
+
+
+def _without_units(table: Table) -> dict[str, Any]:
+    """The values of a table by their keys without the units that these name, in which no value is any more."""
+    return {key.removesuffix("_deg"): value for key, value in table.model_dump().items()}
 
 
 def build_workspace(
@@ -253,6 +229,11 @@ def build_arm(table: ArmTable | SpaceArmTable) -> Arm:
     else:
         thinnest = SPACE_ROD_RADIUS * table.link_length if in_space else 0.0
         axial, transverse = cylinder_inertia(masses, max(table.radius, thinnest), table.link_length)
+    # The guide tube ends where the base stands at full feed unless the file says otherwise.
+    feed = None
+    if table.feed is not None:
+        low, high = table.feed.range
+        feed = Feed(low, high, high if table.feed.hole is None else table.feed.hole)
     parts: dict[str, Any] = {
         "links": table.links,
         "link_length": table.link_length,
@@ -265,7 +246,7 @@ def build_arm(table: ArmTable | SpaceArmTable) -> Arm:
         "inertia_axial": axial,
         "inertia_transverse": transverse,
         "axes": table.axes,
-        "feed": None if table.feed is None else _feed(table.feed),
+        "feed": feed,
         "payload": table.payload,
         "rotor_inertia": each_revolute(table.rotor_inertia, table.links),
         "friction": each_revolute(table.friction, table.links),
@@ -275,12 +256,6 @@ def build_arm(table: ArmTable | SpaceArmTable) -> Arm:
     direction = np.array(table.base.direction)
     up = _across(np.array(table.base.up), direction)
     return Arm(base=np.array(table.base.position), direction=direction, up=up, **parts)
-
-
-def _feed(table: FeedTable) -> Feed:
-    """The feed axis; its guide tube ends where the base stands at full feed unless the file says otherwise."""
-    low, high = table.range
-    return Feed(low, high, high if table.hole is None else table.hole)
 
 
 def _across(up: FloatArray, direction: FloatArray) -> FloatArray:
@@ -324,10 +299,17 @@ def build_pose(table: PoseTable | SpacePoseTable, arm: Arm, mapping: MappingName
     if arm.dimension == 3:
         return JointPose(np.zeros((arm.links, 2)) if table.joints_deg is None else np.array(table.joints_deg), feed)
     if isinstance(table, PoseTable) and table.segments is not None:
-        return JointPose.along(arm, _configuration(table.segments, table.heading_deg, arm), mapping, feed)
+        curve = Configuration.chain(
+            arm.base,
+            arm.base_heading if table.heading_deg is None else table.heading_deg,
+            [segment.length for segment in table.segments],
+            [np.array(segment.curvature) for segment in table.segments],
+            [(segment.knots[0], segment.knots[1], segment.knots[2]) for segment in table.segments],
+        )
+        return JointPose.along(arm, curve, mapping, feed)
     if table.joints_deg is not None:
         return JointPose(np.array(table.joints_deg), feed)
-    return JointPose(folded_bends(arm) if table.shape == "folded" else straight_bends(arm), feed)
+    return JointPose(folded_bends(arm) if table.shape == "folded" else np.zeros(arm.links), feed)
 
 
 def feed_of(table: PoseTable | SpacePoseTable, arm: Arm) -> float:
@@ -351,39 +333,11 @@ def _tolerances(table: GoalTable | SpaceGoalTable) -> Tolerances:
     return Tolerances(table.position_tolerance, angle)
 
 
-def _configuration(segments: Sequence[SegmentTable], heading: float | None, arm: Arm) -> Configuration:
-    return Configuration.chain(
-        arm.base,
-        arm.base_heading if heading is None else heading,
-        [segment.length for segment in segments],
-        [np.array(segment.curvature) for segment in segments],
-        [(segment.knots[0], segment.knots[1], segment.knots[2]) for segment in segments],
-    )
-
-
 def build_options(table: PlannerTable) -> PlannerOptions:
     """The planner's options."""
     values = table.model_dump()
     weights = Weights(**values.pop("weights"))
     return PlannerOptions(**values, weights=weights)
-
-
-def build_simulation(table: SimulationTable) -> SimulationOptions:
-    """How the motion is simulated."""
-    return SimulationOptions(
-        gravity=np.array(table.gravity),
-        step=table.step,
-        controller=table.controller,
-        bandwidth=table.bandwidth,
-        proportional_gain=table.gains.proportional,
-        derivative_gain=table.gains.derivative,
-        disturbances=_disturbances(table.disturbances),
-    )
-
-
-def _disturbances(table: DisturbancesTable) -> Disturbances:
-    values = table.model_dump()
-    return Disturbances(angle_noise=values.pop("angle_noise_deg"), **values)
 
 
 def _each(value: float | Sequence[float], links: int) -> FloatArray:

@@ -10,11 +10,11 @@ What follows, the copy in ``solution.json`` included, sees plain obstacles and n
 import math
 import os
 from collections import Counter
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import count
 from pathlib import Path
-from typing import Literal
+from typing import Literal, TypeVar
 
 import numpy as np
 import shapely
@@ -28,11 +28,12 @@ from ccm_opt.io.geojson import read_geojson, read_wkt
 from ccm_opt.io.issues import Issues, KeyPath
 from ccm_opt.io.outlines import as_walls, filled, polygons_of, room_of, with_holes
 from ccm_opt.io.schema import SceneTable
-from ccm_opt.io.shapes import IMPORT, Disc, DrawingContent, Line, Reader, Region, Shape
+from ccm_opt.io.shapes import IMPORT, DrawingContent, Reader, Shape
 from ccm_opt.io.svg import read_svg
 from ccm_opt.problem import ImportedDrawing, LeftOut
 from ccm_opt.scene.workspace import Obstacle, PlaneShape
 
+Part = TypeVar("Part", Shape, Obstacle)
 _FLATTENING_SHARE = 0.499
 """Share of the tolerance by which a polyline may leave its curve. Derived: polygons grow by half the tolerance, so that
 a little less than half keeps the true curve inside."""
@@ -71,16 +72,19 @@ def obstacles_of(shape: Shape, growth: float, wall_thickness: float) -> list[Obs
     Raises:
         ProblemError: the shape cannot be an obstacle.
     """
-    if isinstance(shape, Disc):
-        return [Obstacle(shape.name, PlaneShape(shapely.Point(shape.center), shape.radius))]
-    if isinstance(shape, Line):
-        rounding = max(shape.half_width, 0.5 * wall_thickness) + (growth if shape.curved else 0.0)
-        return [Obstacle(shape.name, PlaneShape(shapely.LineString(shape.points), rounding))]
+    growth = growth if shape.curved else 0.0
+    if shape.is_circle:
+        return [Obstacle(shape.name, PlaneShape(shapely.Point(shape.rings[0]), shape.half_width))]
+    if shape.drawn == "line":
+        rounding = max(shape.half_width, 0.5 * wall_thickness) + growth
+        return [Obstacle(shape.name, PlaneShape(shapely.LineString(shape.rings[0]), rounding))]
     # Chords cut off what bulges outwards; growing by as much holds the true curve inside again.
-    grow = shape.half_width + (growth if shape.curved else 0.0)
+    grow = shape.half_width + growth
     polygons = filled(shape.rings, shape.rule)
     if grow > 0.0:
-        polygons = _grown(shapely.MultiPolygon(polygons), grow, _CORNER_REACH)
+        # Mitred corners keep the number of vertices, but a very sharp one would reach far beyond the growth.
+        whole = shapely.MultiPolygon(polygons)
+        polygons = polygons_of(shapely.intersection(mitred(whole, grow), whole.buffer(_CORNER_REACH * grow)))
     return [Obstacle(shape.name, PlaneShape(polygon)) for polygon in polygons]
 
 
@@ -94,17 +98,25 @@ def divided(shape: Shape, largest: float) -> list[Shape]:
     Raises:
         ProblemError: it has numbers that cannot be used.
     """
-    _check_coordinates(shape, largest)
-    if isinstance(shape, Disc):
-        return [shape] if shape.radius > 0.0 else []
-    if isinstance(shape, Line):
-        return [shape] if np.any(shape.points != shape.points[0]) else []
+    if not shape.rings:
+        raise ProblemError("it has no outline")
+    worst = float(np.max(np.abs(np.append(np.concatenate(shape.rings), shape.half_width))))
+    if not math.isfinite(worst):
+        raise ProblemError("it has a coordinate that is not a finite number")
+    if worst > largest:
+        raise ProblemError(f"it has a coordinate of {worst:.6g}; expected at most {largest:g}; check the scale")
+    if shape.half_width < 0.0:
+        raise ProblemError(f"it is a circle of radius {shape.half_width:g}; expected a positive radius")
+    if shape.is_circle:
+        return [shape] if shape.half_width > 0.0 else []
+    if shape.drawn == "line":
+        return [shape] if np.any(shape.rings[0] != shape.rings[0][0]) else []
     flat = [_is_flat(ring) for ring in shape.rings]
     if shape.rule == "polygon" and flat[0]:
         flat = [True] * len(flat)
     full = tuple(ring for ring, is_line in zip(shape.rings, flat, strict=True) if not is_line)
     lines = [
-        Line(shape.name, np.vstack((ring, ring[:1])), shape.curved, shape.half_width, shape.layer)
+        replace(shape, rings=(np.vstack((ring, ring[:1])),), drawn="line")
         for ring, is_line in zip(shape.rings, flat, strict=True)
         if is_line and np.any(ring != ring[0])
     ]
@@ -132,32 +144,6 @@ def with_unique_names(obstacles: Iterable[Obstacle], taken: Collection[str] = ()
         used.add(name)
         result.append(replace(obstacle, name=name))
     return tuple(result)
-
-
-def _grown(polygons: shapely.MultiPolygon, growth: float, corner_reach: float) -> list[shapely.Polygon]:
-    """Polygons that hold every point within ``growth``; corners stay corners, but for very sharp ones."""
-    # Mitred corners keep the number of vertices, but a very sharp one would reach far beyond the growth.
-    return polygons_of(shapely.intersection(mitred(polygons, growth), polygons.buffer(corner_reach * growth)))
-
-
-def _check_coordinates(shape: Shape, largest: float) -> None:
-    if isinstance(shape, Region) and not shape.rings:
-        raise ProblemError("it has no outline")
-    worst = float(np.max(np.abs(_numbers(shape))))
-    if not math.isfinite(worst):
-        raise ProblemError("it has a coordinate that is not a finite number")
-    if worst > largest:
-        raise ProblemError(f"it has a coordinate of {worst:.6g}; expected at most {largest:g}; check the scale")
-    if isinstance(shape, Disc) and shape.radius < 0.0:
-        raise ProblemError(f"it is a circle of radius {shape.radius:g}; expected a positive radius")
-
-
-def _numbers(shape: Shape) -> FloatArray:
-    """All coordinates and lengths of a shape."""
-    if isinstance(shape, Disc):
-        return np.append(shape.center, shape.radius)
-    points = shape.points if isinstance(shape, Line) else np.concatenate(shape.rings)
-    return np.append(points, shape.half_width)
 
 
 @dataclass(frozen=True)
@@ -220,12 +206,31 @@ def import_scene(path: Path, options: ImportOptions, taken: Collection[str] = ()
                 room, shapes = room_of(shapes, growth, distance)
             walls = options.closed == "walls"
             shapes = as_walls(shapes, distance) if walls else with_holes(shapes, distance)
-            obstacles = _collected(shapes, growth, options)
+            obstacles = _of_each(shapes, lambda shape: obstacles_of(shape, growth, options.wall_thickness))
     except ProblemError as error:
         raise ProblemError(f"{path.name}: {error}") from error
-    _refuse_too_many_vertices(path, obstacles, options)
+    vertices = sum(shapely.get_num_coordinates(obstacle.core) for obstacle in obstacles)
+    if vertices > IMPORT.most_vertices:
+        raise ProblemError(
+            f"{path.name} holds {vertices} vertices, at most {IMPORT.most_vertices} can be used; simplify the "
+            f"drawing, or allow a larger curve_tolerance than {options.curve_tolerance:g}"
+        )
     named = with_unique_names(obstacles, taken)
     return ImportedScene(named, _summary(path, named, room, found), room)
+
+
+def _of_each(shapes: Iterable[Shape], made: Callable[[Shape], list[Part]]) -> list[Part]:
+    """What all shapes become; what cannot be an obstacle is refused in one error that lists it by name."""
+    found: list[Part] = []
+    refusals: list[str] = []
+    for shape in shapes:
+        try:
+            found += made(shape)
+        except ProblemError as error:
+            refusals.append(f"'{shape.name}' cannot be an obstacle: {error}")
+    if refusals:
+        raise ProblemError(IMPORT.listed(refusals))
+    return found
 
 
 def _placed(found: DrawingContent, options: ImportOptions) -> DrawingContent:
@@ -234,20 +239,17 @@ def _placed(found: DrawingContent, options: ImportOptions) -> DrawingContent:
     Raises:
         ProblemError: nothing is left, or a shape has coordinates that cannot be used.
     """
-    shapes: list[Shape] = []
     left_out = list(found.left_out)
-    refusals: list[str] = []
-    for shape in found.shapes:
-        try:
-            parts = divided(_moved(shape, options), IMPORT.largest_coordinate)
-        except ProblemError as error:
-            refusals.append(f"'{shape.name}' cannot be an obstacle: {error}")
-            continue
+
+    def moved(shape: Shape) -> list[Shape]:
+        rings = tuple(options.scale * np.asarray(ring, dtype=np.float64) + options.offset for ring in shape.rings)
+        placed = replace(shape, rings=rings, half_width=options.scale * shape.half_width)
+        parts = divided(placed, IMPORT.largest_coordinate)
         if not parts:
             left_out.append(LeftOut(f"'{shape.name}'", "it has no extent"))
-        shapes += parts
-    if refusals:
-        raise ProblemError(IMPORT.listed(refusals))
+        return parts
+
+    shapes = _of_each(found.shapes, moved)
     if not shapes:
         listed = IMPORT.listed([f"{item.what}: {item.reason}" for item in left_out])
         raise ProblemError(
@@ -269,15 +271,6 @@ def _summary(
     return ImportedDrawing(
         path.name, len(obstacles), (xmin, ymin, xmax, ymax), tuple(layers.items()), found.left_out, found.unit
     )
-
-
-def _refuse_too_many_vertices(path: Path, obstacles: Sequence[Obstacle], options: ImportOptions) -> None:
-    vertices = sum(shapely.get_num_coordinates(obstacle.core) for obstacle in obstacles)
-    if vertices > IMPORT.most_vertices:
-        raise ProblemError(
-            f"{path.name} holds {vertices} vertices, at most {IMPORT.most_vertices} can be used; simplify the "
-            f"drawing, or allow a larger curve_tolerance than {options.curve_tolerance:g}"
-        )
 
 
 def content_of(path: Path, kinds: Collection[str], what: str, most_bytes: int, blank: bytes | None = None) -> bytes:
@@ -313,37 +306,6 @@ def content_of(path: Path, kinds: Collection[str], what: str, most_bytes: int, b
     if not content.strip(blank):
         raise ProblemError(f"{path.name} is empty; expected a {what}")
     return content
-
-
-def _collected(shapes: Sequence[Shape], growth: float, options: ImportOptions) -> list[Obstacle]:
-    """The obstacles of all shapes; what cannot be one is refused in one error that lists them by name."""
-    obstacles: list[Obstacle] = []
-    refusals: list[str] = []
-    for shape in shapes:
-        try:
-            obstacles += obstacles_of(shape, growth, options.wall_thickness)
-        except ProblemError as error:
-            refusals.append(f"'{shape.name}' cannot be an obstacle: {error}")
-    if refusals:
-        raise ProblemError(IMPORT.listed(refusals))
-    return obstacles
-
-
-def _moved(shape: Shape, options: ImportOptions) -> Shape:
-    """A shape in the coordinates of the result."""
-    scale = options.scale
-    if isinstance(shape, Disc):
-        return replace(shape, center=_placed_points(shape.center, options), radius=shape.radius * scale)
-    half_width = shape.half_width * scale
-    if isinstance(shape, Line):
-        return replace(shape, points=_placed_points(shape.points, options), half_width=half_width)
-    rings = tuple(_placed_points(ring, options) for ring in shape.rings)
-    return replace(shape, rings=rings, half_width=half_width)
-
-
-def _placed_points(points: FloatArray, options: ImportOptions) -> FloatArray:
-    placed: FloatArray = np.asarray(points, dtype=np.float64) * options.scale + np.asarray(options.offset)
-    return placed
 
 
 def place_beside(
@@ -412,8 +374,7 @@ def with_scene(
     drawing = None
     if scene is not None and isinstance(listed, list):
         metres = METRES.get(str(data.get("units", "m")), 1.0)
-        place = _place_of(scene, folder, issues, allow_outside=allow_outside)
-        imported = None if place is None else _imported(scene, place, metres, listed, issues)
+        imported = _imported(scene, folder, metres, listed, issues, allow_outside=allow_outside)
         if imported is not None:
             rest["obstacles"] = [*listed, *(obstacle_table(obstacle) for obstacle in imported.obstacles)]
             if imported.room is not None:
@@ -437,36 +398,30 @@ def _set_room(workspace: dict[str, object], room: shapely.Polygon, issues: Issue
     workspace["boundary"] = _points(room.exterior)[:-1]
 
 
-def _place_of(scene: SceneTable, folder: Path | None, issues: Issues, *, allow_outside: bool) -> Path | None:
-    """Where the drawing lies; None where there is none that may be read, which is noted."""
+def _imported(
+    scene: SceneTable, folder: Path | None, metres: float, listed: list[object], issues: Issues, *, allow_outside: bool
+) -> ImportedScene | None:
+    """What the drawing gives, where there is one that may be read; what is wrong is noted."""
     if scene.file is None:
         issues.add(("workspace", next(iter(scene.model_fields_set))), "only allowed together with file")
         return None
+    path: KeyPath = ("workspace", "file")
     kind = "a drawing, for example 'scene.svg'"
-    return place_beside(scene.file, folder, ("workspace", "file"), kind, issues, allow_outside=allow_outside)
-
-
-def _imported(
-    scene: SceneTable, place: Path, metres: float, listed: list[object], issues: Issues
-) -> "ImportedScene | None":
-    """What the drawing gives; what is wrong is noted."""
-    tolerance = scene.curve_tolerance
-    if tolerance is None:
-        tolerance = ImportOptions.curve_tolerance / metres  # the default is in metres
-    options = ImportOptions(
-        scene.scale, (scene.offset[0], scene.offset[1]), tolerance, scene.wall_thickness, scene.closed
-    )
-    try:
-        return import_scene(place, options, _names(listed))
-    except ProblemError as error:
-        issues.add(("workspace", "file"), str(error))
+    place = place_beside(scene.file, folder, path, kind, issues, allow_outside=allow_outside)
+    if place is None:
         return None
-
-
-def _names(listed: list[object]) -> set[str]:
-    """Names of the obstacles in the problem file."""
-    named = (entry.get("name") if isinstance(entry, Mapping) else None for entry in listed)
-    return {str(name or f"obstacle {k}") for k, name in enumerate(named, start=1)}
+    x, y = scene.offset
+    # The default is in metres.
+    tolerance = scene.curve_tolerance or ImportOptions.curve_tolerance / metres
+    given = (entry.get("name") if isinstance(entry, Mapping) else None for entry in listed)
+    taken = {str(name or f"obstacle {k}") for k, name in enumerate(given, start=1)}
+    try:
+        return import_scene(
+            place, ImportOptions(scene.scale, (x, y), tolerance, scene.wall_thickness, scene.closed), taken
+        )
+    except ProblemError as error:
+        issues.add(path, str(error))
+        return None
 
 
 def obstacle_table(obstacle: Obstacle) -> dict[str, object]:

@@ -17,7 +17,7 @@ import numpy as np
 from ccm_opt.core.errors import ProblemError
 from ccm_opt.io.dxf_pieces import PIECES, Entity, Piece, corner_points, hatch_rings, joined_pieces
 from ccm_opt.io.issues import told_by
-from ccm_opt.io.shapes import IMPORT, Disc, DrawingContent, Line, Region, Shape
+from ccm_opt.io.shapes import IMPORT, DrawingContent, Drawn, Shape
 from ccm_opt.problem import LeftOut
 
 if TYPE_CHECKING:
@@ -333,12 +333,13 @@ def _add(item: _Placed, distance: float, found: _Findings) -> None:
     layer = item.layer
     if kind == "CIRCLE":
         center = entity.dxf.center
-        shape: Shape = Disc(item.name, np.array((center.x, center.y)), float(entity.dxf.radius), layer)
+        ring = np.array([(center.x, center.y)], dtype=np.float64)
+        shape = Shape(item.name, (ring,), "outline", half_width=float(entity.dxf.radius), layer=layer)
     elif kind in {"HATCH", "MPOLYGON"}:
         rings, curved = hatch_rings(entity, distance)
-        shape = Region(item.name, rings, "evenodd", curved, layer=layer, drawn="area")
+        shape = Shape(item.name, rings, "area", "evenodd", curved, layer=layer)
     elif kind in {"SOLID", "TRACE"}:
-        shape = Region(item.name, (corner_points(entity),), layer=layer, drawn="area")
+        shape = Shape(item.name, (corner_points(entity),), "area", layer=layer)
     elif kind in PIECES:
         piece = replace(PIECES[kind](entity, distance), name=item.name)
         found.points += len(piece.points)
@@ -378,9 +379,8 @@ def _chained(pieces: list[Piece], layer: str, distance: float) -> list[Shape]:
 
 
 def _shape(piece: Piece, layer: str) -> Shape:
-    if piece.closed:
-        return Region(piece.name, (piece.points,), "nonzero", piece.curved, piece.half_width, layer, "outline")
-    return Line(piece.name, piece.points, piece.curved, piece.half_width, layer)
+    drawn: Drawn = "outline" if piece.closed else "line"
+    return Shape(piece.name, (piece.points,), drawn, "nonzero", piece.curved, piece.half_width, layer)
 
 
 def _title(item: _Placed) -> str:

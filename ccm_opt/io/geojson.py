@@ -9,7 +9,7 @@ import shapely
 from shapely.errors import GEOSException, ShapelyError
 
 from ccm_opt.core.errors import ProblemError
-from ccm_opt.io.shapes import IMPORT, DrawingContent, Line, Region, Shape
+from ccm_opt.io.shapes import IMPORT, DrawingContent, Shape
 from ccm_opt.problem import LeftOut
 
 GEOMETRIES = frozenset(
@@ -199,9 +199,9 @@ def shapes_of(geometry: shapely.Geometry, name: str, left_out: list[LeftOut]) ->
         elif hasattr(part, "geoms"):
             parts.extend(part.geoms)
         elif isinstance(part, shapely.Polygon):
-            shapes.append(Region(name, tuple(shapely.get_coordinates(ring)[:-1] for ring in shapely.get_rings(part))))
+            shapes.append(Shape(name, tuple(shapely.get_coordinates(ring)[:-1] for ring in shapely.get_rings(part))))
         elif isinstance(part, shapely.Point):
             left_out.append(LeftOut(f"{kind} '{name}'", "points have no extent"))
         else:
-            shapes.append(Line(name, shapely.get_coordinates(part)))
+            shapes.append(Shape(name, (shapely.get_coordinates(part),), "line"))
     return shapes

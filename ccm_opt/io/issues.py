@@ -4,16 +4,17 @@ The text is known to be valid TOML (``tomllib`` reads the values); this scanner 
 (TOML 1.0, sections Keys, Table, Array of Tables, Inline Table).
 """
 
+import copy
 import difflib
 import logging
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from datetime import date, time
 from functools import cache
 from types import MappingProxyType
-from typing import NamedTuple, TypeAlias, TypeVar
+from typing import Any, NamedTuple, TypeAlias, TypeVar
 
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
@@ -46,39 +47,6 @@ def lookup(data: object, path: KeyPath) -> object:
     return data
 
 
-def without_keys(data: Mapping[str, object], paths: Iterable[KeyPath]) -> dict[str, object]:
-    """A copy of ``data`` in which the keys at the ends of paths are gone; what has none of them is shared."""
-    gone: set[str | int] = set()
-    deeper: dict[str | int, list[KeyPath]] = {}
-    for head, *rest in paths:
-        if rest:
-            deeper.setdefault(head, []).append(tuple(rest))
-        else:
-            gone.add(head)
-    copy = {key: value for key, value in data.items() if key not in gone}
-    for head, rests in deeper.items():
-        child = copy.get(str(head))
-        if isinstance(child, Mapping):
-            copy[str(head)] = without_keys(child, rests)
-        elif isinstance(child, list):
-            copy[str(head)] = _without_keys_of_entries(child, rests)
-    return copy
-
-
-def _without_keys_of_entries(entries: list[object], paths: Iterable[KeyPath]) -> list[object]:
-    """A copy of an array of tables in which the keys at the ends of paths are gone; the rest is shared."""
-    by_entry: dict[int, list[KeyPath]] = {}
-    for index, *rest in paths:
-        if isinstance(index, int) and rest:
-            by_entry.setdefault(index, []).append(tuple(rest))
-    copy = list(entries)
-    for index, rests in by_entry.items():
-        entry = copy[index]
-        if isinstance(entry, Mapping):
-            copy[index] = without_keys(entry, rests)
-    return copy
-
-
 _TOKEN = re.compile(
     r'''(?P<skip>[ \t\r]+|\#[^\n]*)
       | (?P<newline>\n)
@@ -99,14 +67,6 @@ def locate_keys(text: str) -> dict[KeyPath, int]:
         Line by key path; an element of an array of tables has its own ``[[header]]`` line.
     """
     return _Scanner(text).run()
-
-
-def line_of_key(lines: Mapping[KeyPath, int], path: KeyPath) -> int:
-    """The line of a key path, or of the nearest table above it; 0 when there is none."""
-    for end in range(len(path), 0, -1):
-        if path[:end] in lines:
-            return lines[path[:end]]
-    return 0
 
 
 class _Token(NamedTuple):
@@ -213,8 +173,6 @@ _SIMILAR = 0.7
 """Least similarity of a misspelt key to the one that is suggested; from difflib's default, 0.6, words rhyme only."""
 _LONGEST_VALUE = 60
 """Characters of a value that a message shows."""
-REMOVED = {"simplify": "no longer needed: every triangle of a mesh is kept; leave it out"}
-"""What is said of keys that earlier versions knew."""
 
 
 @dataclass
@@ -238,8 +196,9 @@ class Issues:
         located = []
         for path, message in self.found:
             setting = setting_of(path)
-            line = 0 if setting else line_of_key(lines, path)
-            located.append(FileIssue(line, dotted(path), message, setting))
+            # Of what is missing the nearest table above it.
+            known = (lines[path[:end]] for end in range(len(path), 0, -1) if path[:end] in lines)
+            located.append(FileIssue(0 if setting else next(known, 0), dotted(path), message, setting))
         return located
 
     def validate(self, model: type[Model], table: Mapping[str, object], path: KeyPath, scale: float) -> Model | None:
@@ -263,7 +222,11 @@ class Issues:
         if len(unknown) < len(details):
             return None
         # Only keys are wrong, the values are usable: the checks between tables can go on without those keys.
-        return model.model_validate(without_keys(table, unknown), context={"scale": scale})
+        known = copy.deepcopy(table)
+        for *way, key in unknown:
+            holder: Any = lookup(known, tuple(way))
+            del holder[key]
+        return model.model_validate(known, context={"scale": scale})
 
     def _note(
         self, details: Sequence[ErrorDetails], table: Mapping[str, object], path: KeyPath, model: type[BaseModel]
@@ -283,7 +246,7 @@ class Issues:
                     unknown = f"unknown key '{name}' here; it is known as {' and '.join(elsewhere)}"
                 else:
                     unknown = unknown_key(name, guess, known) if listed else f"unknown key '{shown(name)}'"
-                self.add((*path, *key), REMOVED.get(name, unknown))
+                self.add((*path, *key), unknown)
                 renamed.add((*key[:-1], guess or ""))
         for detail in details:
             key = _real_path(detail["loc"], table)
@@ -420,7 +383,8 @@ def _sentence(detail: ErrorDetails) -> str:
     if kind == "missing":
         return "missing; this key is required"
     if kind in {"too_short", "too_long"}:
-        return _wrong_count(kind, context)
+        bound = f"at least {context['min_length']}" if kind == "too_short" else f"at most {context['max_length']}"
+        return f"expected {bound} entries, got {context['actual_length']}"
     if kind == "value_error":
         # Our own validators say what is wrong with a list or a table; the whole of it would not help.
         if isinstance(value, (list, dict)):
@@ -430,11 +394,6 @@ def _sentence(detail: ErrorDetails) -> str:
     in_list = isinstance(detail["loc"][-1], int)
     got = described(value) if in_list and kind.endswith("_type") else shown(value)
     return f"{expected}, got {got}"
-
-
-def _wrong_count(kind: str, context: Mapping[str, object]) -> str:
-    bound = f"at least {context['min_length']}" if kind == "too_short" else f"at most {context['max_length']}"
-    return f"expected {bound} entries, got {context['actual_length']}"
 
 
 @contextmanager

@@ -18,7 +18,7 @@ from shapely import STRtree
 from ccm_opt.core.arrays import BoolArray, FloatArray, IntArray
 from ccm_opt.core.errors import ProblemError
 from ccm_opt.core.polygons import mitred
-from ccm_opt.io.shapes import IMPORT, Disc, FillRule, Line, Region, Shape, flatten_arc
+from ccm_opt.io.shapes import IMPORT, FillRule, Shape, flatten_arc
 
 _SAME = 1e-6
 """Outlines nearer to each other than this, relative to the drawing's extent, are one that is drawn twice."""
@@ -31,12 +31,13 @@ def as_walls(shapes: Sequence[Shape], distance: float) -> list[Shape]:
     """The shapes with all outlines as lines; areas stay what they are."""
     found: list[Shape] = []
     for shape in shapes:
-        if isinstance(shape, Line) or shape.drawn == "area":
+        if shape.drawn in {"line", "area"}:
             found.append(shape)
             continue
-        for part in _apart(shape, distance):
-            ring = np.vstack((part.rings[0], part.rings[0][:1]))
-            found.append(Line(part.name, ring, part.curved, part.half_width, part.layer))
+        found += [
+            replace(part, rings=(np.vstack((part.rings[0], part.rings[0][:1])),), drawn="line")
+            for part in _apart(shape, distance)
+        ]
     return found
 
 
@@ -52,9 +53,9 @@ def with_holes(shapes: Sequence[Shape], distance: float) -> list[Shape]:
     Raises:
         ProblemError: too many outlines lie within each other.
     """
-    layers: dict[str, list[tuple[int, Region]]] = {}
+    layers: dict[str, list[tuple[int, Shape]]] = {}
     for k, shape in enumerate(shapes):
-        if not isinstance(shape, Line) and shape.drawn == "outline":
+        if shape.drawn == "outline":
             layers.setdefault(shape.layer, []).extend((k, part) for part in _apart(shape, distance))
     found: list[list[Shape]] = [[shape] for shape in shapes]
     for parts in layers.values():
@@ -62,7 +63,7 @@ def with_holes(shapes: Sequence[Shape], distance: float) -> list[Shape]:
             found[k] = []
         for k, solid in _nested(parts):
             # A circle without holes stays a true one.
-            untouched = len(solid.rings) == 1 and isinstance(shapes[k], Disc)
+            untouched = len(solid.rings) == 1 and shapes[k].is_circle
             found[k].append(shapes[k] if untouched else solid)
     return [shape for group in found for shape in group]
 
@@ -73,12 +74,7 @@ def room_of(shapes: Sequence[Shape], growth: float, distance: float) -> tuple[sh
     Raises:
         ProblemError: there is no closed outline, or the largest is no simple polygon.
     """
-    parts = [
-        part
-        for shape in shapes
-        if not isinstance(shape, Line) and shape.drawn != "area"
-        for part in _apart(shape, distance)
-    ]
+    parts = [part for shape in shapes if shape.drawn not in {"line", "area"} for part in _apart(shape, distance)]
     parts = [parts[k] for k in _drawn_once(np.array([_simple(part.rings[0]) for part in parts]))]
     areas = [abs(shapely.Polygon(part.rings[0]).area) if len(part.rings[0]) > 2 else 0.0 for part in parts]
     if not areas or max(areas) == 0.0:
@@ -89,22 +85,21 @@ def room_of(shapes: Sequence[Shape], growth: float, distance: float) -> tuple[sh
     shrunk = mitred(polygons[0], -(outline.half_width + (growth if outline.curved else 0.0)))
     if len(polygons) > 1 or not isinstance(shrunk, shapely.Polygon) or shrunk.is_empty or shrunk.interiors:
         raise ProblemError(f"its largest outline '{outline.name}' is no simple polygon and cannot be the room")
-    kept: list[Shape] = [shape for shape in shapes if isinstance(shape, Line) or shape.drawn == "area"]
+    kept = [shape for shape in shapes if shape.drawn in {"line", "area"}]
     others = [replace(part, drawn="outline") for k, part in enumerate(parts) if k != taken]
     return shrunk, [*others, *kept]
 
 
-def _apart(shape: Disc | Region, distance: float) -> list[Region]:
+def _apart(shape: Shape, distance: float) -> list[Shape]:
     """The rings of a shape as shapes of their own, a circle as a polygon; a huge one as a coarser one that is wider."""
-    if isinstance(shape, Disc):
-        coarse = max(distance, _ROUND * shape.radius)
-        ring = flatten_arc(shape.center, shape.radius, 0.0, 2.0 * np.pi, coarse)[:-1]
-        whole = Region(shape.name, (ring,), "nonzero", layer=shape.layer, drawn=shape.drawn)
-        return [replace(whole, curved=True, half_width=coarse - distance)]
+    if shape.is_circle:
+        coarse = max(distance, _ROUND * shape.half_width)
+        ring = flatten_arc(shape.rings[0][0], shape.half_width, 0.0, 2.0 * np.pi, coarse)[:-1]
+        return [replace(shape, rings=(ring,), rule="nonzero", curved=True, half_width=coarse - distance)]
     return [replace(shape, rings=(ring,)) for ring in shape.rings]
 
 
-def _nested(parts: Sequence[tuple[int, Region]]) -> list[tuple[int, Region]]:
+def _nested(parts: Sequence[tuple[int, Shape]]) -> list[tuple[int, Shape]]:
     """The solids among outlines, each with its holes, and what each was given with."""
     polygons = np.array([_simple(part.rings[0]) for _, part in parts])
     once = _drawn_once(polygons)

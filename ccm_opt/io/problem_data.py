@@ -2,7 +2,7 @@
 
 import hashlib
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from pathlib import PurePosixPath
 from typing import Any
@@ -19,7 +19,6 @@ from ccm_opt.io.reading import parse_problem
 from ccm_opt.io.robot_models import triangles_stl
 from ccm_opt.io.scene_solids import told_apart
 from ccm_opt.problem import (
-    Disturbances,
     Goal,
     JointPose,
     Limits,
@@ -262,6 +261,7 @@ def planner_table(options: PlannerOptions, unit: LengthUnit) -> Table:
 
 def simulation_table(options: SimulationOptions) -> Table:
     """Simulation options as ``[simulation]``."""
+    disturbances = asdict(options.disturbances)
     given = {"proportional": options.proportional_gain, "derivative": options.derivative_gain}
     gains = {name: float(value) for name, value in given.items() if value is not None}
     return {
@@ -270,19 +270,13 @@ def simulation_table(options: SimulationOptions) -> Table:
         "controller": options.controller,
         "bandwidth": float(options.bandwidth),
         **({"gains": gains} if gains else {}),
-        "disturbances": _disturbances(options.disturbances),
+        "disturbances": disturbances | {"angle_noise_deg": _degrees(disturbances.pop("angle_noise"))},
     }
-
-
-def _disturbances(disturbances: Disturbances) -> Table:
-    table = asdict(disturbances)
-    return table | {"angle_noise_deg": _degrees(table.pop("angle_noise"))}
 
 
 def verification_table(options: VerificationOptions, unit: LengthUnit) -> Table:
     """How strictly plans are judged as ``[verification]``."""
-    tolerance = options.contact_tolerance
-    return {} if tolerance is None else {"contact_tolerance": in_unit(tolerance, unit)}
+    return {key: in_unit(value, unit) for key, value in asdict(options).items() if value is not None}
 
 
 def _degrees(angle: float) -> float:
@@ -353,30 +347,27 @@ def _placement(placement: RigidPlacement, unit: LengthUnit) -> Table:
 def kept_names(problem: Problem) -> list[str]:
     """Where the mesh of each obstacle is kept, relative to the folder; of no matter where it is no mesh."""
     slugs = [slug for _, slug in told_apart(each.name for each in problem.workspace.obstacles)]
+    # Meshes that have no file are written as STL.
+    bodies = [each.shape for each in problem.workspace.obstacles]
+    files = [body.file if isinstance(body, MeshBody) and body.content else "mesh.stl" for body in bodies]
     return [
-        f"{KEPT_MESHES}/{slug}{_suffix(each.body)}"
-        for slug, each in zip(slugs, problem.workspace.obstacles, strict=True)
+        f"{KEPT_MESHES}/{slug}{PurePosixPath(file).suffix.lower()}" for slug, file in zip(slugs, files, strict=True)
     ]
 
 
-def _suffix(body: Body) -> str:
-    """Of the file of a mesh; those that have none are written as STL."""
-    kept = isinstance(body, MeshBody) and body.content
-    return PurePosixPath(body.file).suffix.lower() if isinstance(body, MeshBody) and kept else ".stl"
+def _meshes(problem: Problem) -> Iterator[tuple[str, str, MeshBody]]:
+    """The meshes among the obstacles: name of the obstacle, where the file is kept, and the mesh."""
+    for obstacle, name in zip(problem.workspace.obstacles, kept_names(problem), strict=True):
+        if isinstance(obstacle.shape, MeshBody):
+            yield obstacle.name, name, obstacle.shape
 
 
 def kept_meshes(problem: Problem) -> dict[str, bytes]:
-    """The mesh files that a problem was read with, byte for byte, so that a folder can be verified by itself; in space.
+    """The mesh files that a problem was read with, byte for byte, so that a folder can be verified by itself.
 
     Meshes that were made in Python are written as they stand.
     """
-    if problem.dimension == 2:
-        return {}
-    return {
-        name: obstacle.body.content or triangles_stl(obstacle.body.triangles)
-        for obstacle, name in zip(problem.workspace.obstacles, kept_names(problem), strict=True)
-        if isinstance(obstacle.body, MeshBody)
-    }
+    return {name: body.content or triangles_stl(body.triangles) for _, name, body in _meshes(problem)}
 
 
 def mesh_data(problem: Problem) -> list[dict[str, object]]:
@@ -384,13 +375,12 @@ def mesh_data(problem: Problem) -> list[dict[str, object]]:
     kept = kept_meshes(problem)
     return [
         {
-            "obstacle": obstacle.name,
-            "file": obstacle.body.file,
+            "obstacle": obstacle,
+            "file": body.file,
             "kept": name,
             "sha256": hashlib.sha256(kept[name]).hexdigest(),
-            "triangles": len(obstacle.body.faces),
-            "closed": obstacle.body.closed,
+            "triangles": len(body.faces),
+            "closed": body.closed,
         }
-        for obstacle, name in zip(problem.workspace.obstacles, kept_names(problem), strict=True)
-        if isinstance(obstacle.body, MeshBody)
+        for obstacle, name, body in _meshes(problem)
     ]

@@ -30,7 +30,8 @@ from ccm_opt.io.problem_data import (
     verification_table,
     workspace_table,
 )
-from ccm_opt.io.schema import ArmTable, SpaceArmTable
+from ccm_opt.io.schema import SpaceArmTable
+from ccm_opt.io.schema_tables import ArmTable
 from ccm_opt.io.table_reading import check_data
 from ccm_opt.problem import (
     Goal,

@@ -49,12 +49,16 @@ class RawMesh:
         faces: vertices of each triangle, shape (m, 3).
         metres: length of one unit, where the file says it itself [m].
         passed_over: what else the file holds, which is no surface, in words.
+        content: the bytes of the file.
+        mended: what was put right, in words.
     """
 
     vertices: FloatArray
     faces: IntArray
     metres: float | None = None
     passed_over: tuple[str, ...] = ()
+    content: bytes = b""
+    mended: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if self.vertices.shape[1:] != (3,) or self.faces.shape[1:] != (3,):

@@ -152,33 +152,25 @@ BOUNDS = InputBounds()
 """Used where no other bounds are given."""
 
 
-def size_defect(size: int, bounds: InputBounds = BOUNDS) -> str:
-    """A sentence about a file of more bytes than are read; empty for others."""
-    if size <= bounds.most_bytes:
-        return ""
-    return f"the file has more than {bounds.most_bytes} bytes, the most that is read; put obstacles into a drawing"
-
-
-def text_defect(text: str, bounds: InputBounds = BOUNDS) -> str:
+def text_defect(text: str) -> str:
     """A sentence about keys of so many parts that parsing them would take long; empty for others."""
     # Several points side by side are in no key, but in prose and in comments.
     longest = max((word.count(".") for word in _WORDS.split(text) if ".." not in word), default=0)
-    if longest < bounds.longest_key:
+    if longest < BOUNDS.longest_key:
         return ""
-    return f"a key has {longest + 1} parts; at most {bounds.longest_key} can be read"
+    return f"a key has {longest + 1} parts; at most {BOUNDS.longest_key} can be read"
 
 
-def content_defect(data: Mapping[str, object], bounds: InputBounds = BOUNDS) -> str:
+def content_defect(data: Mapping[str, object]) -> str:
     """A sentence about data that are too deep or too many; empty for others.
 
     Args:
         data: the parsed file; it is walked level by level, so that no depth is too great.
-        bounds: the bounds.
     """
     keys = 0
     points = 0
     level: list[object] = [data]
-    for _ in range(bounds.deepest):
+    for _ in range(BOUNDS.deepest):
         inner: list[object] = []
         for item in level:
             if isinstance(item, Mapping):
@@ -186,15 +178,15 @@ def content_defect(data: Mapping[str, object], bounds: InputBounds = BOUNDS) -> 
                 inner.extend(value for value in item.values() if isinstance(value, (Mapping, list)))
             elif isinstance(item, list):
                 points += 1
-                if len(item) > bounds.longest_list:
-                    return f"a list has {len(item)} entries; at most {bounds.longest_list} can be read"
+                if len(item) > BOUNDS.longest_list:
+                    return f"a list has {len(item)} entries; at most {BOUNDS.longest_list} can be read"
                 inner.extend(value for value in item if isinstance(value, (Mapping, list)))
         level = inner
-        if keys > bounds.most_keys:
-            return f"it has more than {bounds.most_keys} keys, the most that can be read"
-        if points > bounds.most_points:
-            return f"it has more than {bounds.most_points} points, the most that can be read; simplify the outlines"
-    return f"tables and lists are nested more than {bounds.deepest} deep" if level else ""
+        if keys > BOUNDS.most_keys:
+            return f"it has more than {BOUNDS.most_keys} keys, the most that can be read"
+        if points > BOUNDS.most_points:
+            return f"it has more than {BOUNDS.most_points} points, the most that can be read; simplify the outlines"
+    return f"tables and lists are nested more than {BOUNDS.deepest} deep" if level else ""
 
 
 STANDARD_INPUT = "-"
@@ -306,8 +298,9 @@ def _read_text(path: Path) -> str:
 
 def _decoded(raw: bytes, path: str) -> str:
     """The text of a file's bytes, or one clear sentence why there is none."""
-    if defect := size_defect(len(raw)):
-        raise _refused(path, defect)
+    if len(raw) > BOUNDS.most_bytes:
+        too_large = f"the file has more than {BOUNDS.most_bytes} bytes, the most that is read"
+        raise _refused(path, f"{too_large}; put obstacles into a drawing")
     try:
         text = raw.decode("utf-8-sig")  # editors on Windows put a byte order mark in front
     except UnicodeDecodeError as error:
@@ -324,7 +317,9 @@ def _parse_toml(text: str, path_name: str) -> dict[str, object]:
     try:
         data = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
-        raise _refused(path_name, f"not valid TOML: {error}", _error_line(str(error), text)) from None
+        place = re.search(r"at line (\d+)", str(error))  # the last one where it says "at end of document"
+        line = int(place[1]) if place else max(1, len(text.splitlines()))
+        raise _refused(path_name, f"not valid TOML: {error}", line) from None
     except RecursionError:
         raise _refused(path_name, "not usable TOML: brackets are nested too deeply") from None
     except ValueError as error:  # whole numbers of thousands of digits
@@ -339,12 +334,6 @@ def _to_toml(data: Mapping[str, object], path_name: str) -> str:
         return tomlkit.dumps(data)
     except (TOMLKitError, TypeError, ValueError, RecursionError) as error:
         raise _refused(path_name, f"holds something that cannot be written in TOML: {error}") from None
-
-
-def _error_line(message: str, text: str) -> int:
-    """The line that a message of ``tomllib`` names; the last one where it says "at end of document"."""
-    place = re.search(r"at line (\d+)", message)
-    return int(place[1]) if place else max(1, len(text.splitlines()))
 
 
 def _refused(path: str | Path, message: str, line: int = 0) -> ProblemFileError:

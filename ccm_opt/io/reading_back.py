@@ -2,7 +2,7 @@
 
 import warnings
 import zipfile
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -114,7 +114,9 @@ def load_problem_data(folder: Path) -> Mapping[str, object]:
         )
     status = record.get("status")
     if status != "solved":
-        raise VerificationError([f"there is no plan to check in {folder}: its status is {status!r}{_reason(record)}"])
+        diagnosis = record.get("diagnosis")
+        reason = f"; {diagnosis['reason']}" if isinstance(diagnosis, Mapping) and "reason" in diagnosis else ""
+        raise VerificationError([f"there is no plan to check in {folder}: its status is {status!r}{reason}"])
     data = record.get("problem")
     if not isinstance(data, Mapping):
         raise ProblemError(f"{folder / RECORD}: expected a table under 'problem', got {type(data).__name__}")
@@ -150,66 +152,59 @@ def load_motion(folder: Path, arm: Arm) -> SavedMotion:
     path = folder / ARRAYS
     arrays = read_arrays(path)
     arrays.setdefault("stops", np.zeros(0, dtype=np.int64))  # folders of earlier versions have none
-    of_base = {name: shape for _ in arm.base_axes for name, shape in FEED_SHAPES.items()}
-    of_room = ROOM_SHAPES if any(name in arrays for name in ROOM_SHAPES) else {}
-    shapes = {**(SPACE_SHAPES if arm.dimension == 3 else SHAPES), **of_base, **of_room}
+    shapes = {
+        **(SPACE_SHAPES if arm.dimension == 3 else SHAPES),
+        **(FEED_SHAPES if arm.base_axes else {}),
+        **(ROOM_SHAPES if ROOM_SHAPES.keys() & arrays.keys() else {}),
+    }
     _check_shapes(arrays, path, arm.links, shapes)
     names = tuple(arrays["joint_names"].tolist())
     if names != joint_names(arm):
         raise ProblemError(f"{path}: joint_names are not those of this arm, which begin with {joint_names(arm)[:3]}")
     numbers = {name: np.asarray(arrays[name], dtype=np.float64) for name in shapes if name != "joint_names"}
+
+    def of_base(name: str, rows_of: str = "time") -> FloatArray:
+        """An array of the axes that carry the base, shape (T, axes)."""
+        columns = [numbers[name]] if name in numbers else []
+        return np.column_stack([np.zeros((len(numbers[rows_of]), 0)), *columns])
+
     joints = JointStates(
         names,
         numbers["joint_angles"],
         numbers["joint_velocities"],
         numbers["joint_accelerations"],
         numbers["joint_torques"],
-        base_forces=_columns(numbers, of_base, "feed_forces"),
+        base_forces=of_base("feed_forces"),
     )
-    base = [_columns(numbers, of_base, name) for name in ("base_feed", "feed_velocities", "feed_accelerations")]
+    stops = numbers["stops"]
+    samples = len(numbers["time"])
+    if np.any((stops < 0) | (stops >= samples) | (stops != np.floor(stops))):
+        raise ProblemError(f"{path}: the array 'stops' holds something that is no number of one of {samples} samples")
     trajectory = JointTrajectory(
         numbers["time"],
-        np.column_stack((_in_rows(numbers["bend_angles"]), base[0])),
-        np.column_stack((bends_from_revolutes(arm, joints.velocities), base[1])),
-        np.column_stack((bends_from_revolutes(arm, joints.accelerations), base[2])),
+        # Bends of one joint may stand in a row of their own.
+        np.column_stack((numbers["bend_angles"].reshape(samples, -1), of_base("base_feed"))),
+        np.column_stack((bends_from_revolutes(arm, joints.velocities), of_base("feed_velocities"))),
+        np.column_stack((bends_from_revolutes(arm, joints.accelerations), of_base("feed_accelerations"))),
         arm.coordinates,
-        _stops(numbers["stops"], len(numbers["time"]), path),
+        tuple(int(k) for k in stops),
     )
-    feeds = _columns(numbers, of_base, "keyframe_feeds", "keyframes")
+    keyframes = numbers["keyframes"].reshape(len(numbers["keyframes"]), -1)
     motion = SavedMotion(
         trajectory,
         joints,
-        np.column_stack((_in_rows(numbers["keyframes"]), feeds)),
+        np.column_stack((keyframes, of_base("keyframe_feeds", "keyframes"))),
         numbers["simulated_angles"],
         numbers["simulated_torques"],
-        _columns(numbers, of_base, "simulated_feed"),
+        of_base("simulated_feed"),
         numbers,
     )
-    _check_positions(motion, numbers["joint_positions"], arm, path)
+    error = float(np.abs(numbers["joint_positions"] - arm.joint_positions_at(trajectory.positions)).max())
+    if not error <= POSITION_TOLERANCE * arm.length:
+        raise ProblemError(
+            f"{path}: joint_positions are up to {error:.3g} m from those of bend_angles; the file was changed"
+        )
     return motion
-
-
-def _in_rows(bends: FloatArray) -> FloatArray:
-    """Bends as they stand in files, those of a joint perhaps in a row of their own, as columns."""
-    return bends.reshape(len(bends), -1)
-
-
-def _stops(numbers: FloatArray, samples: int, path: Path) -> tuple[int, ...]:
-    """Stops as numbers of samples."""
-    if np.any((numbers < 0) | (numbers >= samples) | (numbers != np.floor(numbers))):
-        raise ProblemError(f"{path}: the array 'stops' holds something that is no number of one of {samples} samples")
-    return tuple(int(k) for k in numbers)
-
-
-def _columns(numbers: Mapping[str, FloatArray], names: Iterable[str], wanted: str, rows_of: str = "time") -> FloatArray:
-    """One array among some as a column, shape (T, 1); (T, 0) when it is not among them; T rows as another array."""
-    columns = [numbers[name] for name in names if name == wanted]
-    return np.column_stack([np.zeros((len(numbers[rows_of]), 0)), *columns])
-
-
-def _reason(record: Mapping[str, object]) -> str:
-    diagnosis = record.get("diagnosis")
-    return f"; {diagnosis['reason']}" if isinstance(diagnosis, Mapping) and "reason" in diagnosis else ""
 
 
 def read_arrays(path: Path) -> dict[str, npt.NDArray[np.generic]]:
@@ -239,10 +234,15 @@ def read_archive(path: Path, known: Collection[str]) -> dict[str, npt.NDArray[np
     """
     if not path.is_file():
         raise ProblemError(f"{path}: there is no such file; expected a folder written by 'ccm-opt solve'")
+    if not zipfile.is_zipfile(path):
+        raise ProblemError(f"{path}: not readable as arrays: it is not an .npz archive")
     try:
-        members = _members(path)
-        _check_members(path, members, {f"{name}.npy" for name in known})
-        arrays = _arrays(path)
+        with zipfile.ZipFile(path) as archive:
+            _check_members(path, archive.infolist(), {f"{name}.npy" for name in known})
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")  # of what numpy warns, and takes it all the same, it has not written
+            with np.load(path, allow_pickle=False) as loaded:
+                arrays = {name: loaded[name] for name in loaded.files}
     except ProblemError:
         raise
     except Exception as error:  # archives and their heads are parsed by others, with errors of a dozen kinds
@@ -251,22 +251,6 @@ def read_archive(path: Path, known: Collection[str]) -> dict[str, npt.NDArray[np
         if not isinstance(array, np.ndarray):
             raise ProblemError(f"{path}: not readable as arrays: '{name}' is no array")
     return arrays
-
-
-def _members(path: Path) -> Sequence[zipfile.ZipInfo]:
-    """What is in an archive; nothing of it is unpacked."""
-    if not zipfile.is_zipfile(path):
-        raise ProblemError(f"{path}: not readable as arrays: it is not an .npz archive")
-    with zipfile.ZipFile(path) as archive:
-        return archive.infolist()
-
-
-def _arrays(path: Path) -> dict[str, npt.NDArray[np.generic]]:
-    """All that an archive unpacks to."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")  # of what numpy warns, and takes it all the same, it has not written
-        with np.load(path, allow_pickle=False) as archive:
-            return {name: archive[name] for name in archive.files}
 
 
 def _check_members(path: Path, members: Sequence[zipfile.ZipInfo], known: Collection[str]) -> None:
@@ -304,14 +288,3 @@ def _check_shapes(arrays: Mapping[str, npt.NDArray[np.generic]], path: Path, lin
     for name, least, words in (("samples", 2, "two samples"), ("keyframes", 1, "one keyframe")):
         if sizes[name] < least:
             raise ProblemError(f"{path}: a motion needs at least {words}, got {sizes[name]}")
-
-
-def _check_positions(motion: SavedMotion, positions: FloatArray, arm: Arm, path: Path) -> None:
-    """The stored positions must be those of the stored bends."""
-    q = motion.trajectory.positions
-    expected = arm.joint_positions_at(q)
-    error = float(np.abs(positions - expected).max())
-    if not error <= POSITION_TOLERANCE * arm.length:
-        raise ProblemError(
-            f"{path}: joint_positions are up to {error:.3g} m from those of bend_angles; the file was changed"
-        )

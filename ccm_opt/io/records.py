@@ -1,7 +1,4 @@
-"""Records and arrays of solutions and poses: strict JSON, without NaN or infinity, and NumPy archives.
-
-Strict JSON, without NaN or infinity.
-"""
+"""Records and arrays of solutions and poses: strict JSON, without NaN or infinity, and NumPy archives."""
 
 import math
 import zipfile
@@ -33,8 +30,6 @@ from ccm_opt.robot.bishop_curve import SpaceConfiguration
 from ccm_opt.robot.configuration import Configuration, Curve
 from ccm_opt.robot.coordinates import Coordinates
 from ccm_opt.robot.segment import segment_words
-
-__all__ = ["SCHEMA", "curve_record", "pose_failure_json", "pose_json", "segment_words"]
 
 SCHEMA = 1
 """Version of the file's layout."""
@@ -105,10 +100,16 @@ def curve_record(curve: Curve) -> dict[str, object]:
 def goal_pose_data(record: EndRecord) -> Mapping[str, object]:
     """The whole record; lengths [m], angles [rad]."""
     variables, rows = record.size
+    # The pose itself; in the plane with the curve behind it.
+    pose: dict[str, object] = {}
+    if isinstance(record, GoalPoseRecord):
+        pose = {"headings": record.headings.tolist(), "curve": curve_record(record.curve)}
+    elif isinstance(record, SpaceGoalPoseRecord):
+        pose = {"configuration": record.configuration.tolist()}
     return {
         "reached": record.reached,
         "reason": record.reason,
-        **_pose_data(record),
+        **pose,
         "gap": record.gap,
         "wanted_gap": record.wanted_gap,
         "cost": record.cost,
@@ -117,13 +118,6 @@ def goal_pose_data(record: EndRecord) -> Mapping[str, object]:
         "nlp": {"variables": variables, "rows": rows, "iterations": record.iterations, "status": record.status},
         "tried": record.tried,
     }
-
-
-def _pose_data(record: EndRecord) -> Mapping[str, object]:
-    """The pose itself; in the plane with the curve behind it."""
-    if isinstance(record, GoalPoseRecord):
-        return {"headings": record.headings.tolist(), "curve": curve_record(record.curve)}
-    return {"configuration": record.configuration.tolist()} if isinstance(record, SpaceGoalPoseRecord) else {}
 
 
 def room_data(room: RoomRecord) -> Mapping[str, object]:
@@ -161,16 +155,12 @@ def place_data(place: NearPlace) -> Mapping[str, object]:
 
 def tolerance_data(errors: Iterable[SurvivedError]) -> list[Mapping[str, object]]:
     """One record an error, as in ``SurvivedError``; angles in degrees as well."""
-    return [asdict(error) | _in_degrees(error) for error in errors]
+    return [asdict(e) | ({"size_deg": math.degrees(e.size)} if e.unit == "rad" else {}) for e in errors]
 
 
 def tolerance_json(name: str, errors: Iterable[SurvivedError]) -> str:
     """The text of ``tolerance.json`` for the problem of that name."""
     return strict_text({"problem": name, "tolerance": tolerance_data(errors)})
-
-
-def _in_degrees(error: SurvivedError) -> dict[str, object]:
-    return {"size_deg": math.degrees(error.size)} if error.unit == "rad" else {}
 
 
 def solution_json(solution: Solution) -> str:
@@ -250,10 +240,19 @@ _COMPRESSION = 1
 
 def solution_arrays(solution: Solution) -> dict[str, npt.NDArray[np.generic]]:
     """The arrays of a plan under the names of the file format; angles [rad], lengths [m], time [s]."""
-    coordinates = solution.trajectory.coordinates
+    trajectory, room = solution.trajectory, solution.room
+    coordinates = trajectory.coordinates
+    of_base = {
+        "base_feed": trajectory.base_positions,
+        "feed_velocities": trajectory.base_velocities,
+        "feed_accelerations": trajectory.base_accelerations,
+        "feed_forces": solution.joints.base_forces,
+        "keyframe_feeds": solution.path.keyframes[:, coordinates.base],
+        "simulated_feed": solution.simulation.base_positions,
+    }
     return {
-        "time": solution.trajectory.time,
-        "bend_angles": by_joint(solution.trajectory.bend_angles, coordinates),
+        "time": trajectory.time,
+        "bend_angles": by_joint(trajectory.bend_angles, coordinates),
         "joint_names": np.array(solution.joints.names),
         "joint_angles": solution.joints.angles,
         "joint_velocities": solution.joints.velocities,
@@ -264,9 +263,10 @@ def solution_arrays(solution: Solution) -> dict[str, npt.NDArray[np.generic]]:
         **({} if solution.problem.dimension == 3 else curve_arrays(solution.path.curves)),
         "simulated_angles": solution.simulation.angles,
         "simulated_torques": solution.simulation.torques,
-        "stops": np.array(solution.trajectory.stops, dtype=np.int64),
-        **_feed_arrays(solution),
-        **_room_arrays(solution.room),
+        "stops": np.array(trajectory.stops, dtype=np.int64),
+        # Axes that carry the base have no column where it is fixed, and gaps none where nobody measured them.
+        **{name: column for name, values in of_base.items() for column in values.T},
+        **({} if room is None else {"room_time": room.time, "wall_gaps": room.wall_gaps, "self_gaps": room.self_gaps}),
     }
 
 
@@ -277,28 +277,7 @@ def by_joint(bends: FloatArray, coordinates: Coordinates) -> FloatArray:
     return bends.reshape(*bends.shape[:-1], -1, coordinates.bends_a_joint)
 
 
-def _feed_arrays(solution: Solution) -> dict[str, npt.NDArray[np.generic]]:
-    """What the feed axis does; nothing for a fixed base, which has no column."""
-    trajectory = solution.trajectory
-    columns = {
-        "base_feed": trajectory.base_positions,
-        "feed_velocities": trajectory.base_velocities,
-        "feed_accelerations": trajectory.base_accelerations,
-        "feed_forces": solution.joints.base_forces,
-        "keyframe_feeds": solution.path.keyframes[:, trajectory.coordinates.base],
-        "simulated_feed": solution.simulation.base_positions,
-    }
-    return {name: column for name, values in columns.items() for column in values.T}
-
-
-def _room_arrays(room: RoomRecord | None) -> dict[str, npt.NDArray[np.generic]]:
-    """Gaps over time; nothing where nobody measured them."""
-    if room is None:
-        return {}
-    return {"room_time": room.time, "wall_gaps": room.wall_gaps, "self_gaps": room.self_gaps}
-
-
-def arrays_npz(arrays: dict[str, npt.NDArray[np.generic]]) -> bytes:
+def arrays_npz(arrays: Mapping[str, npt.NDArray[np.generic]]) -> bytes:
     """The content of an ``.npz`` file.
 
     The revolutes that a plane motion leaves alone are two thirds of many arrays; compressed, these zeros take no room.

@@ -42,10 +42,8 @@ def write_pose(found: StaticPose, out: Path, pictures: Mapping[str, bytes] | Non
     Raises:
         ProblemError: when the folder cannot be written, or another folder is in its place.
     """
-    files = {POSE_RECORD: pose_json(found).encode(), POSE_ARRAYS: arrays_npz(pose_arrays(found))}
-    return write_folder(
-        out / found.problem.name, {**files, **kept_meshes(found.problem), **(pictures or {})}, POSE_RECORD
-    )
+    files = {POSE_RECORD: pose_json(found).encode(), POSE_ARRAYS: arrays_npz(pose_arrays(found)), **(pictures or {})}
+    return write_folder(out / found.problem.name, files | kept_meshes(found.problem), POSE_RECORD)
 
 
 def pose_arrays(found: StaticPose) -> dict[str, npt.NDArray[np.generic]]:
@@ -72,11 +70,15 @@ def pose_arrays(found: StaticPose) -> dict[str, npt.NDArray[np.generic]]:
 
 
 def write_reach(found: ReachMap, out: Path, pictures: Mapping[str, bytes] | None = None) -> Path:
-    """Write the folder of a map; arguments, result and errors as for ``write_pose``."""
-    files = {REACH_RECORD: reach_json(found).encode(), "reach.npz": arrays_npz(reach_arrays(found))}
-    return write_folder(
-        out / found.problem.name, {**files, **kept_meshes(found.problem), **(pictures or {})}, REACH_RECORD
-    )
+    """Write the folder of a map, its arrays under the names of its fields; angles [rad], lengths [m].
+
+    Arguments, result and errors are those of ``write_pose``.
+    """
+    own = ("directions",) if found.problem.dimension == 3 else ("headings", "heading_ranges")
+    arrays = dict(zip("xyz", found.axes, strict=False))
+    arrays |= {name: getattr(found, name) for name in ("reachable", "proved", "gap", "taken", *own)}
+    files = {REACH_RECORD: reach_json(found).encode(), "reach.npz": arrays_npz(arrays), **(pictures or {})}
+    return write_folder(out / found.problem.name, files | kept_meshes(found.problem), REACH_RECORD)
 
 
 def reach_json(found: ReachMap) -> str:
@@ -98,13 +100,6 @@ def reach_json(found: ReachMap) -> str:
     else:
         own = {"headings": len(found.headings), "area": found.size}
     return strict_text(record | own)
-
-
-def reach_arrays(found: ReachMap) -> dict[str, npt.NDArray[np.generic]]:
-    """The arrays of a map under the names of the file format; angles [rad], lengths [m]."""
-    own = ("directions",) if found.problem.dimension == 3 else ("headings", "heading_ranges")
-    names = ("reachable", "proved", "gap", "taken", *own)
-    return dict(zip("xyz", found.axes, strict=False)) | {name: getattr(found, name) for name in names}
 
 
 FAILED = ".failed"

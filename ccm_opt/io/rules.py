@@ -3,7 +3,6 @@
 import math
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -12,17 +11,8 @@ import shapely
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.length_words import METRES, LengthUnit, file_length, said_unit
 from ccm_opt.io.issues import Issues, KeyPath, closest, lookup
-from ccm_opt.io.schema import (
-    TABLES,
-    ArmTable,
-    ChainTable,
-    LimitsTable,
-    PlacementTable,
-    PoseTable,
-    SpaceArmTable,
-    SpacePoseTable,
-    Table,
-)
+from ccm_opt.io.schema import TABLES, PlacementTable, PoseTable, SpaceArmTable, SpacePoseTable
+from ccm_opt.io.schema_tables import ArmTable, ChainTable, LimitsTable, Table
 from ccm_opt.problem import ImportedDrawing
 from ccm_opt.problem.field_types import odd_times
 from ccm_opt.problem.options import MOST_CONTACT_SHARE_OF_LENGTH
@@ -76,24 +66,18 @@ def _given(data: Mapping[str, object], path: KeyPath, kinds: Sequence[str]) -> l
 
 def _exactly_one(data: Mapping[str, object], path: KeyPath, table: type[Table], issues: Issues) -> None:
     """Note a table that has none of its alternatives, or several."""
-    if not isinstance(lookup(data, path), Mapping):
+    given_table = lookup(data, path)
+    if not isinstance(given_table, Mapping):
         return
     kinds = table.rules.exactly_one
+    # A key that is meant to be one of them is reported already.
+    misspelt = any(closest(key, kinds) is not None for key in given_table if key not in KNOWN)
     given = _given(data, path, kinds)
     expected = f"expected exactly one of {', '.join(kinds)}"
     if len(given) > 1:
         issues.add((*path, given[1]), f"{expected}; got {' and '.join(given)}")
-    elif not given and not _misspelt(data, path, kinds):
+    elif not given and not misspelt:
         issues.add(path, f"{expected}{table.rules.otherwise}; got none of them")
-
-
-def _misspelt(data: Mapping[str, object], path: KeyPath, kinds: Sequence[str]) -> bool:
-    """Whether a key of the table is meant to be one of ``kinds``: that is reported already."""
-    table = lookup(data, path)
-    if not isinstance(table, Mapping):
-        return False
-    unknown = [key for key in table if key not in KNOWN]
-    return any(closest(key, kinds) is not None for key in unknown)
 
 
 def _refuse_equal_names(obstacles: list[object], issues: Issues) -> None:
@@ -233,40 +217,32 @@ _TINY_SHARE = 0.01
 """What would be smaller than this share of the room is not what was meant."""
 
 
-@dataclass(frozen=True)
-class PlacedFile:
-    """A drawing or a mesh as it lies in the room.
+def _told_outside(
+    file: str, box: FloatArray, origin: FloatArray, room: FloatArray, unit: LengthUnit, *, scale: float, keys: str
+) -> str:
+    """Say that a drawing or a mesh lies wholly outside a room, and what would bring it in.
 
-    Attributes:
-        name: of the file.
-        box: least and greatest corner, shape (2, d) [m].
+    Args:
+        file: its name.
+        box: its least and greatest corner, shape (2, d) [m].
         origin: where its own origin lies, shape (d,) [m].
-        scale: length of one of its units, in the problem file's.
-        scale_key: that says so.
-        place_key: that says where its origin lies.
+        room: likewise, shape (2, d) [m].
+        unit: of the problem file.
+        scale: length of one of its units, in that unit.
+        keys: those that say the scale, and where its origin lies.
     """
-
-    name: str
-    box: FloatArray
-    origin: FloatArray
-    scale: float
-    scale_key: str
-    place_key: str
-
-    def told_outside(self, room: FloatArray, unit: str) -> str:
-        """Say that it lies wholly outside a room, shape (2, d) [m], and what would bring it in."""
-        place = (self.origin + room.mean(axis=0) - self.box.mean(axis=0)) / METRES[unit]
-        told = (
-            f"{self.name} lies wholly outside the room: it spans {_span(self.box, unit)}, "
-            f"the room {_span(room, unit)}; "
-            f"{self.place_key} = [{', '.join(f'{value:.6g}' for value in place)}] would put it into the middle"
-        )
-        for slip in _SLIPS:
-            box = self.origin + slip * (self.box - self.origin)
-            fits = np.all(box[0] >= room[0]) and np.all(box[1] <= room[1])
-            if fits and np.ptp(box, axis=0).max() > _TINY_SHARE * np.ptp(room, axis=0).max():
-                return f"{told}, or {self.scale_key} = {self.scale * slip:.6g} would bring it in as it is placed"
-        return told
+    scale_key, place_key = keys.split()
+    place = (origin + room.mean(axis=0) - box.mean(axis=0)) / METRES[unit]
+    told = (
+        f"{file} lies wholly outside the room: it spans {_span(box, unit)}, the room {_span(room, unit)}; "
+        f"{place_key} = [{', '.join(f'{value:.6g}' for value in place)}] would put it into the middle"
+    )
+    for slip in _SLIPS:
+        slipped = origin + slip * (box - origin)
+        fits = np.all(slipped[0] >= room[0]) and np.all(slipped[1] <= room[1])
+        if fits and np.ptp(slipped, axis=0).max() > _TINY_SHARE * np.ptp(room, axis=0).max():
+            return f"{told}, or {scale_key} = {scale * slip:.6g} would bring it in as it is placed"
+    return told
 
 
 def _span(box: FloatArray, unit: str) -> str:
@@ -291,9 +267,9 @@ def check_drawing(
         issues: receives what is wrong.
     """
     if not shapely.intersects(room, shapely.box(*drawing.box)):
-        box = np.reshape(drawing.box, (2, 2))
-        placed = PlacedFile(drawing.file, box, METRES[unit] * offset, scale, "workspace.scale", "workspace.offset")
-        issues.add(("workspace", "file"), placed.told_outside(np.reshape(room.bounds, (2, 2)), unit))
+        boxes = np.reshape(drawing.box, (2, 2)), METRES[unit] * offset, np.reshape(room.bounds, (2, 2))
+        keys = "workspace.scale workspace.offset"
+        issues.add(("workspace", "file"), _told_outside(drawing.file, *boxes, unit, scale=scale, keys=keys))
 
 
 def check_meshes(meshes: Mapping[int, MeshBody], room: FloatArray, unit: LengthUnit, issues: Issues) -> None:
@@ -301,9 +277,9 @@ def check_meshes(meshes: Mapping[int, MeshBody], room: FloatArray, unit: LengthU
     for number, body in meshes.items():
         box = box_about(body.vertices)
         if np.any(box[0] > room[1]) or np.any(box[1] < room[0]):
-            scale = body.scale / METRES[unit]
-            placed = PlacedFile(body.file, box, body.placement.position, scale, "scale", "pose.position")
-            issues.add(("workspace", "obstacles", number, "mesh"), placed.told_outside(room, unit))
+            boxes = box, body.placement.position, room
+            told = _told_outside(body.file, *boxes, unit, scale=body.scale / METRES[unit], keys="scale pose.position")
+            issues.add(("workspace", "obstacles", number, "mesh"), told)
 
 
 def check_base(

@@ -20,16 +20,11 @@ from ccm_opt.io.schema_tables import (
     ChainTable,
     Curvature,
     Degrees,
-    DisturbancesTable,
-    FeedTable,
-    GainsTable,
-    InertiaTable,
     Length,
     LimitsTable,
     NonNegativeLength,
     PlannerTable,
     Point,
-    PointLimitTable,
     Polyline,
     Positive,
     PositiveDegrees,
@@ -40,7 +35,6 @@ from ccm_opt.io.schema_tables import (
     Table,
     ToleranceTable,
     VerificationTable,
-    WeightsTable,
     exactly,
 )
 from ccm_opt.problem import LengthUnit, Tolerances
@@ -410,43 +404,6 @@ class SpaceGoalTable(SpacePoseTable):
         default=0.0, description="How long the arm rests at this goal before the next [s]."
     )
 
-
-__all__ = [
-    "OPTIONAL",
-    "TABLES",
-    "ArmTable",
-    "BarTable",
-    "BaseTable",
-    "ChainTable",
-    "CircleTable",
-    "DisturbancesTable",
-    "FeedTable",
-    "GainsTable",
-    "GoalTable",
-    "InertiaTable",
-    "LimitsTable",
-    "ObstacleTable",
-    "PlacementTable",
-    "PlannerTable",
-    "PointLimitTable",
-    "PoseTable",
-    "RootTable",
-    "SceneTable",
-    "SegmentTable",
-    "SimulationTable",
-    "SpaceArmTable",
-    "SpaceGoalTable",
-    "SpaceObstacleTable",
-    "SpacePoseTable",
-    "SpaceWorkspaceTable",
-    "SphereTable",
-    "Table",
-    "ToleranceTable",
-    "VerificationTable",
-    "WallTable",
-    "WeightsTable",
-    "WorkspaceTable",
-]
 
 OPTIONAL: Mapping[str, type[Table]] = {
     "planner": PlannerTable,

@@ -60,91 +60,46 @@ IMPORT = ImportBounds()
 
 
 FillRule = Literal["polygon", "evenodd", "nonzero"]
-"""How rings within rings count, see ``Region``."""
+"""How rings within rings count, see ``Shape``."""
 
-Drawn = Literal["outline", "painted", "area"]
-"""How an outline is drawn: as a line alone, so that outlines within it are holes; filled; or as an area, by a hatch for
-example, which is solid whatever outlines stand for."""
+Drawn = Literal["line", "outline", "painted", "area"]
+"""How a shape is drawn: as an open line; as a closed line alone, so that outlines within it are holes; filled; or as an
+area, by a hatch for example, which is solid whatever outlines stand for."""
 
 
 @dataclass(frozen=True)
-class Disc:
-    """A true circle.
+class Shape:
+    """What a drawing holds in one piece: what closed rings enclose, an open line, or a true circle.
 
     Attributes:
         name: what the drawing calls it.
-        center: shape (2,).
-        radius: positive.
-        layer: on which it is drawn; empty where the drawing has none.
+        rings: each of shape (k, 2), of closed ones the first point not repeated; the points of an open line; the centre
+            of a circle, shape (1, 2).
         drawn: see ``Drawn``.
-    """
-
-    name: str
-    center: FloatArray
-    radius: float
-    layer: str = ""
-    drawn: Drawn = "outline"
-
-    @property
-    def size(self) -> int:
-        """Number of points."""
-        return 1
-
-
-@dataclass(frozen=True)
-class Region:
-    """What closed rings enclose.
-
-    Attributes:
-        name: what the drawing calls it.
-        rings: each of shape (k, 2), the first point not repeated.
         rule: ``polygon``: the first ring is the outline, the others are holes; ``evenodd`` and ``nonzero``: rings
             within rings are holes by the fill rules of SVG.
         curved: whether some ring is a flattened curve.
-        half_width: by which the drawn line is wider than the ring on each side.
-        layer: as for a disc.
-        drawn: as for a disc.
+        half_width: by which the drawn line is wider than the ring on each side; the radius of a circle.
+        layer: on which it is drawn; empty where the drawing has none.
     """
 
     name: str
     rings: tuple[FloatArray, ...]
+    drawn: Drawn = "painted"
     rule: FillRule = "polygon"
     curved: bool = False
     half_width: float = 0.0
     layer: str = ""
-    drawn: Drawn = "painted"
+
+    @property
+    def is_circle(self) -> bool:
+        """Whether it is a true circle."""
+        return self.size == 1
 
     @property
     def size(self) -> int:
         """Number of points."""
         return sum(len(ring) for ring in self.rings)
-
-
-@dataclass(frozen=True)
-class Line:
-    """An open line.
-
-    Attributes:
-        name: what the drawing calls it.
-        points: shape (k, 2).
-        curved: whether it is a flattened curve.
-        half_width: half the width with which it is drawn, where the width belongs to the drawing's geometry.
-        layer: as for a disc.
-    """
-
-    name: str
-    points: FloatArray
-    curved: bool = False
-    half_width: float = 0.0
-    layer: str = ""
-
-    @property
-    def size(self) -> int:
-        """Number of points."""
-        return len(self.points)
-
-
-Shape: TypeAlias = Disc | Region | Line
 
 
 @dataclass(frozen=True)

@@ -21,12 +21,9 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.errors import ProblemError
 from ccm_opt.io.shapes import (
     IMPORT,
-    Disc,
     DrawingContent,
     Drawn,
     FillRule,
-    Line,
-    Region,
     Shape,
     flatten_bezier,
     flatten_ellipse,
@@ -279,16 +276,16 @@ def _shapes(place: Place, subpaths: list[Subpath], distance: float) -> list[Shap
         if closed:
             rings.append(placed)
         else:
-            lines.append(Line(place.name, placed, subpath.curved, layer=place.layer))
+            lines.append(Shape(place.name, (placed,), "line", curved=subpath.curved, layer=place.layer))
     if not rings:
         return lines
     # SVG's default is nonzero.
     rule: FillRule = "evenodd" if place.fill_rule == "evenodd" else "nonzero"
     curved = any(subpath.curved for subpath in subpaths)
-    return [Region(place.name, tuple(rings), rule, curved, layer=place.layer, drawn=_drawn(place)), *lines]
+    return [Shape(place.name, tuple(rings), _drawn(place), rule, curved, layer=place.layer), *lines]
 
 
-def _disc(place: Place, outline: Subpath, matrix: FloatArray) -> Disc | None:
+def _disc(place: Place, outline: Subpath, matrix: FloatArray) -> Shape | None:
     """The element as a disc when it is a circle after its transform, a similarity."""
     if place.node.tag not in {"circle", "ellipse"}:
         return None
@@ -298,11 +295,11 @@ def _disc(place: Place, outline: Subpath, matrix: FloatArray) -> Disc | None:
     axes = matrix[:, :2] @ (np.array([[arc.prx.x, arc.pry.x], [arc.prx.y, arc.pry.y]]) - middle[:, None])
     radius = math.sqrt(abs(float(axes[0, 0] * axes[1, 1] - axes[0, 1] * axes[1, 0])))
     if not math.isfinite(radius):
-        return Disc(place.name, matrix[:, 2], radius, place.layer, _drawn(place))
+        return Shape(place.name, (matrix[None, :, 2],), _drawn(place), half_width=radius, layer=place.layer)
     if not np.allclose(axes.T @ axes, radius**2 * np.eye(2), rtol=0.0, atol=1e-12 * radius**2):
         return None
     center = matrix[:, :2] @ middle + matrix[:, 2]
-    return Disc(place.name, center, radius, place.layer, _drawn(place))
+    return Shape(place.name, (center[None],), _drawn(place), half_width=radius, layer=place.layer)
 
 
 def _drawn(place: Place) -> Drawn:

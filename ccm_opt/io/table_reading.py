@@ -10,7 +10,6 @@ import numpy as np
 from ccm_opt.core.errors import ProblemError
 from ccm_opt.core.length_words import METRES, LengthUnit, file_length, words_in
 from ccm_opt.io.build import (
-    Tables,
     build_arm,
     build_boundary,
     build_options,
@@ -21,7 +20,7 @@ from ccm_opt.io.build import (
 )
 from ccm_opt.io.drawing import with_scene
 from ccm_opt.io.issues import Issues, KeyPath, lookup
-from ccm_opt.io.mesh_obstacles import MeshObstacles
+from ccm_opt.io.mesh_obstacles import mesh_bodies
 from ccm_opt.io.rules import (
     ANGLE_TOLERANCE,
     check_alternatives,
@@ -35,17 +34,8 @@ from ccm_opt.io.rules import (
     goal_paths,
     odd_mesh_size,
 )
-from ccm_opt.io.schema import (
-    OPTIONAL,
-    TABLES,
-    ArmTable,
-    PoseTable,
-    RootTable,
-    SpaceArmTable,
-    SpacePoseTable,
-    SpaceWorkspaceTable,
-    Table,
-)
+from ccm_opt.io.schema import OPTIONAL, TABLES, PoseTable, RootTable, SpaceArmTable, SpacePoseTable, SpaceWorkspaceTable
+from ccm_opt.io.schema_tables import ArmTable, Table
 from ccm_opt.problem import ImportedDrawing, Problem
 from ccm_opt.problem.options import options_without_effect
 from ccm_opt.robot.arm import MappingName
@@ -81,8 +71,8 @@ def check_data(
     # A defective table is None, or left out where there may be several: defects of others are told all the same.
     found = _validate(whole, issues, in_space=in_space)
     unit = _unit_of(data)
-    meshes = MeshObstacles(folder, METRES[unit], issues, allow_outside)
-    found["meshes"] = meshes.bodies(found["obstacles"] if in_space else ())
+    listed = found["obstacles"] if in_space else ()
+    found["meshes"] = mesh_bodies(listed, folder, METRES[unit], issues, allow_outside=allow_outside)
     with words_in(unit):
         _check_rooms(found, drawing, data, issues)
         if found["arm"] is not None:
@@ -90,7 +80,7 @@ def check_data(
         if issues.found or any(table is None for table in found.values()):
             _hint_at_scale(drawing, found, issues)
             return None
-    problem = build_problem(Tables(**found), source if whole is data else "")
+    problem = build_problem(found, source if whole is data else "")
     return replace(problem, drawing=drawing)
 
 
@@ -101,7 +91,7 @@ def _unit_of(data: Mapping[str, object]) -> LengthUnit:
 
 
 def _validate(data: Mapping[str, object], issues: Issues, *, in_space: bool) -> dict[str, Any]:
-    """The tables of a file as fields of ``Tables``; None for those with defects."""
+    """The tables of a file by where they stand; None for those with defects."""
     scale = METRES[_unit_of(data)]
     found: dict[str, Any] = {"root": issues.validate(RootTable, data, (), scale)}
     for name, model in TABLES[in_space].items():

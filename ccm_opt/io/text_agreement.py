@@ -136,7 +136,7 @@ def checks_of_texts(
             find = partial(_point_defect, plan=plan, of_table=name.endswith("csv"), found=points)
         else:
             texts = [each[name] for each in described]
-            find = partial(_model_defect, texts=texts, meshes=partial(mesh_defects, folder, problem=problem))
+            find = partial(_model_defect, folder=folder, problem=problem, texts=texts)
             longest = len(texts[0])
         if (folder / name).exists():
             check = _check(folder / name, find, max(MOST_TIMES_LONGER * longest, LEAST_BYTES))
@@ -211,14 +211,14 @@ def _samples_of(time: FloatArray, plan: JointTrajectory) -> tuple[IntArray, floa
     return samples, factor
 
 
-def _model_defect(text: str, texts: Sequence[str], meshes: Callable[[str], Iterator[str]]) -> str:
+def _model_defect(text: str, folder: Path, problem: Problem, texts: Sequence[str]) -> str:
     """How a description of the arm differs from all that it may be, or the meshes that it names from the problem's.
 
     Raises:
         ValueError: it is no such text.
     """
     defect = "" if text in texts else _difference(_elements(text), map(_elements, texts), NUMBER_TOLERANCE)
-    return defect or next(meshes(text), "")
+    return defect or next(mesh_defects(folder, text, problem), "")
 
 
 def _elements(text: str) -> list[str]:

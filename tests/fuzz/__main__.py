@@ -124,7 +124,7 @@ def _read_drawing(path: Path) -> None:
 
 
 def _read_mesh(path: Path) -> None:
-    mended_mesh(read_mesh_file(path).mesh)
+    mended_mesh(read_mesh_file(path))
 
 
 if __name__ == "__main__":

@@ -52,7 +52,7 @@ def drawings(suffix: str, generator: random.Random) -> Iterator[Defect | None]:
 
 def meshes(suffix: str, generator: random.Random) -> Iterator[Defect | None]:
     """Mutated meshes of one format without end; None for each that was dealt with."""
-    yield from _read_for_ever(seeds(suffix), suffix, lambda path: mended_mesh(read_mesh_file(path).mesh), generator)
+    yield from _read_for_ever(seeds(suffix), suffix, lambda path: mended_mesh(read_mesh_file(path)), generator)
 
 
 def _read_for_ever(
