@@ -149,7 +149,7 @@ def test_every_line_of_a_reason_is_printed_once(capsys: pytest.CaptureFixture[st
 def test_candidates_are_told_in_metres_to_who_listens() -> None:
     """Whatever unit the planner counts in; and nobody hears what is told when the work is over."""
     heard: list[float] = []
-    with listening(lambda news: heard.append(news.distance)), words_for_unit(2.0):
+    with listening(lambda *news: heard.append(news[2])), words_for_unit(2.0):
         tell_candidate(1, "tip-led", 0.25)
     tell_candidate(2, "tip-led", 0.25)
     assert heard == [0.5]

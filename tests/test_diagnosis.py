@@ -29,12 +29,12 @@ from ccm_opt.core.errors import (
 )
 from ccm_opt.core.progress import Progress, Stages
 from ccm_opt.diagnosis import explain
-from ccm_opt.diagnosis.checks import REACH, failed
+from ccm_opt.diagnosis.checks import failed
 from ccm_opt.diagnosis.explain import explained, likely, refuse_impossible
 from ccm_opt.diagnosis.parameters import JOINT_LIMIT, LENGTH, MASS, PARAMETERS, RADIUS, TORQUE, Parameter
 from ccm_opt.diagnosis.passages import passages
 from ccm_opt.diagnosis.ranking import ranked
-from ccm_opt.diagnosis.reach import least_chord
+from ccm_opt.diagnosis.reach import least_chord, within_reach
 from ccm_opt.diagnosis.relaxation import Trials, least_change, relaxations
 from ccm_opt.driver.legs import recorded_path
 from ccm_opt.io.reading import problem_from_mapping
@@ -378,7 +378,7 @@ def test_figures_of_reasons_explain_those_of_changes() -> None:
     assert RADIUS.relaxation(problem, 0.0254, 0.0327).words.endswith("; what stands in the way asks for ≤ 0.0327 m")
     assert RADIUS.relaxation(problem, 0.0254, 0.026).words == "arm.radius ≤ 0.0254 m"
     far = replace(problem, goal=TipGoal(np.array([2.0, 0.0])), tolerances=Tolerances(0.002))
-    (finding,) = failed(far, (REACH,))
+    (finding,) = failed(far, (within_reach,))
     short = 2.0 - 0.002 - problem.arm.length
     assert f"out of reach, the arm is {short:.3f} m too short; the goal is 2.000 m from the base" in finding.reason
     assert "less 0.002 m of tolerance" in finding.reason

@@ -17,7 +17,6 @@ from ccm_opt.driver.pipeline import solve
 from ccm_opt.driver.timed_plan import timed_and_verified
 from ccm_opt.dynamics import retiming
 from ccm_opt.dynamics.retiming.paul import WINDOWS, Legs, fastest_legs, retime_paul
-from ccm_opt.dynamics.retiming.timed_path import PathLimits
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics
 from ccm_opt.io.reading import load_problem, parse_problem
 from ccm_opt.problem import JointPose, Limits, Problem
@@ -96,9 +95,7 @@ def test_places_rates_and_growth_are_one_motion(seed: int, links: int) -> None:
     vias = np.unique(random_keyframes(seed, links), axis=0)
     if len(vias) < 2:
         return
-    legs = fastest_legs(
-        vias, PathLimits.from_limits(even_limits(links, 1.0, 3.0), joint_coordinates(links), links), 0.5, 8e-3
-    )
+    legs = fastest_legs(vias, even_limits(links, 1.0, 3.0).of_coordinates(joint_coordinates(links)), 0.5, 8e-3)
     time, h = np.linspace(0.01, 0.99, 301) * legs.duration, 1e-5
     middle, before, after = legs.at(time), legs.at(time - h), legs.at(time + h)
     np.testing.assert_allclose((after[0] - before[0]) / (2.0 * h), middle[1], atol=1e-4)

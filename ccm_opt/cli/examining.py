@@ -240,7 +240,7 @@ def _words_of_gains(problem: Problem) -> tuple[str, str, str]:
     from ccm_opt.dynamics.simulation.controller import gains  # noqa: PLC0415 - loads casadi
 
     options = problem.simulation
-    stiffness = gains(problem.arm, options).proportional
+    stiffness = gains(problem.arm, options)[0]
     given = options.proportional_gain is not None or options.derivative_gain is not None
     least = f"{stiffness.min():.4g}"
     most = f"{stiffness.max():.4g}"

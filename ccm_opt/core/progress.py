@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, field, replace
+from typing import TypeAlias
 
 from ccm_opt.core.errors import Diagnosis
 from ccm_opt.core.length_words import LengthUnit, in_metres, said_unit, short_length, words_in
@@ -55,20 +56,13 @@ class Progress:
         return words
 
 
-@dataclass(frozen=True)
-class CandidateNews:
-    """A candidate of the search is about to be tried; attributes as in ``Progress``."""
-
-    candidate: int
-    name: str
-    distance: float
-
-
-_LISTENER: ContextVar[Callable[[CandidateNews], None] | None] = ContextVar("listener", default=None)
+Listener: TypeAlias = Callable[[int, str, float], None]
+"""Told of every candidate of the search that is about to be tried: number, name and distance as in ``Progress``."""
+_LISTENER: ContextVar[Listener | None] = ContextVar("listener", default=None)
 
 
 @contextmanager
-def listening(listener: Callable[[CandidateNews], None] | None) -> Iterator[None]:
+def listening(listener: Listener | None) -> Iterator[None]:
     """Let a listener be told of candidates until the block ends; nobody when it is None."""
     token = _LISTENER.set(listener)
     try:
@@ -87,7 +81,7 @@ def tell_candidate(candidate: int, name: str, distance: float) -> None:
     """
     listener = _LISTENER.get()
     if listener is not None:
-        listener(CandidateNews(candidate, name, in_metres(distance)))
+        listener(candidate, name, in_metres(distance))
 
 
 @dataclass
@@ -148,10 +142,9 @@ class Stages:
         if self.progress is not None and self._running:
             self.progress(self._present())
 
-    def _hear(self, news: CandidateNews) -> None:
+    def _hear(self, candidate: int, name: str, distance: float) -> None:
         if self.progress is not None and self._running:
-            told = replace(self._present(), candidate=news.candidate, name=news.name, distance=news.distance)
-            self.progress(told)
+            self.progress(replace(self._present(), candidate=candidate, name=name, distance=distance))
 
     def _present(self) -> Progress:
         elapsed = time.process_time() - self._beginning

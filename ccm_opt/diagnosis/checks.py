@@ -7,7 +7,7 @@ each other are not looked at, nor is what lies between the cells' middles and th
 proof errs on the safe side alone.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TypeAlias
@@ -67,6 +67,9 @@ def three_links_turn(problem: Problem) -> Iterator[Finding]:
 
 
 def _shut_off(problem: Problem, links: int) -> Iterator[Finding]:
+    # A base that is fed turns about no place, and in space bends of three links have too many cells.
+    if problem.dimension == 3 or problem.arm.base_axes:
+        return
     start, *others = whole_poses(problem)
     # A goal that is a curve may be laid on the joints in other ways than one.
     goals = [pose for pose in others if np.isfinite(pose.bend_play)]
@@ -269,41 +272,19 @@ def _opening_radius(cells: FirstLinkCells, start: WholePose, goal: WholePose) ->
     return low
 
 
-@dataclass(frozen=True)
-class Check:
-    """What may prove that a problem has no plan.
-
-    Attributes:
-        find: what stands in the way, of a problem, looked for until a deadline.
-        fed: whether its proofs hold for a base that a feed axis carries, too.
-        dimensions: of arms for which it is known how.
-    """
-
-    find: Callable[..., Iterator[Finding]]
-    fed: bool = True
-    dimensions: tuple[int, ...] = (2, 3)
-
-    def fits(self, problem: Problem) -> bool:
-        """Whether it says anything of a problem."""
-        return problem.dimension in self.dimensions and (self.fed or not problem.arm.base_axes)
-
-
-POSES = Check(contact_at_poses)
-TIPS = Check(contact_at_tips)
-LIMITS = Check(within_joint_limits)
-REACH = Check(within_reach)
-WAYS = Check(wide_and_short_enough)
-SUPPLE = Check(supple_enough)
-STRONG = Check(strong_enough, fed=False)
-"""What a guide tube bears no joint has to."""
-TWO_LINKS = Check(two_links_turn, fed=False, dimensions=(2,))
-THREE_LINKS = Check(three_links_turn, fed=False, dimensions=(2,))
-
-AT_ONCE = (POSES, TIPS, LIMITS, REACH, SUPPLE, STRONG, TWO_LINKS)
+Check: TypeAlias = Callable[..., Iterator[Finding]]
+"""What stands in the way, of a problem; of those that take long looked for until a deadline."""
+AT_ONCE: tuple[Check, ...] = (
+    *(contact_at_poses, contact_at_tips, within_joint_limits, within_reach, supple_enough),
+    *(strong_enough, two_links_turn),
+)
 """Checks that cost next to nothing; the planner makes those of the others itself before it searches."""
-NECESSARY = (POSES, TIPS, LIMITS, REACH, WAYS, SUPPLE, STRONG, THREE_LINKS)
+NECESSARY: tuple[Check, ...] = (
+    *(contact_at_poses, contact_at_tips, within_joint_limits, within_reach, wide_and_short_enough, supple_enough),
+    *(strong_enough, three_links_turn),
+)
 """All necessary checks, the most elementary first."""
-BUT_WAYS = tuple(check for check in NECESSARY if check is not WAYS)
+BUT_WAYS = tuple(check for check in NECESSARY if check is not wide_and_short_enough)
 """All but the one that takes long to say what it has found."""
 
 
@@ -317,19 +298,21 @@ def failed(
         checks: which ones.
         until: when nothing more is looked at; each check has an end of its own, too.
     """
-    until = until or Deadline.never()
-    applicable = [check for check in checks if check.fits(problem)]
+    last = until or Deadline.never()
+    return found_in_own_units(problem, lambda p: (each for check in checks for each in _found(check, p, last)))
+
+
+def found_in_own_units(problem: Problem, find: Callable[[Problem], Iterable[Finding]]) -> tuple[Finding, ...]:
+    """What is found of a problem, in the plane in units of its arm as planning has them; told in metres."""
     if problem.dimension == 3:
-        return tuple(finding for check in applicable for finding in _found(check, problem, until))
+        return tuple(find(problem))
     units = OwnUnits(problem.arm.length)
     with words_for_unit(units.metres):
-        scaled = units.scaled(problem)
-        findings = tuple(finding for check in applicable for finding in _found(check, scaled, until))
-    return units.findings_in_metres(findings)
+        return units.findings_in_metres(tuple(find(units.scaled(problem))))
 
 
 def _found(check: Check, problem: Problem, until: Deadline) -> Iterator[Finding]:
-    return check.find(problem, until) if check is WAYS else check.find(problem)
+    return check(problem, until) if check is wide_and_short_enough else check(problem)
 
 
 def no_way(problem: Problem, until: Deadline) -> bool:

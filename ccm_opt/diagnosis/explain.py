@@ -7,9 +7,8 @@ import numpy as np
 
 from ccm_opt.core.deadline import Deadline
 from ccm_opt.core.errors import ConfigurationNotFound, Diagnosis, Finding, NoPlanFound, Relaxation
-from ccm_opt.core.length_words import words_for_unit
 from ccm_opt.core.progress import Stages
-from ccm_opt.diagnosis.checks import AT_ONCE, BUT_WAYS, NECESSARY, failed, hopeless, no_way
+from ccm_opt.diagnosis.checks import AT_ONCE, BUT_WAYS, NECESSARY, failed, found_in_own_units, hopeless, no_way
 from ccm_opt.diagnosis.contact import joint_words, overloaded
 from ccm_opt.diagnosis.keyed_poses import tip_goal
 from ccm_opt.diagnosis.parameters import Parameter, WholeChange
@@ -19,7 +18,6 @@ from ccm_opt.diagnosis.ways import tight_ways
 from ccm_opt.ik.find_configuration import find_configuration
 from ccm_opt.planning.curve_routes import configuration_task, find_routes, route_room
 from ccm_opt.planning.ends import resolve_ends
-from ccm_opt.planning.own_units import OwnUnits
 from ccm_opt.problem import Problem
 from ccm_opt.scene.narrow_gates import nearest_walls
 
@@ -37,17 +35,12 @@ _HARDLY_BENDS = 1.5707963267948966
 
 def likely(problem: Problem, until: Deadline) -> tuple[Finding, ...]:
     """What is likely to stand in the way, the tightest first; looked for until a deadline."""
-    if problem.dimension == 3:
-        return tight_ways(problem, until)
-    units = OwnUnits(problem.arm.length)
-    with words_for_unit(units.metres):
-        scaled = units.scaled(problem)
-        return units.findings_in_metres((*tight_ways(scaled, until), *_curve(scaled)))
+    return found_in_own_units(problem, lambda p: (*tight_ways(p, until), *_curve(p)))
 
 
 def _curve(problem: Problem) -> Iterator[Finding]:
     """Why the curve of the shortest route has no configuration at the goal, in the words of the NLP's rows."""
-    if problem.arm.base_axes:
+    if problem.arm.base_axes or problem.dimension == 3:
         return
     try:
         ends = resolve_ends(problem)

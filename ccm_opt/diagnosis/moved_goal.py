@@ -54,11 +54,6 @@ _DECIMALS = 4
 """Of a direction's components as they are told; a direction is off by a hundredth of a degree at most."""
 
 
-def about_the_goal(findings: tuple[Finding, ...]) -> bool:
-    """Whether all that is proved is about the goal."""
-    return bool(findings) and all(finding.key.startswith("goal") for finding in findings)
-
-
 def moved_goals(
     problem: Problem,
     findings: tuple[Finding, ...],
@@ -72,7 +67,8 @@ def moved_goals(
         until: when directions and places are looked at no longer.
     """
     goal = tip_goal(problem)
-    if not about_the_goal(findings) or goal is None or problem.stops:
+    about_it = bool(findings) and all(finding.key.startswith("goal") for finding in findings)
+    if not about_it or goal is None or problem.stops:
         return
     towards = _least_turned(problem, goal, until.within(_LONGEST_LOOK))
     if towards is not None and goal.direction is not None:

@@ -359,11 +359,12 @@ class PassageWays(Ways):
         workspace = self.problem.workspace
         gaps = [shapely.distance(each.core, shapely.Point(place)) - each.rounding for each in workspace.obstacles]
         near = [workspace.obstacles[k].name for k in np.argsort(gaps, kind="stable")[:_MOST_REMOVED]]
-        # Nothing is said of an obstacle that there was no time for.
-        return tuple(name for name in near if not self.until.passed() and self._opened_without(name))
-
-    def _opened_without(self, name: str) -> bool:
-        return self.at(self.room, self.problem.workspace.without(name)).shortest <= self.arm.length
+        return tuple(
+            name
+            for name in near
+            # Nothing is said of an obstacle that there was no time for.
+            if not self.until.passed() and self.at(self.room, workspace.without(name)).shortest <= self.arm.length
+        )
 
     def mends_of_length(self) -> dict[str, float]:
         """What would do, by keys, where all ways are too long [m]."""

@@ -57,12 +57,8 @@ def ranked(
         # Of equal kinds the one comes first that asks for the longest links.
         return not finding.proved, by_change, kind, -finding.bounds.get("arm.link_length", 0.0)
 
-    return tuple(sorted(_once(findings), key=place))[:most]
-
-
-def _once(findings: tuple[Finding, ...]) -> list[Finding]:
-    """Findings of different reasons."""
-    return list({finding.reason: finding for finding in findings}.values())
+    different = {finding.reason: finding for finding in findings}
+    return tuple(sorted(different.values(), key=place))[:most]
 
 
 def refuse(findings: tuple[Finding, ...]) -> None:

@@ -14,7 +14,10 @@ from ccm_opt.core.executors import LocalWorkers, ThisProcess, Workers, completed
 from ccm_opt.core.length_words import file_length, words_in
 from ccm_opt.core.progress import Stages
 from ccm_opt.core.threads import on_one_thread
-from ccm_opt.diagnosis.checks import REACH, SUPPLE, TIPS, WAYS, failed
+from ccm_opt.diagnosis.checks import failed
+from ccm_opt.diagnosis.contact import contact_at_tips
+from ccm_opt.diagnosis.reach import supple_enough, within_reach
+from ccm_opt.diagnosis.ways import wide_and_short_enough
 from ccm_opt.driver.arguments import expect_arguments
 from ccm_opt.driver.settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.planning.curve_map import CurveMap
@@ -38,7 +41,7 @@ from ccm_opt.scene.distances.surface_tree import SurfaceTree
 _MOTION_TIME = 5.0
 """CPU time in which a motion to the goal is sought, whose poses are beginnings in space [s]. Taste."""
 
-PLACE_CHECKS = (TIPS, REACH, SUPPLE)
+PLACE_CHECKS = (contact_at_tips, within_reach, supple_enough)
 """Checks of a place that cost next to nothing; each is a proof."""
 EXACTLY = Tolerances(0.0, 0.0)
 
@@ -234,7 +237,7 @@ def _behind_walls(problem: Problem, x: FloatArray, y: FloatArray, flood: ReachFl
     """Cells without a pose to which every way through free space is too narrow or too long."""
     for cell in np.ndindex(len(y), len(x)):
         known = cell in flood.poses or cell in flood.closed
-        if not known and failed(_at(problem, (float(x[cell[1]]), float(y[cell[0]]))), (WAYS,)):
+        if not known and failed(_at(problem, (float(x[cell[1]]), float(y[cell[0]]))), (wide_and_short_enough,)):
             yield cell
 
 

@@ -21,7 +21,7 @@ from ccm_opt.problem.solution import Check, JointStates, JointTrajectory
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.coordinates import Coordinates
 from ccm_opt.verification.base_axes import check_base_axes
-from ccm_opt.verification.drives import bends_a_ball, joint_of_bend, revolutes_of_bends
+from ccm_opt.verification.drives import bends_a_ball, joints_of_bends, revolutes_of_bends
 from ccm_opt.verification.limits import UNIT, check_points
 from ccm_opt.verification.newton_euler import drive_efforts
 from ccm_opt.verification.start_and_goal import check_pauses
@@ -204,18 +204,15 @@ def _rate_shares(problem: Problem, steps: _Steps) -> list[tuple[float, str]]:
         "jerk": both(limits.jerk, limits.feed_jerk),
     }
     found = []
+    names = (*joints_of_bends(layout), *layout.base_names)
     for order, (kind, bound) in enumerate(bounds.items()):
         share = steps.greatest(order) / bound
         # Where accelerations jump at the points nothing bounds the jerk.
         if kind == "jerk" and steps.message.accelerations is None:
             share = np.where(np.isfinite(bound) & (share > 0.0), np.inf, share)
         k, j = np.unravel_index(np.argmax(share), share.shape)
-        found.append((float(share[k, j]), f"{_coordinate(layout, int(j))} {kind} at {_time(steps, int(k))}"))
+        found.append((float(share[k, j]), f"{names[j]} {kind} at {_time(steps, int(k))}"))
     return found
-
-
-def _coordinate(layout: Coordinates, number: int) -> str:
-    return joint_of_bend(layout, number) if number < layout.joints else layout.base_names[number - layout.joints]
 
 
 def _time(steps: _Steps, k: int) -> str:

@@ -55,11 +55,6 @@ class ArmModel:
     world: FloatArray
 
 
-def arm_structure(arm: Arm) -> Structure:
-    """Structure of an arm."""
-    return Structure(arm.links, arm.axes, geared=bool(np.any(np.asarray(arm.rotor_inertia) > 0.0)))
-
-
 def arm_model(arm: Arm, gravity: FloatArray) -> ArmModel:
     """Dynamic model of an arm: solid links with the arm's masses and inertias, a point mass at the tip.
 
@@ -75,7 +70,8 @@ def arm_model(arm: Arm, gravity: FloatArray) -> ArmModel:
     local_gravity = arm.base_rotation.T @ np.asarray(gravity, dtype=np.float64)
     slides = float(len(arm.base_axes))
     world = np.array([*local_gravity, arm.payload, slides])
-    return ArmModel(arm_structure(arm), bodies, drives, world)
+    structure = Structure(arm.links, arm.axes, geared=bool(np.any(drives[:, :3] > 0.0)))
+    return ArmModel(structure, bodies, drives, world)
 
 
 def with_rotor_code(model: ArmModel) -> ArmModel:

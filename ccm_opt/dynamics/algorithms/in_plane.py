@@ -93,16 +93,12 @@ def _evaluated(step: Any, given: Sequence[Sequence[Value]]) -> list[list[Value]]
             elif operation == ca.OP_OUTPUT:
                 results[outputs[0]][outputs[1]] = work[inputs[0]]
             elif operation == ca.OP_CONST:
-                work[outputs[0]] = _known_or_constant(step.instruction_constant(k))
+                work[outputs[0]] = value if (value := step.instruction_constant(k)) in (0.0, 1.0) else ca.SX(value)
             else:
                 work[outputs[0]] = _applied(operation, [work[place] for place in inputs])
     finally:
         ca.GlobalOptions.setSimplificationOnTheFly(before)
     return results
-
-
-def _known_or_constant(value: float) -> Value:
-    return value if value in (0.0, 1.0) else ca.SX(value)
 
 
 def _applied(operation: int, values: Sequence[Value]) -> Value:

@@ -175,7 +175,7 @@ class CoordinateJerk(MotionLimit):
     def from_path(cls, path: TimedPath, settings: ProfileSettings) -> Iterator["CoordinateJerk"]:
         """One limit for all coordinates, where any of them has one."""
         del settings
-        if path.bounds.smooth:
+        if path.smooth:
             yield cls(path.bounds.jerk, _JERK_SHARE)
 
     def slowness(self, spline: BSpline, s: FloatArray) -> FloatArray:
@@ -204,15 +204,11 @@ def sides_of_third(spline: BSpline, s: FloatArray) -> tuple[FloatArray, FloatArr
 _AXIS = ("first (yaw)", "second (bend)", "third")
 
 
-def revolute_name(number: int) -> str:
-    """Ball and axis of a revolute in words, the ball counted from 1."""
-    return f"joint {number // 3 + 1}, {_AXIS[number % 3]} axis"
-
-
 def drive_name(number: int, coordinates: Coordinates) -> str:
-    """A revolute in words, or an axis that carries the base; these are counted after the revolutes."""
-    names = [f"the {name} axis" for name in coordinates.base_names]
-    return revolute_name(number) if number < coordinates.revolutes else names[number - coordinates.revolutes]
+    """Ball, counted from 1, and axis of a revolute in words, or an axis of the base, counted after the revolutes."""
+    if number < coordinates.revolutes:
+        return f"joint {number // 3 + 1}, {_AXIS[number % 3]} axis"
+    return f"the {coordinates.base_names[number - coordinates.revolutes]} axis"
 
 
 def too_weak(number: int, share: float, place: float, limits: Limits, coordinates: Coordinates) -> RetimingError:
@@ -290,10 +286,10 @@ class DriveEffort(MotionLimit):
 
     def stretches(self, samples: MotionSamples) -> FloatArray:
         """By the efforts at the samples."""
-        parts = self._efforts.parts(samples.place, samples.velocity, samples.acceleration)
-        parts = parts.as_shares_of(planned_share(parts.static, self._path.share))
-        damping = parts.damping if self._efforts.damped else None
-        return np.asarray(np.max(slowings(parts.moving, parts.static, 1.0, damping), axis=1))
+        moving, damping, static = self._efforts.parts(samples.place, samples.velocity, samples.acceleration)
+        usable = planned_share(static, self._path.share)
+        rubbing = damping / usable if self._efforts.damped else None
+        return np.asarray(np.max(slowings(moving / usable, static / usable, 1.0, rubbing), axis=1))
 
     def _check_static_load(self, s: FloatArray, static: FloatArray) -> None:
         """Where every drive can hold the arm still, some slow motion keeps all limits."""

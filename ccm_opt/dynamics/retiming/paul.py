@@ -29,12 +29,12 @@ from ccm_opt.core.arrays import BoolArray, FloatArray, IntArray
 from ccm_opt.core.errors import Diagnosis, RetimingError
 from ccm_opt.dynamics.retiming.motion_limits import MotionLimit, limits_along
 from ccm_opt.dynamics.retiming.motion_samples import MotionSamples
-from ccm_opt.dynamics.retiming.timed_path import InverseDynamics, PathLimits, Revolutes, TimedPath, likely_coordinates
+from ccm_opt.dynamics.retiming.timed_path import InverseDynamics, Revolutes, TimedPath, likely_coordinates
 from ccm_opt.dynamics.retiming.timing_settings import DEFAULT_TIMING
 from ccm_opt.problem import Limits
 from ccm_opt.problem.solution import JointPath, JointTrajectory
 from ccm_opt.robot.arm import Arm
-from ccm_opt.robot.coordinates import Coordinates
+from ccm_opt.robot.coordinates import Coordinates, DriveLimits
 
 WINDOWS = (0.5, 0.25, 0.125, 0.0625, 0.03125, 0.015625)
 """Largest half transitions as a share of the shorter leg beside them, in the order in which they are worth a try.
@@ -192,7 +192,7 @@ def retime_paul(
     raise _no_speed(limits)
 
 
-def fastest_legs(vias: FloatArray, axes: PathLimits, window: float, least: float) -> Legs:
+def fastest_legs(vias: FloatArray, axes: DriveLimits, window: float, least: float) -> Legs:
     """Legs as short as the limits on speed and acceleration let them be, nearly.
 
     Legs are lengthened until the limits hold, then shortened by turns wherever they still do.
@@ -211,7 +211,7 @@ def fastest_legs(vias: FloatArray, axes: PathLimits, window: float, least: float
     return legs
 
 
-def lengthened(vias: FloatArray, times: FloatArray, axes: PathLimits, window: float, least: float) -> Legs:
+def lengthened(vias: FloatArray, times: FloatArray, axes: DriveLimits, window: float, least: float) -> Legs:
     """Legs of at least the given times, lengthened where a limit on speed or acceleration is passed."""
     legs = with_transitions(vias, np.maximum(times, least / window), axes, window, least)
     for _ in range(_ROUNDS):
@@ -222,7 +222,7 @@ def lengthened(vias: FloatArray, times: FloatArray, axes: PathLimits, window: fl
     return legs.slowed(max(1.0, float(np.max(needed(legs, axes)))))
 
 
-def with_transitions(vias: FloatArray, times: FloatArray, axes: PathLimits, window: float, least: float) -> Legs:
+def with_transitions(vias: FloatArray, times: FloatArray, axes: DriveLimits, window: float, least: float) -> Legs:
     """Give legs their transitions: as short as acceleration lets them be, but within the window."""
     # A half transition takes at most its share of the shorter leg beside it; beyond both ends there is no leg.
     most = window * np.minimum(np.append(times, np.inf), np.append(np.inf, times))
@@ -233,7 +233,7 @@ def with_transitions(vias: FloatArray, times: FloatArray, axes: PathLimits, wind
     return replace(legs, halves=np.minimum(np.maximum(wanted, least), most))
 
 
-def needed(legs: Legs, axes: PathLimits) -> FloatArray:
+def needed(legs: Legs, axes: DriveLimits) -> FloatArray:
     """Factor on the time of each leg that its speed and the transitions at its ends need, shape (K − 1,)."""
     # The first and the last speed are the rest before and after the motion, not those of legs.
     speed = np.max(np.abs(legs.speeds[1:-1]) / (_SHARE * axes.velocity), axis=1)
@@ -244,7 +244,7 @@ def needed(legs: Legs, axes: PathLimits) -> FloatArray:
     return np.asarray(np.maximum(speed, np.maximum(turn[:-1], turn[1:])))
 
 
-def _shortened(legs: Legs, axes: PathLimits, window: float, least: float, factor: float, colour: int) -> Legs:
+def _shortened(legs: Legs, axes: DriveLimits, window: float, least: float, factor: float, colour: int) -> Legs:
     """Shorten every second leg where it and its neighbours still keep the limits; they share no via point."""
     times = legs.times.copy()
     # Never so short that the least half transition would not fit into the window.
@@ -276,17 +276,13 @@ def _stretch_of_legs(legs: Legs, limits: Sequence[MotionLimit], step: float) -> 
 
 
 def _sampled(legs: Legs, step: float) -> MotionSamples:
-    time = _sample_times(legs, step)
+    time = np.linspace(0.0, legs.duration, max(1, int(np.ceil(legs.duration / step - 1e-9))) + 1)
     q, qd, qdd = legs.at(time)
     # Both ends are free of rounding: the motion starts and ends exactly where it was asked to, at rest.
     q[[0, -1]] = legs.vias[[0, -1]]
     qd[[0, -1]] = 0.0
     qdd[[0, -1]] = 0.0
     return MotionSamples(time / time[-1], time, q, qd, qdd)
-
-
-def _sample_times(legs: Legs, step: float) -> FloatArray:
-    return np.linspace(0.0, legs.duration, max(1, int(np.ceil(legs.duration / step - 1e-9))) + 1)
 
 
 def _distinct(keyframes: FloatArray) -> FloatArray:

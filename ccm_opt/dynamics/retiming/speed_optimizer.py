@@ -50,13 +50,13 @@ from ccm_opt.core.errors import Diagnosis, RetimingError
 from ccm_opt.dynamics.retiming.motion_limits import sides_of_third
 from ccm_opt.dynamics.retiming.motion_samples import MotionSamples
 from ccm_opt.dynamics.retiming.profile import DenseCheck, PathRows, SpeedProfile, check_profile, refine
-from ccm_opt.dynamics.retiming.timed_path import PathLimits
 from ccm_opt.dynamics.retiming.timing_settings import (
     DEFAULT_TIMING,
     ProfileSettings,
     SamplingSettings,
     SmoothingSettings,
 )
+from ccm_opt.robot.coordinates import DriveLimits
 
 _TIGHTENINGS = 3
 """Rounds after which rows are tightened where a limit was passed between grid points; after later rounds speed is
@@ -440,7 +440,7 @@ def smoothed(profile: SpeedProfile, window: float) -> SmoothProfile:
 
 
 def jerk_limited(
-    spline: BSpline, profile: SpeedProfile, axes: PathLimits, settings: SmoothingSettings = DEFAULT_TIMING.smoothing
+    spline: BSpline, profile: SpeedProfile, axes: DriveLimits, settings: SmoothingSettings = DEFAULT_TIMING.smoothing
 ) -> SmoothProfile:
     """The smoothed motion, over the best of some windows, slowed down until velocity, acceleration and jerk hold.
 
@@ -463,7 +463,7 @@ def jerk_limited(
     return min(motions, key=lambda motion: motion.duration)
 
 
-def _needed(spline: BSpline, motion: SmoothProfile, axes: PathLimits, looks: int) -> float:
+def _needed(spline: BSpline, motion: SmoothProfile, axes: DriveLimits, looks: int) -> float:
     """Factor on time that brings velocity, acceleration and jerk within their limits at many times."""
     # Jerk may peak at the corners of s⃛ and, where the path is crooked, anywhere between them.
     time = np.union1d(motion.corners, np.linspace(0.0, motion.duration, looks))

@@ -8,36 +8,17 @@ from typing import TypeAlias
 import numpy as np
 from scipy.interpolate import BSpline
 
-from ccm_opt.core.arrays import FloatArray, IntArray
+from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.errors import Diagnosis, ProblemError, RetimingError
 from ccm_opt.problem import Limits
 from ccm_opt.robot.arm import Arm
-from ccm_opt.robot.coordinates import FEED, Coordinates, joint_coordinates
+from ccm_opt.robot.coordinates import FEED, Coordinates, DriveLimits, joint_coordinates
 
 InverseDynamics: TypeAlias = Callable[..., FloatArray]
 """(angles, velocities, accelerations), each (N, 3 * links), and with a feed axis its accelerations, (N,) [m/s²], to
 torques (N, 3 * links) [N m]. It may have a method ``feed_forces``: the same arguments to forces on the axis [N]."""
 Revolutes: TypeAlias = Callable[[FloatArray], FloatArray]
 """Bends (N, links) to revolute angles (N, 3 * links); linear, so it serves rates too."""
-
-
-@dataclass(frozen=True)
-class EffortParts:
-    """Shares of the limits, apart by how they fall when time is λ times longer; each of shape (N, R).
-
-    Attributes:
-        moving: with λ².
-        damping: with λ; viscous friction.
-        static: not at all; they hold the arm still.
-    """
-
-    moving: FloatArray
-    damping: FloatArray
-    static: FloatArray
-
-    def as_shares_of(self, usable: FloatArray) -> "EffortParts":
-        """The same as shares of what may be used of the limits, shape (N, R)."""
-        return EffortParts(self.moving / usable, self.damping / usable, self.static / usable)
 
 
 class Efforts:
@@ -101,13 +82,19 @@ class Efforts:
         shares = self._revolutes(velocity[:, self._coordinates.bends]) * self._friction
         return np.concatenate((shares, np.zeros((len(shares), len(self._force)))), axis=1)
 
-    def parts(self, place: FloatArray, velocity: FloatArray, acceleration: FloatArray) -> EffortParts:
-        """The shares, apart by how they fall when time is longer."""
+    def parts(
+        self, place: FloatArray, velocity: FloatArray, acceleration: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """The shares, apart by how they fall when time is λ times longer, of the shape of the result of a call each.
+
+        Returns:
+            What falls with λ²; viscous friction, with λ; what holds the arm still, which does not fall at all.
+        """
         rest = np.zeros_like(place)
         # All but friction and static load is linear in q̈ or quadratic in q̇, and falls with λ².
         static = self(place, rest, rest)
         damping = self.damping(velocity)
-        return EffortParts(self(place, velocity, acceleration) - static - damping, damping, static)
+        return self(place, velocity, acceleration) - static - damping, damping, static
 
     def _viscous(self) -> FloatArray:
         """Friction of every revolute over its torque limit: the odd part of the torques at unit velocities."""
@@ -120,48 +107,6 @@ class Efforts:
         # Velocity products are even in q̇ and friction is odd, so half the difference is friction alone.
         odd = 0.5 * (torques[0] - torques[1])
         return np.asarray(np.where(np.abs(odd) > 1e-9 * np.max(np.abs(torques)), odd, 0.0) / self._torque)
-
-
-@dataclass(frozen=True)
-class PathLimits:
-    """Limits on the columns of a path, the arm's coordinates.
-
-    Attributes:
-        velocity: shape (c,) [rad/s, m/s].
-        acceleration: shape (c,) [rad/s², m/s²].
-        jerk: shape (c,) [rad/s³, m/s³], inf where it is not limited.
-        number: of the drive that moves a column, shape (c,).
-    """
-
-    velocity: FloatArray
-    acceleration: FloatArray
-    jerk: FloatArray
-    number: IntArray
-
-    @property
-    def smooth(self) -> bool:
-        """Whether jerk is limited."""
-        return bool(np.any(np.isfinite(self.jerk)))
-
-    @classmethod
-    def from_limits(cls, limits: Limits, coordinates: Coordinates, columns: int, share: float = 1.0) -> "PathLimits":
-        """The limits of the columns of a path.
-
-        Args:
-            limits: of the drives.
-            coordinates: what the columns are.
-            columns: how many the path has.
-            share: of the limits that may be used.
-
-        Raises:
-            RetimingError: the path has other columns, or one has no limit on velocity or acceleration.
-        """
-        if columns != len(coordinates) or len(limits.velocity) != coordinates.revolutes:
-            raise _wrong_columns(columns, coordinates)
-        found = limits.of_coordinates(coordinates).rates_within(share)
-        if not np.all(np.isfinite(found.velocity) & np.isfinite(found.acceleration)):
-            raise _wrong_columns(columns, coordinates)
-        return cls(found.velocity, found.acceleration, found.jerk, coordinates.drive_numbers)
 
 
 def likely_coordinates(limits: Limits, columns: int) -> Coordinates:
@@ -206,6 +151,22 @@ class TimedPath:
     share: float = 1.0
 
     @cached_property
-    def bounds(self) -> PathLimits:
-        """What may be used of the limits on the columns of the path."""
-        return PathLimits.from_limits(self.limits, self.coordinates, np.shape(self.spline(0.0))[-1], self.share)
+    def bounds(self) -> DriveLimits:
+        """What may be used of the limits on the columns of the path.
+
+        Raises:
+            RetimingError: the path has other columns, or one has no limit on velocity or acceleration.
+        """
+        columns = np.shape(self.spline(0.0))[-1]
+        layout = self.coordinates
+        if columns != len(layout) or len(self.limits.velocity) != layout.revolutes:
+            raise _wrong_columns(columns, layout)
+        found = self.limits.of_coordinates(layout).rates_within(self.share)
+        if not np.all(np.isfinite(found.velocity) & np.isfinite(found.acceleration)):
+            raise _wrong_columns(columns, layout)
+        return found
+
+    @property
+    def smooth(self) -> bool:
+        """Whether jerk is limited."""
+        return bool(np.any(np.isfinite(self.bounds.jerk)))

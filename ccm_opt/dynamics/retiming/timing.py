@@ -373,7 +373,7 @@ def retime(
         return _standing(path.spline, largest).trajectory(columns, "rest")
 
     fastest = timing.fastest()
-    profile = timing.smooth(fastest) if timed.bounds.smooth else fastest
+    profile = timing.smooth(fastest) if timed.smooth else fastest
     chords = None if link_length is None else Chords.beside(path, link_length, settings.sampling)
     return timing.sampled(profile, largest, chords).trajectory(columns, fastest.timed_by)
 

@@ -132,46 +132,27 @@ class CompiledLoop:
         return states, efforts
 
 
-@dataclass(frozen=True)
-class Gains:
-    """Gains on the errors of joints and of their speeds.
+def gains(arm: Arm, options: SimulationOptions) -> tuple[FloatArray, FloatArray]:
+    """Gains on the errors of joints and of their speeds by the chosen law, shape (3 * links,) each.
 
-    Under computed torque they act on accelerations [1/s², 1/s], under PD on torques [N m/rad, N m s/rad].
-
-    Attributes:
-        proportional: shape (3 * links,).
-        derivative: shape (3 * links,).
+    Under computed torque they act on accelerations [1/s², 1/s], critically damped at ωn = bandwidth: Kp = ωn²,
+    Kd = 2 ωn; under PD on torques [N m/rad, N m s/rad].
     """
-
-    proportional: FloatArray
-    derivative: FloatArray
-
-
-@dataclass(frozen=True)
-class FeedGains:
-    """Gains on the error of the base along its feed axis and of its speed [1/s², 1/s] or [N/m, N s/m]."""
-
-    proportional: float
-    derivative: float
-
-
-def gains(arm: Arm, options: SimulationOptions) -> Gains:
-    """Gains of the chosen law; computed torque is critically damped at ωn = bandwidth: Kp = ωn², Kd = 2 ωn."""
     joints = np.ones(3 * arm.links)
     bandwidth = options.bandwidth
     if options.controller == "computed-torque":
-        return Gains(bandwidth**2 * joints, 2.0 * bandwidth * joints)
+        return bandwidth**2 * joints, 2.0 * bandwidth * joints
     proportional = options.proportional_gain
     derivative = options.derivative_gain
     # Of one that is given the other follows, as for gains that come from the arm.
     if proportional is None and derivative is None:
         inertia = inertia_at_most(arm)
-        return Gains(bandwidth**2 * inertia, 2.0 * bandwidth * inertia)
+        return bandwidth**2 * inertia, 2.0 * bandwidth * inertia
     if proportional is None:
         proportional = 0.5 * bandwidth * (derivative or 0.0)
     if derivative is None:
         derivative = 2.0 * proportional / bandwidth
-    return Gains(proportional * joints, derivative * joints)
+    return proportional * joints, derivative * joints
 
 
 def inertia_at_most(arm: Arm) -> FloatArray:
@@ -185,23 +166,23 @@ def inertia_at_most(arm: Arm) -> FloatArray:
     return np.repeat(bends, 3)
 
 
-def feed_gains(arm: Arm, options: SimulationOptions) -> FeedGains:
+def feed_gains(arm: Arm, options: SimulationOptions) -> tuple[float, float]:
     """Gains of the feed axis: critically damped at ωn = bandwidth, under PD for the mass of the arm [N/m, N s/m]."""
     mass = 1.0 if options.controller == "computed-torque" else float(np.sum(arm.masses)) + arm.payload
-    return FeedGains(mass * options.bandwidth**2, 2.0 * mass * options.bandwidth)
+    return mass * options.bandwidth**2, 2.0 * mass * options.bandwidth
 
 
 def loop_parameters(arm: Arm, options: SimulationOptions, limits: Limits) -> LoopParameters:
     """The numbers of the closed loop; efforts saturate at their limits when there are any."""
-    joints = gains(arm, options)
-    feed = feed_gains(arm, options)
+    proportional, derivative = gains(arm, options)
+    feed_proportional, feed_derivative = feed_gains(arm, options)
     return LoopParameters(
         step=options.step,
         computed=options.controller == "computed-torque",
-        proportional=joints.proportional,
-        derivative=joints.derivative,
-        feed_proportional=feed.proportional,
-        feed_derivative=feed.derivative,
+        proportional=proportional,
+        derivative=derivative,
+        feed_proportional=feed_proportional,
+        feed_derivative=feed_derivative,
         limit=np.full(3 * arm.links, np.inf) if limits.torque is None else limits.torque,
         feed_limit=np.inf if limits.feed_force is None else limits.feed_force,
     )

@@ -113,9 +113,9 @@ def _check_computed_torque(options: SimulationOptions) -> None:
 def _check_pd(believed: Arm, poses: FloatArray, options: SimulationOptions, *, planar: bool) -> None:
     """ν dt (1 + κ dt) / (1 + ν dt) < 2 (1 + mass error), for an arm that is lighter than believed."""
     step = options.step
-    gain = gains(believed, options)
-    ratio = float(np.max(gain.proportional / gain.derivative))
-    rate = fastest_rate(believed, poses, gain.derivative, planar=planar)
+    proportional, derivative = gains(believed, options)
+    ratio = float(np.max(proportional / derivative))
+    rate = fastest_rate(believed, poses, derivative, planar=planar)
     value = rate * step * (1.0 + ratio * step) / (1.0 + rate * step)
     bound = 2.0 * (1.0 + min(options.disturbances.mass_error, 0.0))
     if value < bound:
@@ -149,7 +149,7 @@ def _check_feed(arm: Arm, poses: FloatArray, options: SimulationOptions, *, plan
     if options.controller == "computed-torque":
         return
     # The base has one mode: λ is the inverse of the mass that moves with it at once.
-    rate = feed_gains(arm, options).derivative / _lightest_base(arm, poses, planar=planar)
+    rate = feed_gains(arm, options)[1] / _lightest_base(arm, poses, planar=planar)
     value = rate * options.step
     if value < 2.0:
         return
