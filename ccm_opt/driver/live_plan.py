@@ -28,7 +28,8 @@ from ccm_opt.planning.motion import Motion
 from ccm_opt.planning.own_units import in_own_units
 from ccm_opt.planning.pose_beginnings import any_motion
 from ccm_opt.planning.settings import CurvePlannerSettings
-from ccm_opt.planning.space_planner import SpacePlanner, joint_path
+from ccm_opt.planning.smooth_path import joint_path
+from ccm_opt.planning.space_planner import SpacePlanner
 from ccm_opt.planning.space_task import space_task
 from ccm_opt.problem import Problem, TipGoal
 from ccm_opt.problem.solution import Check, JointPath, Solution

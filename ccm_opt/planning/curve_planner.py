@@ -12,11 +12,9 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
-from scipy.interpolate import BSpline
 
-from ccm_opt.core.arrays import TINY, FloatArray
+from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.deadline import Deadline
-from ccm_opt.core.errors import Diagnosis, MotionNotFound
 from ccm_opt.core.progress import Stages
 from ccm_opt.ik.compiled_terms import UserTerms
 from ccm_opt.planning.continuation import Stalled, settle
@@ -30,20 +28,19 @@ from ccm_opt.planning.led_strategies import fed_strategies
 from ccm_opt.planning.limits.guide_tube import GuideTubeLimit
 from ccm_opt.planning.limits.limit import Limit
 from ccm_opt.planning.limits.user_limit import UserLimit
-from ccm_opt.planning.link_space import LinkSpace, nearest_curves
+from ccm_opt.planning.link_space import LinkSpace
 from ccm_opt.planning.motion import Motion
 from ccm_opt.planning.motion_task import CachedItems, MotionTask
 from ccm_opt.planning.neighbourhood import neighbourhood
 from ccm_opt.planning.optimisation.objective import JointSlowness
 from ccm_opt.planning.own_units import in_own_units
 from ccm_opt.planning.settings import DEFAULT_CURVE_PLANNER, CurvePlannerSettings
-from ccm_opt.planning.smooth_path import smooth_path
+from ccm_opt.planning.smooth_path import joint_path
 from ccm_opt.planning.step import Stepper
 from ccm_opt.planning.strategies import STRATEGIES, find_motion
 from ccm_opt.planning.tracking import ReferenceMotion, follow_reference
 from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import JointPath
-from ccm_opt.scene.bad_pose import room_advice
 from ccm_opt.scene.contact_finder import CertificateSettings
 
 _PLANNING_SHARE = 0.9
@@ -186,7 +183,7 @@ class CurvePlanner:
                 task = replace(self.task_without_routes(near, ends, deadline), end_poses=end_poses)
                 motion = resumed(known, task)
                 if motion is not None:
-                    path = joint_path(problem, task, motion)
+                    path = joint_path(task, motion)
                     return replace(path, goal_pose=end_poses.record(motion.end_pose)), motion
         strategies = STRATEGIES
         if problem.arm.base_axes:
@@ -197,7 +194,7 @@ class CurvePlanner:
             task = replace(self.motion_task(near, ends, deadline, problem), end_poses=end_poses)
         with self.stages("motion"):
             motion = find_motion(task, strategies)
-            path = joint_path(problem, task, motion)
+            path = joint_path(task, motion)
         return replace(path, goal_pose=end_poses.record(motion.end_pose)), motion
 
     def motion_task(self, problem: Problem, ends: Ends, deadline: Deadline, asked: Problem | None = None) -> MotionTask:
@@ -297,32 +294,3 @@ def turn_per_link(problem: Problem) -> float:
     """What the average joint turns while the base is carried by a link length [rad]."""
     speed = problem.limits.feed_velocity or 1.0
     return float(problem.limits.velocity[1::3].mean() * problem.arm.link_length / speed)
-
-
-def joint_path(problem: Problem, task: MotionTask, motion: Motion) -> JointPath:
-    """The smooth, certified path through joint space along a motion.
-
-    Raises:
-        MotionNotFound: when no smooth path near the motion can be certified.
-    """
-    path = laid_path(motion, task)
-    if path is None:
-        reason = "the motion leaves no room for a smooth path"
-        names = ", ".join(f"'{name}'" for limit in task.user_limits for name in limit.names)
-        if names:
-            reason = f"{reason} that keeps the joint limits and the constraints {names}"
-        raise MotionNotFound(Diagnosis(reason, "motion", room_advice(problem.arm.radius, problem.workspace.clearance)))
-    return path
-
-
-def laid_path(motion: Motion, task: MotionTask) -> JointPath | None:
-    """The same; None when there is none."""
-    path = smooth_path(motion, task)
-    if path is None:
-        return None
-    spline = path.spline
-    if task.arm.base_axes:
-        # What leaders bend by rounding is exactly straight in a guide tube.
-        spline = BSpline(spline.t, np.where(np.abs(spline.c) > TINY, spline.c, 0.0), spline.k)
-    curves = nearest_curves(task.arm, motion.configurations)
-    return JointPath(spline, motion.configurations, curves, motion.candidate, motion.leaders, spare=path.spare)

@@ -8,14 +8,15 @@ from typing import TypeAlias
 
 import numpy as np
 import shapely
+from scipy.interpolate import BSpline
 
-from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.arrays import TINY, FloatArray
 from ccm_opt.planning.fed_space import FedSpace
 from ccm_opt.planning.limits.gate_rails import GateLines
 from ccm_opt.planning.limits.limit import Limit
 from ccm_opt.planning.limits.limit_stack import assembled_limits
 from ccm_opt.planning.limits.motion_certificate import MotionCertificate
-from ccm_opt.planning.link_space import NOMINAL_LINKS, LinkSpace
+from ccm_opt.planning.link_space import NOMINAL_LINKS, LinkSpace, nearest_curves
 from ccm_opt.planning.optimisation.objective import JointSlowness
 from ccm_opt.planning.path_on_limits import KnotJoints
 from ccm_opt.planning.search import SearchTask
@@ -23,6 +24,7 @@ from ccm_opt.planning.settings import MotionSettings
 from ccm_opt.planning.step import Stepper
 from ccm_opt.planning.tip_paths import TipPath
 from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.configuration import Configuration
 from ccm_opt.scene.certificate import Certificate, allowed_contact
 from ccm_opt.scene.contact_finder import ContactFinder
 from ccm_opt.scene.workspace import Workspace
@@ -198,6 +200,15 @@ class MotionTask(SearchTask):
         arm = self.arm
         rows = np.eye(arm.links, arm.links + len(arm.base_axes))
         return KnotJoints(rows, lambda q: q[..., : arm.links], arm.bend_limits, self._free)
+
+    def keyframes_along(
+        self, keyframes: FloatArray, spline: BSpline, *, legs: bool
+    ) -> tuple[FloatArray, BSpline, tuple[Configuration, ...]]:
+        """The path, in a guide tube exactly straight, where leaders bend by rounding, and the curves nearest to it."""
+        del legs
+        if self.arm.base_axes:
+            spline = BSpline(spline.t, np.where(np.abs(spline.c) > TINY, spline.c, 0.0), spline.k)
+        return keyframes, spline, nearest_curves(self.arm, keyframes)
 
     def _free(self, q: FloatArray) -> FloatArray:
         """1 for what a knot may turn, 0 for a clamped base, joints in a guide tube and the base's way, shape (c,)."""

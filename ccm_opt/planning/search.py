@@ -7,17 +7,24 @@ from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
+from math import inf
 from typing import Any, Generic, TypeVar
+
+from scipy.interpolate import BSpline
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.deadline import Deadline
 from ccm_opt.core.errors import Diagnosis, MotionNotFound, TimeLimitReached
 from ccm_opt.core.length_words import short_length
+from ccm_opt.core.progress import tell_candidate
 from ccm_opt.planning.goal import GoalPose
 from ccm_opt.planning.limits.limit import LimitOf
+from ccm_opt.planning.limits.motion_certificate import IntervalCertificate
+from ccm_opt.planning.path_on_limits import KnotJoints
 from ccm_opt.planning.settings import EngineSettings
 from ccm_opt.problem import OptimiserName, Weights
 from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.configuration import Configuration
 from ccm_opt.scene.bad_pose import joints_at_limits, room_advice
 
 TREES = "trees"
@@ -53,6 +60,11 @@ class Failure:
             return "nothing near"
         link, other, gap = self.tightest
         return f"link {link} and {other}, gap {short_length(gap)}"
+
+
+def tell_tried(candidate: str, failures: Sequence[Failure]) -> None:
+    """Tell who listens that a candidate is tried, its number, and how near the best of those before came."""
+    tell_candidate(len(failures) + 1, candidate, min((failure.remaining for failure in failures), default=inf))
 
 
 @dataclass(frozen=True)
@@ -114,6 +126,37 @@ class SearchTask(ABC):
     @abstractmethod
     def advice(self) -> str:
         """What may help where nothing better is known."""
+
+    @property
+    @abstractmethod
+    def certificate(self) -> IntervalCertificate:
+        """Of motions, and of paths between their samples."""
+
+    @property
+    @abstractmethod
+    def knot_joints(self) -> KnotJoints:
+        """What knots of a path may move."""
+
+    @abstractmethod
+    def room_lacking(self, q: FloatArray) -> FloatArray:
+        """By how much configurations, shape (k, c), lack the wanted room, shape (k,) [m]."""
+
+    @abstractmethod
+    def keyframes_along(
+        self, keyframes: FloatArray, spline: BSpline, *, legs: bool
+    ) -> tuple[FloatArray, BSpline, tuple[Configuration, ...]]:
+        """Keyframes and path of the joints, and the curves that the arm follows, where it follows any.
+
+        Args:
+            keyframes: of a motion, shape (K, c).
+            spline: the path along it.
+            legs: whether the arm will move on straight legs between the keyframes.
+        """
+
+    def missed_by(self, spline: BSpline) -> Diagnosis | None:
+        """What besides limits a path misses, in words; None where it misses nothing."""
+        del spline
+        return None
 
     @property
     def constraints(self) -> tuple[str, ...]:

@@ -17,7 +17,6 @@ import shapely
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.errors import UnreachableGoal
 from ccm_opt.core.polyline import leg_headings, without_repeats
-from ccm_opt.core.progress import tell_candidate
 from ccm_opt.planning.continuation import Guide, GuideCandidate, Stalled, follow, settle, without_pauses
 from ccm_opt.planning.goal import GoalPose
 from ccm_opt.planning.guides import PoseLed
@@ -29,7 +28,7 @@ from ccm_opt.planning.passage_exit import SlidingOut, mouth_of_gates, pose_at_go
 from ccm_opt.planning.passage_widths import evenly_along
 from ccm_opt.planning.pose import Pose
 from ccm_opt.planning.retraction import drawn_back, lies_confined, width_of_fold, widths_beside_arm
-from ccm_opt.planning.search import Failure, SearchTask
+from ccm_opt.planning.search import Failure, SearchTask, tell_tried
 from ccm_opt.planning.step import Stepper, StepperOf
 from ccm_opt.planning.tip_paths import TipPath
 from ccm_opt.planning.tracking import ReferenceMotion, follow_reference
@@ -245,7 +244,7 @@ class SearchRun(ABC, Generic[TaskType, CurveType]):
         self, name: str, lead: Callable[[], list[Pose]], failures: list[Failure]
     ) -> CurveMotion[CurveType] | None:
         """The motion through the poses of a candidate; None and why where it stalls."""
-        tell_candidate(len(failures) + 1, name, min((each.remaining for each in failures), default=np.inf))
+        tell_tried(name, failures)
         try:
             return self.motion(name, lead())
         except Stalled as stalled:

@@ -2,17 +2,17 @@
 
 from dataclasses import dataclass
 from functools import partial
-from typing import Generic, Protocol, TypeVar
+from typing import TypeVar
 
 import numpy as np
 from scipy.interpolate import BSpline, make_interp_spline
 
 from ccm_opt.core.arrays import FloatArray, IntArray
-from ccm_opt.core.deadline import Deadline
-from ccm_opt.planning.limits.limit import LimitOf, restored_keyframes
-from ccm_opt.planning.limits.motion_certificate import IntervalCertificate
+from ccm_opt.core.errors import Diagnosis, MotionNotFound
+from ccm_opt.planning.limits.limit import restored_keyframes
 from ccm_opt.planning.motion import Curve, CurveMotion
-from ccm_opt.planning.path_on_limits import KnotJoints, certified_samples, spline_on_limits
+from ccm_opt.planning.path_on_limits import certified_samples, spline_on_limits
+from ccm_opt.planning.search import SearchTask
 from ccm_opt.planning.spline_path import (
     DEGREE,
     certified_spline,
@@ -22,7 +22,9 @@ from ccm_opt.planning.spline_path import (
     spare_kept,
     uncertified_spans,
 )
+from ccm_opt.problem.solution import JointPath
 from ccm_opt.robot.arm import Arm
+from ccm_opt.scene.bad_pose import room_advice
 
 PATH_SAMPLES = 4
 """Of a span between which it is looked whether the guide tube holds a joint that is bent."""
@@ -41,46 +43,6 @@ _LIMIT_SLACK = 1e-8
 
 CurveType = TypeVar("CurveType", bound=Curve)
 """The kind of map of a motion."""
-Curve_contra = TypeVar("Curve_contra", bound=Curve, contravariant=True)
-"""The kind of map that a task takes."""
-
-
-class PathTask(Protocol[Curve_contra]):
-    """What a path has to keep."""
-
-    @property
-    def arm(self) -> Arm:
-        """The arm."""
-        ...
-
-    @property
-    def certificate(self) -> IntervalCertificate:
-        """Of motions between their samples."""
-        ...
-
-    @property
-    def deadline(self) -> Deadline:
-        """When to stop."""
-        ...
-
-    @property
-    def user_limits(self) -> tuple[LimitOf[Curve_contra], ...]:
-        """What the user asks."""
-        ...
-
-    @property
-    def wanted_gap(self) -> float:
-        """Room that paths keep where there is so much [m]."""
-        ...
-
-    @property
-    def knot_joints(self) -> KnotJoints:
-        """What knots of a path may move."""
-        ...
-
-    def room_lacking(self, q: FloatArray, /) -> FloatArray:
-        """By how much configurations, shape (k, c), lack the wanted room, shape (k,) [m]."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -96,7 +58,38 @@ class SmoothPath:
     spare: float
 
 
-def smooth_path(motion: CurveMotion[CurveType], task: PathTask[CurveType]) -> SmoothPath | None:
+def joint_path(task: SearchTask, *motions: CurveMotion[CurveType], legs: bool = False) -> JointPath:
+    """The smooth, certified path through joint space along the first of some motions that has one.
+
+    Args:
+        task: what was asked.
+        motions: certified.
+        legs: whether the arm will move on straight legs between the keyframes, and not along the path.
+
+    Raises:
+        MotionNotFound: no smooth path near a motion can be certified.
+    """
+    missed = None
+    for motion in motions:
+        path = smooth_path(motion, task)
+        missed = None if path is None else task.missed_by(path.spline)
+        if path is not None and missed is None:
+            keyframes, spline, curves = task.keyframes_along(motion.configurations, path.spline, legs=legs)
+            return JointPath(spline, keyframes, curves, motion.candidate, motion.leaders, spare=path.spare)
+    raise MotionNotFound(missed or _no_path(task))
+
+
+def _no_path(task: SearchTask) -> Diagnosis:
+    """Why a motion was found, and no path along it."""
+    reason = "the motion leaves no room for a smooth path"
+    advice = room_advice(task.arm.radius, task.kept - task.arm.radius)
+    if task.constraints:
+        reason += f" that keeps the joint limits and the constraints {', '.join(map(repr, task.constraints))}"
+        advice = ("give the constraint some width between its bounds, or make it soft", *advice)
+    return Diagnosis(reason, "motion", advice)
+
+
+def smooth_path(motion: CurveMotion[CurveType], task: SearchTask) -> SmoothPath | None:
     """The certified path through joint space along a motion; None when there is none.
 
     A path near the keyframes is short, and smooth by itself, but leaves equations, and may break a gap of the user
@@ -120,7 +113,7 @@ def smooth_path(motion: CurveMotion[CurveType], task: PathTask[CurveType]) -> Sm
 
 
 # ------------------------------------------------------------ through knots on the limits
-def _through_knots(motion: CurveMotion[CurveType], task: PathTask[CurveType]) -> BSpline | None:
+def _through_knots(motion: CurveMotion[CurveType], task: SearchTask) -> BSpline | None:
     """The certified path through knots that meet the limits; None where there is none.
 
     Args:
@@ -144,7 +137,7 @@ def _through_knots(motion: CurveMotion[CurveType], task: PathTask[CurveType]) ->
     return None
 
 
-def _is_safe(spline: BSpline, task: PathTask[CurveType]) -> bool:
+def _is_safe(spline: BSpline, task: SearchTask) -> bool:
     """Whether a path keeps the limits of joints and is certified, linear between its samples."""
     q = np.asarray(spline(certified_samples(spline)))
     bends = np.abs(task.knot_joints.bends(q))
@@ -154,7 +147,7 @@ def _is_safe(spline: BSpline, task: PathTask[CurveType]) -> bool:
 
 
 # ------------------------------------------------------------ near the keyframes
-def _near_keyframes(motion: CurveMotion[CurveType], task: PathTask[CurveType]) -> BSpline | None:
+def _near_keyframes(motion: CurveMotion[CurveType], task: SearchTask) -> BSpline | None:
     """A spline near a certified motion, itself certified at samples and linear between them; None where none is.
 
     It is a spline in the unknowns, in which a fed arm follows its own shape. With the keyframes as control points it
@@ -184,7 +177,7 @@ def _near_keyframes(motion: CurveMotion[CurveType], task: PathTask[CurveType]) -
     return path_near_configurations(motion.configurations, task)
 
 
-def path_near_configurations(keyframes: FloatArray, task: PathTask[CurveType]) -> BSpline | None:
+def path_near_configurations(keyframes: FloatArray, task: SearchTask) -> BSpline | None:
     """The same near certified configurations that no curve shows, which are its control points.
 
     Args:
@@ -196,7 +189,7 @@ def path_near_configurations(keyframes: FloatArray, task: PathTask[CurveType]) -
 
 
 @dataclass(frozen=True, eq=False)
-class _Room(Generic[CurveType]):
+class _Room:
     """What a path keeps of the room that its motion keeps.
 
     Attributes:
@@ -205,12 +198,12 @@ class _Room(Generic[CurveType]):
         lack: what the motion itself lacks of it at most [m].
     """
 
-    task: PathTask[CurveType]
+    task: SearchTask
     keyframes: int
     lack: float
 
     @classmethod
-    def of(cls, task: PathTask[CurveType], configurations: FloatArray) -> "_Room[CurveType]":
+    def of(cls, task: SearchTask, configurations: FloatArray) -> "_Room":
         """That of a motion, configurations of shape (K, c)."""
         return cls(task, len(configurations), float(np.max(task.room_lacking(configurations))))
 
@@ -237,7 +230,7 @@ def _halfway_onto(keyframes: FloatArray) -> FloatArray:
 
 
 def _failing_places(
-    task: PathTask[CurveType], room: _Room[CurveType] | None, spline: BSpline, refinement: int, *, tube: bool
+    task: SearchTask, room: _Room | None, spline: BSpline, refinement: int, *, tube: bool
 ) -> FloatArray:
     """Places of a path at which it is refused, shape (m,).
 

@@ -11,20 +11,17 @@ from functools import partial
 from typing import TypeAlias
 
 import numpy as np
-from scipy.interpolate import BSpline
 
 from ccm_opt.core.deadline import Deadline
-from ccm_opt.core.errors import Diagnosis, MotionNotFound, NoPlanFound
-from ccm_opt.core.length_words import short_length
+from ccm_opt.core.errors import NoPlanFound
 from ccm_opt.core.progress import Stages
 from ccm_opt.ik.compiled_terms import UserTerms
 from ccm_opt.planning.ending import ended_by_nlp
 from ccm_opt.planning.ends import refuse_ends
 from ccm_opt.planning.lifting import lifted_motion, nominal_task
 from ccm_opt.planning.motion import SpaceMotion
-from ccm_opt.planning.passed_places import first_missed
 from ccm_opt.planning.settings import SpaceCertificateSettings, SpaceMotionSettings
-from ccm_opt.planning.smooth_path import PATH_SAMPLES, smooth_path
+from ccm_opt.planning.smooth_path import joint_path
 from ccm_opt.planning.space_optimise import optimise
 from ccm_opt.planning.space_search import find_motion
 from ccm_opt.planning.space_task import SpaceTask, coarse_problem, space_task
@@ -155,54 +152,3 @@ class SpacePlanner:
         with self.stages("lifting"):
             lifted = lifted_motion(task, motions[0])
         return None if lifted is None else ((lifted,), end)
-
-
-def joint_path(task: SpaceTask, *motions: SpaceMotion, legs: bool = False) -> JointPath:
-    """The smooth, certified path through joint space along the first of some motions that has one.
-
-    Args:
-        task: what was asked.
-        motions: certified.
-        legs: whether the arm will move on straight legs between the keyframes, and not along the path.
-
-    Raises:
-        MotionNotFound: no smooth path near the motion can be certified.
-    """
-    missed = None
-    for motion in motions:
-        path = smooth_path(motion, task)
-        missed = None if path is None else _missed_on(task, path.spline)
-        if path is not None and missed is None:
-            keyframes = motion.configurations
-            if task.arm.base_axes and not legs:
-                # Drawn in the unknowns, the path of a fed arm may pass configurations of the motion by.
-                keyframes = np.asarray(path.spline(np.linspace(0.0, 1.0, len(keyframes))))
-            return JointPath(path.spline, keyframes, (), motion.candidate, spare=path.spare)
-    if missed is not None:
-        raise MotionNotFound(missed)
-    if task.user is None or not task.user.terms.hard:
-        raise MotionNotFound(Diagnosis("the motion leaves no room for a smooth path", "motion"))
-    names = " and ".join(f"'{name}'" for name in task.user.names)
-    reason = f"a motion was found, but no smooth path near it that keeps constraint {names} between its keyframes"
-    advice = ["give the constraint some width between its bounds, or make it soft"]
-    if task.user.has_equations and task.arm.base_axes:
-        advice.append("leave arm.feed out: equations that are not linear hold for arms with a fixed base")
-    raise MotionNotFound(Diagnosis(reason, "constraints", tuple(advice)))
-
-
-def _missed_on(task: SpaceTask, spline: BSpline) -> Diagnosis | None:
-    """Which place the tip does not pass on a path, in words; None where it passes all."""
-    if not task.via:
-        return None
-    spans = len(spline.t) - 2 * spline.k - 1
-    u = np.linspace(0.0, 1.0, spans * PATH_SAMPLES + 1)
-    tips = task.arm.joint_positions_at(np.asarray(spline(u)))[:, -1]
-    missed = first_missed(tips, np.stack(task.via), task.via_reach)
-    if missed is None:
-        return None
-    number, away = missed
-    reason = (
-        f"the tip comes within {short_length(away)} of goal.via {number + 1}, "
-        f"{short_length(away - task.via_reach)} too far off to pass it"
-    )
-    return Diagnosis(reason, "motion", ("move the place to where an arm as long and stiff as this can pass it",))

@@ -4,14 +4,18 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
+from scipy.interpolate import BSpline
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.deadline import Deadline
+from ccm_opt.core.errors import Diagnosis
+from ccm_opt.core.length_words import short_length
 from ccm_opt.ik.compiled_terms import UserTerms
 from ccm_opt.planning.curve_map import CurveMap
 from ccm_opt.planning.goal import GoalPose
 from ccm_opt.planning.limits.limit_stack import AtRest, CoordinateLimit, SurfaceLimit
 from ccm_opt.planning.limits.user_limit import UserLimit
+from ccm_opt.planning.passed_places import first_missed
 from ccm_opt.planning.path_on_limits import KnotJoints
 from ccm_opt.planning.room_lacking import distance_lacking
 from ccm_opt.planning.search import SearchTask
@@ -20,11 +24,14 @@ from ccm_opt.planning.space_certificate import LinkMotion, SpaceCertificate
 from ccm_opt.planning.step import SpaceStepper
 from ccm_opt.problem import JointPose, Problem
 from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.configuration import Configuration
 from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 
 _LEAD = 0.04
 """Of the path parameter, by which planning keeps a constraint before and behind its interval; taste."""
+_PATH_SAMPLES = 4
+"""Of a span of a path at which it is looked whether the tip passes its places."""
 _MARGIN = 0.06
 """Gap that steps keep beyond contact [u]."""
 _LEAST_SPARE = 1.2e-5
@@ -131,6 +138,31 @@ class SpaceTask(SearchTask):
         """What knots of a path may move, where the base is fixed."""
         free = (np.arange(len(self.start)) >= self.arm.bends_a_joint * self.arm.clamped_joints).astype(np.float64)
         return KnotJoints(np.eye(len(free)), lambda q: q, self.arm.upper_limits, lambda _: free)
+
+    def keyframes_along(
+        self, keyframes: FloatArray, spline: BSpline, *, legs: bool
+    ) -> tuple[FloatArray, BSpline, tuple[Configuration, ...]]:
+        """The path as it is; drawn in the unknowns, that of a fed arm may pass configurations of the motion by."""
+        if self.arm.base_axes and not legs:
+            keyframes = np.asarray(spline(np.linspace(0.0, 1.0, len(keyframes))))
+        return keyframes, spline, ()
+
+    def missed_by(self, spline: BSpline) -> Diagnosis | None:
+        """Which place the tip does not pass on a path, in words; None where it passes all."""
+        if not self.via:
+            return None
+        spans = len(spline.t) - 2 * spline.k - 1
+        u = np.linspace(0.0, 1.0, spans * _PATH_SAMPLES + 1)
+        tips = self.arm.joint_positions_at(np.asarray(spline(u)))[:, -1]
+        missed = first_missed(tips, np.stack(self.via), self.via_reach)
+        if missed is None:
+            return None
+        number, away = missed
+        reason = (
+            f"the tip comes within {short_length(away)} of goal.via {number + 1}, "
+            f"{short_length(away - self.via_reach)} too far off to pass it"
+        )
+        return Diagnosis(reason, "motion", ("move the place to where an arm as long and stiff as this can pass it",))
 
     def stepper(self, curve: CurveMap, share: float = 1.0) -> SpaceStepper:
         """Takes steps in the unknowns of a curve, with a share of the margin."""

@@ -20,11 +20,12 @@ from ccm_opt.core.errors import NoPlanFound
 from ccm_opt.dynamics.retiming import retime
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics
 from ccm_opt.io.reading import load_problem
-from ccm_opt.planning.curve_planner import CurvePlanner, joint_path
+from ccm_opt.planning.curve_planner import CurvePlanner
 from ccm_opt.planning.ends import resolve_ends
 from ccm_opt.planning.motion import Motion
 from ccm_opt.planning.motion_task import MotionTask
 from ccm_opt.planning.optimisation.optimise import optimise
+from ccm_opt.planning.smooth_path import joint_path
 from ccm_opt.planning.strategies import find_motion
 from ccm_opt.problem import OptimiserName, Problem
 from ccm_opt.robot.frames import revolute_angles
@@ -52,7 +53,7 @@ def found(problem: Problem) -> tuple[MotionTask, Motion]:
 
 def duration(problem: Problem, task: MotionTask, motion: Motion) -> float:
     """Duration of the motion's spline within the problem's limits [s]."""
-    path = joint_path(problem, task, motion)
+    path = joint_path(task, motion)
     inverse_dynamics = InverseDynamics(problem.arm, problem.simulation.gravity)
     revolutes = partial(revolute_angles, problem.arm)
     return retime(path, problem.limits, inverse_dynamics, revolutes=revolutes).duration

@@ -21,7 +21,8 @@ from ccm_opt.driver.legs import Planner, plan_legs
 from ccm_opt.driver.timed_plan import timed_and_verified
 from ccm_opt.planning.ends import refuse_ends
 from ccm_opt.planning.settings import SpaceMotionSettings
-from ccm_opt.planning.space_planner import SpacePlanner, joint_path
+from ccm_opt.planning.smooth_path import joint_path
+from ccm_opt.planning.space_planner import SpacePlanner
 from ccm_opt.planning.space_search import find_motion
 from ccm_opt.planning.space_task import space_task
 from ccm_opt.problem import Problem
