@@ -6,7 +6,7 @@ import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.ik.curve_frames import bend_matrix
-from ccm_opt.ik.poses_among_surfaces import PosesAmongSurfaces
+from ccm_opt.ik.goal_poses import GoalPoses
 from ccm_opt.problem import JointPose, Problem, TipGoal
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.coordinates import Limits
@@ -52,7 +52,7 @@ def clutter(seed: int, links: int = 24, bodies: int = 150, most_gap: float = 0.0
         low, high = arm.limits_at(arm.base_range[1])
         q = np.clip(curve @ random.normal(0.0, 0.3, curve.shape[1]), 0.9 * low, 0.9 * high)
         problem = problem_at(arm, workspace, q)
-        if 1e-4 < PosesAmongSurfaces(problem, tree).gap(q) < most_gap:
+        if 1e-4 < GoalPoses(problem, tree).gap(q) < most_gap:
             return Clutter(problem, tree, q)
     raise AssertionError("no free pose in this clutter")
 

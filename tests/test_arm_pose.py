@@ -13,13 +13,13 @@ from hypothesis import strategies as st
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics
 from ccm_opt.ik.compiled_terms import compile_terms
 from ccm_opt.ik.curve_frames import PlanarFrames
+from ccm_opt.ik.goal_poses import GoalPoses
 from ccm_opt.ik.lifted_curve import LiftedCurve
 from ccm_opt.ik.pose_program import HoldingLoads
 from ccm_opt.ik.pose_settings import PoseSettings
 from ccm_opt.ik.terms import Constraint, Cost
 from ccm_opt.planning.ends import resolve_ends
-from ccm_opt.planning.goal_pose import GoalPoseSearch
-from ccm_opt.planning.joint_regions import joint_regions
+from ccm_opt.planning.goal_pose import poses_at_goal
 from ccm_opt.robot.configuration import Configuration
 from ccm_opt.robot.frames import revolute_angles
 from ccm_opt.robot.segment import PIECES, second_derivatives
@@ -124,7 +124,7 @@ def test_room_in_the_regions_is_room_to_the_walls(seed: int) -> None:
     scene = clutter(90_000 + seed, 20)
     arm = scene.arm
     rng = np.random.default_rng(seed)
-    regions = joint_regions(arm, scene.workspace, scene.start, PoseSettings())
+    regions = searched(scene).regions(arm.bends(scene.start), PoseSettings())
     shares = np.clip(arm.mount_length / arm.link_length - np.arange(arm.links), 0.0, 1.0)
     for _ in range(20):
         points = arm.joint_positions(scene.start + 0.05 * rng.standard_normal(arm.links))
@@ -133,10 +133,10 @@ def test_room_in_the_regions_is_room_to_the_walls(seed: int) -> None:
             assert wall_gaps(arm, scene.workspace, points).min() > inside - 1e-9
 
 
-def searched(scene: Scene) -> GoalPoseSearch:
+def searched(scene: Scene) -> GoalPoses:
     """The search for the goal pose of a scene."""
     problem = scene.problem()
-    return GoalPoseSearch(problem, resolve_ends(problem), problem.start.headings(problem.arm))
+    return poses_at_goal(problem, resolve_ends(problem), resolve_ends(problem).start)
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -145,12 +145,12 @@ def test_poses_are_at_the_goal_within_limits_and_have_room(seed: int) -> None:
     scene = clutter(91_000 + seed, 20)
     search = searched(scene)
     arm = search.problem.arm
-    pose = search.best(scene.goal)
+    pose = search.best(scene.arm.bends(scene.goal))
     assert pose is not None
-    assert arm.joint_positions(pose.headings)[-1] == pytest.approx(search.ends.goal.position, abs=1e-9)
+    assert arm.joint_positions(pose.headings)[-1] == pytest.approx(search.target.position, abs=1e-9)
     assert np.all(np.abs(arm.bends(pose.headings)) <= arm.bend_limits)
-    assert search.gap(pose.headings) >= pose.gap - 1e-6 * arm.length
-    assert pose.gap >= min(search.wanted_gap, search.gap(scene.goal)) - 1e-6 * arm.length
+    assert search.gap(pose.q) >= pose.gap - 1e-6 * arm.length
+    assert pose.gap >= min(search.wanted_gap, search.gap(scene.arm.bends(scene.goal))) - 1e-6 * arm.length
     assert sum(pose.answer.costs.values()) == pytest.approx(pose.answer.cost)
 
 
@@ -158,10 +158,11 @@ def test_parts_of_the_objective_are_what_they_are_called() -> None:
     """Distance and bending, weighted, are those of the pose, reckoned without the program."""
     scene = clutter(91_000, 20)
     search = searched(scene)
-    pose = search.best(scene.goal)
+    pose = search.best(scene.arm.bends(scene.goal))
     assert pose is not None
     settings = search.settings
-    turned = search.problem.arm.bends(pose.headings) - search.problem.arm.bends(search.near)
+    assert search.near is not None
+    turned = pose.q - search.near
     assert pose.answer.costs["distance"] == pytest.approx(settings.distance_weight * np.sum(turned**2))
     arcs = np.linspace(0.0, pose.curve.length, 20_001)
     bending = np.trapezoid(pose.curve.curvature_at(arcs) ** 2, arcs) * pose.curve.length
@@ -174,7 +175,7 @@ def test_sides_that_are_left_out_follow_from_those_that_are_kept() -> None:
     arm = scene.arm
     settings = PoseSettings()
     points = arm.joint_positions(scene.goal)
-    regions = joint_regions(arm, scene.workspace, scene.goal, settings)
+    regions = searched(scene).regions(arm.bends(scene.goal), settings)
     rng = np.random.default_rng(5)
     moved = points[:, None] + settings.reach * rng.uniform(-1.0, 1.0, (arm.links + 1, 4000, 2)) / np.sqrt(2.0)
     for link in range(arm.links):
@@ -190,7 +191,7 @@ def test_sides_that_are_left_out_follow_from_those_that_are_kept() -> None:
 def test_links_that_stray_beyond_their_regions_touch_nothing(seed: int) -> None:
     """A wall so far away that no region knows of it is avoided all the same when the best pose would lie in it."""
     scene = clutter(seed, 0)
-    free = searched(scene).best(scene.goal)
+    free = searched(scene).best(scene.arm.bends(scene.goal))
     assert free is not None
     axis = shapely.LineString(scene.arm.joint_positions(scene.goal))
     points = scene.arm.joint_positions(free.headings)
@@ -198,7 +199,7 @@ def test_links_that_stray_beyond_their_regions_touch_nothing(seed: int) -> None:
     post = Obstacle("post", PlaneShape(shapely.Point(points[int(far.argmax())]), 0.01))
     walled = searched(replace(scene, workspace=replace(scene.workspace, obstacles=(post,))))
     short = replace(walled, settings=PoseSettings(reach=0.3 * float(far.max())))
-    pose = short.solved(scene.goal)
+    pose = short.solved(scene.arm.bends(scene.goal))
     assert short.feasible(pose)
     assert wall_gaps(scene.arm, short.problem.workspace, scene.arm.joint_positions(pose.headings)).min() > 0.0
 
@@ -207,7 +208,7 @@ def test_the_curve_maps_to_the_links_of_the_pose() -> None:
     """The pose's links have the mean headings of the pose's curve."""
     scene = clutter(91_000, 20)
     search = searched(scene)
-    pose = search.best(scene.goal)
+    pose = search.best(scene.arm.bends(scene.goal))
     assert pose is not None
     arcs = np.linspace(0.0, pose.curve.length, len(pose.headings) + 1)
     means = np.diff(pose.curve.heading_integral_at(arcs)) / search.problem.arm.link_length
@@ -219,12 +220,12 @@ def test_a_users_constraint_is_a_row_with_a_multiplier() -> None:
     scene = clutter(91_001, 20)
     problem = scene.problem()
     ends = resolve_ends(problem)
-    free = GoalPoseSearch(problem, ends, scene.start).best(scene.goal)
+    free = poses_at_goal(problem, ends, ends.start).best(scene.arm.bends(scene.goal))
     assert free is not None
     middle = problem.arm.joint_positions(free.headings)[12]
     aside = Constraint("middle aside", lambda q: q.joint_positions[1, 12], lower=float(middle[1]) + 0.01, where="goal")
     terms = compile_terms(problem.arm, [aside], [])
-    held = GoalPoseSearch(problem, ends, scene.start, terms).best(scene.goal)
+    held = poses_at_goal(problem, ends, ends.start, terms).best(scene.arm.bends(scene.goal))
     assert held is not None
     assert problem.arm.joint_positions(held.headings)[12, 1] >= middle[1] + 0.01 - 1e-6
     assert held.answer.multipliers["user: middle aside"] > 0.0
@@ -236,9 +237,10 @@ def test_a_users_cost_shapes_the_pose() -> None:
     scene = clutter(91_002, 20)
     problem = scene.problem()
     ends = resolve_ends(problem)
-    free = GoalPoseSearch(problem, ends, scene.start).best(scene.goal)
+    free = poses_at_goal(problem, ends, ends.start).best(scene.arm.bends(scene.goal))
     cost = Cost("low middle", lambda q: q.joint_positions[1, 12], weight=100.0, where="goal")
-    costly = GoalPoseSearch(problem, ends, scene.start, compile_terms(problem.arm, [], [cost])).best(scene.goal)
+    terms = compile_terms(problem.arm, [], [cost])
+    costly = poses_at_goal(problem, ends, ends.start, terms).best(scene.arm.bends(scene.goal))
     assert free is not None
     assert costly is not None
     height = problem.arm.joint_positions(free.headings)[12, 1]
@@ -251,6 +253,8 @@ def test_a_contradiction_names_the_row() -> None:
     scene = clutter(91_003, 20)
     problem = scene.problem()
     far = Constraint("tip far away", lambda q: q.tip[0], lower=100.0, where="goal")
-    search = GoalPoseSearch(problem, resolve_ends(problem), scene.start, compile_terms(problem.arm, [far], []))
-    assert search.best(scene.goal) is None
-    assert search.improved(scene.goal)[0].answer.worst_row == "user: tip far away"
+    search = poses_at_goal(
+        problem, resolve_ends(problem), scene.arm.bends(scene.start), compile_terms(problem.arm, [far], [])
+    )
+    assert search.best(scene.arm.bends(scene.goal)) is None
+    assert search.improved(scene.arm.bends(scene.goal))[0].answer.worst_row == "user: tip far away"

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from ccm_opt import solve
 from ccm_opt.planning.ending import bent_to, weighing_bottlenecks
 from ccm_opt.planning.ends import resolve_ends
-from ccm_opt.planning.goal_pose import GoalPoseSearch
+from ccm_opt.planning.goal_pose import poses_at_goal
 from ccm_opt.planning.limits.clearance_rows import motion_rows
 from ccm_opt.planning.link_space import LinkSpace
 from ccm_opt.planning.motion import Motion
@@ -120,8 +120,8 @@ def test_a_motion_with_room_stays_as_it_is() -> None:
 def test_a_motion_is_bent_to_the_goal_pose(seed: int) -> None:
     """It begins where it began, ends in the other pose to rounding, and a dense sweep of it touches nothing."""
     problem, task, motion = optimised(seed)
-    reached = problem.arm.headings(motion.configurations[-1])
-    pose = GoalPoseSearch(problem, resolve_ends(problem), reached).best(reached)
+    end = motion.configurations[-1]
+    pose = poses_at_goal(problem, resolve_ends(problem), end).best(end)
     assert pose is not None
     bent = bent_to(motion, pose.q, task)
     assert bent is not None
@@ -149,8 +149,7 @@ def test_the_record_says_that_the_goal_pose_was_reached() -> None:
     assert record is not None
     assert record.reached
     assert record.reason == ""
-    last = solution.problem.arm.headings(solution.trajectory.bend_angles[-1])
-    assert last == pytest.approx(record.headings, abs=1e-6)
+    assert solution.trajectory.bend_angles[-1] == pytest.approx(record.configuration, abs=1e-6)
 
 
 # ---------------------------------------------------------------- the joints that decide the duration

@@ -13,7 +13,6 @@ import ccm_opt
 from ccm_opt.core.errors import NoPlanFound, ProblemFileError, UnreachableGoal
 from ccm_opt.io.reading import load_problem, parse_problem
 from ccm_opt.planning.pose_beginnings import PoseSearchSettings
-from ccm_opt.planning.tip_cells import SpaceReachSettings
 from ccm_opt.planning.tip_reach import ReachSettings
 from ccm_opt.problem import TipGoal
 from ccm_opt.problem.options import Weights
@@ -183,11 +182,11 @@ def test_settings_reach_every_verb(dimension: str) -> None:
         ccm_opt.solve(problem, settings=strict)
     with pytest.raises(ccm_opt.VerificationError, match="samples"):
         ccm_opt.LivePlan(problem, settings=strict)
-    wide = ccm_opt.Settings(reach=ReachSettings(step=0.5), space_reach=SpaceReachSettings(step=0.5))
+    wide = ccm_opt.Settings(reach=ReachSettings(step=0.5, step_in_space=0.5))
     assert ccm_opt.reach_map(problem, headings=1, settings=wide).step == 0.5 * problem.arm.length
-    if dimension == "space":
-        few = ccm_opt.Settings(poses=PoseSearchSettings(drawn=1))
-        assert len(ccm_opt.find_pose(problem, settings=few).outcomes) <= 2
+    few = ccm_opt.Settings(poses=PoseSearchSettings(drawn=1))
+    drawn = [each for each in ccm_opt.find_pose(problem, settings=few).outcomes if each.start.startswith("drawn")]
+    assert len(drawn) <= 1
 
 
 @dimensions

@@ -16,7 +16,7 @@ from ccm_opt.core.errors import NoPlanFound, ProblemError
 from ccm_opt.io.reading import parse_problem
 from ccm_opt.planning.ends import resolve_ends
 from ccm_opt.planning.goal_members import GoalMember
-from ccm_opt.planning.pose_over_routes import brought_poses
+from ccm_opt.planning.pose_beginnings import brought_poses
 from ccm_opt.problem import JointPose, Problem, TipGoal
 from ccm_opt.problem.solution import StaticPose
 from ccm_opt.scene.bad_pose import refuse_bad_pose
@@ -83,9 +83,9 @@ def test_random_poses_are_brought_onto_the_goal_and_touch_nothing_much() -> None
     member = GoalMember(problem.goal.position, problem.goal.heading)
     brought = list(islice(brought_poses(problem, problem.arm, ends, (member,)), 3))
     assert brought
-    for headings in brought:
-        assert problem.arm.joint_positions(headings)[-1] == pytest.approx(problem.goal.position, abs=1e-5)
-        assert np.all(np.abs(problem.arm.bends(headings)) <= problem.arm.bend_limits)
+    for q in brought:
+        assert problem.arm.joint_positions_at(q)[-1] == pytest.approx(problem.goal.position, abs=1e-5)
+        assert np.all(np.abs(q) <= problem.arm.bend_limits)
 
 
 def small(**changes: object) -> Problem:

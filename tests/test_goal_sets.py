@@ -19,7 +19,7 @@ from ccm_opt.diagnosis.passages import shortest_way
 from ccm_opt.planning.curve_planner import CurvePlanner
 from ccm_opt.planning.ends import resolve_ends, tip_goal
 from ccm_opt.planning.goal import GoalPose, moved_onto
-from ccm_opt.planning.goal_pose import GoalPoseSearch
+from ccm_opt.planning.goal_pose import poses_at_goal
 from ccm_opt.problem import JointPose, Problem, TipGoal, Tolerances
 from ccm_opt.scene.certificate import Certificate
 
@@ -215,11 +215,11 @@ def test_the_goal_pose_program_takes_any_member(seed: int) -> None:
     """With a set for its goal the program finds a pose in the set that costs no more than that at the middle."""
     scene = clutter(seed, 8)
     problem = scene.problem(time_limit=20.0)
-    narrow = GoalPoseSearch(problem, resolve_ends(problem), scene.goal)
+    narrow = poses_at_goal(problem, resolve_ends(problem), scene.arm.bends(scene.goal))
     wide = replace(problem, tolerances=Tolerances(0.08, 0.5))
-    free = GoalPoseSearch(wide, resolve_ends(wide), scene.goal)
-    exact = narrow.best(scene.goal)
-    pose = free.best(scene.goal)
+    free = poses_at_goal(wide, resolve_ends(wide), scene.arm.bends(scene.goal))
+    exact = narrow.best(scene.arm.bends(scene.goal))
+    pose = free.best(scene.arm.bends(scene.goal))
     if exact is None or pose is None:
         return
     assert max(missed(wide, scene.arm.bends(pose.headings))) <= 1e-9

@@ -8,7 +8,7 @@ import pytest
 
 import ccm_opt
 from ccm_opt.core.deadline import Deadline
-from ccm_opt.ik.poses_among_surfaces import PosesAmongSurfaces
+from ccm_opt.ik.goal_poses import GoalPoses
 from ccm_opt.planning.ending import IN_NLP_POSE, ended_by_nlp
 from ccm_opt.planning.settings import SpaceMotionSettings
 from ccm_opt.planning.space_planner import SpacePlanner
@@ -42,7 +42,7 @@ def test_an_end_that_is_moved_has_more_room(name: str) -> None:
     assert ending.record.cost == pytest.approx(sum(ending.record.costs.values()))
     # The optimisation leaves that end where it is.
     assert ending.task.goal_pose is not None
-    poses = PosesAmongSurfaces(problem, tree)
+    poses = GoalPoses(problem, tree)
     before = poses.gap(found.configurations[-1])
     after = poses.gap(motion.configurations[-1])
     assert after >= min(before, 0.9 * problem.wanted_gap)
@@ -65,7 +65,7 @@ def test_a_link_that_lies_along_a_ball_turns_away_about_the_goal() -> None:
         JointPose.from_configuration(np.zeros(8), arm.coordinates),
         TipGoal(np.array([0.25, 0.05, 0.2]), None),
     )
-    gap = PosesAmongSurfaces(problem, SurfaceTree.of(problem.workspace.soup)).gap
+    gap = GoalPoses(problem, SurfaceTree.of(problem.workspace.soup)).gap
     path = SpacePlanner().plan(problem)
     room = [gap(q) for q in path.spline(np.linspace(0.0, 1.0, 200))]
     assert min(room) >= 0.9 * problem.wanted_gap

@@ -12,9 +12,9 @@ from scipy.spatial.transform import Rotation
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.errors import ProblemError
 from ccm_opt.ik.bishop_shooting import axis, link_quaternions, product, quaternions_of, turned_by
-from ccm_opt.ik.pose_settings import SPACE_POSES
+from ccm_opt.ik.goal_poses import GoalPoses
+from ccm_opt.ik.pose_settings import DEFAULT_POSES
 from ccm_opt.ik.pose_solver import ArmPose
-from ccm_opt.ik.poses_among_surfaces import PosesAmongSurfaces, goal_pose, regions_among_surfaces
 from ccm_opt.problem import JointPose, TipGoal
 from ccm_opt.robot.arm import Feed
 from ccm_opt.scene.bodies import BoxBody, SphereBody
@@ -30,7 +30,7 @@ SEEDS = st.integers(0, 2**32 - 1)
 def solved(request: pytest.FixtureRequest) -> tuple[Clutter, ArmPose]:
     """A scene in which a pose has little room, and what the NLP makes of it."""
     scene = clutter(request.param, 16)
-    found = goal_pose(scene.problem, scene.seed, scene.tree)
+    found = GoalPoses(scene.problem, scene.tree).best(scene.seed)
     assert found is not None
     return scene, found
 
@@ -104,7 +104,7 @@ def test_a_turned_scene_gives_the_turned_pose() -> None:
     for one, obstacles in ((arm, plain), (turned_arm, balls)):
         workspace = Workspace(bounds=None, obstacles=obstacles, clearance=0.002)
         problem = problem_at(one, workspace, scene.seed)
-        answers.append(goal_pose(problem, scene.seed, SurfaceTree.of(workspace.soup)))
+        answers.append(GoalPoses(problem, SurfaceTree.of(workspace.soup)).best(scene.seed))
     first, second = answers
     assert first is not None
     assert second is not None
@@ -120,7 +120,7 @@ def test_a_pose_in_a_plane_stays_in_it() -> None:
     middle = arm.joint_positions_at(q)[6]
     ball = SphereBody(middle + np.array([-0.05, 0.05, 0.0]), 0.05)
     workspace = Workspace(bounds=None, obstacles=(Obstacle("ball", ball),))
-    found = goal_pose(problem_at(arm, workspace, q), q, SurfaceTree.of(workspace.soup))
+    found = GoalPoses(problem_at(arm, workspace, q), SurfaceTree.of(workspace.soup)).best(q)
     assert found is not None
     np.testing.assert_allclose(found.q[1::2], 0.0, atol=1e-6)
     assert np.ptp(found.q[0::2]) > 0.01
@@ -136,12 +136,12 @@ def test_joints_in_the_guide_tube_stay_straight() -> None:
     workspace = Workspace(bounds=None, obstacles=(Obstacle("ball", SphereBody(beside, 0.02)),))
     tree = SurfaceTree.of(workspace.soup)
     problem = problem_at(arm, workspace, q)
-    found = goal_pose(problem, q, tree)
+    found = GoalPoses(problem, tree).best(q)
     assert found is not None
     held = arm.held_bends(float(found.q[24]))
     assert held.any()
     np.testing.assert_array_equal(found.q[:24][held], 0.0)
-    poses = PosesAmongSurfaces(problem, tree)
+    poses = GoalPoses(problem, tree)
     assert poses.gap(found.q) > poses.gap(q)
 
 
@@ -153,12 +153,12 @@ def test_links_keep_apart_where_the_arm_comes_back_to_itself() -> None:
     for turning in np.linspace(0.0, 0.3, 601):
         azimuth = turning * np.arange(24)
         q = 2.0 * np.pi / 14.0 * np.column_stack((np.cos(azimuth), -np.sin(azimuth))).ravel()
-        poses = PosesAmongSurfaces(problem_at(arm, workspace, q), tree)
+        poses = GoalPoses(problem_at(arm, workspace, q), tree)
         before = poses.gap(q)
         if before > 0.0005:
             break
     assert 0.0 < before < 0.006
-    sides = regions_among_surfaces(arm, poses.tree, 0.0, poses.wanted_gap, arm.joint_positions_at(q), poses.settings)
+    sides = poses.regions(q, poses.settings)
     assert sides.most > 0
     found = poses.best(q)
     assert found is not None
@@ -178,11 +178,11 @@ def test_drives_can_hold_the_pose_that_is_found() -> None:
 
         return np.array([(energy(q + step) - energy(q - step)) / 2e-6 for step in 1e-6 * np.eye(len(q))])
 
-    free = goal_pose(scene.problem, scene.seed, scene.tree)
+    free = GoalPoses(scene.problem, scene.tree).best(scene.seed)
     assert free is not None
     worst = float(np.abs(bears(free.q)).max())
     limited = replace(scene.problem, limits=replace(scene.problem.limits, torque=np.full(30, 1.08 * worst)))
-    held = goal_pose(limited, scene.seed, scene.tree)
+    held = GoalPoses(limited, scene.tree).best(scene.seed)
     assert held is not None
     assert np.abs(bears(held.q)).max() <= 0.9 * 1.08 * worst * (1.0 + 1e-6)
     assert held.answer.costs["torque"] > 0.0
@@ -193,12 +193,12 @@ def test_a_goal_out_of_reach_is_no_pose_and_says_which_row_fails() -> None:
     scene = clutter(0, 8)
     goal = scene.problem.goal
     far = replace(scene.problem, goal=replace(goal, position=np.array([3.0, 0.0, 0.0])))  # type: ignore[type-var]
-    poses = PosesAmongSurfaces(far, scene.tree)
+    poses = GoalPoses(far, scene.tree)
     (found,) = poses.improved(scene.seed)
     assert not poses.feasible(found)
     assert found.answer.broken
     assert found.answer.worst_row in found.answer.broken
-    assert goal_pose(far, scene.seed, scene.tree) is None
+    assert GoalPoses(far, scene.tree).best(scene.seed) is None
 
 
 def test_a_goal_that_is_a_pose_leaves_nothing_to_find() -> None:
@@ -206,12 +206,12 @@ def test_a_goal_that_is_a_pose_leaves_nothing_to_find() -> None:
     scene = clutter(0, 8)
     whole = replace(scene.problem, goal=JointPose.from_configuration(scene.seed, scene.problem.arm.coordinates))
     with pytest.raises(ProblemError, match="whole arm"):
-        goal_pose(whole, scene.seed, scene.tree)
+        GoalPoses(whole, scene.tree).best(scene.seed)
 
 
 def test_settings_widen_the_regions() -> None:
     """The second attempt looks farther and at more."""
-    first, second = SPACE_POSES.widening
+    first, second, _ = DEFAULT_POSES.widening
     assert second.reach > first.reach
     assert second.most_sides > first.most_sides
 

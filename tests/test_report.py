@@ -258,11 +258,10 @@ def test_names_cannot_break_the_page(small_solution: Solution) -> None:
 
 def a_goal_pose(solution: Solution, *, reached: bool) -> GoalPoseRecord:
     """A record whose pose is the last of a solution."""
-    headings = solution.problem.arm.headings(solution.trajectory.bend_angles)[-1]
     return GoalPoseRecord(
         reached=reached,
         reason="" if reached else "the way to it is <closed>",
-        headings=headings,
+        configuration=solution.trajectory.bend_angles[-1],
         curve=solution.path.curves[-1],
         gap=0.004,
         wanted_gap=0.009,

@@ -11,7 +11,8 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
 import ccm_opt
-from ccm_opt.planning.tip_cells import DEFAULT_SPACE_REACH, SpaceReachQuestion, TipFlood, even_directions, look_at_cell
+from ccm_opt.diagnosis.reach import spread_directions
+from ccm_opt.planning.tip_reach import REACH, ReachQuestion, TipFlood, look_at_cell
 from ccm_opt.problem import TipGoal
 from ccm_opt.problem.solution import ReachMap
 from ccm_opt.viz.arm_drawing import SIDES
@@ -87,8 +88,8 @@ def test_every_pose_of_a_cell_is_sound() -> None:
     """The tip is in the middle of its cell, joints keep their limits, and nothing is touched, by a slow measure."""
     problem = replace(mapped().problem, goal=TipGoal(np.array([0.05, 0.1, 0.1])))
     axes = (np.array([0.0, 0.09]), np.array([-0.05, 0.05]), np.array([-0.1, 0.0, 0.1]))
-    settings = replace(DEFAULT_SPACE_REACH, drawn=40)
-    question = SpaceReachQuestion.about(problem, 0.1, even_directions(0), settings)
+    settings = replace(REACH, drawn=40)
+    question = ReachQuestion.about(problem, 0.1, np.zeros((0, 3)), settings)
     looker = question.looker
     flood = TipFlood(axes, 0.1, np.zeros((2, 2, 3), dtype=bool), 0, settings)
     flood.begin(looker, np.zeros((0, len(looker.start))))
@@ -117,7 +118,7 @@ def test_most_of_what_is_near_is_reached() -> None:
 
 def test_directions_are_spread_evenly() -> None:
     """Unit vectors whose mean is nearly nothing, and no two of them near each other."""
-    directions = even_directions(40)
+    directions = spread_directions(40, 3)
     assert np.linalg.norm(directions, axis=1) == pytest.approx(1.0)
     assert np.linalg.norm(directions.mean(axis=0)) < 0.03
     cosines = directions @ directions.T - 2.0 * np.eye(40)
@@ -165,8 +166,8 @@ def test_slices_show_the_bodies_that_they_cut(at: float, length: float) -> None:
 
 def test_results_may_come_in_any_order() -> None:
     """A wave whose tasks are done in another order leads to the same map, pose by pose."""
-    settings = replace(DEFAULT_SPACE_REACH, drawn=30)
-    question = SpaceReachQuestion.about(mapped().problem, 0.2, even_directions(2), settings)
+    settings = replace(REACH, drawn=30)
+    question = ReachQuestion.about(mapped().problem, 0.2, spread_directions(2, 3), settings)
     axes = (np.arange(-0.3, 0.4, 0.2),) * 3
     found = []
     for backwards in (False, True):

@@ -13,7 +13,7 @@ import ccm_opt
 from ccm_opt.core.errors import ProblemError
 from ccm_opt.ik.compiled_terms import compile_terms
 from ccm_opt.ik.contradictions import GoalRegion, contradictions
-from ccm_opt.ik.poses_among_surfaces import PosesAmongSurfaces
+from ccm_opt.ik.goal_poses import GoalPoses
 from ccm_opt.ik.quantities import SpaceQuantities
 from tests.space_arms import FEED_OF_TESTS, space_arm, turned_arm
 from tests.space_clutter import clutter
@@ -90,7 +90,7 @@ def test_a_goal_pose_keeps_the_users_constraints_and_heeds_the_costs() -> None:
     """The elbow stays where the constraint wants it, exactly, and a cost pulls where nothing forbids."""
     scene = clutter(2, 12)
     arm = scene.problem.arm
-    free = PosesAmongSurfaces(scene.problem, scene.tree).best(scene.seed)
+    free = GoalPoses(scene.problem, scene.tree).best(scene.seed)
     assert free is not None
     middle = arm.joint_positions_at(free.q)[6]
     least = float(middle[2]) + 0.01
@@ -99,7 +99,7 @@ def test_a_goal_pose_keeps_the_users_constraints_and_heeds_the_costs() -> None:
     def elbow_up(q: Any) -> Any:
         return q.joint_positions[2, 6]
 
-    kept = PosesAmongSurfaces(scene.problem, scene.tree, terms=compile_terms(arm, [elbow_up], [])).best(scene.seed)
+    kept = GoalPoses(scene.problem, scene.tree, terms=compile_terms(arm, [elbow_up], [])).best(scene.seed)
     assert kept is not None
     assert arm.joint_positions_at(kept.q)[6, 2] >= least - 1e-6
 
@@ -107,7 +107,7 @@ def test_a_goal_pose_keeps_the_users_constraints_and_heeds_the_costs() -> None:
     def low_elbow(q: Any) -> Any:
         return q.joint_positions[2, 6]
 
-    pulled = PosesAmongSurfaces(scene.problem, scene.tree, terms=compile_terms(arm, [], [low_elbow])).best(scene.seed)
+    pulled = GoalPoses(scene.problem, scene.tree, terms=compile_terms(arm, [], [low_elbow])).best(scene.seed)
     assert pulled is not None
     assert arm.joint_positions_at(pulled.q)[6, 2] < middle[2]
     assert "user: low elbow" in pulled.answer.costs

@@ -7,7 +7,7 @@ import pytest
 
 from ccm_opt import load_problem, solve
 from ccm_opt.planning.ends import resolve_ends
-from ccm_opt.planning.goal_pose import GoalPoseSearch
+from ccm_opt.planning.goal_pose import poses_at_goal
 from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import Solution
 
@@ -25,9 +25,9 @@ def gaps_of(solution: Solution) -> np.ndarray:
     """Least gap at every fourth sample and at the last [m]."""
     problem = solution.problem
     ends = resolve_ends(problem)
-    search = GoalPoseSearch(problem, ends, problem.arm.headings(ends.start))
-    headings = problem.arm.headings(solution.trajectory.bend_angles)
-    return np.array([search.gap(pose) for pose in [*headings[::4], headings[-1]]])
+    search = poses_at_goal(problem, ends, ends.start)
+    poses = solution.trajectory.positions
+    return np.array([search.gap(pose) for pose in [*poses[::4], poses[-1]]])
 
 
 @pytest.mark.planning

@@ -1,21 +1,27 @@
-"""Why no pose was found at the goal: what the nearest attempt misses, in words, and whether anything is proved."""
+"""What came of the beginnings from which a pose at a goal was looked for, and why no pose was found, in words."""
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.deadline import Deadline
 from ccm_opt.core.errors import ConfigurationNotFound, Diagnosis, NoPlanFound, UnreachableGoal
 from ccm_opt.core.length_words import short_length
 from ccm_opt.diagnosis.checks import failed
 from ccm_opt.diagnosis.ranking import ranked
 from ccm_opt.driver.settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.ik.compiled_terms import UserTerms
+from ccm_opt.ik.goal_poses import GoalPoses
+from ccm_opt.ik.pose_solver import ArmPose
 from ccm_opt.ik.terms import TERM_TOLERANCE
+from ccm_opt.planning.ends import GapsAtSamples, resolve_ends
+from ccm_opt.planning.goal_pose import poses_at_goal
 from ccm_opt.planning.own_units import OwnUnits
-from ccm_opt.planning.pose_over_routes import PoseTry, pose_search, pose_tries, tried_from
+from ccm_opt.planning.pose_beginnings import PoseBeginning, along_routes
 from ccm_opt.problem import Problem
+from ccm_opt.problem.solution import PoseOutcome
 from ccm_opt.scene.bad_pose import room_advice
 
 _ELASTIC_WEIGHTS = (10.0, 1e2, 1e3, 1e5)
@@ -26,39 +32,98 @@ _ELASTIC_SHARE = 0.02
 """Constraints that this pose misses by less than this share of the worst miss count as kept. Taste."""
 
 
-def no_pose(problem: Problem, tries: Sequence[PoseTry], terms: UserTerms | None) -> ConfigurationNotFound:
+@dataclass(frozen=True, eq=False)
+class PoseTry:
+    """What came of one beginning.
+
+    Attributes:
+        beginning: where it began.
+        asked: what the NLP was asked.
+        poses: its solutions, each from the one before; none when there was nothing to begin with.
+    """
+
+    beginning: PoseBeginning
+    asked: GoalPoses
+    poses: tuple[ArmPose, ...] = ()
+
+    @property
+    def best(self) -> int | None:
+        """Which of the poses is the best feasible one; None when none is."""
+        feasible = [k for k, pose in enumerate(self.poses) if self.asked.feasible(pose)]
+        return min(feasible, key=lambda k: self.poses[k].answer.cost, default=None)
+
+    @property
+    def cost(self) -> float:
+        """That of the best pose; infinite without one."""
+        return np.inf if self.best is None else self.poses[self.best].answer.cost
+
+    def begun(self, number: int) -> FloatArray:
+        """The configuration that a solution began with, shape (c,) [rad, m]."""
+        return np.asarray(self.poses[number - 1].q if number else self.beginning.q)
+
+    @property
+    def outcome(self) -> PoseOutcome:
+        """The same as a record."""
+        if self.best is None:
+            return PoseOutcome(self.beginning.name, reason=self.reason)
+        pose = self.poses[self.best]
+        return PoseOutcome(self.beginning.name, pose.answer.cost, pose.gap)
+
+    @property
+    def reason(self) -> str:
+        """What the nearest pose misses, in words."""
+        if not self.poses:
+            return "" if self.beginning.missing is None else self.beginning.missing.reason
+        pose = min(self.poses, key=lambda pose: pose.answer.violation)
+        if pose.answer.violation > self.asked.settings.feasible:
+            worst = list(pose.answer.broken.items())[:3]
+            return f"it misses {', '.join(_row_words(name, by, self.asked) for name, by in worst)}"
+        return f"it touches something: {GapsAtSamples.nearest_words(self.asked.problem, pose.q)}"
+
+
+def tried_from(asked: GoalPoses, beginning: PoseBeginning, deadline: Deadline | None = None) -> PoseTry:
+    """The poses to which a beginning is improved."""
+    return PoseTry(beginning, asked, () if beginning.q is None else asked.improved(beginning.q, deadline))
+
+
+def no_pose(asked: GoalPoses, tries: Sequence[PoseTry]) -> ConfigurationNotFound:
     """The error that says why no pose at the goal was found.
 
     Args:
-        problem: what was asked.
+        asked: what the NLP was asked.
         tries: all of them without a feasible pose.
-        terms: the user's constraints and costs.
     """
+    problem = asked.problem
     findings = ranked(failed(problem))
-    missed = {} if findings else least_misses(tries, terms)
+    missed = {} if findings else least_misses(tries)
     evidence: dict[str, object] = {
-        "tried": [f"{each.start}: {failure_words(each)}" for each in tries],
+        "tried": [f"{each.beginning.name}: {each.reason}" for each in tries],
         "missed_constraints": missed,
     }
     if findings:
         return ConfigurationNotFound(Diagnosis(findings[0].reason, "configuration", (), evidence, findings))
     if missed:
-        advice = ("change the bounds or the goal", "make the constraint soft")
-        return ConfigurationNotFound(Diagnosis(missed_words(missed), "configuration", advice, evidence))
+        softer = ("change the bounds or the goal", "make the constraint soft")
+        return ConfigurationNotFound(Diagnosis(missed_words(missed), "configuration", softer, evidence))
     nearest = min((each for each in tries if each.poses), key=_miss, default=None)
+    missing = next((each.beginning.missing for each in tries if each.beginning.missing is not None), None)
     reason = f"no pose was found at the goal from {len(tries)} beginnings"
+    advice = _advice(problem)
     if nearest is not None:
-        reason += f"; the nearest ({nearest.start}): {failure_words(nearest)}"
-    elif tries:
-        reason += f"; {tries[0].start}: {tries[0].reason}"
-    return ConfigurationNotFound(Diagnosis(reason, "configuration", _advice(problem), evidence))
+        reason += f"; the nearest ({nearest.beginning.name}): {nearest.reason}"
+    elif missing is not None:
+        reason += f"; {tries[0].beginning.name}: {missing.reason}"
+        evidence |= missing.evidence
+        advice = tuple(dict.fromkeys((*missing.advice, *advice)))
+    return ConfigurationNotFound(Diagnosis(reason, "configuration", advice, evidence))
 
 
 def _advice(problem: Problem) -> tuple[str, ...]:
     """What may help the search for a pose."""
+    more = "raise planner.routes" if problem.dimension == 2 else "raise planner.time_limit"
     room = room_advice(problem.arm.radius, problem.workspace.clearance)
-    heading = () if problem.goal.heading is None else ("leave goal.heading_deg out",)
-    return ("raise planner.routes", *room, "raise arm.joint_limit_deg", *heading)
+    free = () if getattr(problem.goal, "direction", None) is None else ("leave the goal's direction out",)
+    return (more, *room, "raise arm.joint_limit_deg", *free)
 
 
 def with_constraint_first(
@@ -72,12 +137,14 @@ def with_constraint_first(
         terms: the user's constraints and costs.
         settings: of poses at the goal.
     """
-    asked = terms is not None and bool(terms.hard_at_goal) and not problem.arm.base_axes and not problem.stops
-    if not asked or isinstance(failure, UnreachableGoal) or problem.goal.whole(problem.arm) is not None:
+    constrained = terms is not None and bool(terms.hard_at_goal) and not problem.arm.base_axes and not problem.stops
+    if not constrained or isinstance(failure, UnreachableGoal) or problem.goal.whole(problem.arm) is not None:
         return failure
-    search = pose_search(OwnUnits(problem.arm.length).scaled(problem), terms, settings.curve)
-    tries = list(pose_tries(search, settings.curve))
-    missed = {} if any(each.best is not None for each in tries) else least_misses(tries, terms)
+    scaled = OwnUnits(problem.arm.length).scaled(problem)
+    ends = resolve_ends(scaled)
+    asked = poses_at_goal(scaled, ends, ends.start, terms, settings.curve.goal_pose)
+    tries = [tried_from(asked, each) for each in along_routes(scaled, ends, settings.curve)]
+    missed = {} if any(each.best is not None for each in tries) else least_misses(tries)
     if not missed:
         return failure
     old = failure.diagnosis
@@ -93,32 +160,32 @@ def missed_words(missed: dict[str, float]) -> str:
     return f"no pose was found at the goal that keeps {first} (not proved: another pose might)"
 
 
-def least_misses(tries: Sequence[PoseTry], terms: UserTerms | None) -> dict[str, float]:
+def least_misses(tries: Sequence[PoseTry]) -> dict[str, float]:
     """Hard constraints that the pose which misses them least still misses, and by how much, the worst first.
 
     The same beginnings are improved once more, with the constraints softened. Nothing is missed, and the result is
     empty, where that leads to no pose either: then other rows are in the way, too.
     """
-    if terms is None or not terms.hard_at_goal:
-        return {}
-    found = [misses for each in tries if each.starts and (misses := _misses_from(each, terms)) is not None]
+    found = [misses for each in tries if each.poses and (misses := _misses_from(each)) is not None]
     # Where some beginning leads to a pose that misses fewer constraints, those alone are in the way.
     best = min(found, key=lambda misses: (len(misses), sum(misses.values())), default={})
     return dict(sorted(best.items(), key=lambda item: -item[1]))
 
 
-def _misses_from(each: PoseTry, terms: UserTerms) -> dict[str, float] | None:
+def _misses_from(each: PoseTry) -> dict[str, float] | None:
     """What the pose misses to which one beginning leads when the constraints are soft; None when there is no pose."""
-    arm = each.search.problem.arm
-    headings = each.starts[0]
+    terms = each.asked.terms
+    if terms is None or not terms.hard_at_goal:
+        return None
+    q = each.begun(0)
     found = None
     for weight in _ELASTIC_WEIGHTS:
-        softened = terms.softened(arm.bends(headings), weight)
-        again = tried_from(replace(each.search, terms=softened), each.start, headings)
-        if again.best is None:
+        softened = terms.softened(q, weight)
+        pose = replace(each.asked, terms=softened).best(q)
+        if pose is None:
             break
-        headings = again.poses[again.best].headings
-        found = _worst_misses(terms, softened, arm.bends(headings))
+        q = pose.q
+        found = _worst_misses(terms, softened, q)
     return found
 
 
@@ -141,22 +208,9 @@ def _miss(each: PoseTry) -> float:
     return min((pose.answer.violation for pose in each.poses), default=np.inf)
 
 
-def failure_words(each: PoseTry) -> str:
-    """What the nearest pose of a try misses, in words; empty when one of its poses is feasible."""
-    if each.best is not None:
-        return ""
-    if not each.poses:
-        return each.reason
-    pose = min(each.poses, key=lambda pose: pose.answer.violation)
-    if pose.answer.violation > each.search.settings.feasible:
-        worst = list(pose.answer.broken.items())[:3]
-        return f"it misses {', '.join(_row_words(name, by, each) for name, by in worst)}"
-    return f"it touches something: {each.search.nearest(pose.headings)}"
-
-
-def _row_words(name: str, violation: float, each: PoseTry) -> str:
+def _row_words(name: str, violation: float, asked: GoalPoses) -> str:
     """A row that is violated, in the user's terms."""
-    length = each.search.problem.arm.length
+    length = asked.problem.arm.length
     what, _, rest = name.partition(": ")
     if what == "user":
         return f"constraint '{rest}' by {violation:.4g}"
@@ -166,4 +220,4 @@ def _row_words(name: str, violation: float, each: PoseTry) -> str:
         return f"the torque of {what} by {100.0 * violation:.3g} %"
     if "region" in rest:
         return f"the free region of {what} by {short_length(length * violation)}"
-    return f"its own links by {short_length(length * violation)} ({name})"
+    return f"{name} ({violation:.2g})"

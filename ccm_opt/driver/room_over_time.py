@@ -11,18 +11,16 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from ccm_opt.core.arrays import BoolArray, FloatArray, IntArray
+from ccm_opt.core.arrays import BoolArray, FloatArray, IntArray, in_space
 from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import Check, JointTrajectory, NearPlace, RoomRecord, ShortStretch
 from ccm_opt.problem.solution.records import ShortCause
 from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
-from ccm_opt.scene.surfaces import SurfaceSoup
-from ccm_opt.scene.workspace import Workspace
 from ccm_opt.verification.chain_motion import ChainMotion
 from ccm_opt.verification.selfcollision import check_self_collision, first_distant, link_gaps
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
-from ccm_opt.verification.wall_clearance import check_walls, edges_of
+from ccm_opt.verification.wall_clearance import check_walls
 
 
 @dataclass(frozen=True)
@@ -168,13 +166,13 @@ class _Room:
         arm = self.problem.arm
         clearance = self.problem.workspace.clearance
         count = len(poses)
-        soup = _surfaces(self.problem.workspace)
+        soup = self.problem.workspace.soup
         first, exposed = arm.exposed_links(poses)
         gap = np.full(count, self._reach)
         link = np.zeros(count, dtype=np.intp)
         names = np.full(count, "", dtype=np.object_)
         if first < arm.links and len(soup):
-            segments = np.pad(exposed.reshape(-1, 2, arm.dimension), _third(arm.dimension))
+            segments = in_space(exposed.reshape(-1, 2, arm.dimension))
             reach = self._reach + clearance + arm.radius
             found = SurfaceTree.of(soup).nearest(segments, reach, together=exposed.shape[1])
             gaps = found.gap.reshape(count, -1) - arm.radius - clearance
@@ -252,19 +250,6 @@ class _Room:
                     return "start"
                 return "goal" if number == len(rests) - 1 else "stop"
         return "passage"
-
-
-def _surfaces(workspace: Workspace) -> SurfaceSoup:
-    """Everything that an arm must keep away from; the edges of walls in the plane are triangles without area."""
-    if workspace.dimension == 3:
-        return workspace.soup
-    edges, rounding, owner, names = edges_of(workspace)
-    return SurfaceSoup(np.pad(edges[:, [0, 1, 1]], _third(2)), rounding, owner, names)
-
-
-def _third(dimension: int) -> list[tuple[int, int]]:
-    """How places of the plane, shape (…, ·, d), are padded with a third coordinate."""
-    return [(0, 0), (0, 0), (0, 3 - dimension)]
 
 
 def _first_of_each(node: IntArray, least: FloatArray, count: int) -> IntArray:

@@ -9,7 +9,6 @@ from ccm_opt.dynamics.retiming.timing_settings import TimingSettings
 from ccm_opt.planning.baseline.settings import BaselineSettings
 from ccm_opt.planning.pose_beginnings import PoseSearchSettings
 from ccm_opt.planning.settings import CurvePlannerSettings, SpaceMotionSettings
-from ccm_opt.planning.tip_cells import SpaceReachSettings
 from ccm_opt.planning.tip_reach import ReachSettings
 from ccm_opt.verification.tolerance.error_model import ToleranceSettings
 from ccm_opt.verification.verification_settings import VerificationSettings
@@ -25,9 +24,8 @@ class Settings:
     Attributes:
         curve: of the curve planner in the plane, from free space to the smooth path.
         space: of the planner in space.
-        poses: of the search for the best pose at a goal in space.
+        poses: of the search for the best pose at a goal.
         reach: of the map of where the tip can be.
-        space_reach: the same in space.
         hill_climbing: of the paper's planner.
         timing: of timing along a path.
         verification: tolerances of the verifier.
@@ -40,7 +38,6 @@ class Settings:
     space: SpaceMotionSettings = field(default_factory=SpaceMotionSettings)
     poses: PoseSearchSettings = field(default_factory=PoseSearchSettings)
     reach: ReachSettings = field(default_factory=ReachSettings)
-    space_reach: SpaceReachSettings = field(default_factory=SpaceReachSettings)
     hill_climbing: BaselineSettings = field(default_factory=BaselineSettings)
     timing: TimingSettings = field(default_factory=TimingSettings)
     verification: VerificationSettings = field(default_factory=VerificationSettings)

@@ -1,23 +1,25 @@
 """The goal-pose NLP solved in rounds, and the users' constraints and costs in its programs."""
 
-from abc import ABC, abstractmethod
-from dataclasses import replace
-from functools import lru_cache
-from typing import Any
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
 
 import casadi as ca
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.deadline import Deadline
+from ccm_opt.core.errors import ProblemError
 from ccm_opt.ik.compiled_terms import UserTerms
 from ccm_opt.ik.curve_program import RowBlock
 from ccm_opt.ik.functions import CompiledConstraint
 from ccm_opt.ik.pose_program import PoseProgram, PoseSize, pose_program
-from ccm_opt.ik.pose_settings import TORQUE_SHARE, PoseSettings
+from ccm_opt.ik.pose_regions import JointRegions, held_segments, regions_about
+from ccm_opt.ik.pose_settings import DEFAULT_POSES, TORQUE_SHARE, PoseSettings
 from ccm_opt.ik.pose_solver import ArmPose, PoseQuestion
 from ccm_opt.ik.pose_task import PoseTask
-from ccm_opt.problem import Problem
+from ccm_opt.problem import Problem, TipGoal
+from ccm_opt.scene.distances.enclosures import segment_distances
+from ccm_opt.scene.distances.surface_tree import SurfaceTree
 
 _GOAL = 1.0
 """Path parameter of the goal."""
@@ -60,58 +62,43 @@ def bounded(pose: ArmPose) -> bool:
     return any("of its region" in name for name in pose.answer.multipliers)
 
 
-class GoalPoses(ABC):
+@dataclass(frozen=True, eq=False)
+class GoalPoses:
     """Improves poses at the goal of one problem.
 
     Attributes:
         problem: with a goal for the tip.
+        tree: of the walls and surfaces of its workspace.
+        near: configuration of the pose to stay near, shape (c,) [rad, m]; None for the pose that is improved.
         terms: the user's constraints and costs, or None.
         settings: of the NLP.
+        room_share: room that is worth something, as a multiple of the problem's wanted gap.
+        aim: where planning leads the tip in place of the problem's goal, or None.
+        room: by how much the tip [m] and the last link [rad] may miss the goal; then any such pose will do.
+        clamped: whether the first link keeps its direction.
     """
 
     problem: Problem
-    terms: UserTerms | None
-    settings: PoseSettings
+    tree: SurfaceTree
+    near: FloatArray | None = None
+    terms: UserTerms | None = None
+    settings: PoseSettings = DEFAULT_POSES
+    room_share: float = 1.0
+    aim: TipGoal | None = None
+    room: tuple[float, float] = (0.0, 0.0)
+    clamped: bool = False
 
-    @abstractmethod
-    def gap(self, at: FloatArray) -> float:
-        """Least gap of a pose beyond radius and clearance [m]; not told apart beyond the reach of regions."""
+    @cached_property
+    def target(self) -> TipGoal:
+        """Where the tip has to be.
 
-    @abstractmethod
-    def strays(self, pose: ArmPose) -> bool:
-        """Whether a link has strayed beyond what its region was drawn for, and met something there."""
-
-    @abstractmethod
-    def task(self, start: FloatArray, seed: FloatArray, drawn_with: PoseSettings) -> PoseTask:
-        """What is asked from a start, its regions drawn about it; the first start of all is the seed."""
-
-    def at(self, pose: ArmPose) -> FloatArray:
-        """A pose as it is asked about here."""
-        return pose.q
-
-    def solved_within(self, start: FloatArray, seed: FloatArray, drawn_with: PoseSettings) -> ArmPose:
-        """One solution, its regions drawn with settings of their own."""
-        task = self.task(start, seed, drawn_with)
-        sides = next((size for size in _REGION_SIZES if size >= task.regions.most), task.regions.most)
-        arm = task.arm
-        loaded = task.torque_limits is not None
-        segments = self.settings.segments_for(arm.links)
-        plain = pose_program(PoseSize(arm.dimension, arm.links, sides, segments, loaded))
-        program = plain if self.terms is None else with_user_terms(plain, self.terms)
-        weights = self.settings.weights_of(tuple(plain.parts), self.problem.planner.weights)
-        return PoseQuestion(program, task, self.settings, weights).solve()
-
-    @property
-    def forces(self) -> dict[str, Any]:
-        """Gravity in the arm's own coordinates, and what holding may take of the torque of every bend, for a task."""
-        arm = self.problem.arm
-        torque = self.problem.limits.torque
-        return {
-            "gravity": arm.embedded(np.eye(arm.dimension)) @ self.problem.simulation.gravity,
-            "torque_limits": None
-            if torque is None
-            else TORQUE_SHARE * torque[list(arm.coordinates.drives[: len(arm.bend_limits)])],
-        }
+        Raises:
+            ProblemError: the goal is a pose of the whole arm, of which nothing is left to choose.
+        """
+        goal = self.aim or self.problem.goal
+        if not isinstance(goal, TipGoal):
+            raise ProblemError("the goal is a pose of the whole arm; expected one of the tip, to find a pose for")
+        return goal
 
     @property
     def allowed(self) -> float:
@@ -124,7 +111,68 @@ class GoalPoses(ABC):
 
         That of the problem; where its motion is to keep none, still what a pose would keep by default.
         """
-        return self.problem.wanted_gap or self.problem.default_gap
+        return self.room_share * (self.problem.wanted_gap or self.problem.default_gap)
+
+    def gap(self, q: FloatArray) -> float:
+        """Least gap of a pose beyond radius and clearance [m]; not told apart beyond the reach of regions."""
+        arm = self.problem.arm
+        points = arm.joint_positions_at(q)
+        first, second = arm.self_pairs
+        if len(first) == 0:
+            return self._wall_gap(points)
+        ends = (points[first], points[first + 1], points[second], points[second + 1])
+        apart = segment_distances(*ends)[2] - arm.room_for_errors(second - first)
+        return min(self._wall_gap(points), float(np.min(apart)) - 2.0 * arm.radius)
+
+    def _wall_gap(self, points: FloatArray) -> float:
+        """Least gap of a pose to walls and surfaces, of joints and tip (links + 1, d) [m]."""
+        arm = self.problem.arm
+        kept = arm.radius + self.problem.workspace.clearance
+        reach = self.settings.reach * arm.length + kept
+        held = held_segments(arm, points)
+        gaps = self.tree.distances(held, reach) - arm.room_for_errors(np.arange(arm.links - len(held), arm.links) + 1)
+        return float(np.min(gaps, initial=reach)) - kept
+
+    def regions(self, q: FloatArray, drawn_with: PoseSettings) -> JointRegions:
+        """The sides of every link's region about a pose."""
+        arm = self.problem.arm
+        points = arm.joint_positions_at(q)
+        clearance = self.problem.workspace.clearance
+        return regions_about(arm, self.tree, clearance, self.wanted_gap, points, drawn_with)
+
+    def solved_within(self, start: FloatArray, seed: FloatArray, drawn_with: PoseSettings) -> ArmPose:
+        """One solution, its regions drawn with settings of their own; it stays near the seed unless told otherwise."""
+        arm = self.problem.arm
+        regions = self.regions(start, drawn_with)
+        torque = self.problem.limits.torque
+        loads = None if torque is None else TORQUE_SHARE * torque[list(arm.coordinates.drives[: len(arm.bend_limits)])]
+        task = PoseTask(
+            arm,
+            self.target.position,
+            self.target.direction,
+            near=seed if self.near is None else self.near,
+            start=start,
+            regions=regions,
+            wanted_gap=self.wanted_gap,
+            gravity=arm.embedded(np.eye(arm.dimension)) @ self.problem.simulation.gravity,
+            clamped=self.clamped,
+            room=self.room,
+            torque_limits=loads,
+        )
+        sides = next((size for size in _REGION_SIZES if size >= regions.most), regions.most)
+        segments = self.settings.segments_for(arm.links)
+        plain = pose_program(PoseSize(arm.dimension, arm.links, sides, segments, loads is not None))
+        program = plain if self.terms is None else with_user_terms(plain, self.terms)
+        weights = self.settings.weights_of(tuple(plain.parts), self.problem.planner.weights, arm.bends_a_joint)
+        return PoseQuestion(program, task, self.settings, weights).solve()
+
+    def strays(self, pose: ArmPose) -> bool:
+        """Whether a link has strayed beyond what its region was drawn for, or has less room than its sides say."""
+        points = self.problem.arm.joint_positions_at(pose.q)
+        hidden = self.settings.behind * self.problem.arm.length
+        return self.gap(pose.q) < min(pose.gap, 0.0) - self.allowed or (
+            self._wall_gap(points) < pose.gap - hidden - self.allowed
+        )
 
     def solved(self, start: FloatArray, seed: FloatArray | None = None) -> ArmPose:
         """One solution, feasible or not, with more and farther sides where a link has strayed beyond its region.
@@ -156,7 +204,7 @@ class GoalPoses(ABC):
             found.append(pose)
             if not self.feasible(pose) or self._good_enough(found) or (deadline is not None and deadline.passed()):
                 break
-            start = self.at(pose)
+            start = pose.q
         return tuple(found)
 
     def _good_enough(self, found: list[ArmPose]) -> bool:
@@ -174,7 +222,7 @@ class GoalPoses(ABC):
 
     def feasible(self, pose: ArmPose) -> bool:
         """Whether a pose keeps every row, and touches nothing by distances of its own."""
-        return pose.answer.violation <= self.settings.feasible and self.gap(self.at(pose)) > -self.allowed
+        return pose.answer.violation <= self.settings.feasible and self.gap(pose.q) > -self.allowed
 
     def best(self, seed: FloatArray, deadline: Deadline | None = None) -> ArmPose | None:
         """The best feasible pose of ``improved``; None when there is none."""

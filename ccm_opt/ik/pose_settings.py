@@ -1,7 +1,6 @@
 """The numbers of the goal-pose NLP: the size of the curve, weights of the objective, and the solver's limits."""
 
 import math
-import sys
 from dataclasses import dataclass, replace
 from typing import Self
 
@@ -34,15 +33,20 @@ class PoseSettings:
     Attributes:
         segments: curvature segments of the curve of an arm of up to 24 links; as many as the coordinates of the motion
             have (derived).
-        links_a_segment: arms of more links have one segment more for so many of them.
+        links_a_segment: arms of more links have one segment more for so many of them. Measured in space: with too few
+            segments most joints share a piece between knots, and arms of 36 links take a hundred iterations and more
+            instead of fifteen, behind holes and in a tank with 36 and 60 links; with three segments, arms that are
+            straight up to a hole take three times the iterations (``tests.benchmarks.bench_space_poses``).
         bending_weight: of ∫κ² ds, twice the elastic energy of a unit rod (measured: with 0.02 the shared problems last
             up to 16 % longer than with a free end, with 0.01 up to 8 %).
         distance_weight: of the squared turns of all joints from the pose to stay near, where the motion would end by
             itself [1/rad²] (measured: with 2 eleven motions last 0.8 % longer in the median, 14 % at most, than without
             any wanted gap, with 0.5 it is 2.4 % and 30 %; squared turns from the start of the motion instead made some
-            last 40 % longer, for they know nothing of the way).
+            last 40 % longer, for they know nothing of the way). In space half of it, for the same change of shape is
+            one of both bends (taste).
         tolerance: of the solver, relative (taste).
-        iterations: most of one solution (measured: clutter takes 8 to 25).
+        iterations: most of one solution (measured: clutter takes 8 to 25; of arms in space on fixed bases, whose ends a
+            search leaves far from smooth, one in four takes 30 to 80 among 40 and 80 bodies).
         rounds: most solutions, the regions drawn anew about the links between them (measured by
             ``tests.benchmarks.bench_goal_poses``: two or three are enough in most clutter).
         worthwhile: a further round is worth its time when the one before brought this share of the cost or, where the
@@ -54,13 +58,14 @@ class PoseSettings:
         feasible: largest violation of a row that counts as kept; one millionth of the arm (derived: below the
             certificate's own spare).
         binding: a multiplier above this, beside an objective of order one, marks a row that shapes the pose (taste).
+        behind: by how much a surface in space may stand out behind a side that covers it (as the distances have it).
         most_sides: of a link's region, the nearest (measured: in narrow passages half of the links need four, but some
             need 16 to 128, which every iteration would pay for at every link).
         enough: share of the wanted gap at which no further round is worth its time (taste).
     """
 
     segments: int = 5
-    links_a_segment: float = math.inf
+    links_a_segment: float = 2.4
     bending_weight: float = 0.01
     distance_weight: float = 2.0
     tolerance: float = 1e-4
@@ -68,9 +73,10 @@ class PoseSettings:
     rounds: int = 4
     worthwhile: float = 0.02
     reach: float = 0.25
-    widened: tuple[tuple[int, float], ...] = ((16, 0.25), (sys.maxsize, 2.0))
+    widened: tuple[tuple[int, float], ...] = ((24, 1.0), (128, 2.0))
     feasible: float = 1e-6
     binding: float = 1e-4
+    behind: float = 1e-3
     most_sides: int = 8
     enough: float = 0.999
 
@@ -78,12 +84,12 @@ class PoseSettings:
         """Curvature segments of the curve of an arm of so many links."""
         return self.segments + math.ceil(max(links - NOMINAL_LINKS, 0) / self.links_a_segment)
 
-    def weights_of(self, parts: tuple[str, ...], given: Weights) -> FloatArray:
+    def weights_of(self, parts: tuple[str, ...], given: Weights, bends_a_joint: int) -> FloatArray:
         """Weights of the parts of the objective by their names, times those that a problem gives."""
         weights = {
             "room": _ROOM_WEIGHT,
             "bending": self.bending_weight * given.bending,
-            "distance": self.distance_weight * given.path_length,
+            "distance": self.distance_weight / bends_a_joint * given.path_length,
             "torque": _TORQUE_WEIGHT,
             "knots": _KNOT_WEIGHT,
             "bows": _BOW_WEIGHT,
@@ -97,14 +103,5 @@ class PoseSettings:
         return self, *(replace(self, most_sides=sides, reach=reach) for sides, reach in self.widened)
 
 
-SPACE_POSES = PoseSettings(
-    # With too few segments most joints share a piece between knots, and arms of 36 links take a hundred iterations and
-    # more instead of fifteen (measured behind holes and in a tank with 36 and 60 links). Of arms of up to 24 links in
-    # clutter two to five find the same room; with three, arms that are straight up to a hole take three times the
-    # iterations (measured by ``tests.benchmarks.bench_space_poses``).
-    links_a_segment=2.4,
-    # Less than in the plane, for the same change of shape is one of both bends (taste).
-    distance_weight=1.0,
-    widened=((24, 1.0),),
-)
-"""The same in space."""
+DEFAULT_POSES = PoseSettings()
+"""Used where no other settings are given."""

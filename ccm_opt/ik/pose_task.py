@@ -4,76 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ccm_opt.core.arrays import FloatArray, IntArray
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.ik.pose_regions import JointRegions
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.biarc import free_shares_of_bends
-
-
-@dataclass(frozen=True, eq=False)
-class JointRegions:
-    """Half-spaces that joints and the tip keep to, for the arm's axis: n · P ≥ b.
-
-    The sides of a joint make a convex region. A joint lies in the regions of both its links, so that both ends of a
-    link lie in the link's own, and so all of it does. Walls, and other links that must be kept apart, are behind the
-    sides already by the radius and the clearance; what a link has beyond that is its gap.
-
-    Attributes:
-        joint: to which each belongs, shape (r,); that of the tip is the number of links.
-        normals: unit, inwards, shape (r, d).
-        offsets: b, shape (r,) [m].
-        gap_shares: share of the gap that is asked for at each, shape (r,): 1 for walls, less between links that cannot
-            keep so much of each other.
-    """
-
-    joint: IntArray
-    normals: FloatArray
-    offsets: FloatArray
-    gap_shares: FloatArray
-
-    @classmethod
-    def of_links(
-        cls, link: IntArray, normals: FloatArray, offsets: FloatArray, gap_shares: FloatArray
-    ) -> "JointRegions":
-        """Sides of links as sides of both their ends; arguments as of the class, by link."""
-        joint = np.concatenate((link, link + 1))
-        return cls(joint, np.tile(normals, (2, 1)), np.tile(offsets, 2), np.tile(gap_shares, 2))
-
-    @property
-    def most(self) -> int:
-        """Most sides of any joint."""
-        return int(np.max(np.bincount(self.joint), initial=0)) if len(self.joint) else 0
-
-    @property
-    def number(self) -> IntArray:
-        """Of every side its number among those of its joint, shape (r,)."""
-        order = np.argsort(self.joint, kind="stable")
-        found = np.empty(len(order), dtype=np.intp)
-        found[order] = np.arange(len(order)) - np.searchsorted(self.joint[order], self.joint[order])
-        return found
-
-    def gap(self, first_shares: FloatArray, points: FloatArray) -> float:
-        """The gap that the held parts of all links have inside their regions [m].
-
-        Args:
-            first_shares: where on each link the part begins that must lie inside, shape (links,).
-            points: joint and tip positions, shape (links + 1, d) [m].
-        """
-        held = held_points(first_shares, points)[self.joint]
-        inside = np.einsum("rd,rd->r", held, self.normals) - self.offsets
-        # What is asked for no gap at all says nothing of it.
-        asked = self.gap_shares > 0.0
-        return float(np.min(inside[asked] / self.gap_shares[asked], initial=np.inf))
-
-
-def held_points(first_shares: FloatArray, points: FloatArray) -> FloatArray:
-    """The points that regions hold: where the free part of every link begins, and the tip, shape (links + 1, d) [m].
-
-    Args:
-        first_shares: of the arm, shape (links,).
-        points: joint and tip positions, shape (links + 1, d) [m].
-    """
-    starts = points[:-1] + first_shares[:, None] * np.diff(points, axis=0)
-    return np.vstack((starts, points[-1:]))
 
 
 @dataclass(frozen=True, eq=False)

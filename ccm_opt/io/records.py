@@ -16,13 +16,11 @@ from ccm_opt.io.problem_data import mesh_data, recorded_data
 from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import (
     Check,
-    EndRecord,
     GoalErrors,
     GoalPoseRecord,
     NearPlace,
     RoomRecord,
     Solution,
-    SpaceGoalPoseRecord,
     StaticPose,
     SurvivedError,
 )
@@ -97,19 +95,14 @@ def curve_record(curve: Curve) -> dict[str, object]:
     return {"base": curve.base.tolist(), "base_heading": curve.base_heading, "segments": typed}
 
 
-def goal_pose_data(record: EndRecord) -> Mapping[str, object]:
+def goal_pose_data(record: GoalPoseRecord) -> Mapping[str, object]:
     """The whole record; lengths [m], angles [rad]."""
     variables, rows = record.size
-    # The pose itself; in the plane with the curve behind it.
-    pose: dict[str, object] = {}
-    if isinstance(record, GoalPoseRecord):
-        pose = {"headings": record.headings.tolist(), "curve": curve_record(record.curve)}
-    elif isinstance(record, SpaceGoalPoseRecord):
-        pose = {"configuration": record.configuration.tolist()}
     return {
         "reached": record.reached,
         "reason": record.reason,
-        **pose,
+        "configuration": record.configuration.tolist(),
+        "curve": curve_record(record.curve),
         "gap": record.gap,
         "wanted_gap": record.wanted_gap,
         "cost": record.cost,

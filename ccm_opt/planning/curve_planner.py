@@ -22,7 +22,7 @@ from ccm_opt.planning.curve_routes import find_guesses, find_routes, further_gue
 from ccm_opt.planning.ending import optimised_to_end_pose
 from ccm_opt.planning.ends import Ends, clamped_arm, resolve_ends
 from ccm_opt.planning.fed_space import FedSpace
-from ccm_opt.planning.goal_members import EndPoses
+from ccm_opt.planning.goal_pose import EndPoses
 from ccm_opt.planning.leader import travel_between_samples
 from ccm_opt.planning.led_strategies import fed_strategies
 from ccm_opt.planning.limits.guide_tube import GuideTubeLimit
@@ -177,7 +177,7 @@ class CurvePlanner:
             near = neighbourhood(problem, ends)
 
         # Routes and guesses of goal poses, then the certified motion of the links, then the smooth path along it.
-        end_poses = EndPoses(near, ends, deadline, self.stages, self.terms, self.settings.goal_pose)
+        end_poses = EndPoses(near, ends, self.stages, self.terms, self.settings.goal_pose)
         if known is not None:
             with self.stages("motion"):
                 task = replace(self.task_without_routes(near, ends, deadline), end_poses=end_poses)

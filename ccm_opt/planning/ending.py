@@ -20,11 +20,10 @@ import numpy as np
 
 from ccm_opt.core.arrays import TINY, FloatArray
 from ccm_opt.core.polyline import arc_lengths
-from ccm_opt.ik.pose_settings import SPACE_POSES
-from ccm_opt.ik.pose_solver import ArmPose
-from ccm_opt.ik.poses_among_surfaces import PosesAmongSurfaces
+from ccm_opt.ik.goal_poses import GoalPoses
 from ccm_opt.planning.continuation import Stalled, follow
 from ccm_opt.planning.goal import GoalPose, moved_onto
+from ccm_opt.planning.goal_pose import pose_record
 from ccm_opt.planning.guides import PoseLed
 from ccm_opt.planning.motion import Motion, SpaceMotion
 from ccm_opt.planning.motion_task import MotionTask
@@ -43,7 +42,7 @@ from ccm_opt.planning.space_sweep import edge_is_safe, failing_edges
 from ccm_opt.planning.space_task import SpaceTask
 from ccm_opt.planning.step import SpaceStepper
 from ccm_opt.problem import Problem
-from ccm_opt.problem.solution import SpaceGoalPoseRecord
+from ccm_opt.problem.solution import GoalPoseRecord
 from ccm_opt.robot.biarc import straight_at_exit
 
 _LEAST_KEYFRAMES = 4
@@ -72,9 +71,6 @@ _OPENING_STEPS = 20
 """Most of these; five bring nearly all that there is."""
 _OPENING_WEIGHT = 10.0
 """Of the goal in them, beside the pull of walls that are too near."""
-_ITERATIONS = 100
-"""Most iterations of the NLP; mostly it takes some twenty, and of arms on fixed bases, whose ends a search leaves far
-from smooth, one in four takes 30 to 80 (measured among 40 and 80 bodies)."""
 _ENOUGH = 0.9
 """Share of the wanted gap that its pose has to have for the end to be settled."""
 _ROOM_SHARE = 1.6
@@ -283,7 +279,7 @@ class Ending:
 
     task: SpaceTask
     motion: SpaceMotion
-    record: SpaceGoalPoseRecord | None = None
+    record: GoalPoseRecord | None = None
 
 
 def ended_by_nlp(problem: Problem, task: SpaceTask, motion: SpaceMotion) -> Ending:
@@ -294,12 +290,11 @@ def ended_by_nlp(problem: Problem, task: SpaceTask, motion: SpaceMotion) -> Endi
         task: the same as the search is asked.
         motion: to the goal.
     """
-    settings = replace(SPACE_POSES, iterations=_ITERATIONS)
     goal = task.limited_goal
     if task.goal_pose is not None or task.deadline.passed():
         return Ending(task, motion)
     terms = None if task.user is None else task.user.terms
-    asked = PosesAmongSurfaces(problem, task.tree, terms=terms, settings=settings, room_share=_ROOM_SHARE)
+    asked = GoalPoses(problem, task.tree, terms=terms, room_share=_ROOM_SHARE)
     ending = _asked_from(asked, task, goal, motion)
     room = asked.gap(ending.motion.configurations[-1])
     if room >= _ENOUGH * task.wanted_gap:
@@ -314,7 +309,7 @@ def ended_by_nlp(problem: Problem, task: SpaceTask, motion: SpaceMotion) -> Endi
     return replace(again, task=_settled(task, again.motion.configurations[-1]))
 
 
-def _asked_from(asked: PosesAmongSurfaces, task: SpaceTask, goal: GoalPose, motion: SpaceMotion) -> Ending:
+def _asked_from(asked: GoalPoses, task: SpaceTask, goal: GoalPose, motion: SpaceMotion) -> Ending:
     """What the NLP says from where a motion ends, and the motion moved on to its pose where that can be."""
     wanted = asked.problem.wanted_gap
     answers = asked.improved(motion.configurations[-1], task.deadline)
@@ -358,7 +353,7 @@ def _led_on_in_space(task: SpaceTask, stepper: SpaceStepper, motion: SpaceMotion
     return motion.continued([*poses[1:], end]) if edge_is_safe(stepper, poses[-1].v, end.v) else None
 
 
-def _opened_motion(asked: PosesAmongSurfaces, task: SpaceTask, motion: SpaceMotion) -> SpaceMotion:
+def _opened_motion(asked: GoalPoses, task: SpaceTask, motion: SpaceMotion) -> SpaceMotion:
     """The motion, moved on at its goal to where there is more room, if it ends with less than is wanted."""
     before = asked.gap(motion.configurations[-1])
     if before >= _ENOUGH * task.wanted_gap:
@@ -370,30 +365,6 @@ def _opened_motion(asked: PosesAmongSurfaces, task: SpaceTask, motion: SpaceMoti
 def _settled(task: SpaceTask, end: FloatArray) -> SpaceTask:
     """The task with a pose of the whole arm as its goal."""
     return replace(task, goal_pose=end)
-
-
-def pose_record(wanted_gap: float, pose: ArmPose, tried: int, reason: str = "") -> SpaceGoalPoseRecord:
-    """What is kept of a pose of the NLP.
-
-    Args:
-        wanted_gap: room beyond radius and clearance that was asked for [m].
-        pose: the pose.
-        tried: how many poses were asked for, this one among them.
-        reason: why the motion does not end in it; empty when it does, or when there is none.
-    """
-    return SpaceGoalPoseRecord(
-        reached=not reason,
-        reason=reason,
-        configuration=pose.q,
-        gap=pose.gap,
-        wanted_gap=wanted_gap,
-        costs=pose.answer.costs,
-        multipliers=pose.answer.multipliers,
-        iterations=pose.answer.iterations,
-        size=pose.answer.size,
-        status=pose.answer.status,
-        tried=tried,
-    )
 
 
 def _on_the_way(task: SpaceTask, stepper: SpaceStepper, start: FloatArray, end: Pose) -> list[Pose]:

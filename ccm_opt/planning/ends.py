@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import shapely
 
-from ccm_opt.core.arrays import ROUNDING, FloatArray, IntArray
+from ccm_opt.core.arrays import ROUNDING, FloatArray, IntArray, in_space
 from ccm_opt.core.errors import Diagnosis, ProblemError, UnreachableGoal
 from ccm_opt.core.length_words import place, short_length
 from ccm_opt.core.polyline import unit_vector
@@ -370,7 +370,7 @@ class GapsAtSamples:
 
         Args:
             problem: surfaces and arm.
-            points: joints and tip of every pose, shape (T, links + 1, 3) [m].
+            points: joints and tip of every pose, shape (T, links + 1, d) [m].
             reach: how far is looked; a link's length when None [m].
             own_reach: how far is looked for other links; as far as for walls when None [m].
         """
@@ -379,6 +379,17 @@ class GapsAtSamples:
         far = arm.link_length if reach is None else reach
         walls = _walls(problem, SurfaceTree.of(soup), points, far)
         return cls(walls, _itself(problem, points, far if own_reach is None else own_reach), soup.names, far)
+
+    @classmethod
+    def nearest_words(cls, problem: Problem, q: FloatArray) -> str:
+        """What is nearest to what in a configuration, in words; empty where nothing is near."""
+        gaps = cls.of(problem, problem.arm.joint_positions_at(q)[None])
+        to_walls = float(gaps.walls.gap[0]) - problem.workspace.clearance
+        to_itself = float(gaps.itself.gap[0])
+        near = gaps.walls if to_walls <= to_itself else gaps.itself
+        if not near.link[0]:
+            return ""
+        return f"link {near.link[0]} and {gaps.other(near, 0)}, gap {short_length(min(to_walls, to_itself))}"
 
     def other(self, near: NearestOfSamples, sample: int) -> str:
         """What a link is near to in a sample, in words."""
@@ -392,7 +403,7 @@ def _walls(problem: Problem, tree: SurfaceTree, points: FloatArray, reach: float
     count = len(points)
     if link == arm.links or len(problem.workspace.soup) == 0:
         return _nothing(count, reach)
-    found = tree.nearest(exposed.reshape(-1, 2, 3), reach + arm.radius, together=exposed.shape[1])
+    found = tree.nearest(in_space(exposed.reshape(-1, 2, arm.dimension)), reach + arm.radius, exposed.shape[1])
     gap = found.gap.reshape(count, -1) - arm.radius
     best = np.argmin(gap, axis=1)
     rows = np.arange(count)
@@ -404,7 +415,7 @@ def _itself(problem: Problem, points: FloatArray, reach: float) -> NearestOfSamp
     arm = problem.arm
     if not arm.self_collision:
         return _nothing(len(points), reach)
-    nearest = LinkMotion(arm).nearest_pairs(points, reach + 2.0 * arm.radius)
+    nearest = LinkMotion(arm).nearest_pairs(in_space(points), reach + 2.0 * arm.radius)
     found = nearest.first >= 0
     gap = np.where(found, nearest.distance - 2.0 * arm.radius, reach)
     return NearestOfSamples(gap, nearest.first + 1, np.where(found, nearest.second + 1, -1))

@@ -1,252 +1,128 @@
-"""The best poses of the arm at a goal for the tip, from a pose there and from others: the goal-pose NLP."""
+"""The best pose of the arm at a goal, from a pose there: what the goal-pose NLP is asked, and its record."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.core.deadline import Deadline
-from ccm_opt.core.polyline import unit_vector
+from ccm_opt.core.progress import Stages
 from ccm_opt.ik.compiled_terms import UserTerms
-from ccm_opt.ik.goal_poses import GoalPoses, bounded
-from ccm_opt.ik.pose_settings import PoseSettings
+from ccm_opt.ik.goal_poses import GoalPoses
+from ccm_opt.ik.pose_settings import DEFAULT_POSES, PoseSettings
 from ccm_opt.ik.pose_solver import ArmPose
-from ccm_opt.ik.pose_task import PoseTask
 from ccm_opt.planning.ends import Ends
-from ccm_opt.planning.goal import GoalPose
-from ccm_opt.planning.joint_regions import joint_regions
-from ccm_opt.planning.link_space import LinkSpace
-from ccm_opt.planning.pose_draws import PoseDraws, PoseDrawSettings, landmarks, same_class
-from ccm_opt.planning.pose_energy import EnergyWeights, PoseEnergy
-from ccm_opt.problem import JointPose, Problem
+from ccm_opt.problem import JointPose, Problem, TipGoal
+from ccm_opt.problem.solution import GoalPoseRecord
 from ccm_opt.robot.arm import Arm
-from ccm_opt.scene.contact_finder import ContactFinder
-
-_CLOSE_ENOUGH = 0.03
-"""A pose that costs no more than this share above what it would cost without walls is not improved upon (taste)."""
-_UNKNOWN_COST = 20.0
-"""Poses drawn cost less than this where no pose is known, in units of the objective (taste: more than having no room
-costs)."""
-_FURTHER_ROUNDS = 3
-"""Most further solutions for one pose, the regions drawn anew about it (measured: as before)."""
+from ccm_opt.scene.distances.surface_tree import SurfaceTree
 
 
-@dataclass(frozen=True, eq=False)
-class PoseCandidate:
-    """A pose at the goal that the motion may end in.
+def poses_at_goal(
+    problem: Problem,
+    ends: Ends,
+    near: FloatArray,
+    terms: UserTerms | None = None,
+    settings: PoseSettings = DEFAULT_POSES,
+) -> GoalPoses:
+    """What the NLP is asked in the plane.
 
-    Attributes:
-        pose: feasible.
-        same_class: whether it has the whole turns, and passes the obstacles on the sides, of the pose that the search
-            arrived at; then interpolation mostly reaches it. Another class has to be looked for by the search.
-    """
-
-    pose: ArmPose
-    same_class: bool
-
-
-@dataclass(frozen=True, eq=False)
-class GoalPoseSearch(GoalPoses):
-    """Finds good poses at the goal of one problem.
-
-    Attributes:
+    Args:
         problem: with a goal for the tip.
         ends: its ends as planning takes them.
-        near: link headings of the pose to stay near, shape (links,) [rad]: where the motion would end by itself, or
-            where it starts.
+        near: configuration to stay near, shape (c,) [rad]: where the motion would end by itself, or where it starts.
         terms: the user's constraints and costs, or None.
         settings: of the NLP.
-        draw_settings: of the poses that are drawn to start it from.
+    """
+    tree = SurfaceTree.of(problem.workspace.soup)
+    aim = TipGoal(ends.goal.position, ends.goal.direction)
+    return GoalPoses(problem, tree, near, terms, settings, aim=aim, room=ends.goal.room, clamped=ends.clamped)
+
+
+@dataclass
+class EndPoses:
+    """Offers the search better poses at the goal than those in which its motions arrive; they are ``EndPosesOffered``.
+
+    Attributes:
+        problem: whose goal it is.
+        ends: its ends as planning takes them.
+        stages: names and times the stage.
+        terms: the user's constraints and costs, or None.
+        settings: of the NLP.
+        said: every pose that was asked for, with what was asked, in the order of asking.
     """
 
     problem: Problem
     ends: Ends
-    near: FloatArray
-    terms: UserTerms | None = None
-    settings: PoseSettings = field(default_factory=PoseSettings)
-    draw_settings: PoseDrawSettings = field(default_factory=PoseDrawSettings)
+    stages: Stages
+    terms: UserTerms | None
+    settings: PoseSettings
+    said: list[tuple[GoalPoses, ArmPose]] = field(default_factory=list)
 
-    def candidates(self, start: FloatArray, deadline: Deadline | None = None) -> tuple[PoseCandidate, ...]:
-        """Good poses of several classes, by the NLP from a pose at the goal and from cheap random poses there.
-
-        First the NLP is solved from the pose given. Where that leaves more than a few per cent above what the pose
-        would cost without walls, poses at the goal that cross nothing and promise to be cheaper are drawn over all
-        classes and whole turns (see ``pose_draws``), and it is solved from the cheapest of them. What is found is
-        solved again in regions drawn anew as long as that pays. In clutter the first candidate is within 5 % of the
-        best of 50 random starts in nine of ten scenes.
+    def __call__(self, arm: Arm, q: FloatArray) -> Iterator[FloatArray]:
+        """The configuration of a better pose than the one in which a motion ends; none without need.
 
         Args:
-            start: link headings of the pose that the search arrived at, shape (links,) [rad].
-            deadline: no further pose is begun after it.
-
-        Returns:
-            Feasible poses, at most one a class, the best first. Where the best is of another class than ``start``, the
-            best of that class follows among the others, if it has one; an empty tuple when nothing is feasible.
+            arm: the arm, or one as long with fewer links.
+            q: its configuration at the end of the motion, shape (c,) [rad].
         """
-        own = self._feasible_pose(start)
-        found = [] if own is None else [own]
-        known = _UNKNOWN_COST if own is None else own.answer.cost
-        draws = self._draws(start)
-        cheapest = draws.cheapest_below(known)
-        enough = (1.0 + _CLOSE_ENOUGH) * min((pose.cost for pose in cheapest), default=np.inf)
-        if known > enough:
-            found += self._from_drawn(draws.about(cheapest, known), known, enough, deadline)
+        if self.problem.wanted_gap == 0.0 or self.ends.goal_pose is not None:
+            return
+        with self.stages("configuration"):
+            asked = poses_at_goal(for_arm(self.problem, arm), self.ends, q, self.terms, self.settings)
+            poses = asked.improved(q)
+            best = asked.best_of(poses)
+        self.said.append((asked, best or poses[-1]))
+        if best is not None:
+            yield best.q
 
-        # The best is worth further rounds, and so is the one that can be reached most easily.
-        classes = self._one_a_class(start, found)
-        refined = []
-        for place, candidate in enumerate(classes):
-            worth = place == 0 or candidate.same_class
-            refined.append(self._refined(candidate.pose, enough, deadline) if worth else candidate.pose)
-        return self._one_a_class(start, refined)
-
-    def _from_drawn(self, drawn: FloatArray, known: float, enough: float, deadline: Deadline | None) -> list[ArmPose]:
-        """Feasible solutions from drawn poses, the cheapest first, of different classes where there are several.
+    def record(self, reached: FloatArray | None) -> GoalPoseRecord | None:
+        """What was said of the pose in which the motion ends, or of the last that was asked for.
 
         Args:
-            drawn: link headings, shape (m, links) [rad].
-            known: cost of the best pose known.
-            enough: cost at which no better pose is looked for.
-            deadline: of the search.
+            reached: configuration of the offered pose that the motion ends in, shape (c,); None where it ends
+                elsewhere.
         """
-        settings = self.draw_settings
-        tried: list[FloatArray] = []
-        found: list[ArmPose] = []
-        for start in drawn:
-            if self.gap(start) == -np.inf:
-                continue  # no regions lie about links that cross something
-            late = deadline is not None and deadline.passed()
-            if len(tried) == settings.drawn_solutions or known <= enough or late:
-                break
-            if any(self._alike(start, other) for other in tried):
-                continue
-            tried.append(start)
-            pose = self._feasible_pose(start)
-            if pose is not None:
-                found.append(pose)
-                known = min(known, pose.answer.cost)
-        return found
+        if not self.said:
+            return None
+        taken = [each for each in self.said if reached is not None and np.array_equal(each[1].q, reached)]
+        asked, pose = taken[-1] if taken else self.said[-1]
+        return pose_record(self.problem.wanted_gap, pose, len(self.said), "" if taken else _why_not(asked, pose))
 
-    def _one_a_class(self, start: FloatArray, poses: list[ArmPose]) -> tuple[PoseCandidate, ...]:
-        """The best pose of every class, the best first."""
-        kept: list[ArmPose] = []
-        for pose in sorted(poses, key=lambda pose: pose.answer.cost):
-            if not any(self._alike(pose.headings, other.headings) for other in kept):
-                kept.append(pose)
-        return tuple(PoseCandidate(pose, self._alike(pose.headings, start)) for pose in kept)
 
-    def _alike(self, first: FloatArray, second: FloatArray) -> bool:
-        return same_class(self.problem.arm, self._landmarks, first, second)
-
-    @cached_property
-    def _landmarks(self) -> FloatArray:
-        return landmarks(self.problem.workspace)
-
-    def _refined(self, pose: ArmPose, enough: float, deadline: Deadline | None) -> ArmPose:
-        """A pose solved for again in regions drawn anew about it, as long as that pays."""
-        best = pose
-        for _ in range(_FURTHER_ROUNDS):
-            if not bounded(best) or best.answer.cost <= enough or (deadline is not None and deadline.passed()):
-                break
-            again = self._feasible_pose(best.headings)
-            if again is None or again.answer.cost >= best.answer.cost:
-                break
-            gain = 1.0 - again.answer.cost / best.answer.cost
-            best = again
-            if gain < self.settings.worthwhile:
-                break
-        return best
-
-    def _feasible_pose(self, start: FloatArray) -> ArmPose | None:
-        """The solution from a start, None where it is not feasible."""
-        pose = self.solved(start)
-        return pose if self.feasible(pose) else None
-
-    def _draws(self, start: FloatArray) -> PoseDraws:
-        """Of cheap poses at the goal."""
-        space, _ = LinkSpace.through(self.problem.arm, start, clamped=self.ends.clamped)
-        weights = self.settings.weights_of(("bending", "distance"), self.problem.planner.weights)
-        energy = PoseEnergy.of(space, self.near, EnergyWeights(*weights.tolist()))
-        goal = self._member_near(start)
-        seed = self.problem.planner.seed
-        walls = self.problem.workspace.wall_segments
-        return PoseDraws(energy, walls, goal.position, goal.heading, self.near, start, seed, self.draw_settings)
-
-    def _member_near(self, headings: FloatArray) -> GoalPose:
-        """Of a goal that is a set the member at or nearest to a pose, shape (links,) [rad]; else the goal itself."""
-        goal = self.ends.goal
-        if not goal.is_set:
-            return goal
-        points = self.problem.arm.joint_positions(headings)
-        return goal.nearest_member(points[-1], unit_vector(headings[-1]))
-
-    def solved(self, start: FloatArray, seed: FloatArray | None = None) -> ArmPose:
-        """One solution of the NLP, feasible or not, with regions about the pose that it starts from.
-
-        Args:
-            start: link headings of the pose to start from, shape (links,) [rad].
-            seed: does not matter in the plane.
-        """
-        # Searches that follow one another begin from the same poses.
-        key = start.tobytes()
-        if key not in self._known:
-            self._known[key] = super().solved(start, seed)
-        return self._known[key]
-
-    @cached_property
-    def _known(self) -> dict[bytes, ArmPose]:
-        """Solutions by the headings that they begin from."""
-        return {}
-
-    def strays(self, pose: ArmPose) -> bool:
-        """Whether a link has strayed beyond what its region was drawn for, and met something there."""
-        return self.gap(pose.headings) < pose.gap - self.allowed
-
-    def at(self, pose: ArmPose) -> FloatArray:
-        """The headings of its links."""
-        return pose.headings
-
-    def task(self, start: FloatArray, seed: FloatArray, drawn_with: PoseSettings) -> PoseTask:
-        """What is asked from a start, its regions drawn about it."""
-        del seed
-        arm = self.problem.arm
-        workspace = self.problem.workspace
-        goal = self.ends.goal
-        return PoseTask(
-            arm,
-            goal.position,
-            goal.direction,
-            near=arm.bends(self.near),
-            start=arm.bends(start),
-            regions=joint_regions(arm, workspace, start, drawn_with, workspace.wall_segments),
-            wanted_gap=self.wanted_gap,
-            clamped=self.ends.clamped,
-            room=goal.room,
-            **self.forces,
+def _why_not(asked: GoalPoses, pose: ArmPose) -> str:
+    """Why a motion does not end in the pose that was asked for last."""
+    if not asked.feasible(pose):
+        return (
+            f"the nonlinear program ended with {pose.answer.status}, its row '{pose.answer.worst_row}' off by "
+            f"{pose.answer.violation:.2g}; the motion ends where the search arrived"
         )
+    return "no certified way leads from where the search arrived to this pose, so the motion ends where it arrived"
 
-    def gap(self, at: FloatArray) -> float:
-        """Least gap of a pose beyond radius and clearance [m]; not told apart beyond the reach of regions."""
-        points = self.problem.arm.joint_positions(at)
-        if self._finder.crosses(points):
-            return -np.inf
-        return float(self._finder.find(points).gap.min(initial=self._finder.reach))
 
-    def nearest(self, headings: FloatArray) -> str:
-        """What of a pose is nearest to anything, and its gap beyond radius and clearance, in words."""
-        points = self.problem.arm.joint_positions(headings)
-        if self._finder.crosses(points):
-            return "it crosses a wall, or itself"
-        return self._finder.describe(self._finder.find(points))
+def pose_record(wanted_gap: float, pose: ArmPose, tried: int, reason: str = "") -> GoalPoseRecord:
+    """What is kept of a pose of the NLP.
 
-    @cached_property
-    def _finder(self) -> ContactFinder:
-        """Of gaps beyond radius and clearance; flattens the walls once."""
-        arm = self.problem.arm
-        workspace = self.problem.workspace
-        reach = self.settings.reach * arm.length
-        return ContactFinder(arm, workspace.flat_walls, workspace.clearance, 0.0, reach)
+    Args:
+        wanted_gap: room beyond radius and clearance that was asked for [m].
+        pose: the pose.
+        tried: how many poses were asked for, this one among them.
+        reason: why the motion does not end in it; empty when it does, or when there is none.
+    """
+    return GoalPoseRecord(
+        reached=not reason,
+        reason=reason,
+        configuration=pose.q,
+        curve=pose.curve,
+        gap=pose.gap,
+        wanted_gap=wanted_gap,
+        costs=pose.answer.costs,
+        multipliers=pose.answer.multipliers,
+        iterations=pose.answer.iterations,
+        size=pose.answer.size,
+        status=pose.answer.status,
+        tried=tried,
+    )
 
 
 def for_arm(problem: Problem, arm: Arm) -> Problem:

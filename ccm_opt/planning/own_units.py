@@ -9,6 +9,7 @@ finer than any tolerance takes that away too, so that the plans are alike to the
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from typing import cast
 
 import numpy as np
 import shapely
@@ -89,7 +90,7 @@ class OwnUnits:
             curves=tuple(self._in_metres(curve) for curve in path.curves),
             leaders=tuple(self.metres * leader for leader in path.leaders),
             spare=self.metres * path.spare,
-            goal_pose=self.record_in_metres(path.goal_pose) if isinstance(path.goal_pose, GoalPoseRecord) else None,
+            goal_pose=None if path.goal_pose is None else self.record_in_metres(path.goal_pose),
         )
 
     def path_in_units(self, path: JointPath, arm: Arm) -> JointPath:
@@ -131,7 +132,7 @@ class OwnUnits:
         """What the goal-pose program said, in metres."""
         return replace(
             record,
-            curve=self._in_metres(record.curve),
+            curve=self._in_metres(cast("Configuration", record.curve)),
             gap=self.metres * record.gap,
             wanted_gap=self.metres * record.wanted_gap,
         )

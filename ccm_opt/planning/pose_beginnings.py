@@ -1,35 +1,69 @@
-"""Where the goal-pose program begins in space."""
+"""Where the goal-pose program begins: along routes to the goal or at a motion's end, and at poses that are drawn."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import islice
 
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.core.errors import NoPlanFound
+from ccm_opt.core.errors import ConfigurationNotFound, Diagnosis, NoPlanFound, ProblemError
+from ccm_opt.core.length_words import long_length
+from ccm_opt.core.polyline import unit_vector
+from ccm_opt.ik.configuration_task import ConfigurationTask
+from ccm_opt.ik.find_configuration import attempt, attempts
+from ccm_opt.ik.infeasibility import FailedAttempt, beyond_reach, diagnose
 from ccm_opt.planning.curve_map import CurveMap
+from ccm_opt.planning.curve_routes import (
+    CURVATURE_SHARE,
+    FULL_CURVATURE_SHARE,
+    FURTHER_ATTEMPTS,
+    configuration_task,
+    find_routes,
+    route_room,
+)
+from ccm_opt.planning.draws import GoalDraws, TargetDraws
+from ccm_opt.planning.ends import Ends
+from ccm_opt.planning.goal_members import GoalMember, goal_members
 from ccm_opt.planning.lifting import lifted_motion, nominal_task
+from ccm_opt.planning.link_space import KNOTS, NOMINAL_LINKS, LinkSpace
 from ccm_opt.planning.motion import SpaceMotion
+from ccm_opt.planning.sampled_check import SampledCheck
+from ccm_opt.planning.settings import DEFAULT_CURVE_PLANNER, CurvePlannerSettings
 from ccm_opt.planning.space_goal_poses import goal_poses
 from ccm_opt.planning.space_search import find_motion
 from ccm_opt.planning.space_task import SpaceTask
+from ccm_opt.problem import Problem
+from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.mapping import map_curve
+from ccm_opt.scene.corridor import Route
+from ccm_opt.scene.free_space import FreeSpace
+
+_DIFFERENT = 0.3
+"""Largest turn of a link by which two configurations count as different [rad]. Taste."""
+_BEGINNINGS = 2
+"""Configurations along each route. Taste: the surplus length to either side."""
+_BROUGHT_ROUNDS = 20
+"""Rounds of random poses that Newton's method brings onto the goal. Taste: a tenth of a second each."""
 
 
 @dataclass(frozen=True)
 class PoseSearchSettings:
-    """Of the search for the best pose at a goal in space.
+    """Of the search for the best pose at a goal.
 
     Attributes:
         drawn: poses that are drawn, at most, each of which the goal-pose NLP improves. Taste: each takes a quarter
             of a second.
-        draw_share: share of the time limit that drawing may take where a motion leads to a pose, too. Taste: ducts hold
-            so little of all poses that drawing finds none in any time; 1.5 s by default, in which an open scene gives
-            all that are wanted.
-        motion_share: share of the time limit that the search for a motion may take, at whose end is one more beginning.
-            Taste.
+        rounds: most solutions from each beginning. Measured: among the shared problems the fork gains by ten.
+        draw_share: share of the time limit that drawing in space may take where a motion leads to a pose, too. Taste:
+            ducts hold so little of all poses that drawing finds none in any time; 1.5 s by default, in which an open
+            scene gives all that are wanted.
+        motion_share: share of the time limit that the search for a motion in space may take, at whose end is one more
+            beginning. Taste.
     """
 
     drawn: int = 6
+    rounds: int = 12
     draw_share: float = 0.025
     motion_share: float = 0.4
 
@@ -40,48 +74,71 @@ DEFAULT_POSE_SEARCH = PoseSearchSettings()
 
 @dataclass(frozen=True, eq=False)
 class PoseBeginning:
-    """A pose at the goal that touches nothing.
+    """A pose at the goal that touches nothing much, or why there is none.
 
     Attributes:
         name: where it is from, in words.
-        q: the configuration, shape (c,) [rad, m].
+        q: the configuration, shape (c,) [rad, m]; None where there is none.
+        missing: why; None where there is one.
     """
 
     name: str
-    q: FloatArray
+    q: FloatArray | None = None
+    missing: Diagnosis | None = None
 
 
-@dataclass(eq=False)
-class PoseBeginnings:
-    """Beginnings for one question, one after the other.
+def along_routes(
+    problem: Problem, ends: Ends, settings: CurvePlannerSettings = DEFAULT_CURVE_PLANNER
+) -> Iterator[PoseBeginning]:
+    """Configurations of the curve along every route, shortest first.
 
-    Attributes:
-        task: with a goal for the tip.
-        settings: how many, and in what time.
-        failure: why no motion leads to the goal; None while that is not known, or one does.
+    Args:
+        problem: in the plane, with a goal for the tip.
+        ends: its ends as planning takes them.
+        settings: of routes and configurations.
+
+    Raises:
+        UnreachableGoal: there is no route that the arm is long enough for.
     """
-
-    task: SpaceTask
-    settings: PoseSearchSettings
-    failure: NoPlanFound | None = None
-
-    def __iter__(self) -> Iterator[PoseBeginning]:
-        task = self.task
-        limit = max(task.deadline.left, 0.0)
+    room = route_room(problem, ends)
+    for number, route in enumerate(find_routes(problem, ends, room, settings), start=1):
+        name = f"route {number}, {long_length(route.length)}"
         try:
-            motion = any_motion(task.deadline_within(self.settings.motion_share * limit))
-            yield PoseBeginning(f"the end of a motion ({motion.candidate})", motion.configurations[-1])
-            drawing = task.deadline_within(self.settings.draw_share * limit)
-        except NoPlanFound as failure:
-            self.failure = failure
-            # Nothing else is left to spend time on.
-            drawing = task
-        curve, _ = CurveMap.through(drawing.arm, drawing.start)
-        poses = goal_poses(drawing, drawing.stepper(curve), np.random.default_rng(drawing.seed))
-        for number, pose in enumerate(poses, start=1):
-            yield PoseBeginning(f"drawn pose {number}", pose.q)
-            if number >= self.settings.drawn:
-                return
+            beginnings = _along(problem, ends, room, route)
+        except ConfigurationNotFound as error:
+            yield PoseBeginning(name, missing=error.diagnosis)
+            continue
+        for letter, headings in zip("abcdefgh", beginnings, strict=False):
+            lettered = f"{name}, {letter}" if len(beginnings) > 1 else name
+            yield PoseBeginning(lettered, problem.arm.bends(headings))
+
+
+def in_plane(
+    problem: Problem, ends: Ends, search: PoseSearchSettings, settings: CurvePlannerSettings = DEFAULT_CURVE_PLANNER
+) -> Iterator[PoseBeginning]:
+    """Those along routes, and random poses that are brought onto the goal."""
+    yield from along_routes(problem, ends, settings)
+    members = goal_members(problem.arm, ends.goal, route_room(problem, ends))
+    poses = islice(brought_poses(problem, problem.arm, ends, members, settings), search.drawn)
+    for number, q in enumerate(poses, start=1):
+        yield PoseBeginning(f"drawn pose {number}", q)
+
+
+def in_space(task: SpaceTask, search: PoseSearchSettings) -> Iterator[PoseBeginning]:
+    """The end of a motion to the goal, where there is one, and poses that are drawn there."""
+    limit = max(task.deadline.left, 0.0)
+    try:
+        motion = any_motion(task.deadline_within(search.motion_share * limit))
+        yield PoseBeginning(f"the end of a motion ({motion.candidate})", motion.configurations[-1])
+        drawing = task.deadline_within(search.draw_share * limit)
+    except NoPlanFound as failure:
+        yield PoseBeginning("the end of a motion", missing=failure.diagnosis)
+        # Nothing else is left to spend time on.
+        drawing = task
+    curve, _ = CurveMap.through(drawing.arm, drawing.start)
+    poses = goal_poses(drawing, drawing.stepper(curve), np.random.default_rng(drawing.seed))
+    for number, pose in enumerate(islice(poses, search.drawn), start=1):
+        yield PoseBeginning(f"drawn pose {number}", pose.q)
 
 
 def any_motion(task: SpaceTask) -> SpaceMotion:
@@ -99,3 +156,80 @@ def any_motion(task: SpaceTask) -> SpaceMotion:
         if lifted is not None:
             return lifted
     return find_motion(task)
+
+
+def brought_poses(
+    problem: Problem,
+    arm: Arm,
+    ends: Ends,
+    members: tuple[GoalMember, ...],
+    settings: CurvePlannerSettings = DEFAULT_CURVE_PLANNER,
+) -> Iterator[FloatArray]:
+    """Random poses with the tip on members of the goal that touch nothing for all that samples show.
+
+    Args:
+        problem: with the walls, and a seed.
+        arm: that is to get there.
+        ends: with the goal.
+        members: of the goal, that have a route.
+        settings: numbers.
+
+    Yields:
+        Configurations of shape (c,) [rad]; of members in turn.
+    """
+    connect = settings.motion.connect
+    rng = np.random.default_rng(problem.planner.seed)
+    space, _ = LinkSpace.through(arm, ends.start, NOMINAL_LINKS, clamped=ends.clamped)
+    share = settings.motion.step.limit_share
+    shapes = TargetDraws.within(space, [ends.start], KNOTS + 1, share, connect)
+    check = SampledCheck.of(arm, problem.workspace)
+    goals = [
+        replace(
+            ends.goal,
+            position=each.position,
+            direction=None if each.heading is None else unit_vector(each.heading),
+            room=(0.0, 0.0),
+        )
+        for each in members
+    ]
+    draws = [GoalDraws(shapes, goal, check).poses(rng) for goal in goals]
+    for _ in range(_BROUGHT_ROUNDS):
+        for drawn in draws:
+            yield from arm.bends(next(drawn))
+
+
+def _along(problem: Problem, ends: Ends, room: FreeSpace, route: Route) -> list[FloatArray]:
+    """Link headings of different configurations of the curve along a route, at least one.
+
+    Raises:
+        ConfigurationNotFound: with all of its bend, too, the curve finds no way through the corridor.
+    """
+    for share in (CURVATURE_SHARE, FULL_CURVATURE_SHARE):
+        task = configuration_task(problem, ends, room, route, share)
+        found, failures = _configurations(problem, task)
+        if found:
+            return found
+    raise ConfigurationNotFound(beyond_reach(task) or diagnose(task, failures))
+
+
+def _configurations(problem: Problem, task: ConfigurationTask) -> tuple[list[FloatArray], list[FailedAttempt]]:
+    """Different configurations through one corridor as link headings, and the attempts that failed."""
+    found: list[FloatArray] = []
+    failures: list[FailedAttempt] = []
+    if beyond_reach(task) is not None:
+        return found, failures
+    for regions, profile, bulge in islice(attempts(task), FURTHER_ATTEMPTS):
+        outcome = attempt(task, regions, profile, bulge)
+        if isinstance(outcome, FailedAttempt):
+            failures.append(outcome)
+            continue
+        try:
+            headings = problem.arm.headings(map_curve(problem.arm, outcome, problem.planner.mapping))
+        except ProblemError:
+            continue  # the links cannot follow this curve
+        # The surplus length may swing to either side of the route: two poses of one class, and neither the better.
+        if all(np.max(np.abs(headings - other)) > _DIFFERENT for other in found):
+            found.append(headings)
+        if len(found) == _BEGINNINGS:
+            break
+    return found, failures

@@ -27,7 +27,7 @@ from ccm_opt.planning.space_search import find_motion
 from ccm_opt.planning.space_task import SpaceTask, coarse_problem, space_task
 from ccm_opt.planning.tracking import tracked
 from ccm_opt.problem import JointPose, Problem
-from ccm_opt.problem.solution import JointPath, SpaceGoalPoseRecord
+from ccm_opt.problem.solution import GoalPoseRecord, JointPath
 from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 
@@ -83,7 +83,7 @@ def told_of_clamped_base(failure: NoPlanFound, problem: Problem) -> NoPlanFound:
     return type(failure)(replace(found, advice=(own, *found.advice)))
 
 
-_Planned: TypeAlias = tuple[tuple[SpaceMotion, ...], SpaceGoalPoseRecord | None]
+_Planned: TypeAlias = tuple[tuple[SpaceMotion, ...], GoalPoseRecord | None]
 PLANNING_SHARE = 0.8
 """Of the time limit that planning may take; the rest is for timing, simulation and reasons."""
 

@@ -90,8 +90,10 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
         near = task.tree.nearest(segments, self.stepper.kept + 0.5 * task.arm.length)
         k = int(np.argmin(near.gap))
         owner = int(near.owner[k])
+        if owner < 0:
+            return None
         name = f"'{task.names[owner]}'" if owner < len(task.names) else "a wall"
-        return None if owner < 0 else (first + k + 1, name, float(near.gap[k]) - task.arm.radius)
+        return (first + k + 1, name, float(near.gap[k]) - task.arm.radius)
 
     # ------------------------------------------------------------ led by the tip
     def by_first_ways(self, failures: list[Failure]) -> SpaceMotion | None:

@@ -180,7 +180,7 @@ class SpaceTask(SearchTask):
 
 
 def reach_box(arm: Arm, bounds: FloatArray | None) -> FloatArray:
-    """Corners of where any of the arm can be: within the arm's length of its base, and in the room, (2, 3) [m]."""
+    """Corners of where any of the arm can be: within the arm's length of its base, and in the room, (2, d) [m]."""
     low, high = arm.base_range
     return _box_about(arm, low, high, arm.length, bounds)
 
@@ -195,7 +195,7 @@ def tip_box(arm: Arm, bounds: FloatArray | None) -> FloatArray:
 
 
 def _box_about(arm: Arm, low: float, high: float, reach: float, bounds: FloatArray | None) -> FloatArray:
-    """Corners of what is within reach of a part of the line of the base, and in the room, (2, 3) [m]."""
+    """Corners of what is within reach of a part of the line of the base, and in the room, (2, d) [m]."""
     ends = arm.base + np.outer([low, high], arm.direction)
     box = np.stack((ends.min(axis=0) - reach, ends.max(axis=0) + reach))
     if bounds is None:

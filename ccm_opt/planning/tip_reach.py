@@ -1,32 +1,49 @@
-"""Where the tip can be, in one cell, and the order in which a map asks its cells."""
+"""Cells of a reach map, and how they are flooded.
+
+Cells are looked at in waves: all that a wave may lead to is known before it begins, and what it found is taken in
+together in the order of its tasks. So the map does not depend on which process is done first, nor on their number.
+"""
 
 import pickle
 import time
-from collections import deque
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
-from functools import cached_property, lru_cache
+from functools import lru_cache, partial
+from typing import Any, TypeAlias
 
 import numpy as np
 
-from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.arrays import BoolArray, FloatArray
 from ccm_opt.core.deadline import Deadline
-from ccm_opt.core.errors import NoPlanFound
-from ccm_opt.core.polyline import unit_vector, wrap
-from ccm_opt.planning.continuation import Stalled, settle
+from ccm_opt.core.threads import on_one_thread
+from ccm_opt.planning.curve_map import CurveMap
+from ccm_opt.planning.draws import TargetDraws
 from ccm_opt.planning.ends import clamped_arm, resolve_ends
-from ccm_opt.planning.goal import GoalPose
-from ccm_opt.planning.limits.limit import Limit
-from ccm_opt.planning.limits.limit_stack import assembled_limits
-from ccm_opt.planning.link_space import NOMINAL_LINKS, LinkSpace
+from ccm_opt.planning.goal import GoalPose, moved_onto
+from ccm_opt.planning.limits.limit_stack import assembled_limits, within_limits
+from ccm_opt.planning.link_space import KNOTS, LinkSpace, fit_coordinates
 from ccm_opt.planning.pose import Pose
-from ccm_opt.planning.pose_over_routes import pose_search, pose_tries
-from ccm_opt.planning.settings import MotionSettings
-from ccm_opt.planning.step import Stepper
+from ccm_opt.planning.settings import MotionSettings, SpaceMotionSettings
+from ccm_opt.planning.space_goal_poses import POLISH_TURN, drawn_unknowns
+from ccm_opt.planning.space_task import SpaceTask, space_task
+from ccm_opt.planning.step import Stepper, StepperOf
 from ccm_opt.problem import Problem, TipGoal
-from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
 from ccm_opt.scene.certificate import Certificate
 from ccm_opt.scene.contact_finder import ContactFinder
+from ccm_opt.scene.distances.surface_tree import SurfaceTree
+
+_STEPS = 40
+"""Most steps from a pose in the cell beside onto a place. Measured: of those that arrive nearly all take less."""
+_PROGRESS = 0.9
+"""Share of the way left that four steps may leave, or the place is given up. Taste."""
+_ROUND = 4
+"""Steps after which it is looked whether they help."""
+_TURNS = 2
+"""Poses from which a direction is tried in a cell. Taste."""
+
+Cell: TypeAlias = tuple[int, ...]
+"""Numbers of a cell along x and y, in space along z too."""
 
 
 @dataclass(frozen=True)
@@ -34,39 +51,31 @@ class ReachSettings:
     """How it is found out where the tip can be.
 
     Attributes:
-        step: width of a cell, as a share of the arm's length, where none is given. Taste.
-        headings: headings that are tried in a cell, where no number is given. Taste.
-        margin: room that poses keep while they are led on, in nominal links; four tenths of it a pose has to have.
-            Taste: cells with less room to any pose of theirs count as not found.
+        step: width of a cell in the plane, as a share of the arm's length, where none is given. Taste.
+        step_in_space: the same in space. Taste: with a base that stands still some two thousand cells, in about half a
+            minute.
+        headings: that are tried in a cell in the plane, where no number is given. Taste.
+        directions: that are tried in a cell in space, where no number is given. Taste: none, for each of them takes as
+            long as all of the map without.
+        drawn: poses that are drawn, each of which is a beginning in the cell of its tip. Taste: a thousandth of a
+            second each; they find what lies beyond narrow places.
+        margin: room that steps in the plane keep, in nominal links, where there is so much. Taste.
         seen: room that is looked at, as a share of the arm's length; above it gaps are not told apart. Taste.
-        settle_steps: most steps onto a place from the cell beside it, before it is asked whether they help. Measured:
-            two of three that arrive take no more.
-        settle_rounds: how often so many steps are taken. Taste.
-        progress: share of the way left that a round may leave, or the place is given up. Taste.
-        attempts: neighbours from which a heading is tried in a cell before it counts as not found. Measured: with two a
-            map takes a third longer and has one heading in a hundred more.
-        motion: of the steps.
+        most_cells: of a grid; more are refused. Derived: some minutes of work and 10 MB of arrays.
     """
 
     step: float = 1.0 / 16.0
+    step_in_space: float = 1.0 / 8.0
     headings: int = 16
+    directions: int = 0
+    drawn: int = 300
     margin: float = 0.024
     seen: float = 0.05
-    settle_steps: int = 6
-    settle_rounds: int = 4
-    progress: float = 0.5
-    attempts: int = 1
-    motion: MotionSettings = field(default_factory=MotionSettings)
+    most_cells: int = 200_000
 
 
 REACH = ReachSettings()
 """Used where no other settings are given."""
-
-
-FREE = -1
-"""Stands for a heading that the tip takes by itself, beside the numbers of the headings that are tried."""
-NEVER = Deadline.never()
-"""Tasks are small; who runs them may stop between them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,314 +84,402 @@ class ReachQuestion:
 
     Attributes:
         pickled: the problem.
-        headings: that are tried, shape (K,) [rad].
-        settings: numbers.
+        width: of a cell [m].
+        directions: that are tried in every cell, shape (K, d).
+        settings: how hard is tried.
     """
 
     pickled: bytes
-    headings: tuple[float, ...]
+    width: float
+    directions: FloatArray
     settings: ReachSettings
 
     @classmethod
-    def about(cls, problem: Problem, headings: FloatArray, settings: ReachSettings) -> "ReachQuestion":
-        """The question for a problem, whose goals say nothing."""
-        tip = problem.arm.joint_positions(start_headings(problem))[-1]
-        return cls(pickle.dumps(replace(problem, goal=TipGoal(tip), stops=())), tuple(headings.tolist()), settings)
+    def about(
+        cls, problem: Problem, width: float, directions: FloatArray, settings: ReachSettings = REACH
+    ) -> "ReachQuestion":
+        """The question for a problem, whose last goal, if it is one of a tip in space, is where a motion may lead."""
+        goal = TipGoal(problem.start.tip(problem.arm))
+        if problem.dimension == 3 and problem.goal.whole(problem.arm) is None:
+            goal = problem.goal  # type: ignore[assignment]  # that is no pose of the whole arm
+        return cls(pickle.dumps(replace(problem, goal=goal, stops=())), width, directions, settings)
+
+    @property
+    def looker(self) -> "TipLooker":
+        """Who looks at cells in this process, made once."""
+        return _looker(self.pickled, self.settings)
 
 
 @dataclass(frozen=True, eq=False)
-class CellTask:
-    """One cell to be looked at.
+class EnterTask:
+    """A cell to be entered.
 
     Attributes:
-        cell: its number.
-        place: its middle, (x, y) [m].
-        seeds: poses of cells beside it, link headings of shape (links,) [rad], by the number of the tip's heading.
-        missing: numbers of the headings that are wanted.
-        sought: whether to begin from nothing, by the goal-pose NLP.
+        cell: its numbers.
+        middle: of it, shape (d,) [m].
+        seeds: unknowns of poses with the tip in it or beside it, each of shape (p,), in the order of trying.
     """
 
-    cell: tuple[int, int]
-    place: tuple[float, float]
-    seeds: Mapping[int, FloatArray]
-    missing: frozenset[int]
-    sought: bool = False
+    cell: Cell
+    middle: FloatArray
+    seeds: tuple[FloatArray, ...]
 
 
 @dataclass(frozen=True, eq=False)
-class CellPoses:
+class TurnTask:
+    """A cell that is reached, in which directions and room are looked at.
+
+    Attributes:
+        cell: its numbers.
+        middle: of it, shape (d,) [m].
+        seeds: unknowns of the pose with the tip in its middle, and of those in the cells beside it, each of shape (p,).
+    """
+
+    cell: Cell
+    middle: FloatArray
+    seeds: tuple[FloatArray, ...]
+
+
+ReachTask: TypeAlias = EnterTask | TurnTask
+
+
+@dataclass(frozen=True, eq=False)
+class CellFound:
     """What was found in a cell.
 
     Attributes:
-        poses: link headings, each of shape (links,) [rad], by the number of the tip's heading.
-        gap: largest gap of any of them [m]; minus infinity when there are none.
+        arrived: unknowns of a free pose with the tip in its middle, shape (p,); None where there is none.
+        stone: of one that only came into the cell; None where there is none.
+        tried: seeds that were tried.
+        taken: directions that it can have, shape (K,).
+        turned: unknowns of poses with these, each of shape (p,).
+        gap: room of the roomiest pose, as far as is looked [m].
         cpu: that it took [s].
     """
 
-    poses: Mapping[int, FloatArray]
-    gap: float
+    arrived: FloatArray | None = None
+    stone: FloatArray | None = None
+    tried: int = 0
+    taken: BoolArray | None = None
+    turned: tuple[FloatArray, ...] = ()
+    gap: float = np.nan
     cpu: float = 0.0
 
 
-def cell_poses(question: ReachQuestion, task: CellTask) -> CellPoses:
-    """Poses in a cell with the headings that are wanted, as many as are found."""
+@on_one_thread()
+def look_at_cell(question: ReachQuestion, task: ReachTask) -> CellFound:
+    """Do one task of a map."""
     begun = time.process_time()
-    explorer = _explorer(question.pickled, question.settings)
-    target = np.array(task.place)
-    found: dict[int, FloatArray] = {}
-    seeds = explorer.sought(target) if task.sought else task.seeds
-    for number, near in seeds.items():
-        explorer.lead(near, target, number, question.headings, task.missing, found)
-    gap = max((explorer.gap(pose) for pose in found.values()), default=-np.inf)
-    return CellPoses(found, gap, time.process_time() - begun)
+    looker = question.looker
+    if isinstance(task, EnterTask):
+        found = looker.entered(task, question.width)
+    else:
+        found = looker.turned(task, question.directions)
+    return replace(found, cpu=time.process_time() - begun)
 
 
 @lru_cache(maxsize=2)  # a worker makes it once for all cells of a map
-def _explorer(pickled: bytes, settings: ReachSettings) -> "_Explorer":
-    problem = pickle.loads(pickled)  # noqa: S301 - made by this very program
-    ends = resolve_ends(problem)
-    return _Explorer(problem, clamped_arm(problem.arm) if ends.clamped else problem.arm, ends.clamped, settings)
+def _looker(pickled: bytes, settings: ReachSettings) -> "TipLooker":
+    problem: Problem = pickle.loads(pickled)  # noqa: S301 - made by this very program
+    return _in_plane(problem, settings) if problem.dimension == 2 else _in_space(problem, settings)
 
 
 @dataclass(frozen=True, eq=False)
-class _Explorer:
-    """Leads poses of one arm among fixed walls from place to place."""
+class TipLooker:
+    """Leads poses of one arm among fixed walls or surfaces from place to place.
 
-    problem: Problem
-    arm: Arm
-    clamped: bool
-    settings: ReachSettings
+    Attributes:
+        stepper: takes the steps.
+        start: unknowns of the first pose, shape (p,).
+        free: whether a pose touches nothing and keeps all limits.
+        room: of a pose beyond radius and clearance, as far as is looked [m].
+        drawn: draws unknowns of random shapes.
+        seed: of the draws.
+        task: in space, for a motion to begin with; None in the plane.
+    """
 
-    def lead(
-        self,
-        near: FloatArray,
-        target: FloatArray,
-        number: int,
-        headings: tuple[float, ...],
-        missing: frozenset[int],
-        found: dict[int, FloatArray],
-    ) -> None:
-        """Bring a pose to a place with a heading, and turn it there to either side as far as it goes.
+    stepper: StepperOf[Any]
+    start: FloatArray
+    free: Callable[[Pose], bool]
+    room: Callable[[Pose], float]
+    drawn: Callable[[np.random.Generator], FloatArray]
+    seed: int
+    task: SpaceTask | None = None
 
-        Args:
-            near: link headings of a pose with the tip nearby, shape (links,) [rad].
-            target: the place, shape (2,) [m].
-            number: of the heading to take first, or FREE.
-            headings: all of them [rad].
-            missing: numbers of those that are wanted.
-            found: poses so far, which is added to.
+    def entered(self, task: EnterTask, width: float) -> CellFound:
+        """A pose in a cell, or one that comes into it, from poses near by.
+
+        In a duct the middles of cells may lie in its walls. So a pose that only comes into the cell is a stepping
+        stone, though the cell does not count as reached by it.
         """
-        if number not in found:
-            first = self._settled(near, target, None if number == FREE else headings[number])
-            if first is None:
-                return
-            found[number] = first
-        begun = found[number]
-        middle = number if number != FREE else int(np.argmin(np.abs(_apart(np.array(headings), begun[-1]))))
-        for side in (1, -1):
-            pose = begun
-            offset = 0 if number == FREE and side == 1 else side
-            for turn in range(len(headings)):
-                following = (middle + offset + side * turn) % len(headings)
-                if following in found or following not in missing:
+        stone: FloatArray | None = None
+        for number, seed in enumerate(task.seeds, start=1):
+            near = self.stepper.pose(seed)
+            # Straight across the side that the cells share, as a duct may go, and then to the middle.
+            across = _into(task.middle, width, near.tip)
+            if float(np.linalg.norm(across - task.middle)) > self.stepper.space.nominal_length:
+                _, near = self._led(near, GoalPose(across))
+            arrived, pose = self._led(near, GoalPose(task.middle))
+            if arrived is not None:
+                return CellFound(arrived=arrived.v, stone=stone, tried=number)
+            if not self.free(pose):
+                pose = near
+            inside = bool(np.all(np.abs(pose.tip - task.middle) <= 0.5 * width))
+            if stone is None and inside and self.free(pose):
+                stone = pose.v
+        return CellFound(stone=stone, tried=len(task.seeds))
+
+    def turned(self, task: TurnTask, directions: FloatArray) -> CellFound:
+        """Directions that a cell can have, each tried from the poses that point most nearly there."""
+        own, *beside = map(self.stepper.pose, task.seeds)
+        found = [own]
+        taken = np.zeros(len(directions), dtype=bool)
+        for number in np.argsort(-directions @ own.tip_direction):
+            direction = directions[number]
+            goal = GoalPose(task.middle, direction)
+            nearest = sorted((*found, *beside), key=lambda each: -float(each.tip_direction @ direction))
+            for pose in nearest[:_TURNS]:
+                turned, _ = self._led(pose, goal)
+                if turned is not None:
+                    found.append(turned)
+                    taken[number] = True
                     break
-                turned = self._settled(pose, target, headings[following])
-                if turned is None:
-                    break
-                found[following] = turned
-                pose = turned
+        return CellFound(taken=taken, turned=tuple(each.v for each in found[1:]), gap=max(map(self.room, found)))
 
-    def sought(self, target: FloatArray) -> dict[int, FloatArray]:
-        """A pose at a place by the goal-pose NLP along the first routes, as a seed; nothing when there is none."""
-        try:
-            search = pose_search(replace(self.problem, goal=TipGoal(target)))
-            for each in pose_tries(search):
-                if each.best is not None:
-                    return {FREE: each.poses[each.best].headings}
-        except NoPlanFound:
-            pass
-        return {}
-
-    def gap(self, headings: FloatArray) -> float:
-        """Room of a pose beyond radius and clearance, as far as it is looked at [m]."""
-        return float(self._finder.find(self.arm.joint_positions(headings)).gap.min(initial=self._finder.reach))
-
-    def _settled(self, near: FloatArray, target: FloatArray, heading: float | None) -> FloatArray | None:
-        """Link headings with the tip at a place, from a pose nearby; None when something keeps it off."""
-        space, v = LinkSpace.through(self.arm, self.arm.bends(near), clamped=self.clamped)
-        stepper = Stepper(space, self._limits, self._motion, finder=self._finder)
-        goal = GoalPose(target, None if heading is None else unit_vector(heading))
-        pose = stepper.pose(v)
-        for _ in range(self.settings.settle_rounds):
-            try:
-                return self.arm.headings(settle(stepper, goal, pose, NEVER)[-1].q)
-            except Stalled as stalled:
-                # Most of the time goes into places that cannot be reached: who hardly comes nearer is given up.
-                if self._left(goal, stalled.poses[-1]) > self.settings.progress * self._left(goal, pose):
-                    return None
-                pose = stalled.poses[-1]
-        return None
-
-    def _left(self, goal: GoalPose, pose: Pose) -> float:
-        """How far a pose is from a goal, in nominal links and radians."""
-        distance, turn = goal.errors(pose)
-        return distance * NOMINAL_LINKS / self.arm.length + turn
-
-    @cached_property
-    def _finder(self) -> ContactFinder:
-        workspace = self.problem.workspace
-        margin = self.settings.margin * self.arm.length / NOMINAL_LINKS
-        reach = self.settings.seen * self.arm.length
-        return ContactFinder(self.arm, workspace.flat_walls, workspace.clearance, margin, reach)
-
-    @cached_property
-    def _limits(self) -> tuple[Limit, ...]:
-        certificate = Certificate(self.arm, self.problem.workspace)
-        return assembled_limits(self._finder, certificate, self._motion.step)
-
-    @cached_property
-    def _motion(self) -> MotionSettings:
-        motion = self.settings.motion
-        return replace(motion, continuation=replace(motion.continuation, settle_steps=self.settings.settle_steps))
+    def _led(self, pose: Pose, goal: GoalPose) -> tuple[Pose | None, Pose]:
+        """A free pose at a goal, from a pose near by, or None where it does not arrive; and how far it comes."""
+        stepper = self.stepper
+        if self.task is not None:
+            goal = self.task.limited(goal)
+        before = np.inf
+        for number in range(_STEPS):
+            distance, turn = goal.errors(pose)
+            left = distance / stepper.space.nominal_length + turn
+            if distance < 0.3 * stepper.space.nominal_length and turn < 0.1:
+                break
+            if number % _ROUND == 0:
+                if left > _PROGRESS * before:
+                    return None, pose
+                before = left
+            pose = stepper.step(pose, goal.terms(stepper.space, pose, 1.0 + number), checked=False)
+        onto = moved_onto(stepper.space, goal, pose, POLISH_TURN)
+        return (onto if goal.on_goal(onto) and goal.limits_met(onto) and self.free(onto) else None), pose
 
 
-def start_headings(problem: Problem) -> FloatArray:
-    """Link headings of a problem's start, shape (links,) [rad]."""
-    return problem.start.headings(problem.arm)
+def _in_plane(problem: Problem, settings: ReachSettings) -> TipLooker:
+    """Of an arm among walls, whose base stands still.
+
+    Raises:
+        UnreachableGoal: the start touches something, or breaks a joint limit.
+    """
+    ends = resolve_ends(problem)
+    arm = clamped_arm(problem.arm) if ends.clamped else problem.arm
+    workspace = problem.workspace
+    motion = MotionSettings()
+    certificate = Certificate(arm, workspace)
+    margin = settings.margin * arm.length / NOMINAL_LINKS
+    finder = ContactFinder(arm, workspace.flat_walls, workspace.clearance, margin, settings.seen * arm.length)
+    space, start = LinkSpace.through(arm, ends.start, clamped=ends.clamped)
+    shapes = TargetDraws.within(space, [ends.start], KNOTS + 1, motion.step.limit_share, motion.connect)
+
+    def free(pose: Pose) -> bool:
+        still = np.stack((pose.q, pose.q))
+        return within_limits(arm, pose.q) and len(certificate.failures(still)) == 0
+
+    def drawn(rng: np.random.Generator) -> FloatArray:
+        return fit_coordinates(space.turns, shapes.shapes(rng, 1)[0] - arm.headings(space.offset), arm.length)
+
+    return TipLooker(
+        Stepper(space, assembled_limits(finder, certificate, motion.step), motion, finder=finder),
+        start,
+        free,
+        lambda pose: float(finder.find(pose.points).gap.min(initial=finder.reach)),
+        drawn,
+        problem.planner.seed,
+    )
 
 
-def _apart(first: FloatArray, second: float) -> FloatArray:
-    """Angles from one heading to others, the short way [rad]."""
-    return np.asarray(wrap(first - second))
+def _in_space(problem: Problem, settings: ReachSettings) -> TipLooker:
+    """Of an arm among surfaces."""
+    task = space_task(problem, SurfaceTree.of(problem.workspace.soup), Deadline.never(), SpaceMotionSettings())
+    arm = task.arm
+    curve, start = CurveMap.through(arm, task.start)
+    stepper = task.stepper(curve)
+    kept = arm.radius + task.clearance
+    reach = settings.seen * arm.length + kept
+
+    def room(pose: Pose) -> float:
+        _, segments = arm.exposed_links(pose.points)
+        return float(np.min(task.tree.distances(segments, reach), initial=reach)) - kept
+
+    def free(pose: Pose) -> bool:
+        return stepper.within_limits(pose.q) and stepper.certificate.safe(pose.q, pose.q)
+
+    return TipLooker(stepper, start, free, room, partial(drawn_unknowns, stepper), task.seed, task)
 
 
-_SEEKS = 24
-"""Cells without a pose at most for which poses are sought anew, one after the other, when nothing more is reached from
-the cells beside. Taste: a quarter of a second each."""
-_SEEK_SPACING = 3
-"""Of these cells, in cells. Taste."""
-
-Cell = tuple[int, int]
-BESIDE = ((0, 1), (0, -1), (1, 0), (-1, 0))
-"""Rows and columns from a cell to those beside it."""
+def _into(middle: FloatArray, width: float, place: FloatArray) -> FloatArray:
+    """A place moved into a cell along the axes on which it is not within it, as far as its middle there."""
+    return np.where(np.abs(place - middle) > 0.5 * width, middle, place)
 
 
 @dataclass(eq=False)
-class ReachFlood:
+class TipFlood:
     """The state of a map while it is made: an iterator of tasks that ends when there is none at the moment.
 
     Attributes:
-        x: middles of the columns, shape (nx,) [m].
-        y: middles of the rows, shape (ny,) [m].
-        count: of the headings.
-        closed: cells in which no pose can be.
-        settings: numbers.
+        axes: middles of the cells along x and y, in space along z too [m].
+        width: of a cell [m].
+        closed: cells that no pose can have, one axis a coordinate.
+        count: of the directions that are tried in a cell.
+        settings: how hard is tried.
+        poses: unknowns of a pose in each cell that is reached, shape (p,).
+        taken: which directions a cell has, shape (..., K).
+        gap: room in a cell [m]; not a number where it is not reached.
+        cpu: that all cells took [s].
     """
 
-    x: FloatArray
-    y: FloatArray
+    axes: tuple[FloatArray, ...]
+    width: float
+    closed: BoolArray
     count: int
-    closed: frozenset[Cell]
     settings: ReachSettings
-    poses: dict[Cell, dict[int, FloatArray]] = field(default_factory=dict)
-    gaps: dict[Cell, float] = field(default_factory=dict)
+    poses: dict[Cell, FloatArray] = field(default_factory=dict)
     cpu: float = 0.0
-    _tried: dict[tuple[Cell, int], set[Cell]] = field(default_factory=dict)
-    _given: deque[CellTask] = field(default_factory=deque)
-    _waiting: deque[Cell] = field(default_factory=deque)
-    _running: set[Cell] = field(default_factory=set)
-    _seeks: int = 0
-    _sought: set[Cell] = field(default_factory=set)
+    _stones: dict[Cell, FloatArray] = field(default_factory=dict)
+    _tried: dict[Cell, int] = field(default_factory=dict)
+    _wave: list[ReachTask] = field(default_factory=list)
+    _given: int = 0
+    _found: dict[Cell, CellFound] = field(default_factory=dict)
+    _turned: dict[Cell, tuple[FloatArray, ...]] = field(default_factory=dict)
+    _given_on: set[Cell] = field(default_factory=set)
 
-    def begin(self, cell: Cell, pose: FloatArray) -> None:
-        """Begin with a pose whose tip is in or near a cell."""
-        self._given.append(CellTask(cell, self._place(cell), {FREE: pose}, self._all()))
+    def __post_init__(self) -> None:
+        self.taken: BoolArray = np.zeros((*self.closed.shape, self.count), dtype=bool)
+        self.gap: FloatArray = np.full(self.closed.shape, np.nan)
 
-    def add(self, task: CellTask, result: CellPoses) -> None:
-        """Take a result in; cells beside it may have something to do now."""
-        self._running.discard(task.cell)
-        self.cpu += result.cpu
-        known = self.poses.setdefault(task.cell, {}) if result.poses else self.poses.get(task.cell, {})
-        fresh = [number for number in result.poses if number not in known]
-        for number in fresh:
-            known[number] = result.poses[number]
-        if result.poses:
-            self.gaps[task.cell] = max(result.gap, self.gaps.get(task.cell, -np.inf))
-        if fresh:
-            self._waiting.extend(self._beside(task.cell))
-        # What came while this cell was looked at is seen to now.
-        self._waiting.append(task.cell)
+    def begin(self, looker: TipLooker, along: FloatArray) -> None:
+        """Begin at the start, at the poses of a motion, and at drawn ones.
 
-    def __iter__(self) -> Iterator[CellTask]:
+        Args:
+            looker: makes poses.
+            along: unknowns of poses of a motion, which leads where nothing else does, shape (N, p).
+        """
+        for pose in (*map(looker.stepper.pose, (looker.start, *along)), *self._drawn(looker)):
+            cell = self._cell_of(pose.tip)
+            if cell is not None and cell not in self._stones:
+                self._stones[cell] = pose.v
+                self._wave.append(EnterTask(cell, self._place(cell), (pose.v,)))
+
+    def add(self, task: ReachTask, found: CellFound) -> None:
+        """Take in what was found in a cell."""
+        self.cpu += found.cpu
+        self._found[task.cell] = found
+
+    def __iter__(self) -> Iterator[ReachTask]:
         """Itself."""
         return self
 
-    def __next__(self) -> CellTask:
-        """The next task; it may end and go on again when results have come."""
-        if self._given:
-            self._running.add(self._given[0].cell)
-            return self._given.popleft()
-        for _ in range(len(self._waiting)):
-            cell = self._waiting.popleft()
-            if cell in self._running:
-                continue  # it comes back with its result
-            task = self._task(cell)
-            if task is not None:
-                self._running.add(cell)
-                return task
-        # Where poses do not spread to, one may still be: in another class, beyond a narrow place.
-        if not self._running:
-            return self._seek()
-        raise StopIteration
-
-    def _task(self, cell: Cell) -> CellTask | None:
-        """What can be tried in a cell from those beside it; None when there is nothing."""
-        known = self.poses.get(cell, {})
-        seeds: dict[int, FloatArray] = {}
-        for other in self._beside(cell):
-            for number, pose in self.poses.get(other, {}).items():
-                if number in known or number in seeds:
-                    continue
-                tried = self._tried.setdefault((cell, number), set())
-                # A cell without any pose is worth a try from every side.
-                most = len(BESIDE) if number == FREE and not known else self.settings.attempts
-                if other not in tried and len(tried) < most:
-                    tried.add(other)
-                    seeds[number] = pose
-        return CellTask(cell, self._place(cell), seeds, self._all() - known.keys()) if seeds else None
-
-    def _seek(self) -> CellTask:
-        """A task for a cell that is still empty, from nothing.
+    def __next__(self) -> ReachTask:
+        """The next task; it may end and go on again when results have come.
 
         Raises:
-            StopIteration: enough was sought.
+            StopIteration: there is none at the moment.
         """
-        for row in range(len(self.y)):
-            for column in range(len(self.x)):
-                cell = (row, column)
-                empty = cell not in self.poses and cell not in self.closed and cell not in self._sought
-                if empty and self._seeks < _SEEKS and self._apart(cell):
-                    self._sought.add(cell)
-                    self._seeks += 1
-                    self._running.add(cell)
-                    return CellTask(cell, self._place(cell), {}, self._all(), sought=True)
-        raise StopIteration
+        if self._given == len(self._wave) == len(self._found):
+            self._next_wave()
+        if self._given == len(self._wave):
+            raise StopIteration
+        task = self._wave[self._given]
+        self._given += 1
+        return task
 
-    def _apart(self, cell: Cell) -> bool:
-        """Whether a cell is far enough from those that were sought in."""
-        spacing = _SEEK_SPACING
-        return all(max(abs(cell[0] - row), abs(cell[1] - column)) >= spacing for row, column in self._sought)
+    def _next_wave(self) -> None:
+        """Take in a wave that is over, and make the next one.
 
-    def _beside(self, cell: Cell) -> list[Cell]:
-        beside = [(cell[0] + down, cell[1] + across) for down, across in BESIDE]
-        return [
-            (row, column)
-            for row, column in beside
-            if 0 <= row < len(self.y) and 0 <= column < len(self.x) and (row, column) not in self.closed
-        ]
+        Cells are entered while there are any; then those that are reached are turned in, which may lead to others.
+        """
+        first = not self._tried
+        gained = [task.cell for task in self._wave if self._take(task) or first]
+        self._found.clear()
+        self._given = 0
+        self._wave = self._entering(gained) or self._turning() or self._from_turned()
 
-    def _place(self, cell: Cell) -> tuple[float, float]:
-        return float(self.x[cell[1]]), float(self.y[cell[0]])
+    def _take(self, task: ReachTask) -> bool:
+        """Take in what a task found; whether its cell has got a pose from which others may be reached."""
+        cell = task.cell
+        found = self._found[cell]
+        if isinstance(task, TurnTask):
+            self.taken[cell] = found.taken
+            self.gap[cell] = found.gap
+            self._turned[cell] = found.turned
+            return False
+        self._tried[cell] = self._tried.get(cell, 0) + found.tried
+        new = cell not in self._stones
+        if found.stone is not None and new:
+            self._stones[cell] = found.stone
+        if found.arrived is None:
+            return found.stone is not None and new
+        if self.closed[cell]:
+            # It does not count as reached, but may lead on.
+            if new:
+                self._stones[cell] = found.arrived
+            return new
+        self.poses[cell] = found.arrived
+        return True
 
-    def _all(self) -> frozenset[int]:
-        return frozenset((FREE, *range(self.count)))
+    def _entering(self, gained: list[Cell]) -> list[ReachTask]:
+        """What can be tried beside cells that have got a pose, from each of those beside them once."""
+        seeds: dict[Cell, list[FloatArray]] = {}
+        for cell in gained:
+            for other in self._beside(cell):
+                left = 2 * len(cell) - self._tried.get(other, 0) - len(seeds.get(other, ()))
+                if other not in self.poses and left > 0:
+                    pose = self.poses[cell] if cell in self.poses else self._stones[cell]
+                    seeds.setdefault(other, []).append(pose)
+        return [EnterTask(cell, self._place(cell), tuple(poses)) for cell, poses in seeds.items()]
+
+    def _turning(self) -> list[ReachTask]:
+        """Directions to be looked at in cells that are reached."""
+        tasks: list[ReachTask] = []
+        for cell in self.poses:
+            if cell not in self._turned:
+                near = (self.poses[other] for other in self._beside(cell) if other in self.poses)
+                tasks.append(TurnTask(cell, self._place(cell), (self.poses[cell], *near)))
+        return tasks
+
+    def _from_turned(self) -> list[ReachTask]:
+        """What can be tried in cells that nothing else led to, from the poses of the cells beside with directions."""
+        seeds: dict[Cell, list[FloatArray]] = {}
+        for cell, poses in self._turned.items():
+            if cell not in self._given_on:
+                for other in self._beside(cell):
+                    if other not in self.poses and not self.closed[other]:
+                        seeds.setdefault(other, []).extend(poses)
+        self._given_on.update(self._turned)
+        return [EnterTask(cell, self._place(cell), tuple(poses)) for cell, poses in seeds.items() if poses]
+
+    def _drawn(self, looker: TipLooker) -> Iterator[Pose]:
+        """Free poses that are drawn."""
+        rng = np.random.default_rng(looker.seed)
+        for _ in range(self.settings.drawn):
+            pose = looker.stepper.pose(looker.drawn(rng))
+            if looker.free(pose):
+                yield pose
+
+    def _cell_of(self, place: FloatArray) -> Cell | None:
+        """The cell of a place; None where the grid does not reach."""
+        low = np.array([middles[0] for middles in self.axes])
+        numbers = np.round((place - low) / self.width).astype(int)
+        within = np.all(numbers >= 0) and np.all(numbers < self.closed.shape)
+        return tuple(numbers.tolist()) if within else None
+
+    def _beside(self, cell: Cell) -> Iterator[Cell]:
+        """Cells with a side in common."""
+        for axis, size in enumerate(self.closed.shape):
+            for step in (1, -1):
+                if 0 <= cell[axis] + step < size:
+                    yield (*cell[:axis], cell[axis] + step, *cell[axis + 1 :])
+
+    def _place(self, cell: Cell) -> FloatArray:
+        return np.array([middles[number] for number, middles in zip(cell, self.axes, strict=True)])

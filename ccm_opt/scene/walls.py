@@ -158,11 +158,13 @@ class WallSegments:
     Attributes:
         ends: shape (E, 2, 2) [m].
         rounding: radius of the disc that sweeps each, shape (E,) [m].
+        owner: wall of each, shape (E,).
         solids: first segment of every wall whose core has an inside, and the one past its last, shape (S, 2).
     """
 
     ends: FloatArray
     rounding: FloatArray
+    owner: IntArray
     solids: IntArray
 
     @classmethod
@@ -177,7 +179,7 @@ class WallSegments:
         cores: Any = np.array([obstacle.core for obstacle in obstacles])
         solid = np.flatnonzero(shapely.get_type_id(cores) == shapely.GeometryType.POLYGON)
         solids = np.stack([np.searchsorted(walls.edge_wall, solid, side=side) for side in ("left", "right")], axis=1)
-        return cls(np.concatenate((walls.edges, points)), walls.rounding[owner], solids)
+        return cls(np.concatenate((walls.edges, points)), walls.rounding[owner], owner, solids)
 
     @cached_property
     def tree(self) -> shapely.STRtree:

@@ -10,7 +10,7 @@ import numpy.typing as npt
 import shapely
 
 from ccm_opt.core.arguments import Arguments, in_words
-from ccm_opt.core.arrays import TINY, FloatArray
+from ccm_opt.core.arrays import TINY, FloatArray, in_space
 from ccm_opt.core.errors import ProblemError
 from ccm_opt.core.length_words import LengthUnit
 from ccm_opt.scene.bodies import BOX_FACES, Body, box_corners
@@ -165,7 +165,10 @@ class Workspace:
 
     @cached_property
     def soup(self) -> SurfaceSoup:
-        """The surfaces of all obstacles in space in their order, then the sides of the room."""
+        """The surfaces of all obstacles in their order, then the sides of the room; of walls triangles without area."""
+        if self.dimension == 2:
+            edges = self.wall_segments
+            return SurfaceSoup(in_space(edges.ends[:, [0, 1, 1]]), edges.rounding, edges.owner, self.flat_walls.names)
         named = [(each.name, each.body.triangles, each.rounding) for each in self.obstacles]
         if self.bounds is not None:
             named.append((ROOM_NAME, box_corners(self.bounds[0], self.bounds[1])[BOX_FACES], 0.0))

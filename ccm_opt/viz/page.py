@@ -177,7 +177,7 @@ def goal_pose_section(solution: Solution, units: PageUnits) -> Markup | None:
         units: of the page.
     """
     record = solution.path.goal_pose
-    if not isinstance(record, GoalPoseRecord):
+    if record is None:
         return None
     tables = element("div", _segments(record, units), _costs(record), _binding(solution, record, units))
     return element(
@@ -222,7 +222,8 @@ def _picture(solution: Solution, record: GoalPoseRecord) -> Markup:
             f'<circle cx="{x:.6g}" cy="{y:.6g}" r="{1.8 * thin:.5g}" fill="var(--paper)" stroke="var(--ink)" '
             f'stroke-width="{0.5 * thin:.5g}"/>'
         )
-    shown = [curve.positions_at(curve.breakpoints), solution.joint_positions[-1], pose_points(solution, record)]
+    along = np.linspace(0.0, curve.length, _PLACES_PER_SEGMENT)
+    shown = [curve.positions_at(along), solution.joint_positions[-1], pose_points(solution, record)]
     box = _box_around(np.concatenate(shown), _POSE_MARGIN)
     label = "The goal pose and the curve behind it"
     drawn = "".join(parts)
@@ -241,7 +242,7 @@ def _box_around(points: FloatArray, margin_share: float) -> str:
 def pose_points(solution: Solution, record: GoalPoseRecord) -> FloatArray:
     """Base, joints and tip of the pose, shape (n + 1, 2) [m]; of fewer links than the arm has, where it is so."""
     arm = solution.problem.arm
-    headings = record.headings
+    headings = arm.base_heading + np.cumsum(record.configuration)
     steps = arm.length / len(headings) * np.stack((np.cos(headings), np.sin(headings)), axis=1)
     base = solution.joint_positions[-1, 0]
     points: FloatArray = base + np.concatenate((np.zeros((1, 2)), np.cumsum(steps, axis=0)))

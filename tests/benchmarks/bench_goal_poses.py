@@ -4,10 +4,9 @@
     python -m tests.benchmarks.bench_goal_poses fresh --polygons 20 40 --seeds 95000 95010
     python -m tests.benchmarks.bench_goal_poses hard --seeds 96000 96020
 
-``clutter`` lets the planner's own motion end at the goal, asks from that pose as the planner does and for candidates of
-other classes, and solves the same NLP, with the same weights and the same pose to stay near, from random poses at the
-goal (``random_goal_poses``), each with its regions drawn anew until that brings less than a thousandth.
-``fresh`` times the first question in a fresh
+``clutter`` lets the planner's own motion end at the goal, asks from that pose as the planner does, and solves the same
+NLP, with the same weights and the same pose to stay near, from random poses at the goal (``random_goal_poses``), each
+with its regions drawn anew until that brings less than a thousandth. ``fresh`` times the first question in a fresh
 interpreter. ``hard`` counts failures over arms of 6 to 192 links, thick and of radius 0, with and without goal
 headings, torque limits and self-collision.
 
@@ -28,10 +27,11 @@ import numpy as np
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.deadline import Deadline
 from ccm_opt.core.errors import NoPlanFound
+from ccm_opt.ik.goal_poses import GoalPoses
 from ccm_opt.ik.pose_solver import ArmPose
 from ccm_opt.planning.curve_planner import CurvePlanner
 from ccm_opt.planning.ends import resolve_ends
-from ccm_opt.planning.goal_pose import GoalPoseSearch
+from ccm_opt.planning.goal_pose import poses_at_goal
 from ccm_opt.planning.strategies import find_motion
 from ccm_opt.problem import Problem, TipGoal
 from ccm_opt.robot.arm import Arm
@@ -55,23 +55,17 @@ class Measured:
         polygons: of the scene.
         first: cost of one solution, from where the motion would end by itself.
         rounds: of the best solution with regions drawn anew until the wanted gap is reached.
-        own: of the best candidate in the class of that pose.
-        candidate: of the first candidate.
         best: of all poses, random starts included.
         starts: random starts drawn.
-        seconds: user CPU of the candidates [s].
-        asked_seconds: the same of the solutions counted as ``rounds`` [s].
+        seconds: user CPU of the solutions counted as ``rounds`` [s].
     """
 
     polygons: int
     first: float
     rounds: float
-    own: float
-    candidate: float
     best: float
     starts: int
     seconds: float
-    asked_seconds: float
 
 
 def arrival(problem: Problem) -> FloatArray | None:
@@ -91,7 +85,7 @@ def arrival(problem: Problem) -> FloatArray | None:
     return seen[-1] if seen and len(seen[-1]) == problem.arm.links else None
 
 
-def patient(search: GoalPoseSearch, start: FloatArray) -> ArmPose | None:
+def patient(search: GoalPoses, start: FloatArray) -> ArmPose | None:
     """The solution from a start, its regions drawn anew until that brings nothing; None when it is not feasible."""
     best: ArmPose | None = None
     for _ in range(ROUNDS):
@@ -100,7 +94,7 @@ def patient(search: GoalPoseSearch, start: FloatArray) -> ArmPose | None:
             break
         gained = np.inf if best is None else 1.0 - pose.answer.cost / best.answer.cost
         best = pose
-        start = pose.headings
+        start = pose.q
         if gained < WORTH:
             break
     return best
@@ -118,26 +112,20 @@ def measured(seed: int, polygons: int) -> Measured | None:
     if near is None:
         return None
     ends = resolve_ends(problem)
-    first = GoalPoseSearch(problem, ends, near).solved(near)
+    search = poses_at_goal(problem, ends, near)
+    first = search.solved(near)
     begin = user_seconds()
-    rounds = GoalPoseSearch(problem, ends, near).best(near)
-    asked = user_seconds() - begin
-    search = GoalPoseSearch(problem, ends, near)
-    begin = user_seconds()
-    candidates = search.candidates(near)
+    rounds = search.best(near)
     seconds = user_seconds() - begin
-    own = next((each.pose for each in candidates if each.same_class), None)
     starts = RandomPoses(problem, ends, np.random.default_rng([seed, polygons])).draw(STARTS)
-    found = [patient(search, start) for start in [near, *starts]]
-    candidate = candidates[0].pose if candidates else None
-    best = min(cost_of(pose) for pose in [*found, rounds, candidate])
+    found = [patient(search, start) for start in [near, *map(problem.arm.bends, starts)]]
+    best = min(cost_of(pose) for pose in [*found, rounds])
     once = cost_of(first) if search.feasible(first) else np.inf
-    costs = (once, cost_of(rounds), cost_of(own), cost_of(candidate), best)
-    return Measured(polygons, *costs, len(starts), seconds, asked)
+    return Measured(polygons, once, cost_of(rounds), best, len(starts), seconds)
 
 
 def compare(polygons: list[int], seeds: range) -> None:
-    """Candidates against random starts over clutter; every number of polygons has seeds of its own."""
+    """Rounds against random starts over clutter; every number of polygons has seeds of its own."""
     every: list[Measured] = []
     for place, count in enumerate(polygons):
         for seed in seeds:
@@ -146,29 +134,26 @@ def compare(polygons: list[int], seeds: range) -> None:
                 print(f"seed {seed + place * len(seeds)}, {count} polygons: the search does not arrive", flush=True)
                 continue
             every.append(scene)
-            if max(scene.rounds, scene.candidate) > WITHIN * scene.best:
-                ratios = f"{scene.rounds / scene.best:.2f}, {scene.candidate / scene.best:.2f}"
-                print(f"seed {seed + place * len(seeds)}, {count} polygons: {ratios} of the best", flush=True)
-    print("\n| polygons | scenes | one | rounds | CPU | 90 % | worst | same class | candidates | CPU | 90 % | worst |")
-    print("|---|---|---|---|---|---|---|---|---|---|---|---|")
+            if scene.rounds > WITHIN * scene.best:
+                ratio = scene.rounds / scene.best
+                print(f"seed {seed + place * len(seeds)}, {count} polygons: {ratio:.2f} of the best", flush=True)
+    print("\n| polygons | scenes | one | rounds | CPU | 90 % | worst |")
+    print("|---|---|---|---|---|---|---|")
     for count in [*polygons, 0]:
         report(str(count) if count else "all", [each for each in every if count in (each.polygons, 0)])
 
 
 def report(name: str, scenes: list[Measured]) -> None:
-    """A line of the table: shares of scenes within 5 % of the best, and CPU of the candidates."""
+    """A line of the table: shares of scenes within 5 % of the best, and CPU of the rounds."""
     if not scenes:
         return
-    kinds = ("first", "rounds", "own", "candidate")
+    kinds = ("first", "rounds")
     shares = [np.mean([getattr(each, kind) <= WITHIN * each.best for each in scenes]) for kind in kinds]
-    asked = [1e3 * each.asked_seconds for each in scenes]
     seconds = [1e3 * each.seconds for each in scenes]
     print(
         f"| {name} | {len(scenes)} | {shares[0]:.0%} "
-        f"| {shares[1]:.0%} | {quantile(asked, 0.5):.0f} ms | {quantile(asked, 0.9):.0f} ms "
-        f"| {max(each.rounds / each.best for each in scenes):.2f} | {shares[2]:.0%} "
-        f"| {shares[3]:.0%} | {quantile(seconds, 0.5):.0f} ms | {quantile(seconds, 0.9):.0f} ms "
-        f"| {max(each.candidate / each.best for each in scenes):.2f} |"
+        f"| {shares[1]:.0%} | {quantile(seconds, 0.5):.0f} ms | {quantile(seconds, 0.9):.0f} ms "
+        f"| {max(each.rounds / each.best for each in scenes):.2f} |"
     )
 
 
@@ -192,7 +177,7 @@ def first_question(seed: int, polygons: int) -> None:
         return
     ends = resolve_ends(problem)
     begin = user_seconds()
-    GoalPoseSearch(problem, ends, near).best(near)
+    poses_at_goal(problem, ends, near).best(near)
     print(user_seconds() - begin)
 
 
@@ -232,8 +217,8 @@ def hard(seeds: range) -> None:
     total = 0
     for name, problem, goal in hard_problems(seeds):
         ends = resolve_ends(problem)
-        search = GoalPoseSearch(problem, ends, problem.arm.headings(ends.start))
-        pose = search.solved(goal)
+        search = poses_at_goal(problem, ends, ends.start)
+        pose = search.solved(problem.arm.bends(goal))
         said = pose.answer
         statuses[said.status] += 1
         total += 1

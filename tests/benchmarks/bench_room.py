@@ -24,7 +24,7 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.errors import NoPlanFound
 from ccm_opt.planning.curve_planner import CurvePlanner
 from ccm_opt.planning.ends import resolve_ends
-from ccm_opt.planning.goal_pose import GoalPoseSearch
+from ccm_opt.planning.goal_pose import poses_at_goal
 from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import JointPath
 from ccm_opt.verification.verifier import verify
@@ -148,7 +148,7 @@ def least_gaps(problem: Problem, headings: FloatArray) -> tuple[float, float]:
 def compared(name: str, problem: Problem) -> Compared:
     """Both plans of a problem, and more with larger wanted gaps where the first keeps too little."""
     ends = resolve_ends(problem)
-    wanted = GoalPoseSearch(problem, ends, problem.arm.headings(ends.start)).wanted_gap
+    wanted = poses_at_goal(problem, ends, ends.start).wanted_gap
     wide = planned(problem, wanted)
     close = planned(problem, 0.0)
     allowed = np.nanmax([wide.walls, close.walls, 0.0])

@@ -9,18 +9,18 @@ from dataclasses import replace
 
 import numpy as np
 
-from ccm_opt.ik.pose_settings import SPACE_POSES
-from ccm_opt.ik.poses_among_surfaces import PosesAmongSurfaces
+from ccm_opt.ik.goal_poses import GoalPoses
+from ccm_opt.ik.pose_settings import DEFAULT_POSES
 from tests.space_clutter import clutter
 
 
-def main(links: int = 24, bodies: int = 150, scenes: int = 20, segments: int = SPACE_POSES.segments) -> None:
+def main(links: int = 24, bodies: int = 150, scenes: int = 20, segments: int = DEFAULT_POSES.segments) -> None:
     """One line a scene, and the medians."""
-    settings = replace(SPACE_POSES, segments=segments)
+    settings = replace(DEFAULT_POSES, segments=segments)
     rows = []
     for number in range(scenes):
         scene = clutter(number, links, bodies)
-        poses = PosesAmongSurfaces(scene.problem, scene.tree, settings=settings)
+        poses = GoalPoses(scene.problem, scene.tree, settings=settings)
         before = resource.getrusage(resource.RUSAGE_SELF).ru_utime
         found = poses.improved(scene.seed)
         took = resource.getrusage(resource.RUSAGE_SELF).ru_utime - before

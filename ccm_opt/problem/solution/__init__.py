@@ -1,7 +1,6 @@
 """Frozen results of every stage, from the curve's keyframes to the simulated arm."""
 
 from ccm_opt.problem.solution.records import (
-    EndRecord,
     GoalPoseRecord,
     NearPlace,
     PossibleGap,
@@ -9,7 +8,6 @@ from ccm_opt.problem.solution.records import (
     ShortStretch,
     SimulationOutcome,
     SimulationVerdict,
-    SpaceGoalPoseRecord,
     SurvivedError,
     TryRecord,
 )
@@ -29,7 +27,6 @@ from ccm_opt.problem.solution.stage_results import Check, JointPath, JointStates
 __all__ = [
     "BindingSide",
     "Check",
-    "EndRecord",
     "GoalErrors",
     "GoalPoseRecord",
     "JointPath",
@@ -47,7 +44,6 @@ __all__ = [
     "SimulationOutcome",
     "SimulationVerdict",
     "Solution",
-    "SpaceGoalPoseRecord",
     "StaticPose",
     "SurvivedError",
     "TryRecord",

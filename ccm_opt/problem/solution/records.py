@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.robot.configuration import Configuration
+from ccm_opt.robot.configuration import Curve
 
 
 @dataclass(frozen=True)
@@ -98,12 +98,14 @@ FOLLOWED = SimulationVerdict("followed", 0.0)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class EndRecord:
-    """What is kept of the program's answer, in the plane and in space alike.
+class GoalPoseRecord:
+    """What is kept of the goal-pose program's answer; an arm of many links may have been asked for with fewer.
 
     Attributes:
         reached: whether the motion ends in this pose.
         reason: why it does not, in words; empty when it does.
+        configuration: the bends of every joint, and the feed where there is one, shape (c,) [rad, m].
+        curve: the curve that the links follow.
         gap: least room of any link beyond radius and clearance, at most the wanted gap [m].
         wanted_gap: room beyond radius and clearance above which more was worth nothing [m].
         costs: weighted parts of the objective by name; they sum to it.
@@ -117,6 +119,8 @@ class EndRecord:
 
     reached: bool
     reason: str
+    configuration: FloatArray
+    curve: Curve
     gap: float
     wanted_gap: float
     costs: Mapping[str, float]
@@ -130,30 +134,6 @@ class EndRecord:
     def cost(self) -> float:
         """The objective."""
         return float(sum(self.costs.values()))
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class GoalPoseRecord(EndRecord):
-    """Where an arm of the plane ends; one of many links may have been asked for with fewer.
-
-    Attributes:
-        headings: of the links, shape (links,) [rad].
-        curve: the curve whose mean headings they are.
-    """
-
-    headings: FloatArray
-    curve: Configuration
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class SpaceGoalPoseRecord(EndRecord):
-    """Where an arm in space ends; of one of many links, what the few that it is planned by say.
-
-    Attributes:
-        configuration: both bends of every joint, and the feed where there is one, shape (c,) [rad, m].
-    """
-
-    configuration: FloatArray
 
 
 # Why a motion has less than the wanted gap for a while: a pose at which it rests has less itself, or the way has.

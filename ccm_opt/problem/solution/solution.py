@@ -12,7 +12,7 @@ import numpy as np
 from ccm_opt.core.arrays import BoolArray, FloatArray
 from ccm_opt.core.length_words import short_length, words_in
 from ccm_opt.problem import JointPose, Problem, TipGoal
-from ccm_opt.problem.solution.records import EndRecord, RoomRecord, SurvivedError, TryRecord
+from ccm_opt.problem.solution.records import GoalPoseRecord, RoomRecord, SurvivedError, TryRecord
 from ccm_opt.problem.solution.stage_results import Check, JointPath, JointStates, JointTrajectory, SimulatedMotion
 from ccm_opt.robot.configuration import Curve
 
@@ -195,14 +195,14 @@ class BindingSide:
 
     Attributes:
         link: number of the link, from 1 at the base.
-        place: the end of the link that leans on it, (x, y) [m].
+        place: the end of the link that leans on it, shape (d,) [m].
         towards: unit normal of the side, from the link outwards.
         multiplier: how much the objective would fall for one arm's length.
     """
 
     link: int
-    place: tuple[float, float]
-    towards: tuple[float, float]
+    place: tuple[float, ...]
+    towards: tuple[float, ...]
     multiplier: float
 
 
@@ -236,11 +236,11 @@ class StaticPose:
         residuals: by how much the pose misses each of the user's constraints at the goal, soft ones too, by name.
         outcomes: of every beginning, the best first; the pose is that of the first.
         timings: CPU time of every stage [s].
-        binding: sides of regions that the pose leans on in the plane, the largest multiplier first.
+        binding: sides of regions that the pose leans on, the largest multiplier first.
     """
 
     problem: Problem
-    pose: EndRecord
+    pose: GoalPoseRecord
     configuration: FloatArray
     curve: Curve
     nearest: str

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.problem.solution.records import FOLLOWED, EndRecord, NearPlace, SimulationVerdict
+from ccm_opt.problem.solution.records import FOLLOWED, GoalPoseRecord, NearPlace, SimulationVerdict
 from ccm_opt.robot.configuration import Configuration
 from ccm_opt.robot.coordinates import Coordinates, joint_coordinates
 
@@ -44,7 +44,7 @@ class JointPath:
     candidate: str = ""
     leaders: tuple[FloatArray, ...] = ()
     spare: float = 0.0
-    goal_pose: EndRecord | None = None
+    goal_pose: GoalPoseRecord | None = None
     parts: "tuple[JointPath, ...]" = ()
 
     def reversed(self) -> "JointPath":

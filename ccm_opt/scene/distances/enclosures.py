@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
+import shapely
 
 from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.core.length_words import place
@@ -91,7 +92,12 @@ def _outside_room(workspace: Workspace, places: FloatArray) -> Iterator[Enclosur
 
 
 def enclosed(workspace: Workspace, places: FloatArray) -> IntArray:
-    """Numbers of the places that are inside of bodies or outside of the room, increasing, of places (k, 3)."""
+    """Numbers of the places that are inside of bodies or outside of the room, increasing, of places (k, d)."""
+    if workspace.dimension == 2:
+        hidden = ~shapely.intersects_xy(workspace.boundary, *places.T)
+        for obstacle in workspace.obstacles:
+            hidden |= shapely.intersects_xy(obstacle.core, *places.T)
+        return np.flatnonzero(hidden)
     return np.unique([found.number for found in _enclosures(workspace, places)]).astype(np.intp)
 
 
