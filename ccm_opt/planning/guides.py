@@ -18,7 +18,7 @@ import numpy as np
 from ccm_opt.core.arrays import ROUNDING, TINY, BoolArray, FloatArray
 from ccm_opt.core.length_words import long_length, short_length
 from ccm_opt.core.polyline import arc_lengths, nearest_place, path_length, points_at, without_repeats
-from ccm_opt.planning.pose import CurveUnknowns, Pose, Term
+from ccm_opt.planning.pose import CurveUnknowns, Pose, Term, turn_rows
 
 _UNKNOWN_WEIGHT = 0.0001
 """Of the unknowns themselves, which ties down what turns no link. Taste."""
@@ -331,7 +331,7 @@ class PoseLed:
     def terms(self, pose: Pose) -> list[Term]:
         """Turn every link to where the target has it, and draw the surplus unknowns with them."""
         missing = self._missing(pose)
-        turning = self._turning(pose)
+        turning = turn_rows(self.space.arm, pose)
         return [
             Term(turning, turning @ missing, self.space.nominal_per_link),
             # Arms of few links have fewer headings than unknowns: the rest would drift and bend the curve between.
@@ -343,7 +343,7 @@ class PoseLed:
         if self.u >= 1.0 or self.lag(pose) > _TURN_LEASH:
             return False
         # In steps of equal turn, however far the two ends are apart.
-        whole_turn = float(np.max(np.abs(self._turning(pose) @ (self.end - self.start))))
+        whole_turn = float(np.max(np.abs(turn_rows(self.space.arm, pose) @ (self.end - self.start))))
         self.u = min(1.0, self.u + _TURN_ADVANCE / max(whole_turn, _TURN_ADVANCE))
         return True
 
@@ -357,14 +357,8 @@ class PoseLed:
 
     def lag(self, pose: Pose) -> float:
         """Largest turn between a link and its target [rad]."""
-        return float(np.max(np.abs(self._turning(pose) @ self._missing(pose))))
+        return float(np.max(np.abs(turn_rows(self.space.arm, pose) @ self._missing(pose))))
 
     def _missing(self, pose: Pose) -> FloatArray:
         """What of the unknowns the target has and the pose has not, shape (p,)."""
         return self.start + self.u * (self.end - self.start) - pose.v
-
-    def _turning(self, pose: Pose) -> FloatArray:
-        """Turns of the links, and ways of the base in link lengths, by the unknowns, shape (r, p)."""
-        arm = self.space.arm
-        base = pose.slopes[len(pose.slopes) - len(arm.base_axes) :]
-        return np.vstack((pose.turning.reshape(-1, len(pose.v)), base / arm.link_length))

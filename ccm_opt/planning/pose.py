@@ -133,6 +133,12 @@ class CurveUnknowns(Protocol):
         ...
 
 
+def turn_rows(arm: Arm, pose: Pose) -> FloatArray:
+    """Turns of the links [rad], and ways of the base [link lengths], by the unknowns, shape (r, p)."""
+    base = pose.slopes[arm.coordinates.base] / arm.link_length
+    return np.vstack((pose.turning.reshape(-1, len(pose.v)), base))
+
+
 def least_change(space: CurveUnknowns, pose: Pose, rows: FloatArray, change: FloatArray) -> FloatArray:
     """The change of the unknowns that moves the links least and changes rows by given amounts, shape (p,).
 

@@ -14,7 +14,7 @@ from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.planning.curve_map import CurveMap
 from ccm_opt.planning.goal import moved_onto
 from ccm_opt.planning.limits.limit import UNBOUNDED, KeyframeRows, LimitOf, restored_keyframes
-from ccm_opt.planning.limits.limit_stack import CoordinateLimit
+from ccm_opt.planning.limits.limit_stack import FeedLimit, JointLimit
 from ccm_opt.planning.motion import SpaceMotion
 from ccm_opt.planning.optimisation.objective import decimated, normalised, subdivided
 from ccm_opt.planning.optimisation.sequential_convex import MotionProgram, sequential_convex
@@ -86,7 +86,7 @@ class PassingKeyframes(LimitOf[CurveMap]):
         unit = sweep.stepper.space.nominal_length
         off = (sweep.joints[keyframe, -1] - self.places[moved]) / unit
         most = np.maximum(self.reach[moved, None] / (np.sqrt(3.0) * unit), np.abs(off))
-        slopes = sweep.moving[keyframe, sweep.curve.arm.links] / unit
+        slopes = sweep.moving[keyframe, sweep.space.arm.links] / unit
         p = slopes.shape[-1]
         rows = KeyframeRows(
             np.repeat(keyframe, 6),
@@ -116,7 +116,11 @@ def space_program(
         end_fixed: whether the last keyframe stays.
     """
     unit = stepper.space.nominal_length
-    always = (RoomRows(task.wanted_gap, _MARGIN * unit, _SEEN * unit), CoordinateLimit())
+    always = (
+        RoomRows(task.wanted_gap, _MARGIN * unit, _SEEN * unit),
+        JointLimit(),
+        *((FeedLimit(),) if task.arm.base_axes else ()),
+    )
     return MotionProgram(
         curve=stepper.space,
         sweep=partial(SpaceSweep, stepper),

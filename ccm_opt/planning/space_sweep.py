@@ -33,7 +33,7 @@ class SpaceSweep:
     unknowns: FloatArray
 
     @property
-    def curve(self) -> CurveMap:
+    def space(self) -> CurveMap:
         """The map of the unknowns."""
         return self.stepper.space
 
@@ -45,7 +45,7 @@ class SpaceSweep:
     @cached_property
     def poses(self) -> tuple[Pose, ...]:
         """At the keyframes."""
-        return self.curve.poses(self.unknowns)
+        return self.space.poses(self.unknowns)
 
     @cached_property
     def configurations(self) -> FloatArray:
@@ -107,7 +107,7 @@ class SpaceSweep:
         if share == 1.0:
             return self.joints[1:]
         between = (1.0 - share) * self.unknowns[:-1] + share * self.unknowns[1:]
-        return self.curve.arm.joint_positions_at(self.curve.configurations(between))
+        return self.space.arm.joint_positions_at(self.space.configurations(between))
 
 
 def pieces(stepper: SpaceStepper, before: FloatArray, after: FloatArray) -> list[FloatArray]:
@@ -200,7 +200,7 @@ def motion_rows(sweep: SpaceSweep, wanted: float, margin: float, seen: float) ->
         seen: what is farther beyond that makes no rows [m].
     """
     parts = [_wall_rows(sweep, wanted + margin, seen)]
-    if sweep.curve.arm.self_collision:
+    if sweep.space.arm.self_collision:
         parts.append(_pair_rows(sweep, wanted + margin, seen))
     rows = joined_rows(parts)
     # Rows at the given start can never be mended.
@@ -265,7 +265,7 @@ def _half_spaces(
     Returns:
         Numbers of the poses and of the links, each of shape (m,), n, shape (m, 3), and b, shape (m,) [m].
     """
-    arm = sweep.curve.arm
+    arm = sweep.space.arm
     first = int(np.ceil(arm.mount_length / arm.link_length - 1e-9))
     beyond = arm.links - first
     looked_at = points[:, first:]
@@ -302,7 +302,7 @@ def room_lacking_on_the_way(sweep: SpaceSweep, wanted: float) -> float:
 
 def _lacking_at(sweep: SpaceSweep, points: FloatArray, wanted: float) -> FloatArray:
     """By how much the least gap of poses, points of shape (k, links + 1, 3), lacks the wanted one, shape (k,) [m]."""
-    return distance_lacking(sweep.curve.arm, sweep.stepper.tree, points, sweep.stepper.kept + wanted)
+    return distance_lacking(sweep.space.arm, sweep.stepper.tree, points, sweep.stepper.kept + wanted)
 
 
 def _of_points(interval: IntArray, share: float, point: IntArray, normal: FloatArray, need: FloatArray) -> IntervalRows:
@@ -313,12 +313,12 @@ def _of_points(interval: IntArray, share: float, point: IntArray, normal: FloatA
 
 def _free_points(sweep: SpaceSweep, point: IntArray) -> IntArray:
     """Which points can be moved: not the first joint unless it is fed."""
-    return np.flatnonzero((point > 0) | bool(sweep.curve.arm.base_axes))
+    return np.flatnonzero((point > 0) | bool(sweep.space.arm.base_axes))
 
 
 def _pair_rows(sweep: SpaceSweep, room: float, seen: float) -> IntervalRows:
     """Rows that keep distant links apart, along the direction in which they are nearest halfway."""
-    arm = sweep.curve.arm
+    arm = sweep.space.arm
     motion = sweep.stepper.certificate.motion
     reach = 2.0 * arm.radius + room + seen
     columns: list[tuple[IntArray, IntArray, IntArray, FloatArray, FloatArray]] = []
@@ -351,5 +351,5 @@ def _lost(normal: FloatArray, off: FloatArray) -> FloatArray:
 
 def _slack_between(sweep: SpaceSweep, apart: IntArray) -> FloatArray:
     """How far links so many apart can be from each other beyond two radii at full stretch, at least 0 [m]."""
-    arm = sweep.curve.arm
+    arm = sweep.space.arm
     return np.asarray(np.maximum((apart - 1) * arm.link_length - 2.0 * arm.radius, 0.0))

@@ -13,7 +13,7 @@ from ccm_opt.core.length_words import short_length
 from ccm_opt.ik.compiled_terms import UserTerms
 from ccm_opt.planning.curve_map import CurveMap
 from ccm_opt.planning.goal import GoalPose
-from ccm_opt.planning.limits.limit_stack import AtRest, CoordinateLimit, SurfaceLimit
+from ccm_opt.planning.limits.limit_stack import AtRest, FeedLimit, JointLimit, SurfaceLimit, TurnLimit
 from ccm_opt.planning.limits.user_limit import UserLimit
 from ccm_opt.planning.passed_places import first_missed
 from ccm_opt.planning.path_on_limits import KnotJoints
@@ -171,7 +171,9 @@ class SpaceTask(SearchTask):
         limits = (
             AtRest(still=True),
             SurfaceLimit(self.tree, self.certificate, margin, settings),
-            CoordinateLimit(),
+            TurnLimit(),
+            JointLimit(),
+            *((FeedLimit(),) if self.arm.base_axes else ()),
             *(() if self.user is None else (self.user,)),
         )
         return SpaceStepper(

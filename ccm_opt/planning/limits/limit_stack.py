@@ -7,7 +7,7 @@ A new limit that always holds is one more line here; its rows, checks and words 
 """
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from ccm_opt.planning.limits.gate_rails import GateLines, GateRails
 from ccm_opt.planning.limits.limit import UNBOUNDED, KeyframeRows, Limit, LimitOf, LimitRows
 from ccm_opt.planning.link_space import LinkSpace
 from ccm_opt.planning.optimisation.interval_rows import IntervalRows
-from ccm_opt.planning.pose import CurveUnknowns, Pose, Term
+from ccm_opt.planning.pose import CurveUnknowns, Pose, Term, turn_rows
 from ccm_opt.planning.settings import SpaceMotionSettings, StepSettings
 from ccm_opt.planning.space_certificate import SpaceCertificate
 from ccm_opt.robot.arm import Arm
@@ -59,12 +59,12 @@ _TRAVEL = 1.5
 """Farthest way of a joint in a step [u]."""
 _TRAVEL_NEAR_WALLS = 0.8
 """The same where walls or other links are within reach."""
-_SPARE_TURN = 0.005
-"""Of the joint limits that rows leave [rad]."""
-_SPARE_AT_KEYFRAMES = 0.004
-"""The same in the optimisation [rad, m]."""
-_NEAR_LIMIT = 0.3
-"""Coordinates nearer to their limit than this are limited there [rad, m]."""
+_JOINT_SHARE = 0.995
+"""Of a joint limit that planning in space uses: rows do not know that the shape of a fed arm changes with its feed."""
+_ACCEPTED_SHARE = 1.0 - 1e-5
+"""Of it that may come of a step. Derived: a QP is not more exact."""
+_SPARE_FEED = 0.004
+"""Of the range of the feed that rows leave in the optimisation [m]."""
 _KNOT_BEND = 1.1
 """Bound on the bend by the curvature at a knot of a fed arm, as a multiple of the joint limit; a joint takes the mean
 about its place, which is less."""
@@ -166,27 +166,24 @@ class SurfaceLimit(LimitOf[CurveMap]):
 
 
 @dataclass(frozen=True)
-class CoordinateLimit(LimitOf[CurveMap]):
-    """Bounds the coordinates of an arm in space, and their changes in a step."""
+class FeedLimit(LimitOf[CurveMap]):
+    """Bounds the way of the base of a fed arm in space, and what it carries beyond the guide tube in a step."""
 
     def linearised(self, space: CurveMap, pose: Pose, turn: float) -> LimitRows:
-        """Rows of the coordinates, and what they may lose and gain."""
+        """The row of the feed."""
+        del turn
         arm = space.arm
-        # A little is left to what the linear rows do not know: the shape of a fed arm changes with its feed.
-        spare = np.append(np.full(2 * arm.links, _SPARE_TURN), np.zeros(len(arm.base_axes)))
-        low = np.minimum(arm.lower_limits + spare - pose.q, 0.0)
-        high = np.maximum(arm.upper_limits - spare - pose.q, 0.0)
+        base = arm.coordinates.base
+        feed = float(pose.q[-1])
 
         def excess(delta: FloatArray) -> float:
-            turns = np.linalg.norm(pose.turning @ delta, axis=1)
-            most = float(np.max(turns)) / turn
-            if not arm.base_axes:
-                return most
             fed = float(pose.slopes[-1] @ delta)
-            room = feed_to_next_stop(space, float(pose.q[-1]), forward=fed > 0.0)
-            return max(most, abs(fed) / min(room, _FEED * space.nominal_length))
+            room = feed_to_next_stop(space, feed, forward=fed > 0.0)
+            return abs(fed) / min(room, _FEED * space.nominal_length)
 
-        return LimitRows(pose.slopes, low, high, keeps=lambda trial: within_limits(arm, trial.q), excess=excess)
+        low = np.minimum(arm.lower_limits[base] - feed, 0.0)
+        high = np.maximum(arm.upper_limits[base] - feed, 0.0)
+        return LimitRows(pose.slopes[base], low, high, keeps=lambda trial: within_limits(arm, trial.q), excess=excess)
 
     def keeps_at_goal(self, space: CurveMap, near: Pose, final: Pose) -> bool:
         """Whether the pose on the goal is within the limits."""
@@ -194,31 +191,29 @@ class CoordinateLimit(LimitOf[CurveMap]):
         return within_limits(space.arm, final.q)
 
     def keyframe_rows(self, sweep: "SpaceSweep", u: FloatArray) -> tuple[KeyframeRows, ...]:
-        """Coordinates that are near their limits and can be moved; of a fed arm the curvature at the knots, too.
+        """The range of the feed, and the curvature at the knots.
 
         Between two keyframes the feed carries joints past knots at which no joint is at either of them.
         """
         del u
-        arm = sweep.curve.arm
-        up = arm.upper_limits - sweep.configurations[1:]
-        down = sweep.configurations[1:] - arm.lower_limits
-        at, coordinate = np.nonzero((np.minimum(up, down) < _NEAR_LIMIT) & (arm.upper_limits > arm.lower_limits))
-        high = np.maximum(up[at, coordinate] - _SPARE_AT_KEYFRAMES, 0.0)
-        low = np.maximum(down[at, coordinate] - _SPARE_AT_KEYFRAMES, 0.0)
-        near = KeyframeRows(at + 1, sweep.slopes[at + 1, coordinate], -low, high)
-        if not arm.base_axes:
-            return (near,)
-        rows = arm.link_length * sweep.curve.curvature_rows
+        arm = sweep.space.arm
+        rows = arm.link_length * sweep.space.curvature_rows
         now = sweep.unknowns[1:] @ rows.T
         most = np.maximum(_KNOT_BEND * arm.joint_limit, np.abs(now))
-        keyframe = np.repeat(np.arange(1, sweep.intervals + 1), len(rows))
-        slopes = np.tile(rows, (sweep.intervals, 1))
-        return (near, KeyframeRows(keyframe, slopes, (-most - now).ravel(), (most - now).ravel()))
+        keyframe = np.arange(1, sweep.intervals + 1)
+        knots = np.repeat(keyframe, len(rows)), np.tile(rows, (sweep.intervals, 1))
+        feed = sweep.configurations[1:, -1]
+        low = np.minimum(arm.lower_limits[-1] + _SPARE_FEED - feed, 0.0)
+        high = np.maximum(arm.upper_limits[-1] - _SPARE_FEED - feed, 0.0)
+        return (
+            KeyframeRows(*knots, (-most - now).ravel(), (most - now).ravel()),
+            KeyframeRows(keyframe, sweep.slopes[1:, -1], low, high),
+        )
 
     def holds(self, sweep: "SpaceSweep", before: "SpaceSweep", u: FloatArray) -> bool:
         """Whether all keyframes are within the limits."""
         del before, u
-        return within_limits(sweep.curve.arm, sweep.configurations)
+        return within_limits(sweep.space.arm, sweep.configurations)
 
 
 def within_limits(arm: Arm, q: FloatArray) -> bool:
@@ -346,22 +341,24 @@ _SOLVER_ACCURACY = 1e-6
 
 
 @dataclass(frozen=True)
-class JointLimit(Limit):
+class JointLimit(LimitOf[CurveUnknowns]):
     """Bounds the bends.
 
-    Bends are linear in the coordinates and, between keyframes, in the path parameter: rows are exact, and a motion
-    whose keyframes keep the limits keeps them throughout.
+    Where the base is fixed bends are linear in the unknowns and, between keyframes, in the path parameter: rows are
+    exact, and a motion whose keyframes keep the limits keeps them throughout.
 
     Attributes:
-        settings: of the step.
+        share: of every limit that rows leave to steps and keyframes.
+        accepted: share of it that may come of them.
     """
 
-    settings: StepSettings
+    share: float = _JOINT_SHARE
+    accepted: float = _ACCEPTED_SHARE
 
-    def linearised(self, space: LinkSpace, pose: Pose, turn: float) -> LimitRows:
+    def linearised(self, space: CurveUnknowns, pose: Pose, turn: float) -> LimitRows:
         """Rows of the bends that the step could bring to their bound."""
         bends = space.bends(pose.q)
-        limits = self.settings.limit_share * space.bend_limits
+        limits = self.share * space.bend_limits
         tight = np.abs(bends) + 2.0 * turn > limits  # a bend is the difference of two headings
         # A bend that is beyond its share already must not grow; clipping at 0 keeps δ = 0 feasible.
         upper = np.maximum(limits - bends, 0.0)[tight]
@@ -371,41 +368,40 @@ class JointLimit(Limit):
         def keeps(trial: Pose) -> bool:
             return bool(np.all(np.abs(space.bends(trial.q)) <= allowed))
 
-        return LimitRows(space.bend_rows[tight], lower, upper, keeps=keeps)
+        return LimitRows(space.bend_slopes(pose)[tight], lower, upper, keeps=keeps)
 
-    def keeps_at_goal(self, space: LinkSpace, near: Pose, final: Pose) -> bool:
+    def keeps_at_goal(self, space: CurveUnknowns, near: Pose, final: Pose) -> bool:
         """Whether the pose on the goal is within the limits."""
         del near
         return bool(np.all(np.abs(space.bends(final.q)) <= self._accepted(space)))
 
-    def keyframe_rows(self, sweep: "PlanarSweep", u: FloatArray) -> tuple[KeyframeRows, ...]:
+    def keyframe_rows(self, sweep: Any, u: FloatArray) -> tuple[KeyframeRows, ...]:
         """Rows of the bends near their bound at keyframes after the first."""
         del u
         space = sweep.space
         bends = space.bends(sweep.configurations)
-        limits = np.broadcast_to(self.settings.limit_share * space.bend_limits, bends.shape)
+        limits = np.broadcast_to(self.share * space.bend_limits, bends.shape)
 
         # Far from its limit a bend needs no row: every row costs the QP time, and ``holds`` judges all bends
-        # afterwards.
-        near = np.abs(bends) + _NEAR_JOINT_LIMIT > limits
+        # afterwards. Nor does one that is held at 0.
+        near = (np.abs(bends) + _NEAR_JOINT_LIMIT > limits) & (limits > 0.0)
         # The first keyframe is the start and cannot move.
         near[0] = False
         keyframe, joint = np.nonzero(near)
         lower = np.minimum((-limits - bends)[near], 0.0)
         upper = np.maximum((limits - bends)[near], 0.0)
-        return (KeyframeRows(keyframe, space.bend_rows[joint], lower, upper),)
+        return (KeyframeRows(keyframe, sweep.slopes[keyframe, joint], lower, upper),)
 
-    def holds(self, sweep: "PlanarSweep", before: "PlanarSweep", u: FloatArray) -> bool:
+    def holds(self, sweep: Any, before: Any, u: FloatArray) -> bool:
         """Whether no bend is beyond its limit, nor nearer to it than accepted or than it was."""
         del u
         space = sweep.space
         allowed = np.maximum(self._accepted(space), np.abs(space.bends(before.configurations)))
         return not np.any(np.abs(space.bends(sweep.configurations)) > np.minimum(allowed, space.bend_limits))
 
-    def _accepted(self, space: LinkSpace) -> FloatArray:
-        """Bends that are accepted after a step: half-way between what planning uses and the limit."""
-        accepted: FloatArray = 0.5 * (1.0 + self.settings.limit_share) * space.bend_limits
-        return accepted
+    def _accepted(self, space: CurveUnknowns) -> FloatArray:
+        """Bends that are accepted after a step."""
+        return self.accepted * space.bend_limits
 
 
 def overbent(limits: FloatArray, bends: FloatArray, held: FloatArray, tolerance: float) -> tuple[IntArray, FloatArray]:
@@ -426,14 +422,20 @@ def overbent(limits: FloatArray, bends: FloatArray, held: FloatArray, tolerance:
 
 
 @dataclass(frozen=True)
-class TurnLimit(Limit):
-    """Bounds the turn of every link in a step; headings are linear in the coordinates, so the rows are exact."""
+class TurnLimit(LimitOf[CurveUnknowns]):
+    """Bounds the turn of every link in a step, and the way of the base."""
 
-    def linearised(self, space: LinkSpace, pose: Pose, turn: float) -> LimitRows:
-        """One row a link: −turn ≤ Δφ ≤ turn."""
-        del pose
-        bound = np.full(len(space.turns), turn)
-        return LimitRows(space.turns, -bound, bound)
+    def linearised(self, space: CurveUnknowns, pose: Pose, turn: float) -> LimitRows:
+        """One row a link about one axis, −turn ≤ Δφ ≤ turn, which is exact; about three the whole step is shortened."""
+        if pose.turning.shape[1] == 1:
+            rows = turn_rows(space.arm, pose)
+            bound = np.full(len(rows), turn)
+            return LimitRows(rows, -bound, bound)
+
+        def excess(delta: FloatArray) -> float:
+            return float(np.max(np.linalg.norm(pose.turning @ delta, axis=1))) / turn
+
+        return LimitRows(np.zeros((0, len(pose.v))), np.zeros(0), np.zeros(0), excess=excess)
 
 
 def assembled_limits(
@@ -466,7 +468,8 @@ def assembled_limits(
         AtRest(),
         ContactLimit(finder, certificate, settings, wanted_gap, gates),
         TurnLimit(),
-        JointLimit(settings),
+        # Half-way between what planning uses and the limit.
+        JointLimit(settings.limit_share, 0.5 * (1.0 + settings.limit_share)),
         *drawn,
         *user_limits,
         *guide_tubes,
