@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from ccm_opt.cli.loading import TIMES
 from ccm_opt.core.errors import ProblemFileError
 from ccm_opt.io.reading import load_problem
-from ccm_opt.io.rules import PlacedFile
+from ccm_opt.io.rules import told_outside
 
 from .conftest import SMALL_PROBLEM
 from .test_cli_output import run
@@ -114,7 +114,8 @@ def test_a_scale_that_is_off_by_a_unit_is_told(scale: float, low: tuple[float, f
     """Of a file that would fit but for a factor of a thousand or of an inch, that factor is told."""
     room = np.array([[-1.0, 0.05], [1.0, 1.0]])
     box = np.array([low, np.add(low, size)]) / scale
-    told = PlacedFile("a.dxf", box, np.zeros(2), 2.0, "workspace.scale", "workspace.offset").told_outside(room, "m")
+    keys = "workspace.scale workspace.offset"
+    told = told_outside("a.dxf", box, np.zeros(2), room, "m", scale=2.0, keys=keys)
     assert f"workspace.scale = {2.0 * scale:.6g} would" in told
 
 

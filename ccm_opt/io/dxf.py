@@ -158,7 +158,12 @@ def _read(drawing: "Drawing", distance: float, found: _Findings) -> DrawingConte
     ]
     if found.refusals:
         raise ProblemError(IMPORT.listed(found.refusals))
-    found.left_out += _sheets(drawing)
+    # Of the layouts of sheets nothing is read.
+    for sheet in drawing.layouts:
+        count = sum(entity.dxftype() != "VIEWPORT" for entity in sheet) if sheet.is_any_paperspace else 0
+        if count:
+            left = f"a sheet, with {count} entities; only the model space is read"
+            found.left_out.append(LeftOut(f"layout '{sheet.name}'", left))
     for layer, pieces in found.open_pieces.items():
         found.shapes += _chained(pieces, layer, distance)
     return DrawingContent(tuple(found.shapes), tuple(found.left_out), _unit(drawing))
@@ -169,20 +174,6 @@ def _unit(drawing: "Drawing") -> str:
     from ezdxf.units import decode  # noqa: PLC0415 - loaded only when a DXF file is read
 
     return decode(drawing.units) or "" if drawing.units else ""
-
-
-def _sheets(drawing: "Drawing") -> list[LeftOut]:
-    """The layouts of sheets, of which nothing is read."""
-    counts = {
-        layout.name: sum(entity.dxftype() != "VIEWPORT" for entity in layout)
-        for layout in drawing.layouts
-        if layout.is_any_paperspace
-    }
-    return [
-        LeftOut(f"layout '{name}'", f"a sheet, with {count} entities; only the model space is read")
-        for name, count in counts.items()
-        if count
-    ]
 
 
 def _parsed(content: bytes, found: _Findings) -> "Drawing":

@@ -132,16 +132,22 @@ def corner_points(entity: Entity) -> FloatArray:
 
 
 def _line(entity: Entity, _distance: float) -> Piece:
-    start = entity.dxf.start
-    end = entity.dxf.end
-    return Piece(np.array([(start.x, start.y), (end.x, end.y)], dtype=np.float64))
+    return _straight(entity.dxf)
+
+
+def _straight(leg: Entity) -> Piece:
+    return Piece(np.array([(leg.start.x, leg.start.y), (leg.end.x, leg.end.y)], dtype=np.float64))
 
 
 def _arc(entity: Entity, distance: float) -> Piece:
+    return _circular(entity.dxf, distance)
+
+
+def _circular(arc: Entity, distance: float) -> Piece:
     # DXF gives arcs in degrees but ellipses in radians, both counter-clockwise.
-    start, sweep = _sweep(math.radians(entity.dxf.start_angle), math.radians(entity.dxf.end_angle))
-    center = np.array((entity.dxf.center.x, entity.dxf.center.y))
-    return _turned(flatten_arc(center, float(entity.dxf.radius), start, sweep, distance), sweep)
+    start, sweep = _sweep(math.radians(arc.start_angle), math.radians(arc.end_angle))
+    center = np.array((arc.center.x, arc.center.y))
+    return _turned(flatten_arc(center, float(arc.radius), start, sweep, distance), sweep)
 
 
 def _ellipse(entity: Entity, distance: float) -> Piece:
@@ -241,11 +247,9 @@ def _edge(edge: Entity, distance: float) -> Piece:
     """One edge of a hatch's boundary; its orientation does not matter."""
     kind = edge.EDGE_TYPE
     if kind == "LineEdge":
-        return Piece(np.array([(edge.start.x, edge.start.y), (edge.end.x, edge.end.y)], dtype=np.float64))
+        return _straight(edge)
     if kind == "ArcEdge":
-        start, sweep = _sweep(math.radians(edge.start_angle), math.radians(edge.end_angle))
-        center = np.array((edge.center.x, edge.center.y))
-        return _turned(flatten_arc(center, float(edge.radius), start, sweep, distance), sweep)
+        return _circular(edge, distance)
     if kind == "EllipseEdge":
         start, sweep = _sweep(edge.start_param, edge.end_param)
         return _elliptic(edge.center, edge.major_axis, edge.ratio, start, sweep, distance)

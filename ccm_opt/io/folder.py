@@ -241,27 +241,17 @@ def write_solution(solution: Solution, out: Path, pictures: Mapping[str, bytes] 
 
 def solution_files(solution: Solution) -> dict[str, bytes]:
     """Content of every file of a solved problem but the pictures, by file name."""
-    files = {name: text.encode() for name, text in solution_texts(solution).items()}
-    meshes = model_meshes(solution.problem) | kept_meshes(solution.problem)
+    problem = solution.problem
+    csv, yaml = trajectory_texts(controller_points(problem, solution.trajectory, solution.joints, solution.checks))
+    texts = {RECORD: solution_json(solution), "trajectory.csv": csv, "trajectory.yaml": yaml, **model_texts(problem)}
+    files = {name: text.encode() for name, text in texts.items()}
+    meshes = model_meshes(problem) | kept_meshes(problem)
     return {**files, ARRAYS: arrays_npz(solution_arrays(solution)), **meshes}
 
 
 def model_meshes(problem: Problem, folder: str = URDF_MESHES) -> dict[str, bytes]:
     """Meshes of the obstacles in the URDF, in space also in the MJCF; ``folder`` is in front of their names."""
     return scene_meshes(solid_scene(problem.workspace, problem.arm), folder)
-
-
-def solution_texts(solution: Solution) -> dict[str, str]:
-    """Text of every text file of a solved problem, by file name."""
-    problem = solution.problem
-    points = controller_points(problem, solution.trajectory, solution.joints, solution.checks)
-    csv, yaml = trajectory_texts(points)
-    return {
-        RECORD: solution_json(solution),
-        "trajectory.csv": csv,
-        "trajectory.yaml": yaml,
-        **model_texts(problem),
-    }
 
 
 def model_texts(

@@ -1,5 +1,6 @@
 """Reads GeoJSON and WKT."""
 
+import itertools
 import json
 import re
 from collections.abc import Mapping
@@ -78,28 +79,19 @@ def _geometry(data: object, name: str) -> shapely.Geometry:
     kind = data.get("type") if isinstance(data, Mapping) else None
     if not isinstance(data, Mapping) or not isinstance(kind, str) or kind not in GEOMETRIES:
         raise ProblemError(f"'{name}': the type {kind!r} is no geometry of GeoJSON; expected Polygon or LineString")
-    if _depth(data) > IMPORT.deepest:
+    text = json.dumps(data)
+    if _depth(text) > IMPORT.deepest:
         raise ProblemError(f"'{name}': its collections are nested more than {IMPORT.deepest} deep; take them apart")
     try:
-        return shapely.from_geojson(json.dumps(data))
+        return shapely.from_geojson(text)
     except (ShapelyError, RecursionError, NotImplementedError, ValueError, TypeError) as error:
         raise ProblemError(f"'{name}': its coordinates are not those of a {kind}: {error}") from None
 
 
-def _depth(data: Mapping[object, object]) -> int:
-    """How deep the collections of a geometry are nested, and the lists of its coordinates."""
-    depth = 0
-    level: list[object] = [data]
-    while level:
-        depth += 1
-        inner: list[object] = []
-        for item in level:
-            if isinstance(item, Mapping):
-                inner.extend(item.values())
-            elif isinstance(item, list):
-                inner.extend(item)
-        level = [item for item in inner if isinstance(item, (Mapping, list))]
-    return depth
+def _depth(text: str) -> int:
+    """How deep the brackets of a text are nested."""
+    steps = (1 if bracket in "([{" else -1 for bracket in re.findall(r"[][(){}]", text))
+    return max(itertools.accumulate(steps), default=0)
 
 
 def read_wkt(content: bytes, distance: float) -> DrawingContent:
@@ -123,7 +115,7 @@ def read_wkt(content: bytes, distance: float) -> DrawingContent:
     shapes: list[Shape] = []
     left_out: list[LeftOut] = []
     for k, piece in enumerate(_pieces(text), start=1):
-        if _wkt_depth(piece) > IMPORT.deepest:
+        if _depth(piece) > IMPORT.deepest:
             raise ProblemError(f"geometry {k}: its brackets are nested more than {IMPORT.deepest} deep; divide it")
         shapes += shapes_of(_wkt_geometry(piece), f"geometry {k}", left_out)
     return DrawingContent(tuple(shapes), tuple(left_out))
@@ -149,16 +141,6 @@ def _pieces(text: str) -> list[str]:
 def _bare(piece: str) -> str:
     """A geometry without the number of its coordinate system, and without what ends it."""
     return re.sub(r"^SRID=\d+;", "", piece.rstrip(";"), flags=re.IGNORECASE)
-
-
-def _wkt_depth(text: str) -> int:
-    """How deep brackets are nested."""
-    depth = 0
-    deepest = 0
-    for bracket in re.findall(r"[()]", text):
-        depth += 1 if bracket == "(" else -1
-        deepest = max(deepest, depth)
-    return deepest
 
 
 def _wkt_geometry(text: str) -> shapely.Geometry:

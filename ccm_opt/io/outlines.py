@@ -189,7 +189,8 @@ def filled(rings: Sequence[FloatArray], rule: FillRule) -> list[shapely.Polygon]
     if rule == "polygon":
         return repaired(shapely.Polygon(rings[0], rings[1:]))
     solids = [shapely.MultiPolygon(repaired(shapely.Polygon(ring))) for ring in rings]
-    turns = np.array([_turn(ring) for ring in rings])
+    # 1 for a counter-clockwise ring, -1 for a clockwise one: the winding that the rule ``nonzero`` counts.
+    turns = np.array([1 if shapely.LinearRing(ring).is_ccw else -1 for ring in rings])
     boxed = STRtree(solids).query(solids)
     if boxed.shape[1] > IMPORT.most_nested:
         raise ProblemError(f"it has {len(rings)} rings within rings, too many to fill; draw them as several shapes")
@@ -255,7 +256,9 @@ def repaired(polygon: shapely.Polygon) -> list[shapely.Polygon]:
             f"the outline {_sentence(why)}; a repair would change its area by {abs(area - polygon.area) / area:.1%}, "
             f"allowed {allowed:.1%}; list the corners in order round the shape"
         )
-    return [_without_specks(part, allowed * area) for part in mended]
+    specks = allowed * area
+    kept = [[ring for ring in part.interiors if shapely.Polygon(ring).area > specks] for part in mended]
+    return [shapely.Polygon(part.exterior, holes) for part, holes in zip(mended, kept, strict=True)]
 
 
 def polygons_of(geometry: shapely.Geometry) -> list[shapely.Polygon]:
@@ -292,15 +295,6 @@ def _without_repeats(ring: FloatArray) -> FloatArray:
     moves = np.any(ring[1:] != ring[:-1], axis=1)
     moves[-1] = True
     return ring[np.concatenate(([True], moves))]
-
-
-def _without_specks(polygon: shapely.Polygon, area: float) -> shapely.Polygon:
-    return shapely.Polygon(polygon.exterior, [ring for ring in polygon.interiors if shapely.Polygon(ring).area > area])
-
-
-def _turn(ring: FloatArray) -> int:
-    """1 for a counter-clockwise ring, -1 for a clockwise one: the winding that the rule ``nonzero`` counts."""
-    return 1 if shapely.LinearRing(ring).is_ccw else -1
 
 
 def _sentence(why: str) -> str:

@@ -192,12 +192,19 @@ _FAILED_PLACE = partial(place_beside, ending=FAILED)
 
 
 def pareto_files(found: ParetoPlans) -> dict[str, bytes]:
-    """Content of every file but the pictures, by file name.
+    """Content of every file but the pictures, by file name; in the record lengths are in metres, times in seconds.
 
     The recommended plan's are those that ``solve`` would write; those of all plans are in the folder ``pareto``.
     """
     files = solution_files(found.best)
-    files[PARETO_RECORD] = pareto_json(found).encode()
+    record = {
+        "schema": SCHEMA,
+        "problem": found.problem.name,
+        "recommended": found.recommended,
+        "most_time": found.most_time,
+        "plans": [_plan_data(plan, number) for number, plan in enumerate(found.plans, start=1)],
+    }
+    files[PARETO_RECORD] = strict_text(record).encode()
     for number, plan in enumerate(found.plans, start=1):
         if plan.solution is not None:
             inner = solution_files(plan.solution)
@@ -208,19 +215,6 @@ def pareto_files(found: ParetoPlans) -> dict[str, bytes]:
 def folder_of(number: int) -> str:
     """Where the plan of a number, from 1, is written within the problem's folder."""
     return f"pareto/{number}"
-
-
-def pareto_json(found: ParetoPlans) -> str:
-    """The record of the trade-off; lengths [m], times [s]."""
-    plans = [_plan_data(plan, number) for number, plan in enumerate(found.plans, start=1)]
-    record = {
-        "schema": SCHEMA,
-        "problem": found.problem.name,
-        "recommended": found.recommended,
-        "most_time": found.most_time,
-        "plans": plans,
-    }
-    return strict_text(record)
 
 
 def _plan_data(plan: ParetoPlan, number: int) -> Mapping[str, object]:

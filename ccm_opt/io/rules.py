@@ -217,7 +217,7 @@ _TINY_SHARE = 0.01
 """What would be smaller than this share of the room is not what was meant."""
 
 
-def _told_outside(
+def told_outside(
     file: str, box: FloatArray, origin: FloatArray, room: FloatArray, unit: LengthUnit, *, scale: float, keys: str
 ) -> str:
     """Say that a drawing or a mesh lies wholly outside a room, and what would bring it in.
@@ -269,7 +269,7 @@ def check_drawing(
     if not shapely.intersects(room, shapely.box(*drawing.box)):
         boxes = np.reshape(drawing.box, (2, 2)), METRES[unit] * offset, np.reshape(room.bounds, (2, 2))
         keys = "workspace.scale workspace.offset"
-        issues.add(("workspace", "file"), _told_outside(drawing.file, *boxes, unit, scale=scale, keys=keys))
+        issues.add(("workspace", "file"), told_outside(drawing.file, *boxes, unit, scale=scale, keys=keys))
 
 
 def check_meshes(meshes: Mapping[int, MeshBody], room: FloatArray, unit: LengthUnit, issues: Issues) -> None:
@@ -278,7 +278,7 @@ def check_meshes(meshes: Mapping[int, MeshBody], room: FloatArray, unit: LengthU
         box = box_about(body.vertices)
         if np.any(box[0] > room[1]) or np.any(box[1] < room[0]):
             boxes = box, body.placement.position, room
-            told = _told_outside(body.file, *boxes, unit, scale=body.scale / METRES[unit], keys="scale pose.position")
+            told = told_outside(body.file, *boxes, unit, scale=body.scale / METRES[unit], keys="scale pose.position")
             issues.add(("workspace", "obstacles", number, "mesh"), told)
 
 
@@ -302,7 +302,9 @@ def check_base(
     if workspace.dimension == 3:
         size = max(float(np.ptp(workspace.extent, axis=0).max()), arm_length)
         depths = [depth_inside(obstacle.body, base) for obstacle in workspace.obstacles]
-        outside, room = _depth_outside(workspace.bounds, base), ROOM_NAME
+        bounds = workspace.bounds
+        away = np.zeros(3) if bounds is None else np.maximum(np.maximum(bounds[0] - base, base - bounds[1]), 0.0)
+        outside, room = float(np.linalg.norm(away)), ROOM_NAME
         where = f"the base at {_place(base, unit)} {unit}"
     else:
         xmin, ymin, xmax, ymax = workspace.boundary.bounds
@@ -339,13 +341,6 @@ def _depth_inside(obstacle: Obstacle, point: FloatArray) -> float:
     with np.errstate(divide="ignore"):  # of coordinates like 1e-320, whose distances are right all the same
         distance = float(shapely.distance(edge, place))
     return obstacle.rounding + (distance if inside_core else -distance)
-
-
-def _depth_outside(bounds: FloatArray | None, point: FloatArray) -> float:
-    """How far a place is outside a room in space [m]; not above 0 inside of it, or where there is none."""
-    if bounds is None:
-        return 0.0
-    return float(np.linalg.norm(np.maximum(np.maximum(bounds[0] - point, point - bounds[1]), 0.0)))
 
 
 def odd_mesh_size(body: MeshBody, arm_length: float) -> str | None:

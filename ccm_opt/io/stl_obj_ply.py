@@ -46,20 +46,20 @@ _FACET = re.compile(
 )
 
 
-def read_stl(content: bytes, settings: MeshSettings) -> RawMesh:
+def read_stl(content: bytes, _settings: MeshSettings) -> RawMesh:
     """Read all solids of an STL file.
 
     Raises:
-        ProblemError: it does not follow the format to its last byte, or has too many triangles.
+        ProblemError: it does not follow the format to its last byte.
     """
     text = content.removeprefix(_BYTE_ORDER_MARK).lstrip()
     # The free text of binary files may begin with ``solid`` too, but their number of triangles has a byte of zero.
     if text[:5].lower() == b"solid" and b"\0" not in content[:_START]:
-        return _of_text(text, settings)
-    return _of_records(content, settings)
+        return _of_text(text)
+    return _of_records(content)
 
 
-def _of_records(content: bytes, settings: MeshSettings) -> RawMesh:
+def _of_records(content: bytes) -> RawMesh:
     if len(content) < _START:
         raise ProblemError(f"not readable as STL: it has {len(content)} bytes, and its header alone has {_START}")
     count = int.from_bytes(content[_START - 4 : _START], "little")
@@ -71,7 +71,6 @@ def _of_records(content: bytes, settings: MeshSettings) -> RawMesh:
             f"not readable as STL: its header says {count} triangles, but it ends after {held}; was it cut short, or "
             "is it of another format?"
         )
-    _refuse_more(count, settings)
     behind = content[_START + count * _TRIANGLE.itemsize :]
     # Some programs fill their files up with zeros.
     if len(behind) >= _TRIANGLE.itemsize and behind.strip(b"\0"):
@@ -85,7 +84,7 @@ def _of_records(content: bytes, settings: MeshSettings) -> RawMesh:
         return RawMesh.of_corners(records["corners"].astype(np.float64))
 
 
-def _of_text(text: bytes, settings: MeshSettings) -> RawMesh:
+def _of_text(text: bytes) -> RawMesh:
     coordinates = array("d")
     text = text.rstrip()
     one_line = b"\n" not in text and b"\r" not in text
@@ -105,7 +104,6 @@ def _of_text(text: bytes, settings: MeshSettings) -> RawMesh:
                     f"not readable as STL: triangle {len(coordinates) // 9 + 1} has "
                     f"{b' '.join(facet.groups()).decode('latin-1')[:100]!r}, expected numbers"
                 ) from None
-            _refuse_more(len(coordinates) // 9, settings)
         end = ends.match(text, at)
         if end is None:
             raise ProblemError(
@@ -114,11 +112,6 @@ def _of_text(text: bytes, settings: MeshSettings) -> RawMesh:
             )
         at = end.end()
     return RawMesh.of_corners(np.array(coordinates, dtype=np.float64).reshape(-1, 3, 3))
-
-
-def _refuse_more(count: int, settings: MeshSettings) -> None:
-    if count > settings.most_triangles:
-        raise ProblemError(f"it has {count} triangles, at most {settings.most_triangles} are used; export it coarser")
 
 
 def _shown(text: bytes, at: int) -> str:
@@ -140,11 +133,11 @@ _NO_SURFACE = {b"p": "point element", b"l": "line element", b"curv": "curve", b"
 """What is told and passed over, by the word in front of its line."""
 
 
-def read_obj(content: bytes, settings: MeshSettings) -> RawMesh:
+def read_obj(content: bytes, _settings: MeshSettings) -> RawMesh:
     """The mesh of all objects and groups of an OBJ file; materials are not read, so that no other file is.
 
     Raises:
-        ProblemError: a line cannot be read, or there are too many faces.
+        ProblemError: a line cannot be read.
     """
     coordinates = array("d")
     corners = array("q")
@@ -172,8 +165,6 @@ def read_obj(content: bytes, settings: MeshSettings) -> RawMesh:
                 raise ValueError(f"names {_NOT_READ[kind]}, which is not read")  # noqa: TRY301 - told with the line
         except (ValueError, OverflowError) as error:
             raise ProblemError(f"not readable as OBJ: its line {number} {error}") from None
-        if len(counts) > settings.most_triangles:
-            raise ProblemError(f"it has more than {settings.most_triangles} triangles, the most that can be used")
     vertices = np.array(coordinates, dtype=np.float64).reshape(-1, 3)
     faces = triangles_of(vertices, np.array(corners, dtype=np.intp), np.array(counts, dtype=np.intp))
     told = tuple(counted(number, what) for what, number in passed_over.items() if number)
@@ -242,31 +233,22 @@ class _Rows:
     lengths: dict[str, IntArray]
 
 
-def read_ply(content: bytes, settings: MeshSettings) -> RawMesh:
+def read_ply(content: bytes, _settings: MeshSettings) -> RawMesh:
     """The mesh of a PLY file; colours and whatever else there is are passed over.
 
     Raises:
-        ProblemError: the file cannot be read, is cut short, or has too many faces.
+        ProblemError: the file cannot be read, or is cut short.
     """
     try:
         elements, body = _opened(content)
         read: dict[str, _Rows] = {}
         end = 0
         for element in elements:
-            most = settings.most_triangles
-            if element.name == "face" and element.count > most:
-                raise ProblemError(f"it has {element.count} faces, at most {most} are used; export it coarser")
             read[element.name], end = _element(element, body, end)
-        _ply_refuse_more(body[end:])
-        return _mesh(read)
+        behind = body[end:].strip(b"\0 \t\r\n")
+        return _mesh(read, behind)
     except ValueError as error:
         raise ProblemError(f"not readable as PLY: {error}") from None
-
-
-def _ply_refuse_more(behind: bytes) -> None:
-    """Refuse a file in which more than blanks and zeros follows."""
-    if behind.strip(b"\0 \t\r\n"):
-        raise ValueError("more follows than its header says")
 
 
 def _opened(content: bytes) -> tuple[list[_Element], bytes]:
@@ -400,8 +382,10 @@ def _length(number: np.float64) -> int:
     return int(value)
 
 
-def _mesh(read: dict[str, _Rows]) -> RawMesh:
-    """The faces of what was read."""
+def _mesh(read: dict[str, _Rows], behind: bytes) -> RawMesh:
+    """The faces of what was read, behind which nothing may follow."""
+    if behind:
+        raise ValueError("more follows than its header says")
     for kind, rows in read.items():
         if kind not in {"vertex", "face"} and any(name in rows.lengths for name in _CORNERS):
             what = "strips of triangles" if kind == "tristrips" else f"faces in elements {kind[:30]!r}"

@@ -11,6 +11,7 @@ import math
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
+from functools import cache, partial
 from typing import Any
 from xml.etree import ElementTree as ET
 
@@ -168,12 +169,12 @@ def read_svg(content: bytes, distance: float) -> DrawingContent:
             read, or draws more than the bounds allow.
     """
     picture = Picture(parsed_document(content))
-    outlines = _Outlines(picture.view)
+    outline = cache(partial(_outline, picture.view))  # read once however often it is drawn
     shapes: list[Shape] = []
     points = 0
     for place in picture.places:
         try:
-            found = _shapes(place, outlines.of(place.node), distance)
+            found = _shapes(place, outline(place.node), distance)
         except ProblemError as error:
             picture.refuse(place, str(error))
             continue
@@ -191,69 +192,61 @@ def read_svg(content: bytes, distance: float) -> DrawingContent:
     return DrawingContent(tuple(shapes), tuple(picture.left_out))
 
 
-class _Outlines:
-    """The subpaths of elements in their own coordinates, read once however often they are drawn."""
+def _outline(view: View, node: ET.Element) -> list[Subpath]:
+    """The subpaths of an element in its own coordinates; none where it has no extent."""
+    text = node.attrib.get("d", "") if node.tag == "path" else node.attrib.get("points", "")
+    if len(text) > _LONGEST_PATH:
+        raise ProblemError(
+            f"it has path data of {len(text)} characters, at most {_LONGEST_PATH} can be read; simplify the outline"
+        )
+    match node.tag:
+        case "path":
+            return path_subpaths(text)
+        case "polygon" | "polyline":
+            return polyline(text, closed=node.tag == "polygon")
+        case "line":
+            ends = " ".join(repr(_length(view, node, key)) for key in ("x1", "y1", "x2", "y2"))
+            return polyline(ends, closed=False)
+        case "rect":
+            return _box(view, node)
+    return _round(view, node)
 
-    def __init__(self, view: View) -> None:
-        self._view = view
-        self._known: dict[int, list[Subpath]] = {}
 
-    def of(self, node: ET.Element) -> list[Subpath]:
-        """The subpaths of an element; none where it has no extent."""
-        if id(node) not in self._known:
-            self._known[id(node)] = self._read(node)
-        return self._known[id(node)]
+def _box(view: View, node: ET.Element) -> list[Subpath]:
+    x, y, width, height = (_length(view, node, key) for key in ("x", "y", "width", "height"))
+    if width == 0.0 or height == 0.0:
+        return []
+    if width < 0.0 or height < 0.0:
+        raise ProblemError(f"it is {width:g} wide and {height:g} high; expected positive lengths")
+    rx, ry = _half_axes(view, node)
+    return subpaths_of(Path(Rect(x, y, width, height, rx, ry)))
 
-    def _read(self, node: ET.Element) -> list[Subpath]:
-        text = node.attrib.get("d", "") if node.tag == "path" else node.attrib.get("points", "")
-        if len(text) > _LONGEST_PATH:
-            raise ProblemError(
-                f"it has path data of {len(text)} characters, at most {_LONGEST_PATH} can be read; simplify the outline"
-            )
-        match node.tag:
-            case "path":
-                return path_subpaths(text)
-            case "polygon" | "polyline":
-                return polyline(text, closed=node.tag == "polygon")
-            case "line":
-                ends = " ".join(repr(self._length(node, key)) for key in ("x1", "y1", "x2", "y2"))
-                return polyline(ends, closed=False)
-            case "rect":
-                return self._box(node)
-        return self._round(node)
 
-    def _box(self, node: ET.Element) -> list[Subpath]:
-        x, y, width, height = (self._length(node, key) for key in ("x", "y", "width", "height"))
-        if width == 0.0 or height == 0.0:
-            return []
-        if width < 0.0 or height < 0.0:
-            raise ProblemError(f"it is {width:g} wide and {height:g} high; expected positive lengths")
-        rx, ry = self._half_axes(node)
-        return subpaths_of(Path(Rect(x, y, width, height, rx, ry)))
+def _round(view: View, node: ET.Element) -> list[Subpath]:
+    if node.tag == "circle":
+        rx = ry = _length(view, node, "r")
+    else:
+        rx, ry = _half_axes(view, node)
+    if rx == 0.0 or ry == 0.0:
+        return []
+    if rx < 0.0 or ry < 0.0:
+        raise ProblemError(f"it has the half axes {rx:g} and {ry:g}; expected positive lengths")
+    return subpaths_of(Path(Ellipse(_length(view, node, "cx"), _length(view, node, "cy"), rx, ry)))
 
-    def _round(self, node: ET.Element) -> list[Subpath]:
-        if node.tag == "circle":
-            rx = ry = self._length(node, "r")
-        else:
-            rx, ry = self._half_axes(node)
-        if rx == 0.0 or ry == 0.0:
-            return []
-        if rx < 0.0 or ry < 0.0:
-            raise ProblemError(f"it has the half axes {rx:g} and {ry:g}; expected positive lengths")
-        return subpaths_of(Path(Ellipse(self._length(node, "cx"), self._length(node, "cy"), rx, ry)))
 
-    def _half_axes(self, node: ET.Element) -> tuple[float, float]:
-        """Both half axes; one that is not given, or auto, is like the other."""
-        given = {key: node.attrib.get(key, "auto").strip() for key in ("rx", "ry")}
-        known = [key for key in given if given[key] != "auto"]
-        if not known:
-            return 0.0, 0.0
-        lengths = [length_of(given[key], self._view, across=key == "rx") for key in known]
-        return lengths[0], lengths[-1]
+def _half_axes(view: View, node: ET.Element) -> tuple[float, float]:
+    """Both half axes; one that is not given, or auto, is like the other."""
+    given = {key: node.attrib.get(key, "auto").strip() for key in ("rx", "ry")}
+    known = [key for key in given if given[key] != "auto"]
+    if not known:
+        return 0.0, 0.0
+    lengths = [length_of(given[key], view, across=key == "rx") for key in known]
+    return lengths[0], lengths[-1]
 
-    def _length(self, node: ET.Element, key: str) -> float:
-        across = None if key == "r" else key in {"x", "x1", "x2", "cx", "width"}
-        return length_of(node.attrib.get(key, "0"), self._view, across=across)
+
+def _length(view: View, node: ET.Element, key: str) -> float:
+    across = None if key == "r" else key in {"x", "x1", "x2", "cx", "width"}
+    return length_of(node.attrib.get(key, "0"), view, across=across)
 
 
 def _shapes(place: Place, subpaths: list[Subpath], distance: float) -> list[Shape]:

@@ -6,6 +6,7 @@ its own list of what is still to be drawn, so that no nesting is too deep for it
 
 import re
 from dataclasses import dataclass, field, replace
+from functools import cache
 from xml.etree import ElementTree as ET
 
 from ccm_opt.core.arrays import FloatArray
@@ -111,10 +112,11 @@ class Picture:
         self.refusals: list[str] = []
         self.view = _view_of(root)
         self._sheet: StyleSheet = style_sheet(root)
-        self._by_id = _nodes_by_id(root)
+        # Of several with the same id the first counts.
+        self._by_id = {node.get("id", ""): node for node in reversed(list(root.iter()))}
         self._met: set[int] = set()
-        self._styles: dict[int, dict[str, str]] = {}
-        self._counts: dict[int, int] = {}
+        self._style = cache(self._sheet.style_of)  # looked up once however often an element is drawn
+        self._shapes_in = cache(_shapes_in)
         self.left_out += [
             LeftOut(f"style rule '{selector}'", "its selector cannot be read; what it hides is taken")
             for selector in self._sheet.unread
@@ -185,10 +187,10 @@ class Picture:
 
     def _take(self, place: Place) -> None:
         """Take a shape that is seen."""
-        if not place.visible:
+        if place.visible:
+            self.places.append(place)
+        else:
             self.leave_out(place.node, "hidden by visibility")
-            return
-        self.places.append(place)
 
     def _entered(self, place: Place, style: dict[str, str], *, outermost: bool) -> Place:
         """The place with what the element itself says: transform, name, style."""
@@ -262,12 +264,6 @@ class Picture:
         )
         return [inner]
 
-    def _style(self, node: ET.Element) -> dict[str, str]:
-        """The properties of an element, looked up once however often it is drawn."""
-        if id(node) not in self._styles:
-            self._styles[id(node)] = self._sheet.style_of(node)
-        return self._styles[id(node)]
-
     def _note_unused(self, root: ET.Element) -> None:
         """Note definitions with shapes that are drawn nowhere."""
         pending = [(root, False)]
@@ -276,20 +272,16 @@ class Picture:
             if id(node) in self._met and node.tag not in _GROUPS:
                 continue
             if defined and node.tag in _USABLE | set(_REASONS) and id(node) not in self._met:
-                if self._shapes_in(node) and not self._any_met(node):
+                if self._shapes_in(node) and not any(id(inner) in self._met for inner in node.iter()):
                     self.leave_out(node, _REASONS.get(node.tag, "a definition that nothing uses"))
                 continue
             inside = defined or node.tag == "defs"
             pending.extend((child, inside or child.tag == "symbol") for child in reversed(node))
 
-    def _shapes_in(self, node: ET.Element) -> int:
-        """How many shapes an element holds, itself included, counted once however often it is met."""
-        if id(node) not in self._counts:
-            self._counts[id(node)] = sum(inner.tag in SHAPES or inner.tag == "use" for inner in node.iter())
-        return self._counts[id(node)]
 
-    def _any_met(self, node: ET.Element) -> bool:
-        return any(id(inner) in self._met for inner in node.iter())
+def _shapes_in(node: ET.Element) -> int:
+    """How many shapes an element holds, itself included, counted once however often it is met."""
+    return sum(inner.tag in SHAPES or inner.tag == "use" for inner in node.iter())
 
 
 def _shape_name(place: Place) -> str:
@@ -320,15 +312,6 @@ def _conditional(node: ET.Element) -> bool:
     """Whether an alternative of a switch is drawn by some programs or in some languages alone, or is no element."""
     asks = ("requiredExtensions", "requiredFeatures", "systemLanguage")
     return node.tag not in _USABLE or any(key in node.attrib for key in asks)
-
-
-def _nodes_by_id(root: ET.Element) -> dict[str, ET.Element]:
-    """Elements by id; of several with the same the first."""
-    found: dict[str, ET.Element] = {}
-    for node in root.iter():
-        if "id" in node.attrib:
-            found.setdefault(node.attrib["id"], node)
-    return found
 
 
 def _view_of(root: ET.Element) -> View:
