@@ -18,10 +18,9 @@ from scipy.interpolate import BSpline
 
 from ccm_opt.core.arrays import BoolArray, FloatArray
 from ccm_opt.core.native import NativeCall
-from ccm_opt.planning.pose import Pose
+from ccm_opt.planning.pose import CurveUnknowns, Pose
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.biarc import free_before, free_shares_of_bends
-from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
 
 KNOTS = 11
 SETTLING = 1e-2
@@ -35,11 +34,10 @@ that none is bent on a span on which the tube holds it [u]."""
 
 
 @dataclass(frozen=True, eq=False)
-class CurveMap:
+class CurveMap(CurveUnknowns):
     """The map from unknowns v, shape (p,), to configurations q, shape (c,).
 
     Attributes:
-        arm: the arm.
         spacing: of the knots [m].
         knots: their number, about each of the two axes.
         scale: turn by the unknowns' unit, shape (p,).
@@ -48,7 +46,6 @@ class CurveMap:
         blend: joints' turns that one more unknown blends in, of the shape of ``offset``; None without one.
     """
 
-    arm: Arm
     spacing: float
     knots: int
     scale: FloatArray
@@ -75,16 +72,6 @@ class CurveMap:
         plain = replace(plain, scale=scale)
         v = plain.fitted(q)
         return _exact_at(plain, v, q), v
-
-    @property
-    def nominal_length(self) -> float:
-        """u, length of a nominal link [m]."""
-        return self.arm.length / NOMINAL_LINKS
-
-    @property
-    def nominal_per_link(self) -> float:
-        """Nominal links to a link; the weight of a term that is summed over all links."""
-        return NOMINAL_LINKS / self.arm.links
 
     @property
     def dimension(self) -> int:
@@ -114,10 +101,6 @@ class CurveMap:
         else:
             configurations, slopes = self.configurations_and_slopes(unknowns)
         return tuple(pose_with(self.arm, *each) for each in zip(unknowns, configurations, slopes, strict=True))
-
-    def drives(self, q: FloatArray) -> FloatArray:
-        """What the drives have to move in configurations: these themselves, shape (..., c)."""
-        return q
 
     def along(self, spline: BSpline) -> BSpline:
         """The path of configurations along a spline in the unknowns.
@@ -258,29 +241,6 @@ class CurveMap:
         rows[:, turned : turned + count] = np.diag(self.scale[turned : turned + count])
         return rows
 
-    @cached_property
-    def knot_bends(self) -> FloatArray:
-        """Bends of a nominal link by the curvature at the knots, shape (2 knots, p) [rad]."""
-        return self.nominal_length * self.curvature_rows
-
-    @cached_property
-    def knot_bend_differences(self) -> FloatArray:
-        """Differences of these from knot to knot, shape (2 knots − 2, p) [rad]."""
-        return self.nominal_length * self.curvature_differences
-
-    @property
-    def bend_limits(self) -> FloatArray:
-        """Bound on the absolute value of every bend, shape (2 links,) [rad]."""
-        return self.arm.bend_limits
-
-    def bends(self, q: FloatArray) -> FloatArray:
-        """The bends of configurations, shape (..., c) to (..., 2 links) [rad]."""
-        return q[..., : 2 * self.arm.links]
-
-    def bend_slopes(self, pose: Pose) -> FloatArray:
-        """Derivatives of the bends by the unknowns, shape (2 links, p)."""
-        return pose.slopes[: 2 * self.arm.links]
-
     def metric(self, pose: Pose) -> FloatArray:
         """How much the unknowns move and turn the links, squared, shape (p, p)."""
         p = len(pose.v)
@@ -288,10 +248,6 @@ class CurveMap:
         moving = pose.moving.reshape(-1, p) / self.nominal_length
         metric = turning.T @ turning + 0.01 * moving.T @ moving
         return np.asarray(metric + 1e-9 * np.trace(metric) * np.eye(p))
-
-    def spread(self, pose: Pose, rows: FloatArray) -> FloatArray:
-        """M⁻¹ Rᵀ, in whose span the least changes of the links lie that change rows R, shape (k, p) to (p, k)."""
-        return np.asarray(np.linalg.solve(self.metric(pose), rows.T))
 
     @property
     def affine(self) -> bool:
@@ -302,11 +258,6 @@ class CurveMap:
     def drive_rows(self) -> FloatArray:
         """Slopes where they are the same everywhere, shape (c, p)."""
         return self.slopes(np.zeros(self.dimension))
-
-    @property
-    def heading_metric(self) -> FloatArray:
-        """Nothing: how far links turn depends on the pose, shape (p, p)."""
-        return np.zeros((self.dimension, self.dimension))
 
     @property
     def of_shape(self) -> BoolArray:

@@ -13,12 +13,12 @@ from ccm_opt.ik.configuration_task import ConfigurationTask
 from ccm_opt.ik.find_configuration import find_configuration
 from ccm_opt.planning.ends import Ends
 from ccm_opt.planning.goal_members import GoalMember, goal_members
-from ccm_opt.planning.link_space import NOMINAL_LINKS
 from ccm_opt.planning.neighbourhood import route_workspace
 from ccm_opt.planning.settings import DEFAULT_CURVE_PLANNER, CurvePlannerSettings
 from ccm_opt.planning.tip_paths import TipPath, find_tip_paths, turning_by, turning_least
 from ccm_opt.problem import Problem
 from ccm_opt.robot.mapping import map_curve
+from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
 from ccm_opt.scene.corridor import Corridor, Route
 from ccm_opt.scene.free_space import FreeSpace
 from ccm_opt.scene.free_space_settings import FINE_FREE_SPACE

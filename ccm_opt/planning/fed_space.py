@@ -11,13 +11,12 @@ from functools import cached_property
 import numpy as np
 
 from ccm_opt.core.arrays import BoolArray, FloatArray
-from ccm_opt.planning.link_space import NOMINAL_LINKS, LinkSpace, nearest_curve
+from ccm_opt.planning.link_space import LinkSpace
 from ccm_opt.planning.pose import Pose
 from ccm_opt.robot.arm import Arm
-from ccm_opt.robot.configuration import Configuration
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class FedSpace(LinkSpace):
     """The space of all configurations of an arm, in its bends and the base's way in link lengths.
 
@@ -32,7 +31,7 @@ class FedSpace(LinkSpace):
     def of_arm(cls, arm: Arm, turn_per_link: float = 1.0) -> "FedSpace":
         """The space of an arm with axes that carry its base."""
         slopes = np.diag(np.concatenate((np.ones(arm.links), np.full(len(arm.base_axes), arm.link_length))))
-        return cls(arm, slopes, np.zeros(len(slopes)), NOMINAL_LINKS, turn_per_link=turn_per_link)
+        return cls(arm, slopes, np.zeros(len(slopes)), turn_per_link=turn_per_link)
 
     def fitted(self, q: FloatArray) -> FloatArray:
         """Coordinates of configurations, all of which the space holds, shape (..., c)."""
@@ -71,9 +70,5 @@ class FedSpace(LinkSpace):
         free = np.zeros(self.dimension, dtype=bool)
         free[: self.arm.links] = ~self.arm.held(float(self.arm.coordinates.advance(pose.q)))
         spread = np.zeros((self.dimension, len(rows)))
-        spread[free] = np.linalg.solve(self.metric[np.ix_(free, free)], rows[:, free].T)
+        spread[free] = np.linalg.solve(self._metric[np.ix_(free, free)], rows[:, free].T)
         return spread
-
-    def curve(self, v: FloatArray) -> Configuration:
-        """The curve nearest to the links, as it lies at a feed of 0."""
-        return nearest_curve(self.arm, self.arm.headings(self.configurations(v)))

@@ -13,8 +13,8 @@ import shapely
 from ccm_opt.core.arrays import BoolArray, FloatArray, IntArray
 from ccm_opt.core.polyline import unit_vector, wrap
 from ccm_opt.planning.goal import GoalPose
-from ccm_opt.planning.link_space import NOMINAL_LINKS
 from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
 from ccm_opt.scene.free_space import FreeSpace
 
 _MOST = 5

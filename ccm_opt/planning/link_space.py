@@ -11,18 +11,16 @@ from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 
 import numpy as np
-from scipy.interpolate import BSpline
 
-from ccm_opt.core.arrays import BoolArray, FloatArray, IntArray
-from ccm_opt.planning.pose import Pose
+from ccm_opt.core.arrays import BoolArray, FloatArray
+from ccm_opt.planning.pose import CurveUnknowns, Pose
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.configuration import Configuration
+from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
 from ccm_opt.robot.segment import CurvatureSegment, piece_coefficients
 
 SEGMENTS = 5
 KNOTS = 4 * SEGMENTS + 1
-NOMINAL_LINKS = 24.0
-"""Nominal links to the length of an arm where passages are wide: the unit of length of all weights in planning."""
 _FIT_WEIGHT = 1e-6
 """Weight on curvature differences, which break ties of the fit."""
 _METRIC_SHARE = 1e-6
@@ -31,33 +29,19 @@ _METRIC_RIDGE = 1e-9
 """What is added to it in every direction."""
 
 
-@dataclass(frozen=True)
-class LinkSpace:
+@dataclass(frozen=True, eq=False)
+class LinkSpace(CurveUnknowns):
     """An affine map from curve coordinates to configurations.
 
     Attributes:
-        arm: the arm.
         slopes: B, shape (c, p).
         offset: q₀, shape (c,) [rad, m].
-        nominal_links: how many of them there are to the arm's length.
         clamped: whether the first link keeps its heading; θ(0) then follows from the curvature.
     """
 
-    arm: Arm
     slopes: FloatArray
     offset: FloatArray
-    nominal_links: float = NOMINAL_LINKS
     clamped: bool = False
-
-    @property
-    def nominal_length(self) -> float:
-        """Length of a nominal link, in which guides measure advances, leashes and folds [m]."""
-        return self.arm.length / self.nominal_links
-
-    @property
-    def nominal_per_link(self) -> float:
-        """Nominal links to a link; the weight of a term that is summed over all links."""
-        return self.nominal_links / self.arm.links
 
     @classmethod
     def through(
@@ -78,7 +62,7 @@ class LinkSpace:
         # The bend of the first joint is its link's heading: of a clamped one θ(0) has no effect, and the fit leaves it
         # at 0.
         slopes = np.diff(headings, axis=0, prepend=headings[:1] if clamped else 0.0)
-        space = cls(arm, slopes, q, nominal_links, clamped)
+        space = cls(arm, slopes, q, clamped, nominal_links=nominal_links)
         start = space.fitted(q)
         return replace(space, offset=q - slopes @ start), start
 
@@ -146,18 +130,6 @@ class LinkSpace:
             jacobians += np.multiply.outer(self.arm.direction, self.slopes[links:].sum(axis=0))
         return jacobians
 
-    def bends(self, q: FloatArray) -> FloatArray:
-        """Joint bends of configurations, shape (..., links) [rad]."""
-        return q[..., : self.arm.links]
-
-    def along(self, spline: BSpline) -> BSpline:
-        """The path of configurations along a spline of coordinates."""
-        return BSpline(spline.t, self.configurations(spline.c), spline.k)
-
-    def drives(self, q: FloatArray) -> FloatArray:
-        """What the drives have to move in configurations: these themselves, shape (..., c)."""
-        return q
-
     @property
     def dimension(self) -> int:
         """Number of coordinates p."""
@@ -168,12 +140,7 @@ class LinkSpace:
         """Derivative of the joint bends by v, shape (links, p)."""
         return self.slopes[: self.arm.links]
 
-    def bend_slopes(self, pose: Pose) -> FloatArray:
-        """Derivative of the joint bends by v, the same in every pose, shape (links, p)."""
-        del pose
-        return self.bend_rows
-
-    @cached_property
+    @property
     def drive_rows(self) -> FloatArray:
         """Derivative of what the drives move by v, shape (c, p)."""
         return self.slopes
@@ -186,49 +153,22 @@ class LinkSpace:
         return rows
 
     @property
-    def curvature_differences(self) -> FloatArray:
-        """Differences of that from knot to knot, shape (KNOTS - 1, p) [1/m]."""
-        return np.diff(self.curvature_rows, axis=0)
-
-    @cached_property
-    def knot_bends(self) -> FloatArray:
-        """Bends of a nominal link by the curvature at the knots, shape (KNOTS, p) [rad]."""
-        # The weights on these then suit arms of any size.
-        return self.nominal_length * self.curvature_rows
-
-    @cached_property
-    def knot_bend_differences(self) -> FloatArray:
-        """Differences of these from knot to knot, shape (KNOTS - 1, p) [rad]."""
-        return np.diff(self.knot_bends, axis=0)
-
-    @property
-    def following_rows(self) -> FloatArray:
-        """Nothing: a curve in the plane is carried along with the base, shape (0, p)."""
-        return np.zeros((0, self.dimension))
-
-    @property
     def heading_metric(self) -> FloatArray:
         """Squared turns of the links by v, shape (p, p)."""
         return self.turns.T @ self.turns
-
-    @property
-    def affine(self) -> bool:
-        """What the drives move is affine in v."""
-        return True
 
     @cached_property
     def of_shape(self) -> BoolArray:
         """Which coordinates shape the arm; the others blend a goal in. Shape (p,), boolean."""
         return np.arange(self.dimension) <= KNOTS
 
-    @cached_property
-    def bend_limits(self) -> FloatArray:
-        """Bound on the absolute bend of each joint, shape (links,) [rad]."""
-        return self.arm.bend_limits
+    def metric(self, pose: Pose) -> FloatArray:
+        """Squared turns of the links by the coordinates, the same in every pose, a little regularised."""
+        del pose
+        return self._metric
 
     @cached_property
-    def metric(self) -> FloatArray:
-        """Squared turns of the links by the coordinates, a little regularised, shape (p, p)."""
+    def _metric(self) -> FloatArray:
         metric = self.heading_metric
         metric += _METRIC_SHARE * np.diag(np.diag(metric)) + _METRIC_RIDGE * np.eye(len(metric))
         return metric
@@ -236,17 +176,7 @@ class LinkSpace:
     @cached_property
     def inverse_metric(self) -> FloatArray:
         """Inverse of the metric, shape (p, p)."""
-        return np.asarray(np.linalg.inv(self.metric), dtype=np.float64)
-
-    def spread(self, pose: Pose, rows: FloatArray) -> FloatArray:
-        """M⁻¹ Rᵀ, in whose span the least changes of the links lie that change some rows, shape (p, k).
-
-        Args:
-            pose: from which they change.
-            rows: R, shape (k, p).
-        """
-        del pose
-        return np.asarray(np.linalg.solve(self.metric, rows.T))
+        return np.asarray(np.linalg.inv(self._metric), dtype=np.float64)
 
     def sag(self, turns: FloatArray) -> FloatArray:
         """How far a joint may leave its chord while links turn evenly: ⅛ Σ_{i<j} l Δφ_i² of joint j [m].
@@ -294,28 +224,6 @@ class LinkSpace:
         # As above: the weights sum to 0, and those beyond link i are minus those up to it.
         curvature: FloatArray = 0.25 * self.arm.link_length * np.cumsum(weights, axis=-1)[..., :links]
         return curvature
-
-    @cached_property
-    def mount_end(self) -> tuple[int, float]:
-        """Link on which the arm's mount ends, and where on it in [0, 1]."""
-        return self.arm.mount_end
-
-    @cached_property
-    def self_pairs(self) -> tuple[IntArray, IntArray]:
-        """Links i < j of the arm whose axes must keep two radii apart, each of shape (pairs,)."""
-        return self.arm.self_pairs
-
-    def curve(self, v: FloatArray) -> Configuration:
-        """The continuous curve behind coordinates."""
-        curvature = v[1 : KNOTS + 1]
-        values = [curvature[4 * k : 4 * k + 5] for k in range(SEGMENTS)]
-        heading = v[0]
-        if self.clamped:
-            # A clamped space has subtracted row 0, (1, a), from A; the curve gets the heading θ(0) = φ₀ − a · C that
-            # puts its first mean heading back.
-            mean = mean_heading_matrix(self.arm.links, self.arm.length)[0, 1:] @ curvature
-            heading = self.arm.base_heading + self.offset[0] - mean
-        return Configuration.chain(self.arm.base, float(heading), [self.arm.length / SEGMENTS] * SEGMENTS, values)
 
 
 def fit_coordinates(matrix: FloatArray, headings: FloatArray, length: float) -> FloatArray:
@@ -406,14 +314,8 @@ def _heading_basis(s: FloatArray, width: float, coefficients: FloatArray) -> Flo
     return np.column_stack((np.ones(len(s)), before[piece] + inside))
 
 
-def nearest_curve(arm: Arm, headings: FloatArray) -> Configuration:
-    """The continuous curve whose mean headings on the links come nearest to given ones, shape (links,) [rad]."""
-    space, v = LinkSpace.through(arm, arm.bends(headings))
-    return space.curve(v)
-
-
 def nearest_curves(arm: Arm, q: FloatArray) -> tuple[Configuration, ...]:
-    """The same, but for rounding, for many configurations at once, shape (k, c); in a fortieth of the time."""
+    """The continuous curves whose mean headings on the links come nearest to those of configurations, shape (k, c)."""
     coordinates = fit_coordinates(mean_heading_matrix(arm.links, arm.length), arm.headings(q).T, arm.length).T
     length = arm.length / SEGMENTS
     begin = coordinates[:, :1] + arm.length * coordinates[:, 1:] @ turns_before_segments().T

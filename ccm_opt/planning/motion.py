@@ -2,10 +2,9 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Generic, Protocol, TypeAlias, TypeVar
+from typing import Generic, TypeAlias, TypeVar
 
 import numpy as np
-from scipy.interpolate import BSpline
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.polyline import arc_lengths, path_length
@@ -17,28 +16,7 @@ _BENDING_FROM = (0.0, 0.5, 0.8)
 """Places along a motion, as shares of it, from where on it is tried to be bent to another end. Taste."""
 
 
-class Curve(CurveUnknowns, Protocol):
-    """What a motion has to know of the map from unknowns to configurations."""
-
-    @property
-    def affine(self) -> bool:
-        """Whether configurations are affine in the unknowns."""
-        ...
-
-    def configurations(self, v: FloatArray, /) -> FloatArray:
-        """The configurations of unknowns, shape (K, p) to (K, c)."""
-        ...
-
-    def drives(self, q: FloatArray, /) -> FloatArray:
-        """What the drives have to move in configurations, shape (K, c) to (K, c)."""
-        ...
-
-    def along(self, spline: BSpline, /) -> BSpline:
-        """The path of configurations along a spline in the unknowns."""
-        ...
-
-
-CurveType = TypeVar("CurveType", bound=Curve)
+CurveType = TypeVar("CurveType", bound=CurveUnknowns)
 """The kind of map of a motion."""
 
 

@@ -16,7 +16,7 @@ from ccm_opt.planning.limits.gate_rails import GateLines
 from ccm_opt.planning.limits.limit import Limit
 from ccm_opt.planning.limits.limit_stack import assembled_limits
 from ccm_opt.planning.limits.motion_certificate import MotionCertificate
-from ccm_opt.planning.link_space import NOMINAL_LINKS, LinkSpace, nearest_curves
+from ccm_opt.planning.link_space import LinkSpace, nearest_curves
 from ccm_opt.planning.optimisation.objective import JointSlowness
 from ccm_opt.planning.path_on_limits import KnotJoints
 from ccm_opt.planning.search import SearchTask
@@ -25,6 +25,7 @@ from ccm_opt.planning.step import Stepper
 from ccm_opt.planning.tip_paths import TipPath
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.configuration import Configuration
+from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
 from ccm_opt.scene.certificate import Certificate, allowed_contact
 from ccm_opt.scene.contact_finder import ContactFinder
 from ccm_opt.scene.workspace import Workspace

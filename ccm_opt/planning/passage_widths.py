@@ -6,8 +6,8 @@ import shapely
 from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.core.polygons import cross
 from ccm_opt.core.polyline import arc_lengths, leg_lengths, legs_at, without_repeats
-from ccm_opt.planning.link_space import NOMINAL_LINKS
 from ccm_opt.planning.motion_task import MotionTask
+from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
 from ccm_opt.scene.walls import Walls
 
 WIDTH_SAMPLES = 96

@@ -1,13 +1,16 @@
-"""A pose of the arm and its derivatives."""
+"""A pose of the arm, its derivatives, and the map of a curve that makes it."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Protocol
+from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
+from scipy.interpolate import BSpline
 
 from ccm_opt.core.arrays import TINY, BoolArray, FloatArray
 from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
 
 _RANK = 1e-10
 """Singular values below this share of the largest count as none, so that rows that follow from others are left out.
@@ -73,64 +76,118 @@ class Pose:
         return np.asarray(self.frames[:, :, 0])
 
 
-class CurveUnknowns(Protocol):
-    """The map from the unknowns of a curve to configurations of the arm: what a step asks of it, in any dimension."""
+@dataclass(frozen=True, eq=False)
+class CurveUnknowns(ABC):
+    """The map from p unknowns of a curve to configurations of an arm, of c coordinates, in any dimension.
 
-    @property
-    def arm(self) -> Arm:
-        """The arm."""
-        ...
+    Attributes:
+        arm: the arm.
+        nominal_links: how many of them there are to the arm's length; nominal links are the unit of lengths in steps.
+    """
 
-    @property
-    def dimension(self) -> int:
-        """Number p of unknowns."""
-        ...
+    arm: Arm
+    nominal_links: float = field(default=float(NOMINAL_LINKS), kw_only=True)
 
     @property
     def nominal_length(self) -> float:
-        """Length of a nominal link, the unit of lengths in steps [m]."""
-        ...
+        """u, length of a nominal link [m]."""
+        return self.arm.length / self.nominal_links
 
     @property
     def nominal_per_link(self) -> float:
         """Nominal links to a link; the weight of a term that is summed over all links."""
-        ...
+        return self.nominal_links / self.arm.links
+
+    # ------------------------------------------------------------ configurations
+    @property
+    @abstractmethod
+    def dimension(self) -> int:
+        """Number p of unknowns."""
 
     @property
+    @abstractmethod
     def of_shape(self) -> BoolArray:
         """Which unknowns shape the arm; the others blend a goal in. Shape (p,)."""
-        ...
+
+    @abstractmethod
+    def configurations(self, v: FloatArray) -> FloatArray:
+        """The configurations of unknowns, shape (K, p) to (K, c) [rad, m]."""
+
+    @abstractmethod
+    def pose(self, v: FloatArray) -> Pose:
+        """The pose of unknowns, shape (p,)."""
+
+    def along(self, spline: BSpline) -> BSpline:
+        """The path of configurations along a spline in the unknowns."""
+        return BSpline(spline.t, self.configurations(spline.c), spline.k)
 
     @property
-    def knot_bends(self) -> FloatArray:
-        """Bends of a nominal link by the curve's curvature at its knots, shape (k, p) [rad]."""
-        ...
+    def affine(self) -> bool:
+        """Whether configurations are affine in the unknowns."""
+        return True
 
     @property
-    def knot_bend_differences(self) -> FloatArray:
-        """Differences of these from knot to knot, shape (m, p) [rad]."""
-        ...
+    @abstractmethod
+    def drive_rows(self) -> FloatArray:
+        """Derivatives of what the drives move by the unknowns, where it is affine in these, shape (c, p)."""
 
+    def drives(self, q: FloatArray) -> FloatArray:
+        """What the drives have to move in configurations, shape (..., c): these themselves."""
+        return q
+
+    # ------------------------------------------------------------ bends
     @property
     def bend_limits(self) -> FloatArray:
         """Bound on the absolute value of every bend, shape (b,) [rad]."""
-        ...
-
-    def pose(self, v: FloatArray) -> Pose:
-        """The pose of unknowns, shape (p,)."""
-        ...
+        return self.arm.bend_limits
 
     def bends(self, q: FloatArray) -> FloatArray:
         """Joint bends of configurations, shape (..., c) to (..., b) [rad]."""
-        ...
+        return q[..., : len(self.arm.bend_limits)]
 
     def bend_slopes(self, pose: Pose) -> FloatArray:
         """Derivatives of the bends by the unknowns, shape (b, p)."""
-        ...
+        return pose.slopes[: len(self.arm.bend_limits)]
+
+    # ------------------------------------------------------------ shape of the curve
+    @property
+    @abstractmethod
+    def curvature_rows(self) -> FloatArray:
+        """The curve's curvature at its knots by the unknowns, shape (m, p) [1/m]."""
+
+    @property
+    def curvature_differences(self) -> FloatArray:
+        """Differences of it from knot to knot, shape (m - 1, p) or less [1/m]."""
+        return np.diff(self.curvature_rows, axis=0)
+
+    @cached_property
+    def knot_bends(self) -> FloatArray:
+        """Bends of a nominal link by the curvature at the knots, shape (m, p) [rad]; weights on them suit any arm."""
+        return self.nominal_length * self.curvature_rows
+
+    @cached_property
+    def knot_bend_differences(self) -> FloatArray:
+        """Differences of these from knot to knot, shape (m - 1, p) or less [rad]."""
+        return self.nominal_length * self.curvature_differences
+
+    @property
+    def following_rows(self) -> FloatArray:
+        """How the curve changes on which a fed arm lies still, shape (m, p) [1/m]; none where it is carried along."""
+        return np.zeros((0, self.dimension))
+
+    # ------------------------------------------------------------ metrics
+    @property
+    def heading_metric(self) -> FloatArray:
+        """Squared turns of the links by the unknowns, shape (p, p); 0 where they depend on the pose."""
+        return np.zeros((self.dimension, self.dimension))
+
+    @abstractmethod
+    def metric(self, pose: Pose) -> FloatArray:
+        """M, how much the unknowns turn and move the links, squared, shape (p, p)."""
 
     def spread(self, pose: Pose, rows: FloatArray) -> FloatArray:
         """M⁻¹ Rᵀ, in whose span the least changes of the links lie that change rows R, shape (k, p) to (p, k)."""
-        ...
+        return np.asarray(np.linalg.solve(self.metric(pose), rows.T))
 
 
 def turn_rows(arm: Arm, pose: Pose) -> FloatArray:

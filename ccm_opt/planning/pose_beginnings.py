@@ -26,7 +26,7 @@ from ccm_opt.planning.draws import GoalDraws, TargetDraws
 from ccm_opt.planning.ends import Ends
 from ccm_opt.planning.goal_members import GoalMember, goal_members
 from ccm_opt.planning.lifting import lifted_motion, nominal_task
-from ccm_opt.planning.link_space import KNOTS, NOMINAL_LINKS, LinkSpace
+from ccm_opt.planning.link_space import KNOTS, LinkSpace
 from ccm_opt.planning.motion import SpaceMotion
 from ccm_opt.planning.sampled_check import SampledCheck
 from ccm_opt.planning.settings import DEFAULT_CURVE_PLANNER, CurvePlannerSettings
@@ -36,6 +36,7 @@ from ccm_opt.planning.space_task import SpaceTask
 from ccm_opt.problem import Problem
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.mapping import map_curve
+from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
 from ccm_opt.scene.corridor import Route
 from ccm_opt.scene.free_space import FreeSpace
 

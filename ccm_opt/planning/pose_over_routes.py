@@ -27,12 +27,13 @@ from ccm_opt.planning.draws import GoalDraws, TargetDraws
 from ccm_opt.planning.ends import Ends, clamped_arm, resolve_ends
 from ccm_opt.planning.goal_members import GoalMember, goal_members
 from ccm_opt.planning.goal_pose import GoalPoseSearch, for_arm
-from ccm_opt.planning.link_space import KNOTS, NOMINAL_LINKS, LinkSpace
+from ccm_opt.planning.link_space import KNOTS, LinkSpace
 from ccm_opt.planning.sampled_check import SampledCheck
 from ccm_opt.planning.settings import DEFAULT_CURVE_PLANNER, CurvePlannerSettings
 from ccm_opt.problem import Problem
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.mapping import map_curve
+from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
 from ccm_opt.scene.corridor import Route
 from ccm_opt.scene.free_space import FreeSpace
 

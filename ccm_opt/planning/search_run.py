@@ -22,11 +22,11 @@ from ccm_opt.planning.goal import GoalPose
 from ccm_opt.planning.guides import PoseLed
 from ccm_opt.planning.hairpin import FOLD_LENGTHS, fitting_folds, led_along, pulled_over
 from ccm_opt.planning.link_space import LinkSpace
-from ccm_opt.planning.motion import Curve, CurveMotion, Motion
+from ccm_opt.planning.motion import CurveMotion, Motion
 from ccm_opt.planning.motion_task import CachedItems, MotionTask
 from ccm_opt.planning.passage_exit import SlidingOut, mouth_of_gates, pose_at_goal, slid_out, ways_on
 from ccm_opt.planning.passage_widths import evenly_along
-from ccm_opt.planning.pose import Pose
+from ccm_opt.planning.pose import CurveUnknowns, Pose
 from ccm_opt.planning.retraction import drawn_back, lies_confined, width_of_fold, widths_beside_arm
 from ccm_opt.planning.search import Failure, SearchTask, tell_tried
 from ccm_opt.planning.step import Stepper, StepperOf
@@ -220,7 +220,7 @@ def drawn_order(candidates: Iterable[GuideCandidate], seed: int, put_off: float)
 
 TaskType = TypeVar("TaskType", bound=SearchTask)
 """The kind of task."""
-CurveType = TypeVar("CurveType", bound=Curve)
+CurveType = TypeVar("CurveType", bound=CurveUnknowns)
 """The kind of map of its motions."""
 
 

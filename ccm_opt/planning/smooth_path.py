@@ -10,8 +10,9 @@ from scipy.interpolate import BSpline, make_interp_spline
 from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.core.errors import Diagnosis, MotionNotFound
 from ccm_opt.planning.limits.limit import restored_keyframes
-from ccm_opt.planning.motion import Curve, CurveMotion
+from ccm_opt.planning.motion import CurveMotion
 from ccm_opt.planning.path_on_limits import certified_samples, spline_on_limits
+from ccm_opt.planning.pose import CurveUnknowns
 from ccm_opt.planning.search import SearchTask
 from ccm_opt.planning.spline_path import (
     DEGREE,
@@ -41,7 +42,7 @@ _LIMIT_SLACK = 1e-8
 """By how much rounding may carry coordinates beyond their limits [rad, m]."""
 
 
-CurveType = TypeVar("CurveType", bound=Curve)
+CurveType = TypeVar("CurveType", bound=CurveUnknowns)
 """The kind of map of a motion."""
 
 

@@ -19,7 +19,6 @@ from ccm_opt.planning.draws import Connecting
 from ccm_opt.planning.ending import optimised_to_end_pose
 from ccm_opt.planning.goal import GoalPose
 from ccm_opt.planning.lifting import coarse_task, taken_over
-from ccm_opt.planning.link_space import NOMINAL_LINKS
 from ccm_opt.planning.motion import Motion
 from ccm_opt.planning.motion_task import MotionTask
 from ccm_opt.planning.passage_exit import backward_tasks, ending_in, laid_backward_tasks, reversed_motion
@@ -34,6 +33,7 @@ from ccm_opt.planning.tip_walks import WALKS, by_walks, is_walked
 from ccm_opt.planning.tree_search import search_by_trees
 from ccm_opt.problem import Weights
 from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
 
 _ARC_PLACES = 24
 """Joints at which the side to which an arc bends may change. Taste."""

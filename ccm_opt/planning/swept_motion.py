@@ -132,7 +132,7 @@ class PlanarSweep:
 
         # The mount's end is no joint: what acts on it is shared out between the joints of its link, as by the law of
         # the lever.
-        link, share = space.mount_end
+        link, share = space.arm.mount_end
         forces[:, link] += (1.0 - share) * forces[:, links + 1]
         forces[:, link + 1] += share * forces[:, links + 1]
         # What stands still, the last of all points, bears its forces through the base.
@@ -145,7 +145,7 @@ class PlanarSweep:
 
     def _with_marks(self, joints: FloatArray, standing: FloatArray) -> FloatArray:
         """Values at the joints, at the mount's end, linear between the joints of its link, and at what stands still."""
-        link, share = self.space.mount_end
+        link, share = self.space.arm.mount_end
         at_mount = (1.0 - share) * joints[:, link : link + 1] + share * joints[:, link + 1 : link + 2]
         still = np.broadcast_to(standing, at_mount.shape)
         return np.concatenate((joints, at_mount, still), axis=1)

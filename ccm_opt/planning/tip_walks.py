@@ -23,7 +23,6 @@ from ccm_opt.planning.continuation import GuideCandidate, Stalled, follow, settl
 from ccm_opt.planning.curve_routes import run_in
 from ccm_opt.planning.goal import GoalPose
 from ccm_opt.planning.hairpin import FOLD_LENGTHS, led_along, pulled_over
-from ccm_opt.planning.link_space import NOMINAL_LINKS
 from ccm_opt.planning.motion import Motion
 from ccm_opt.planning.motion_task import MotionTask
 from ccm_opt.planning.pose import Pose
@@ -32,6 +31,7 @@ from ccm_opt.planning.search import Failure
 from ccm_opt.planning.search_run import PlanarRun, configurations_of
 from ccm_opt.planning.settings import TipWalkSettings
 from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
 from ccm_opt.scene.free_space import FreeSpace
 
 _FARTHEST = 0.3

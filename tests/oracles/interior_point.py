@@ -117,7 +117,7 @@ def _solution(program: MotionProgram[PlanarSweep], sweep: PlanarSweep, all_rows:
 def _points(program: MotionProgram[PlanarSweep], headings: Any) -> tuple[Any, Any]:
     """Both coordinates of ``Sweep.points``, each (n + 3) × (K + 1)."""
     arm = program.curve.arm
-    link, share = program.curve.mount_end
+    link, share = program.curve.arm.mount_end
     parts = []
     for direction, base in ((ca.cos(headings), arm.base[0]), (ca.sin(headings), arm.base[1])):
         joints = ca.vertcat(ca.DM.zeros(1, headings.shape[1]), arm.link_length * ca.cumsum(direction)) + base

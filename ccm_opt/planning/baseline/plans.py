@@ -39,7 +39,7 @@ from ccm_opt.planning.baseline.schemas import (
 from ccm_opt.planning.baseline.settings import DEFAULT_BASELINE, BaselineSettings
 from ccm_opt.planning.baseline.world import World
 from ccm_opt.planning.ends import Ends, resolve_ends
-from ccm_opt.planning.link_space import nearest_curve
+from ccm_opt.planning.link_space import nearest_curves
 from ccm_opt.problem import Problem
 from ccm_opt.robot.configuration import Configuration
 from ccm_opt.robot.decomposition import merge_segments
@@ -371,11 +371,7 @@ class Follower:
     def start(self) -> Configuration:
         """The curve at the start, with as few segments as follow it."""
         pose = self.problem.start
-        curve = (
-            nearest_curve(self.problem.arm, self.problem.arm.headings(self.ends.start))
-            if pose.curve is None
-            else pose.curve
-        )
+        curve = nearest_curves(self.problem.arm, self.ends.start[None])[0] if pose.curve is None else pose.curve
         return _with_few_segments(curve, _MERGING_TOLERANCE)
 
     @cached_property

@@ -131,7 +131,7 @@ def motion_rows(
     """
     arm = sweep.space.arm
     room = arm.room_for_errors(np.arange(1, arm.links + 1))
-    planes = sweep_regions(sweep, segments, sweep.space.mount_end[0], reach + float(room[-1]))
+    planes = sweep_regions(sweep, segments, sweep.space.arm.mount_end[0], reach + float(room[-1]))
     kept = margin if most is None else np.minimum(margin, most[planes.interval, planes.link])
     need = arm.radius + workspace.clearance + kept + room[planes.link]
     walls = wall_rows(planes, sweep, need)
@@ -187,7 +187,7 @@ def wall_rows(planes: HalfPlanes, sweep: PlanarSweep, need: FloatArray) -> Inter
         need: distance to keep from each half-plane, shape (m,) [m].
     """
     arm = sweep.space.arm
-    mounted, share = sweep.space.mount_end
+    mounted, share = sweep.space.arm.mount_end
     m = len(planes.link)
     parts = []
     for end in (0, 1):
@@ -223,7 +223,7 @@ def self_rows(sweep: PlanarSweep, reach: float, margin: float) -> IntervalRows:
     """
     arm = sweep.space.arm
     far = reach + 2.0 * arm.radius + float(arm.room_for_errors(np.array([arm.links]))[0])
-    interval, i, j = _near_pairs(sweep, *sweep.space.self_pairs, far)
+    interval, i, j = _near_pairs(sweep, *sweep.space.arm.self_pairs, far)
 
     # One direction for the whole interval: that of the closest points half-way, where both ends are equally near.
     p = sweep.middles[interval]

@@ -13,7 +13,6 @@ Hessian is the Gauss–Newton one, which is convex.
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
 from functools import cached_property, lru_cache
-from typing import Protocol
 
 import numpy as np
 
@@ -69,40 +68,6 @@ class JointSlowness:
         return JointSlowness(np.interp(wanted, middles, self.speed), np.interp(wanted, middles, self.acceleration))
 
 
-class Curve(CurveUnknowns, Protocol):
-    """The map from p unknowns of a curve to c coordinates of the arm, as far as the objective has to know it."""
-
-    @property
-    def affine(self) -> bool:
-        """Whether the coordinates are affine in the unknowns."""
-        ...
-
-    @property
-    def drive_rows(self) -> FloatArray:
-        """Derivatives of the coordinates by the unknowns where these are affine, shape (c, p)."""
-        ...
-
-    @property
-    def heading_metric(self) -> FloatArray:
-        """Squared turns of the links by the unknowns, shape (p, p); 0 where they depend on the pose."""
-        ...
-
-    @property
-    def curvature_rows(self) -> FloatArray:
-        """Curvature of the curve at its knots by the unknowns, shape (m, p) [1/m]."""
-        ...
-
-    @property
-    def curvature_differences(self) -> FloatArray:
-        """Differences of it from knot to knot, shape (m - 1, p) or less [1/m]."""
-        ...
-
-    @property
-    def following_rows(self) -> FloatArray:
-        """How the curve changes on which a fed arm lies still, shape (m, p) [1/m]; no rows where it need not."""
-        ...
-
-
 @dataclass(frozen=True)
 class Objective:
     """½ Σ over unknowns of all keyframes; quadratic in the coordinates of the arm, and convex to first order of them.
@@ -115,7 +80,7 @@ class Objective:
         scale: how much a unit of each coordinate counts, shape (c,); None when all count alike.
     """
 
-    curve: Curve
+    curve: CurveUnknowns
     intervals: int
     weights: Weights = field(default_factory=Weights)
     slowness: JointSlowness | None = None

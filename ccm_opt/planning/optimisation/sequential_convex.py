@@ -16,8 +16,9 @@ from ccm_opt.core.deadline import Deadline
 from ccm_opt.planning.goal import GoalPose, moved_onto
 from ccm_opt.planning.limits.limit import KeyframeRows, LimitOf, MotionCost, restored_keyframes
 from ccm_opt.planning.optimisation.interval_rows import IntervalRows, RowCurvature, Sweep, joined_rows, representatives
-from ccm_opt.planning.optimisation.objective import Curve, JointSlowness, Objective, WallNearness
+from ccm_opt.planning.optimisation.objective import JointSlowness, Objective, WallNearness
 from ccm_opt.planning.optimisation.program import KeyframeProgram, LinearMotion, QuadraticStep
+from ccm_opt.planning.pose import CurveUnknowns
 from ccm_opt.planning.settings import ConvexSettings
 from ccm_opt.problem import Weights
 from ccm_opt.robot.arm import Arm
@@ -91,7 +92,7 @@ class MotionProgram(Generic[SweepType]):
         yielding: whether keyframes may take less of a step where the motion would not be certified, the others all.
     """
 
-    curve: Curve
+    curve: CurveUnknowns
     sweep: Callable[[FloatArray], SweepType]
     limits: tuple[LimitOf[Any], ...]
     failures: Callable[[SweepType], IntArray]
