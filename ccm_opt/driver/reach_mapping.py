@@ -102,7 +102,9 @@ def reach_map(
         found = [np.swapaxes(each, 0, 1) for each in found]
     tried = np.zeros((0, 2)) if plane else directions
     timings = {**stages.timings, "cells": flood.cpu}
-    return ReachMap(problem, width, axes, angles, tried, *found, numbers.seen * arm.length, timings)
+    free, taken, gap, proved = found
+    seen = numbers.seen * arm.length
+    return ReachMap(problem, width, axes, angles, tried, free, taken, gap, proved, seen, timings)
 
 
 def _flood(
