@@ -26,7 +26,6 @@ from ccm_opt.planning.goal_pose import EndPoses
 from ccm_opt.planning.leader import travel_between_samples
 from ccm_opt.planning.led_strategies import fed_strategies
 from ccm_opt.planning.limits.guide_tube import GuideTubeLimit
-from ccm_opt.planning.limits.limit import Limit
 from ccm_opt.planning.limits.user_limit import UserLimit
 from ccm_opt.planning.link_space import LinkSpace
 from ccm_opt.planning.motion import Motion
@@ -65,7 +64,7 @@ def resumed(known: Motion, task: MotionTask) -> Motion | None:
     )
     if not same_start:
         return None
-    if task.goal_pose is not None or any(limit.moves_keyframes for limit in task.user_limits):
+    if task.goal_pose is not None or task.user_limits:
         return None
     stepper = _stepper(known, task)
     moved = _bent(known, stepper, task) or _tracked(known, stepper, task)
@@ -141,7 +140,7 @@ class CurvePlanner:
     settings: CurvePlannerSettings = DEFAULT_CURVE_PLANNER
 
     @property
-    def user_limits(self) -> tuple[Limit, ...]:
+    def user_limits(self) -> tuple[UserLimit, ...]:
         """The user's constraints and costs as limits of the motion; usually none."""
         return () if self.terms is None else (UserLimit(self.terms),)
 

@@ -201,8 +201,7 @@ def coarse_task(task: MotionTask) -> MotionTask | None:
     """The task with as few links as its passages let through; None where that does not pay, or is not possible."""
     # Narrow passages need short links.
     links = max(_DESIGN_LINKS, 2 * ceil(0.5 * task.nominal_links))
-    resamples = all(limit.resamples for limit in task.user_limits)
-    if task.arm.links <= _MANY_LINKS * links or not resamples or task.clamped or task.guide_tubes:
+    if task.arm.links <= _MANY_LINKS * links or task.user_limits or task.clamped or task.guide_tubes:
         return None
     # What lies in the middle of a gate with few links lies beside it with many.
     if task.gates is not None:

@@ -16,6 +16,7 @@ from ccm_opt.planning.limits.gate_rails import GateLines
 from ccm_opt.planning.limits.limit import Limit
 from ccm_opt.planning.limits.limit_stack import assembled_limits
 from ccm_opt.planning.limits.motion_certificate import MotionCertificate
+from ccm_opt.planning.limits.user_limit import UserLimit
 from ccm_opt.planning.link_space import LinkSpace, nearest_curves
 from ccm_opt.planning.optimisation.objective import JointSlowness
 from ccm_opt.planning.path_on_limits import KnotJoints
@@ -75,7 +76,7 @@ class MotionTask(SearchTask):
     clamped: bool = False
     further_guesses: Callable[[], Iterator[FloatArray]] = field(default=lambda: iter(()))
     slowness: JointSlowness | None = None
-    user_limits: tuple[Limit, ...] = ()
+    user_limits: tuple[UserLimit, ...] = ()
     end_poses: EndPosesOffered = field(default=lambda _arm, _end: ())
     guide_tubes: tuple[Limit, ...] = ()
     fed_space: FedSpace | None = None

@@ -44,7 +44,7 @@ def backward_tasks(task: MotionTask, stepper: Stepper) -> Iterator[MotionTask | 
         turn = float(task.start[0] - task.goal_pose[0])
         turned = _exchanged(task, task.goal_pose, points)
         # A limit on keyframes is met at the start and at the goal by different rows: backwards it is another task.
-        useful = not any(limit.moves_keyframes for limit in task.user_limits)
+        useful = not task.user_limits
         yield replace(turned, tip_paths=turning_by(turned.tip_paths, turn)) if useful else None
         return
     for guess in chain(task.guesses, task.further_guesses()):

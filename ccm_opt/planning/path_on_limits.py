@@ -6,15 +6,14 @@ so halving the spans in which equations are missed brings the path back onto the
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from scipy.interpolate import BSpline, make_interp_spline
 
 from ccm_opt.core.arrays import FloatArray, IntArray
-from ccm_opt.planning.limits.limit import LimitOf
 from ccm_opt.planning.limits.limit_stack import overbent
 from ccm_opt.planning.limits.motion_certificate import failed_intervals
+from ccm_opt.planning.limits.user_limit import UserLimit
 from ccm_opt.planning.limits.user_motion_rows import slope_norms
 from ccm_opt.planning.spline_path import DEGREE
 
@@ -58,7 +57,7 @@ class KnotJoints:
     free: Callable[[FloatArray], FloatArray]
 
 
-def spline_on_limits(base: BSpline, limits: tuple[LimitOf[Any], ...], joints: KnotJoints) -> BSpline | None:
+def spline_on_limits(base: BSpline, limits: tuple[UserLimit, ...], joints: KnotJoints) -> BSpline | None:
     """A spline through points of a base that are moved onto limits, refined until it keeps them throughout.
 
     Args:
@@ -104,7 +103,7 @@ def _first_knots(base: BSpline, breaks: list[float], least: int) -> FloatArray:
     return knots
 
 
-def moved_onto(limits: tuple[LimitOf[Any], ...], joints: KnotJoints, q: FloatArray, u: float) -> FloatArray | None:
+def moved_onto(limits: tuple[UserLimit, ...], joints: KnotJoints, q: FloatArray, u: float) -> FloatArray | None:
     """A pose moved onto the equations, out of broken gaps and within joint limits, by least change.
 
     Args:
@@ -136,7 +135,7 @@ def moved_onto(limits: tuple[LimitOf[Any], ...], joints: KnotJoints, q: FloatArr
     return None
 
 
-def _missed_spans(spline: BSpline, knots: FloatArray, limits: tuple[LimitOf[Any], ...], samples: int) -> IntArray:
+def _missed_spans(spline: BSpline, knots: FloatArray, limits: tuple[UserLimit, ...], samples: int) -> IntArray:
     """Spans in which a limit is missed, sorted; each is looked at in so many samples."""
     # Even samples in every span, however long the spans are.
     places = np.interp(np.arange(samples * (len(knots) - 1) + 1) / samples, np.arange(len(knots)), knots)
@@ -147,7 +146,7 @@ def _missed_spans(spline: BSpline, knots: FloatArray, limits: tuple[LimitOf[Any]
     return np.unique(np.minimum(np.flatnonzero(missed) // samples, len(knots) - 2))
 
 
-def _short_spans(spline: BSpline, knots: FloatArray, limits: tuple[LimitOf[Any], ...]) -> IntArray:
+def _short_spans(spline: BSpline, knots: FloatArray, limits: tuple[UserLimit, ...]) -> IntArray:
     """Spans in which a limit holds, but with less room than its certificate asks for, sorted."""
     places = certified_samples(spline)
     # Sample i to i + 1 lies in the span whose first knot is the last at or before it.

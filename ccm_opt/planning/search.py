@@ -18,8 +18,8 @@ from ccm_opt.core.errors import Diagnosis, MotionNotFound, TimeLimitReached
 from ccm_opt.core.length_words import short_length
 from ccm_opt.core.progress import tell_candidate
 from ccm_opt.planning.goal import GoalPose
-from ccm_opt.planning.limits.limit import LimitOf
 from ccm_opt.planning.limits.motion_certificate import IntervalCertificate
+from ccm_opt.planning.limits.user_limit import UserLimit
 from ccm_opt.planning.path_on_limits import KnotJoints
 from ccm_opt.planning.settings import EngineSettings
 from ccm_opt.problem import OptimiserName, Weights
@@ -114,7 +114,7 @@ class SearchTask(ABC):
 
     @property
     @abstractmethod
-    def user_limits(self) -> tuple[LimitOf[Any], ...]:
+    def user_limits(self) -> tuple[UserLimit, ...]:
         """What the user asks of the motion; usually nothing."""
 
     @property

@@ -331,7 +331,7 @@ class PlanarRun(SearchRun[MotionTask, LinkSpace]):
         stepper = task.stepper(space, margin_links)
         run = cls(task, stepper, stepper.pose(start), goal, guesses)
         # A motion drawn towards a guess that breaks a limit would be drawn away from what the limit allows.
-        settled = any(limit.moves_keyframes for limit in task.user_limits) and goal.coordinates is None
+        settled = bool(task.user_limits) and goal.coordinates is None
         return replace(run, guesses=run.settled_guesses()) if settled else run
 
     def settled_guesses(self) -> Iterable[FloatArray]:

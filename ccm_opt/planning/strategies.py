@@ -224,7 +224,7 @@ def straight(task: MotionTask, failures: list[Failure]) -> Motion | None:
 
 def connects(task: MotionTask, turn: Turn = Turn.EARLY) -> bool:
     """Whether RRT-Connect has a turn: limits that move keyframes, or depend on u, refuse all straight motions."""
-    refused = task.parametric or any(limit.moves_keyframes for limit in task.user_limits)
+    refused = task.parametric or bool(task.user_limits)
     return not refused and len(_budgets(task, turn)) > 0
 
 

@@ -10,8 +10,8 @@ single step         ``linearised`` (rows, pulls, and the true check afterwards),
 at the goal         ``miss``, ``mending``, ``missed``, ``keeps_at_goal``
 optimisation        ``interval_rows``, ``keyframe_rows``, ``keyframe_equations``, ``costs``, ``restored_keyframes``,
                     ``holds``
-between keyframes   ``failures``; ``missed_on_path`` and ``misses_path`` of the smooth path in the end
-words               ``refuse_ends``, ``worst``, ``describe``, ``names``, ``advice``
+between keyframes   ``failures``
+words               ``worst``, ``describe``
 ==================  =====================================================================================
 """
 
@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeAlias, TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from ccm_opt.core.arrays import BoolArray, FloatArray, IntArray
+from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.planning.link_space import LinkSpace
 from ccm_opt.planning.pose import CurveUnknowns, Pose, Term
 
@@ -141,39 +141,9 @@ AnyUnknowns_contra = TypeVar("AnyUnknowns_contra", bound=CurveUnknowns, contrava
 class LimitOf(Generic[AnyUnknowns_contra]):
     """Something that a motion must keep; contributes nothing unless a method is overridden."""
 
-    # ------------------------------------------------------------ what kind of limit it is
-    @property
-    def parametric(self) -> bool:
-        """Whether it depends on the path parameter, so that a motion can only be tracked under it."""
-        return False
-
-    @property
-    def resamples(self) -> bool:
-        """Whether it holds for an arm of the same length with fewer links, too."""
-        return True
-
-    @property
-    def moves_keyframes(self) -> bool:
-        """Whether keyframes have to be brought back onto it in the optimisation."""
-        return False
-
-    @property
-    def shapes_path(self) -> bool:
-        """Whether a smooth path near the motion may miss it, so that the path is laid through knots that meet it."""
-        return False
-
-    @property
-    def breaks(self) -> tuple[float, ...]:
-        """Path parameters inside (0, 1) at which it begins or ends, increasing."""
-        return ()
-
     def placed(self, u: float) -> "Self":
         """The limit at a path parameter u of the motion."""
         del u
-        return self
-
-    def placed_at_goal(self) -> "Self":
-        """The limit at the goal."""
         return self
 
     # ------------------------------------------------------------ the single step
@@ -267,46 +237,7 @@ class LimitOf(Generic[AnyUnknowns_contra]):
         del q, depth
         return np.zeros(0, dtype=np.intp)
 
-    # ------------------------------------------------------------ the smooth path
-    def missed_on_path(self, q: FloatArray, u: float) -> tuple[FloatArray, FloatArray]:
-        """Slopes by the configuration of what a point of the path misses, shape (k, c), and by how much, (k,).
-
-        Args:
-            q: shape (c,) [rad, m].
-            u: path parameter.
-        """
-        del u
-        return np.zeros((0, len(q))), np.zeros(0)
-
-    def misses_path(self, q: FloatArray, u: FloatArray) -> BoolArray:
-        """At which samples of a path, shape (N, c) at u (N,), the limit is missed; shape (N,)."""
-        del q
-        return np.zeros(len(u), dtype=bool)
-
-    # ------------------------------------------------------------ ends and words
-    @property
-    def names(self) -> tuple[str, ...]:
-        """What a user would recognise in a message."""
-        return ()
-
-    @property
-    def advice(self) -> tuple[str, ...]:
-        """What would help when no motion is found."""
-        return ()
-
-    def refuse_ends(self, start: FloatArray, goal: FloatArray | None) -> None:
-        """Refuse ends that break the limit by themselves.
-
-        Args:
-            start: configuration, shape (c,) [rad, m].
-            goal: configuration of a whole-arm goal, or None.
-
-        Raises:
-            ProblemError: the start breaks the limit.
-            UnreachableGoal: the goal does.
-        """
-        del start, goal
-
+    # ------------------------------------------------------------ words
     def worst(self, q: FloatArray) -> tuple[str, float]:
         """Name of the part of the limit that a pose misses most, and its miss in the limit's unit."""
         del q

@@ -91,16 +91,6 @@ class UserLimit(LimitOf[CurveUnknowns]):
         return self.terms.parametric
 
     @property
-    def resamples(self) -> bool:
-        """No: quantities are symbols of an arm with a given number of links."""
-        return False
-
-    @property
-    def moves_keyframes(self) -> bool:
-        """Yes: a step of the optimisation leaves equations by its square."""
-        return True
-
-    @property
     def has_equations(self) -> bool:
         """Whether a path beside the keyframes may miss equations that these meet."""
         return bool(self.terms.path_rows.equal.any())

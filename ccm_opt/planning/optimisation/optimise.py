@@ -97,7 +97,7 @@ def optimise(motion: Motion, task: MotionTask, margin: float | None = None, roun
     if task.optimiser == "none" or len(motion.unknowns) < 2 or task.deadline.passed():
         return motion
     whole = motion_program(motion, task, margin)
-    if any(limit.moves_keyframes for limit in task.user_limits):
+    if task.user_limits:
         return _optimised_on_limits(motion, task, whole, rounds)
     optimised = _optimised(motion, task, whole, rounds)
     # With default weights the objective is close to the length but not the same; with others a longer path may be
@@ -198,7 +198,7 @@ def _few_in_gates(motion: Motion, whole: PlanarProgram) -> tuple[FloatArray, Flo
 
 def keeps_limits(motion: Motion, task: MotionTask) -> bool:
     """Whether a motion's keyframes keep the limits that users set, and the motion is certified between them."""
-    if not any(limit.moves_keyframes for limit in task.user_limits):
+    if not task.user_limits:
         return True  # every motion that is made here is certified
     program = replace(motion_program(motion, task), u=motion.path_parameters)
     return _certified(program, motion.unknowns)
