@@ -18,7 +18,7 @@ from ccm_opt.cli import solving
 from ccm_opt.cli.commands import app
 from ccm_opt.core.errors import CancelledWithPlan, Diagnosis, SimulationError
 from ccm_opt.driver import closed_loop, kept_plan
-from ccm_opt.driver.closed_loop import Touch, chain_motion, first_touch, simulate_and_check
+from ccm_opt.driver.closed_loop import simulate_and_check
 from ccm_opt.dynamics.simulation import closed_loop_run
 from ccm_opt.io.reading import parse_problem
 from ccm_opt.problem import Disturbances, Problem, SimulationOptions, TipGoal
@@ -265,11 +265,6 @@ def test_the_first_touch_is_named_with_link_wall_and_time(swing: Solution) -> No
     assert deep[first]
     assert not np.any(deep[time < verdict.time - 1e-9])
     assert verdict.time <= time[first] + 1e-9
-    chain = chain_motion(problem, swing.trajectory, motion)
-    assert chain is not None
-    # Whatever contact is known already, the first is found.
-    late = Touch(verdict.link, "'post'", float(time[-1]))
-    assert first_touch(problem, chain, late).time == verdict.time
 
 
 def test_a_retargeted_plan_is_kept_too(swing: Solution) -> None:

@@ -23,7 +23,6 @@ from ccm_opt.io.reading import parse_problem
 from ccm_opt.planning.continuation import GuideCandidate
 from ccm_opt.planning.search_run import drawn_order
 from ccm_opt.problem import Problem
-from tests.answered import answered
 from tests.conftest import SMALL_PROBLEM
 from tests.scenes import clutter, open_scene
 
@@ -73,8 +72,10 @@ def answering(answers: dict[int, VerifiedPlan | BaseException]) -> Callable[[Pro
     return attempt
 
 
-tries_of = partial(best_of_tries, each=surviving_errors, as_it_stands=partial(as_it_stands, stages=Stages()))
-"""What is asked for of a problem."""
+def tried(problem: Problem, attempt: Callable[[Problem], VerifiedPlan]) -> VerifiedPlan:
+    """The best of the tries that a function makes."""
+    roomy = partial(surviving_errors, planned=attempt)
+    return best_of_tries(problem, roomy, partial(as_it_stands, stages=Stages()))
 
 
 def nothing(reason: str) -> MotionNotFound:
@@ -85,24 +86,24 @@ def nothing(reason: str) -> MotionNotFound:
 def test_the_shortest_roomy_try_is_taken(plans: dict[str, VerifiedPlan]) -> None:
     """A shorter motion with less room than the others is not taken; with as much it is, and all tries are told."""
     roomy = {0: with_gap(plans["slow"], 0.03), 1: nothing("none"), 2: with_gap(plans["fast"], 0.019)}
-    best = answered(tries_of(asked(3)), answering(roomy))
+    best = tried(asked(3), answering(roomy))
     assert best.trajectory is plans["fast"].trajectory
     assert [each.seed for each in best.tries] == [0, 1, 2]
     assert [each.taken for each in best.tries] == [False, False, True]
     assert best.tries[1].reason == "none"
     assert best.tries[2].gap == pytest.approx(0.019)
     tight = {**roomy, 2: with_gap(plans["fast"], 0.001)}
-    assert answered(tries_of(asked(3)), answering(tight)).trajectory is plans["slow"].trajectory
+    assert tried(asked(3), answering(tight)).trajectory is plans["slow"].trajectory
 
 
 def test_tries_in_vain_say_what_the_first_said() -> None:
     """Without any plan the failure is that of the first try; a goal out of reach ends the tries at once."""
     failing = answering({7: nothing("first"), 8: nothing("second")})
     with pytest.raises(MotionNotFound, match="first"):
-        answered(tries_of(asked(2, seed=7)), failing)
+        tried(asked(2, seed=7), failing)
     with pytest.raises(UnreachableGoal):
-        answered(
-            tries_of(asked(2)),
+        tried(
+            asked(2),
             answering({0: UnreachableGoal(Diagnosis("far", "reach"))}),
         )
 
@@ -116,20 +117,20 @@ def test_tries_share_the_time(plans: dict[str, VerifiedPlan]) -> None:
         return plans["fast"]
 
     problem = asked(4)
-    answered(tries_of(problem), attempt)
+    tried(problem, attempt)
     assert limits[0] == pytest.approx(problem.planner.time_limit / 4, rel=0.1)
     assert sum(limits) >= 0.9 * problem.planner.time_limit
     hurried = replace(problem, planner=replace(problem.planner, time_limit=1e-9))
-    assert len(answered(tries_of(hurried), attempt).tries) == 1
+    assert len(tried(hurried, attempt).tries) == 1
 
 
 def test_a_cancelled_try_loses_no_plan(plans: dict[str, VerifiedPlan]) -> None:
     """On Ctrl-C the best plan so far is kept; before the first there is none to keep."""
     with pytest.raises(CancelledWithPlan) as kept:
-        answered(tries_of(asked(2)), answering({0: plans["slow"], 1: KeyboardInterrupt()}))
+        tried(asked(2), answering({0: plans["slow"], 1: KeyboardInterrupt()}))
     assert kept.value.solution.trajectory is plans["slow"].trajectory
     with pytest.raises(KeyboardInterrupt) as lost:
-        answered(tries_of(asked(2)), answering({0: KeyboardInterrupt()}))
+        tried(asked(2), answering({0: KeyboardInterrupt()}))
     assert not isinstance(lost.value, CancelledWithPlan)
 
 

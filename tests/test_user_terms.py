@@ -36,7 +36,7 @@ SEEDS = st.integers(0, 2**32 - 1)
 def value(expression: object, q: Quantities, headings: FloatArray) -> FloatArray:
     """An expression's value at link headings."""
     function = ca.Function("f", list(q.symbols), [ca.SX(expression)])
-    return np.asarray(function(headings, 0.0, 0.5))
+    return np.asarray(function(q.arm.bends(headings), 0.0, 0.5))
 
 
 @settings(max_examples=15, deadline=None)

@@ -12,11 +12,6 @@ from ccm_opt.planning.ends import GapsAtSamples, NearestOfSamples
 from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import JointStates, JointTrajectory, SimulatedMotion, SimulationOutcome, SimulationVerdict
 from ccm_opt.robot.frames import bends_from_revolutes, joint_positions_3d
-from ccm_opt.verification.chain_motion import ChainMotion
-from ccm_opt.verification.selfcollision import nearest_links
-from ccm_opt.verification.stretch_proof import Verdict
-from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
-from ccm_opt.verification.wall_clearance import nearest_wall
 
 _FIRST_LOOKS = 40
 """Samples at which the simulated arm is looked at first, as far as a link; the others need only be looked at as far as
@@ -101,7 +96,6 @@ def simulate_and_check(
     problem: Problem,
     trajectory: JointTrajectory,
     joints: JointStates,
-    looks: VerificationSettings = DEFAULT_VERIFICATION,
 ) -> tuple[SimulatedMotion, Mapping[str, float]]:
     """Simulate a planned motion and judge it; a motion that is not followed is a result, never an error.
 
@@ -112,12 +106,11 @@ def simulate_and_check(
         problem: arm, limits, obstacles, simulation options.
         trajectory: the plan.
         joints: the same for all revolutes.
-        looks: of the verifier that looks at what the arm did in the plane.
 
     Returns:
         What the arm does, with the verdict on it, and its figures of merit, named with their units.
     """
-    asked = simulated_once(problem, trajectory, joints, looks)
+    asked = simulated_once(problem, trajectory, joints)
     best = asked
     before = asked
     step = problem.simulation.step
@@ -126,7 +119,7 @@ def simulate_and_check(
             break
         step = 0.5 * step
         finer = replace(problem, simulation=replace(problem.simulation, step=step))
-        judged = simulated_once(finer, trajectory, joints, looks)
+        judged = simulated_once(finer, trajectory, joints)
         # Among equals the smaller step is the more exact one.
         if judged.rank < asked.rank and judged.rank <= best.rank:
             best = judged
@@ -141,7 +134,6 @@ def simulated_once(
     problem: Problem,
     trajectory: JointTrajectory,
     joints: JointStates,
-    looks: VerificationSettings = DEFAULT_VERIFICATION,
 ) -> JudgedMotion:
     """Simulate a planned motion with the problem's own step and judge it; arguments as for ``simulate_and_check``."""
     options = problem.simulation
@@ -152,13 +144,10 @@ def simulated_once(
         return JudgedMotion(
             not_simulated(trajectory, joints, options.step, diagnosis.reason, diagnosis.advice), seen=None
         )
-    if problem.dimension == 3:
-        seen = seen_in_space(problem, trajectory, motion)
-    else:
-        seen = seen_in_plane(problem, trajectory, motion, looks)
-    if seen is None or seen.touch is None:
-        return JudgedMotion(motion, seen)
-    return JudgedMotion(replace(motion, verdict=_touched(motion.verdict, seen.touch)), seen)
+    found = seen(problem, trajectory, motion)
+    if found is None or found.touch is None:
+        return JudgedMotion(motion, found)
+    return JudgedMotion(replace(motion, verdict=_touched(motion.verdict, found.touch)), found)
 
 
 def _figures(trajectory: JointTrajectory, simulated: SimulatedMotion, seen: Seen | None) -> Mapping[str, float]:
@@ -230,125 +219,32 @@ def not_simulated(
     )
 
 
-def chain_motion(problem: Problem, trajectory: JointTrajectory, simulated: SimulatedMotion) -> ChainMotion | None:
-    """What the simulated arm does, linear between samples; None when no step was run, or the arm left its plane."""
+def seen(
+    problem: Problem,
+    trajectory: JointTrajectory,
+    simulated: SimulatedMotion,
+) -> Seen | None:
+    """What a simulated arm comes near to; None when no step was run, or an arm of the plane left it.
+
+    In space rolls that the controller does not hold at zero count too: the arm is where its revolutes put it.
+
+    Args:
+        problem: walls or surfaces, and arm.
+        trajectory: the plan, for its times.
+        simulated: what the arm did.
+    """
     angles = simulated.angles
     if simulated.verdict.outcome == "not simulated" or len(angles) < 2:
         return None
+    arm = problem.arm
+    if arm.dimension == 3:
+        points = joint_positions_3d(arm, angles, np.sum(simulated.base_positions, axis=1))
     # Obstacles are known in the plane alone, which yaws and rolls beyond rounding leave.
-    if max(np.max(np.abs(angles[:, place::3])) for place in (0, 2)) > ROUNDING:
+    elif max(np.max(np.abs(angles[:, place::3])) for place in (0, 2)) > ROUNDING:
         return None
-    positions = np.column_stack((bends_from_revolutes(problem.arm, angles), simulated.base_positions))
-    return ChainMotion(problem.arm, trajectory.time, positions)
-
-
-def seen_in_plane(
-    problem: Problem,
-    trajectory: JointTrajectory,
-    simulated: SimulatedMotion,
-    settings: VerificationSettings = DEFAULT_VERIFICATION,
-) -> Seen | None:
-    """What a simulated arm comes near to; None when no step was run, or the arm left its plane.
-
-    Args:
-        problem: walls and arm.
-        trajectory: the plan, for its times.
-        simulated: what the arm did.
-        settings: of the proofs that it is free of contact.
-    """
-    chain = chain_motion(problem, trajectory, simulated)
-    if chain is None:
-        return None
-    found = approaches(problem, chain, settings)
-    # An arm that was stopped out of control stands still from there on, so whatever it touches it touched before.
-    touch = None if found.touch is None else first_touch(problem, chain, found.touch, settings)
-    walls = np.inf if found.walls is None else found.walls[0].nearest.gap
-    return Seen(touch, walls, None if found.itself is None else found.itself.nearest.gap)
-
-
-@dataclass(frozen=True)
-class Approaches:
-    """The nearest approach of a motion to walls and of the arm to itself; the search for it ends at a contact.
-
-    Attributes:
-        walls: with the name of the wall; None when the whole arm counts as its mount.
-        itself: None when links may meet, or cannot.
-    """
-
-    walls: tuple[Verdict, str] | None
-    itself: Verdict | None
-
-    @property
-    def touch(self) -> Touch | None:
-        """A contact, walls before links; None when there is none."""
-        if self.walls is not None and not self.walls[0].proved:
-            near = self.walls[0].nearest
-            return Touch(near.link + 1, f"'{self.walls[1]}'", near.time)
-        if self.itself is not None and not self.itself.proved:
-            near = self.itself.nearest
-            return Touch(near.link + 1, f"link {near.other + 1}", near.time)
-        return None
-
-
-def approaches(
-    problem: Problem, motion: ChainMotion, settings: VerificationSettings = DEFAULT_VERIFICATION
-) -> Approaches:
-    """The nearest approaches of a motion."""
-    settings = settings.for_problem(problem)
-    # The clearance is for plans: a lack of it, which would end the search sooner, must not hide a contact.
-    bare = replace(problem.workspace, clearance=0.0)
-    itself = nearest_links(motion, settings) if problem.arm.self_collision else None
-    return Approaches(nearest_wall(motion, bare, settings), itself)
-
-
-def first_touch(
-    problem: Problem, motion: ChainMotion, some: Touch, settings: VerificationSettings = DEFAULT_VERIFICATION
-) -> Touch:
-    """The first contact of a motion, to within a step of its samples.
-
-    Args:
-        problem: walls and arm.
-        motion: of the arm.
-        some: any contact of the motion.
-        settings: of the proofs that a part of it is free of contact.
-    """
-    # The motion up to sample ``late`` touches; that up to ``early`` does not, unless the motion begins in contact.
-    early = 0
-    late = max(int(np.searchsorted(motion.time, some.time)), 1)
-    while late - early > 1:
-        middle = (early + late) // 2
-        touch = approaches(problem, _part(motion, 0, middle), settings).touch
-        if touch is None:
-            early = middle
-        else:
-            late = middle
-    return approaches(problem, _part(motion, late - 1, late), settings).touch or some
-
-
-def _part(motion: ChainMotion, first: int, last: int) -> ChainMotion:
-    """The motion from one sample to another."""
-    samples = slice(first, last + 1)
-    return ChainMotion(motion.arm, motion.time[samples], motion.positions[samples])
-
-
-def seen_in_space(
-    problem: Problem,
-    trajectory: JointTrajectory,
-    simulated: SimulatedMotion,
-) -> Seen | None:
-    """What a simulated arm comes near to; None when no step was run.
-
-    Rolls that the controller does not hold at zero count too: the arm is where its revolutes put it.
-
-    Args:
-        problem: surfaces and arm.
-        trajectory: the plan, for its times.
-        simulated: what the arm did.
-    """
-    if simulated.verdict.outcome == "not simulated" or len(simulated.angles) < 2:
-        return None
-    carried = np.sum(simulated.base_positions, axis=1)
-    gaps = _as_far_as_needed(problem, joint_positions_3d(problem.arm, simulated.angles, carried))
+    else:
+        points = arm.joint_positions_at(np.hstack((bends_from_revolutes(arm, angles), simulated.base_positions)))
+    gaps = _as_far_as_needed(problem, points)
     walls = gaps.walls
     itself = gaps.itself
     # A plan may touch as deep as rounding goes, where its base stands flush on a floor; so may the arm.
@@ -369,12 +265,13 @@ def _least(near: NearestOfSamples) -> float:
 
 
 def _as_far_as_needed(problem: Problem, points: FloatArray) -> GapsAtSamples:
-    """The gaps of poses, looked for no farther than the least of them is: of walls up to a link's length."""
+    """The gaps of poses, looked for no farther than the least of them is: of surfaces up to a link's length."""
     few = points[:: max(1, len(points) // _FIRST_LOOKS)]
     arm = problem.arm
-    known = GapsAtSamples.of(problem, few, arm.link_length, arm.length)
+    far = arm.length if arm.dimension == 2 else arm.link_length
+    known = GapsAtSamples.of(problem, few, far, arm.length)
     # What is just as near as the reach counts as not found, and so would what is in contact for a reach of zero.
     least = _LEAST_REACH * arm.link_length
-    walls = np.clip(1.001 * np.min(known.walls.gap), least, arm.link_length)
+    walls = np.clip(1.001 * np.min(known.walls.gap), least, far)
     itself = np.clip(1.001 * np.min(known.itself.gap), least, arm.length)
     return GapsAtSamples.of(problem, points, float(walls), float(itself))

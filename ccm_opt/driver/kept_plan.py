@@ -37,7 +37,6 @@ from ccm_opt.problem.solution import (
     SurvivedError,
 )
 from ccm_opt.scene.workspace import Obstacle
-from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
 from ccm_opt.verification.verifier import left_unchecked
 
 Result = TypeVar("Result")
@@ -207,7 +206,7 @@ def described(
             of_errors = partial(tolerance_at_once, problem, plan.trajectory, settings)
             tolerance = kept(of_errors, "the tolerance of the motion was not certified", lambda _: ())
         with stages("simulation"):
-            simulated, of_simulation = simulated_motion(problem, plan, settings.verification)
+            simulated, of_simulation = simulated_motion(problem, plan)
     except KeyboardInterrupt as interrupt:
         raise CancelledWithPlan(so_far()) from interrupt
     return so_far()
@@ -238,16 +237,9 @@ def not_waited_for(problem: Problem, plan: VerifiedPlan) -> SimulatedMotion:
     return not_simulated(plan.trajectory, plan.joints, problem.simulation.step, "it was not waited for")
 
 
-def simulated_motion(
-    problem: Problem,
-    plan: VerifiedPlan,
-    looks: VerificationSettings = DEFAULT_VERIFICATION,
-) -> tuple[SimulatedMotion, Mapping[str, float]]:
-    """The simulated motion and its figures; one that stands still where a defect keeps it from being simulated.
-
-    Settings as for ``simulate_and_check``.
-    """
-    stage = partial(simulate_and_check, problem, plan.trajectory, plan.joints, looks)
+def simulated_motion(problem: Problem, plan: VerifiedPlan) -> tuple[SimulatedMotion, Mapping[str, float]]:
+    """The simulated motion and its figures; one that stands still where a defect keeps it from being simulated."""
+    stage = partial(simulate_and_check, problem, plan.trajectory, plan.joints)
     return kept(stage, "the plan was not simulated", partial(_stands_still, problem, plan))
 
 

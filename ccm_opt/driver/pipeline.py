@@ -1,13 +1,12 @@
 """The steps from a problem to a verified plan, and the attempts that each takes.
 
-Each of them is a generator: it asks for a problem to be planned, is told the plan or why there is none, and returns
-what it makes of the plans.
+Each of them is given what plans, calls it for one problem after another, and returns what it makes of the plans.
 """
 
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Generic, TypeAlias, TypeVar
+from typing import TypeAlias
 
 import numpy as np
 
@@ -26,7 +25,7 @@ from ccm_opt.core.threads import on_one_thread
 from ccm_opt.diagnosis.explain import refuse_impossible
 from ccm_opt.driver.arguments import expect_arguments, refuse_without_effect
 from ccm_opt.driver.kept_plan import as_it_stands, described
-from ccm_opt.driver.legs import Planner, Retimer, plan_legs
+from ccm_opt.driver.legs import Planner, Retimer
 from ccm_opt.driver.planning_run import PlanningRun
 from ccm_opt.driver.settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.driver.verified_plan import VerifiedPlan
@@ -56,60 +55,23 @@ STAGE = "tolerance"
 """Where a motion is refused that does not survive the errors asked for."""
 
 
-Asked = TypeVar("Asked")
-Result = TypeVar("Result")
-Asking: TypeAlias = Generator[Problem, VerifiedPlan, VerifiedPlan]
-"""Asks for problems to be planned, and returns a plan."""
-
-
-class Attempts(Generic[Asked, Result]):
-    """What is asked for in turn, as a loop: ``for asked in attempts: with attempts: attempts.found = planned(asked)``.
-
-    A failure in the block is told to who asks, who raises it, or goes on with something else.
-
-    Args:
-        asking: yields what is asked for, is sent what was found, and returns the result.
-    """
-
-    found: VerifiedPlan
-    result: Result
-
-    def __init__(self, asking: Generator[Asked, VerifiedPlan, Result]) -> None:
-        self._asking = asking
-        self._asked: list[Asked] = [next(asking)]
-
-    def __iter__(self) -> Iterator[Asked]:
-        while self._asked:
-            yield self._asked.pop()
-
-    def __enter__(self) -> None:
-        """Begin an attempt."""
-
-    def __exit__(self, kind: object, failure: BaseException | None, trace: object) -> bool:
-        """Tell what came of it."""
-        try:
-            self._asked.append(self._asking.send(self.found) if failure is None else self._asking.throw(failure))
-        except StopIteration as over:
-            self.result = over.value
-        return failure is not None
+Plans: TypeAlias = Callable[[Problem], VerifiedPlan]
+"""Plans a problem, or says why there is no plan."""
 
 
 def with_lowered_costs(
     problem: Problem,
     terms: UserTerms | None,
-    each: Callable[[Problem], Asking],
+    planned: Callable[[Problem, UserTerms | None], VerifiedPlan],
     shares: Sequence[float] = COST_SHARES,
-) -> Generator[tuple[Problem, UserTerms | None], VerifiedPlan, tuple[VerifiedPlan, float]]:
-    """Ask for a plan with as much of the user's costs as one is found with; hard constraints hold in full.
+) -> tuple[VerifiedPlan, float]:
+    """Plan with as much of the user's costs as a plan is found with; hard constraints hold in full.
 
     Args:
         problem: what to solve.
         terms: the user's constraints and costs.
-        each: what is asked for at a share of the costs, given the problem with the time that is left.
+        planned: plans a problem with the terms, given the time that is left.
         shares: of the costs' weights that are tried, one after the other.
-
-    Yields:
-        A problem, and the terms with the share of the costs that is tried.
 
     Returns:
         The plan, and the share of the costs' weights that it was made with.
@@ -120,30 +82,18 @@ def with_lowered_costs(
     """
     deadline = Deadline.after(problem.planner.time_limit)
     if terms is None or not terms.all_costs:
-        return (yield from _beside(each(problem), terms)), shares[0]
-    hurried = problem
+        return planned(problem, terms), shares[0]
     for share in shares[:-1]:
         try:
-            return (yield from _beside(each(hurried), _lowered(terms, share))), share
+            return planned(problem, _lowered(terms, share)), share
         except UnreachableGoal:
             raise
         except (NoPlanFound, VerificationError):
             left = deadline.left
             if left <= 0.0:
                 raise
-            hurried = replace(problem, planner=replace(problem.planner, time_limit=left))
-    return (yield from _beside(each(hurried), _lowered(terms, shares[-1]))), shares[-1]
-
-
-def _beside(
-    asking: Asking, terms: UserTerms | None
-) -> Generator[tuple[Problem, UserTerms | None], VerifiedPlan, VerifiedPlan]:
-    """Ask for the same problems, each beside the terms."""
-    attempts = Attempts(asking)
-    for asked in attempts:
-        with attempts:
-            attempts.found = yield asked, terms
-    return attempts.result
+            problem = replace(problem, planner=replace(problem.planner, time_limit=left))
+    return planned(problem, _lowered(terms, shares[-1])), shares[-1]
 
 
 def _lowered(terms: UserTerms, share: float) -> UserTerms:
@@ -151,17 +101,15 @@ def _lowered(terms: UserTerms, share: float) -> UserTerms:
 
 
 def best_of_tries(
-    problem: Problem,
-    each: Callable[[Problem], Asking],
-    as_it_stands: Callable[[Problem, VerifiedPlan], Solution],
-) -> Asking:
-    """Ask for as many tries as the problem names, each with the next seed and an equal share of the time.
+    problem: Problem, planned: Plans, as_it_stands: Callable[[Problem, VerifiedPlan], Solution]
+) -> VerifiedPlan:
+    """Make as many tries as the problem names, each with the next seed and an equal share of the time.
 
     A seed gives the same plan as long as no try runs out of its share of the time.
 
     Args:
         problem: what to solve.
-        each: what is asked for in a try.
+        planned: makes a try.
         as_it_stands: makes a solution of a problem's plan, for Ctrl-C.
 
     Raises:
@@ -171,7 +119,7 @@ def best_of_tries(
     """
     asked = problem.planner.tries
     if asked == 1:
-        return (yield from each(problem))
+        return planned(problem)
     deadline = Deadline.after(problem.planner.time_limit)
     tries = _Tries(problem.wanted_gap)
     try:
@@ -181,7 +129,7 @@ def best_of_tries(
             seed = problem.planner.seed + number
             options = replace(problem.planner, seed=seed, time_limit=deadline.left / (asked - number))
             try:
-                tries.plans[seed] = yield from each(replace(problem, planner=options))
+                tries.plans[seed] = planned(replace(problem, planner=options))
             except UnreachableGoal:
                 raise  # which no other seed would mend
             except (NoPlanFound, VerificationError) as failure:
@@ -268,11 +216,12 @@ def _below(angle: float) -> str:
     return f"{np.floor(angle * 10.0**digits) / 10.0**digits:.{max(digits, 0)}f}"
 
 
-def surviving_errors(problem: Problem, settings: ToleranceSettings = DEFAULT_TOLERANCE) -> Asking:
-    """Ask for motions with more room, until one survives the error of the joints that a problem names.
+def surviving_errors(problem: Problem, planned: Plans, settings: ToleranceSettings = DEFAULT_TOLERANCE) -> VerifiedPlan:
+    """Plan motions with more room, until one survives the error of the joints that a problem names.
 
     Args:
         problem: what to solve.
+        planned: plans a motion.
         settings: how much more room is asked for, and how often.
 
     Raises:
@@ -281,12 +230,12 @@ def surviving_errors(problem: Problem, settings: ToleranceSettings = DEFAULT_TOL
         VerificationError: the verifier refuses the plan.
     """
     if problem.joint_error == 0.0:
-        return (yield problem)
+        return planned(problem)
     deadline = Deadline.after(problem.planner.time_limit)
     if problem.dimension == 3:
-        plan, best = yield from _with_growing_gaps(problem, settings, deadline)
+        plan, best = _with_growing_gaps(problem, planned, settings, deadline)
     else:
-        plan, best = yield from _RoomSearch(problem, settings, deadline).best()
+        plan, best = _RoomSearch(problem, planned, settings, deadline).best()
     check = check_of(problem.joint_error, best)
     if check.passed:
         return replace(plan, checks=(*plan.checks, check))
@@ -297,9 +246,7 @@ def _judged(problem: Problem, plan: VerifiedPlan, settings: ToleranceSettings) -
     return plan, survived_error(problem, plan.trajectory, joint_errors(problem.arm), settings)
 
 
-def _with_growing_gaps(
-    problem: Problem, settings: ToleranceSettings, deadline: Deadline
-) -> Generator[Problem, VerifiedPlan, "_Found"]:
+def _with_growing_gaps(problem: Problem, planned: Plans, settings: ToleranceSettings, deadline: Deadline) -> "_Found":
     """Ask for the gap that the best motion so far would need, as something to be bought where there is room.
 
     Where an arm is nearly in contact, the error that it survives grows with its gap. No narrow place keeps a motion
@@ -307,7 +254,7 @@ def _with_growing_gaps(
     """
     wanted = problem.wanted_gap or problem.default_gap
     options = replace(problem.planner, time_limit=settings.time_share * problem.planner.time_limit)
-    best = _judged(problem, (yield replace(problem, planner=options, joint_error=0.0)), settings)
+    best = _judged(problem, planned(replace(problem, planner=options, joint_error=0.0)), settings)
     for _ in range(_GAP_ROUNDS):
         if best[1].size >= problem.joint_error or deadline.passed():
             break
@@ -316,7 +263,7 @@ def _with_growing_gaps(
         limit = max(settings.time_share * deadline.left, settings.least_time)
         options = replace(problem.planner, wanted_gap=wanted, time_limit=limit)
         try:
-            roomier = yield replace(problem, planner=options, joint_error=0.0)
+            roomier = planned(replace(problem, planner=options, joint_error=0.0))
         except (NoPlanFound, VerificationError):
             break
         best = max(best, _judged(problem, roomier, settings), key=lambda found: found[1].size)
@@ -337,32 +284,34 @@ class _RoomSearch:
 
     Attributes:
         problem: what to solve.
+        planned: plans a motion.
         settings: which shares are tried.
         deadline: when to stop.
     """
 
     problem: Problem
+    planned: Plans
     settings: ToleranceSettings
     deadline: Deadline
 
-    def best(self) -> Generator[Problem, VerifiedPlan, _Found]:
+    def best(self) -> _Found:
         """The first plan that survives what is asked for, or the best of those found, and the error it survives."""
         above = _ROOM_SHARES[0]
         for share in _ROOM_SHARES:
-            found = yield from self._found(share)
+            found = self._found(share)
             if found is not None:
-                return found if self._enough(found) else (yield from self._refined(found, share, above))
+                return found if self._enough(found) else self._refined(found, share, above)
             above = share
         # What fails even so fails without errors too, and says why.
-        return _judged(self.problem, (yield _with_room(self.problem, 0.0, self._left())), self.settings)
+        return _judged(self.problem, self.planned(_with_room(self.problem, 0.0, self._left())), self.settings)
 
-    def _refined(self, best: _Found, share: float, above: float) -> Generator[Problem, VerifiedPlan, _Found]:
+    def _refined(self, best: _Found, share: float, above: float) -> _Found:
         """The same with shares between one that gave too little and one that found nothing."""
         for _ in range(self.settings.refinements):
             if share == above or self.deadline.passed():
                 break
             middle = 0.5 * (share + above)
-            found = yield from self._found(middle)
+            found = self._found(middle)
             if found is None:
                 above = middle
                 continue
@@ -372,10 +321,10 @@ class _RoomSearch:
                 break
         return best
 
-    def _found(self, share: float) -> Generator[Problem, VerifiedPlan, _Found | None]:
+    def _found(self, share: float) -> _Found | None:
         limit = self.settings.time_share * self._left()
         try:
-            return _judged(self.problem, (yield _with_room(self.problem, share, limit)), self.settings)
+            return _judged(self.problem, self.planned(_with_room(self.problem, share, limit)), self.settings)
         except (NoPlanFound, VerificationError):
             return None
 
@@ -438,13 +387,7 @@ def solve(
         try:
             with stages("necessary checks"):
                 refuse_impossible(problem)
-            attempts = Attempts(_asking(run))
-            for asked, lowered in attempts:
-                with attempts:
-                    run.recorded.clear()
-                    taken = run.planner_for(asked, lowered)
-                    legs = plan_legs(asked, taken, run.recorded, retrace=run.terms is None)
-                    attempts.found = run.verified(legs, asked.joint_error)
+            plan, cost_share = _planned(run)
         except NoPlanFound as failure:
             # What a motion survives is explained already, and further searches would not know of it.
             if failure.diagnosis.stage == STAGE:
@@ -452,16 +395,21 @@ def solve(
             raise run.explained(failure, changes=explain) from failure
 
         # There is a plan: room and simulation say what it is worth, and nothing that happens there can lose it.
-        plan, cost_share = attempts.result
         figures = {"cost_share": cost_share} if run.terms is not None and run.terms.all_costs else {}
         return described(problem, plan, stages, numbers, figures)
 
 
-def _asking(run: PlanningRun) -> Generator[tuple[Problem, UserTerms | None], VerifiedPlan, tuple[VerifiedPlan, float]]:
-    """Ask for a plan with as much of the costs as there is one with.
+def _planned(run: PlanningRun) -> tuple[VerifiedPlan, float]:
+    """A plan with as much of the costs as there is one with, and their share.
 
     Of several tries the best is taken, each with so much room that it survives the errors of the joints.
     """
-    roomy = partial(surviving_errors, settings=run.settings.tolerance)
-    best = partial(best_of_tries, each=roomy, as_it_stands=partial(as_it_stands, stages=run.stages))
-    return with_lowered_costs(run.problem, None if run.planner else run.terms, best, run.settings.curve.cost_shares)
+    told = partial(as_it_stands, stages=run.stages)
+
+    def best(problem: Problem, lowered: UserTerms | None) -> VerifiedPlan:
+        once = partial(run.planned, terms=lowered)
+        roomy = partial(surviving_errors, planned=once, settings=run.settings.tolerance)
+        return best_of_tries(problem, roomy, told)
+
+    terms = None if run.planner else run.terms
+    return with_lowered_costs(run.problem, terms, best, run.settings.curve.cost_shares)

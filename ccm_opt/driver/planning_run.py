@@ -102,18 +102,21 @@ class PlanningRun:
             refuse_contradictions(problem, terms)
         return cls(problem, planner, retimer, constraints, costs, terms, stages, settings, deadline)
 
-    def planner_for(self, problem: Problem, terms: UserTerms | None) -> Planner:
-        """The planner given by the caller, or the one that suits a problem and the terms that it is to keep."""
-        return self.planner or default_planner(problem, self.stages, terms, self.settings)
+    def planned(self, problem: Problem, terms: UserTerms | None) -> VerifiedPlan:
+        """Plan, time and verify a problem that differs from the one that was asked in what its options say.
 
-    def verified(self, legs: Sequence[Leg], joint_error: float) -> VerifiedPlan:
-        """Time and verify legs for the problem as it was asked, but for the error of the joints that is survived [rad].
+        Args:
+            problem: to be planned.
+            terms: that its planner is to keep; the plan is held against all of them.
 
         Raises:
             NoPlanFound: with a diagnosis.
             VerificationError: the verifier refuses the plan.
         """
-        asked = replace(self.problem, joint_error=joint_error)
+        self.recorded.clear()
+        planner = self.planner or default_planner(problem, self.stages, terms, self.settings)
+        legs = plan_legs(problem, planner, self.recorded, retrace=self.terms is None)
+        asked = replace(self.problem, joint_error=problem.joint_error)
         return timed_and_verified(asked, legs, self.stages, self.retimer, self.terms, self.settings)
 
     def explained(self, failure: NoPlanFound, *, changes: bool) -> NoPlanFound:

@@ -11,12 +11,12 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from ccm_opt.core.arrays import BoolArray, FloatArray, IntArray, in_space
+from ccm_opt.core.arrays import BoolArray, FloatArray, IntArray
+from ccm_opt.planning.ends import GapsAtSamples
 from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import Check, JointTrajectory, NearPlace, RoomRecord, ShortStretch
 from ccm_opt.problem.solution.records import ShortCause
 from ccm_opt.robot.arm import Arm
-from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from ccm_opt.verification.chain_motion import ChainMotion
 from ccm_opt.verification.selfcollision import check_self_collision, first_distant, link_gaps
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
@@ -163,26 +163,12 @@ class _Room:
 
     def _wall_gaps(self, poses: FloatArray) -> _GapsAtSamples:
         """The nearest wall at every sample looked at."""
-        arm = self.problem.arm
         clearance = self.problem.workspace.clearance
-        count = len(poses)
-        soup = self.problem.workspace.soup
-        first, exposed = arm.exposed_links(poses)
-        gap = np.full(count, self._reach)
-        link = np.zeros(count, dtype=np.intp)
-        names = np.full(count, "", dtype=np.object_)
-        if first < arm.links and len(soup):
-            segments = in_space(exposed.reshape(-1, 2, arm.dimension))
-            reach = self._reach + clearance + arm.radius
-            found = SurfaceTree.of(soup).nearest(segments, reach, together=exposed.shape[1])
-            gaps = found.gap.reshape(count, -1) - arm.radius - clearance
-            best = np.argmin(gaps, axis=1)
-            owner = found.owner.reshape(count, -1)[np.arange(count), best]
-            near = owner >= 0
-            gap = np.where(near, gaps[np.arange(count), best], self._reach)
-            link = np.where(near, first + best + 1, 0)
-            names[near] = np.array(soup.names, dtype=np.object_)[owner[near]]
-        return _GapsAtSamples(gap, np.full(count, self.wanted), link, np.zeros_like(link), names)
+        seen = GapsAtSamples.of(self.problem, poses, self._reach + clearance, 0.0)
+        near = seen.walls
+        names = np.array([*seen.names, ""], dtype=np.object_)[near.other]
+        wanted = np.full(len(poses), self.wanted)
+        return _GapsAtSamples(near.gap - clearance, wanted, near.link, np.zeros_like(near.link), names)
 
     def _self_gaps(self, poses: FloatArray) -> tuple[_GapsAtSamples, _GapsAtSamples]:
         """The two links that are nearest at every sample looked at, and those that miss most of what they want."""

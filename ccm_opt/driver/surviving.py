@@ -74,8 +74,8 @@ def tolerance_of_motion(
     drag = float(torques.max(initial=0.0) / max(float(speeds.max(initial=0.0)), settings.tolerance.least))
     return (
         *errors,
-        _survived_load("payload", "kg", weight, problem, trajectory, joints, settings),
-        _survived_load("friction", "N m s/rad", drag, problem, trajectory, joints, settings),
+        _survived_load("payload", "kg", weight, problem, trajectory, joints),
+        _survived_load("friction", "N m s/rad", drag, problem, trajectory, joints),
     )
 
 
@@ -95,7 +95,6 @@ def _survived_load(
     problem: Problem,
     trajectory: JointTrajectory,
     joints: JointStates,
-    settings: Settings,
 ) -> SurvivedError:
     """The largest load that the controller may not know of, by bisection; ``first`` is of its order of magnitude.
 
@@ -107,7 +106,7 @@ def _survived_load(
         nonlocal failed
         known = problem.simulation.disturbances
         disturbed = replace(known, payload=load) if name == "payload" else replace(known, friction=load)
-        verdict = _verdict(problem, disturbed, trajectory, joints, settings)
+        verdict = _verdict(problem, disturbed, trajectory, joints)
         if verdict.outcome not in FAILED:
             return True
         failed = verdict
@@ -155,8 +154,8 @@ def _limited_by(verdict: SimulationVerdict, names: Sequence[str]) -> str:
 
 
 def _verdict(
-    problem: Problem, disturbed: Disturbances, trajectory: JointTrajectory, joints: JointStates, settings: Settings
+    problem: Problem, disturbed: Disturbances, trajectory: JointTrajectory, joints: JointStates
 ) -> SimulationVerdict:
     """What becomes of the arm under disturbances."""
     changed = replace(problem, simulation=replace(problem.simulation, disturbances=disturbed))
-    return simulated_once(changed, trajectory, joints, settings.verification).motion.verdict
+    return simulated_once(changed, trajectory, joints).motion.verdict

@@ -92,11 +92,6 @@ class BishopFrames(CurveFrames):
         """Quaternions of the links, shape (4, n)."""
         return ca.SX.sym("link", 4, self.links)
 
-    @property
-    def shape(self) -> ca.SX:
-        """Bends in the order of the coordinates."""
-        return ca.vec(self.bends)
-
     @cached_property
     def further_symbols(self) -> dict[str, ca.SX]:
         """The curve's turn at its base, Ω and ψ of every link, its frames at their beginnings, and the tip's parts.

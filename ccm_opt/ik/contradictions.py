@@ -222,7 +222,7 @@ def _of_tip(item: CompiledConstraint) -> ca.Function | None:
     """The constraint as a function of where the tip is and points to; None when it depends on more of the pose."""
     known = item.quantities
     d = known.arm.dimension
-    quantities = replace(known, tip_symbols=(ca.SX.sym("tip", d), ca.SX.sym("direction", d)))
+    quantities = replace(known, tip_symbols=(ca.SX.sym("tip", d), ca.SX.sym("pointing", 1 if d == 2 else d)))
     try:
         expression = ca.vec(ca.SX(item.constraint.expression(quantities)))
     except (CcmError, NotImplementedError, RuntimeError, TypeError):

@@ -142,11 +142,6 @@ class CurveFrames(ABC):
         return found | self.further_symbols | {"bends": self.bends, "links": self.lies}
 
     @property
-    @abstractmethod
-    def shape(self) -> ca.SX:
-        """What users' functions are asked with: headings of the links in the plane, bends in space, in one column."""
-
-    @property
     def parameters(self) -> dict[str, ca.SX]:
         """Symbols of what changes from question to question, by name."""
         return {}
@@ -265,11 +260,6 @@ class PlanarFrames(CurveFrames):
     def lies(self) -> ca.SX:
         """Headings of the links, shape (1, n) [rad]."""
         return ca.SX.sym("heading", 1, self.links)
-
-    @property
-    def shape(self) -> ca.SX:
-        """Headings against that of the straight arm."""
-        return self.lies.T
 
     @property
     def further_symbols(self) -> dict[str, ca.SX]:

@@ -33,7 +33,7 @@ class CompiledConstraint:
 
     @cached_property
     def function(self) -> Any:
-        """Shape, feed and u to the expression."""
+        """Bends, feed and u to the expression."""
         return ca.Function("constraint", list(self.quantities.symbols), [self.expression])
 
     @cached_property
@@ -88,7 +88,7 @@ class CompiledCost:
 
     @cached_property
     def function(self) -> Any:
-        """Shape, feed and u to the cost."""
+        """Bends, feed and u to the cost."""
         return ca.Function("cost", list(self.quantities.symbols), [self.expression])
 
     def values(self, q: FloatArray, u: FloatArray) -> FloatArray:
@@ -113,10 +113,9 @@ class CompiledCost:
 
 
 def evaluated(function: Any, quantities: ArmQuantities, q: FloatArray, u: FloatArray) -> FloatArray:
-    """Values of a function of shape, feed and u at many configurations, shape (N, m); arguments as for residuals."""
-    feeds = quantities.arm.coordinates.advance(q)
+    """Values of a function of bends, feed and u at many configurations, shape (N, m); arguments as for residuals."""
     # CasADi maps a function over the columns of its arguments: one pose, one column.
-    values = function(ca.DM(quantities.shapes_at(q).T), ca.DM(feeds).T, ca.DM(u).T)
+    values = function(*quantities.places(q), ca.DM(u).T)
     return np.asarray(values, dtype=np.float64).reshape(-1, len(q)).T
 
 
@@ -195,14 +194,7 @@ class TimedConstraint:
     def excesses(self, states: MotionStates) -> FloatArray:
         """By how much the worst entry passes its bounds, shape (N,); negative where all hold, NaN where not finite."""
         # CasADi maps a function over the columns of its arguments: one state, one column.
-        quantities = self.compiled.quantities
-        advance = quantities.arm.coordinates.advance
-        arguments = (
-            ca.DM(quantities.shapes_at(states.q).T),
-            ca.DM(advance(states.q)).T,
-            ca.DM(states.u).T,
-            ca.DM(quantities.shape_rates_at(states.rates).T),
-            ca.DM(advance(states.rates)).T,
-        )
+        places = self.compiled.quantities.places
+        arguments = (*places(states.q), ca.DM(states.u).T, *places(states.rates))
         values = np.asarray(self._function(*arguments), dtype=np.float64).reshape(-1, len(states.u)).T
         return self.compiled.beyond_bounds(values)

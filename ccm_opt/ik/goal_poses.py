@@ -36,7 +36,7 @@ def with_user_terms(program: PoseProgram, terms: UserTerms) -> PoseProgram:
         program: without them.
         terms: compiled for the same arm; those that do not cover the goal are left out.
     """
-    pose = terms.quantities.of_shape(program.frames.shape)
+    pose = ca.vec(program.frames.bends)
     feed = terms.quantities.arm.length * program.unknowns["feed"]
     rows = tuple(_rows_of(item, pose, feed) for item in terms.hard_at_goal)
     parts = dict(program.parts)

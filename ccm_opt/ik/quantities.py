@@ -3,7 +3,7 @@
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar, Self
+from typing import Any, Self
 
 import casadi as ca
 import numpy as np
@@ -21,48 +21,49 @@ class ArmQuantities(ABC):
 
     Attributes:
         arm: the arm, for its numbers: masses, lengths, base.
-        shape: headings of the links, or in space both bends of every joint, shape (k, 1) [rad].
+        bends: of every joint, in space both one after the other, shape (k, 1) [rad].
         base_feed: position of the base on its feed axis, a scalar [m]; 0 without one.
         path_parameter: u, how far the motion has come: 0 at the start, 1 at the goal.
-        shape_rates: of the shape, shape (k, 1) [rad/s]; known on the finished motion only, for a path has no speed.
+        bend_rates: of the bends, shape (k, 1) [rad/s]; known on the finished motion only, for a path has no speed.
         feed_rate: of the base on its feed axis, a scalar [m/s]; likewise.
-        tip_symbols: where the tip stands for itself and does not follow from the shape, symbols of its position and of
-            the last link's direction; else None.
+        tip_symbols: where the tip stands for itself and does not follow from the bends, symbols of its position and of
+            where the last link points; else None.
     """
 
     arm: Arm
-    shape: Any
+    bends: Any
     base_feed: Any
     path_parameter: Any
-    shape_rates: Any
+    bend_rates: Any
     feed_rate: Any
     tip_symbols: tuple[Any, Any] | None = None
 
     @classmethod
     def from_arm(cls, arm: Arm) -> Self:
         """Fresh symbols for an arm."""
-        name = cls._shape_name
         size = len(arm.bend_limits)
         return cls(
             arm,
-            ca.SX.sym(name, size),
+            ca.SX.sym("bend", size),
             ca.SX.sym("feed"),
             ca.SX.sym("path_parameter"),
-            ca.SX.sym(f"{name}_rate", size),
+            ca.SX.sym("bend_rate", size),
             ca.SX.sym("feed_rate"),
         )
 
-    _shape_name: ClassVar[str]
-
     @property
     def symbols(self) -> tuple[Any, Any, Any]:
-        """Symbols of shape, feed and path parameter, all that the expression of a path may hold."""
-        return self.shape, self.base_feed, self.path_parameter
+        """Symbols of bends, feed and path parameter, all that the expression of a path may hold."""
+        return self.bends, self.base_feed, self.path_parameter
 
     @property
     def rates(self) -> tuple[Any, Any]:
-        """Rates of the shape and of the feed."""
-        return self.shape_rates, self.feed_rate
+        """Rates of the bends and of the feed."""
+        return self.bend_rates, self.feed_rate
+
+    def places(self, q: FloatArray) -> tuple[Any, Any]:
+        """Bends and feed of configurations, or their rates, shape (N, c), one a column."""
+        return ca.DM(q[:, : len(self.arm.bend_limits)].T), ca.DM(self.arm.coordinates.advance(q)).T
 
     @property
     @abstractmethod
@@ -99,30 +100,11 @@ class ArmQuantities(ABC):
         turned[:, : bends - k] -= slopes[:, k:bends]
         return turned
 
-    @abstractmethod
-    def of_shape(self, shape: Any) -> Any:
-        """The shape as expressions know it, from headings against the straight arm or from bends, in one column."""
-
-    @abstractmethod
-    def bent(self, bends: Any) -> Any:
-        """The shape as expressions know it, from the bends of the joints, a column of symbols."""
-
     def in_configurations(self, expression: Any) -> tuple[Any, Any]:
         """The symbols of a configuration, shape (c, 1) [rad, m], and an expression of a path in these."""
-        bends = ca.SX.sym("bend", len(self.arm.bend_limits))
         carried = ca.SX.sym("carried", len(self.arm.base_axes))
-        inserted = ca.substitute(
-            [expression], [self.shape, self.base_feed], [self.bent(bends), ca.densify(ca.sum1(carried))]
-        )
-        return ca.vertcat(bends, carried), inserted[0]
-
-    @abstractmethod
-    def shapes_at(self, q: FloatArray) -> FloatArray:
-        """The arm's shape, shape (N, k) [rad], in configurations, shape (N, c) [rad, m]."""
-
-    @abstractmethod
-    def shape_rates_at(self, rates: FloatArray) -> FloatArray:
-        """The rates of the shape, shape (N, k) [rad/s], by those of the coordinates, shape (N, c) [rad/s, m/s]."""
+        inserted = ca.substitute(expression, self.base_feed, ca.densify(ca.sum1(carried)))
+        return ca.vertcat(self.bends, carried), inserted
 
     @property
     def timed_symbols(self) -> tuple[Any, Any, Any, Any, Any]:
@@ -155,9 +137,8 @@ class ArmQuantities(ABC):
 
     def _in_time(self, point: Any) -> Any:
         """Derivative of a point by time."""
-        # The chain rule: ṗ = ∂p/∂(shape, feed) times their rates, as one product in forward mode.
-        shape, feed, _ = self.symbols
-        return ca.jtimes(point, ca.vertcat(shape, feed), ca.vertcat(*self.rates))
+        # The chain rule: ṗ = ∂p/∂(bends, feed) times their rates, as one product in forward mode.
+        return ca.jtimes(point, ca.vertcat(self.bends, self.base_feed), ca.vertcat(*self.rates))
 
     def _link_at(self, s: float) -> tuple[int, float]:
         """The link at an arc length, and how much of that link lies before it."""
@@ -183,39 +164,21 @@ class Quantities(ArmQuantities):
     its curvature at a joint is bend over link length; between these places both are linear.
     """
 
-    _shape_name = "heading"
-
-    @property
+    @cached_property
     def link_headings(self) -> Any:
         """Headings φ of the links, shape (links, 1) [rad]."""
-        return self.shape
+        headings = self.arm.base_heading + ca.cumsum(self.bends)
+        return headings if self.tip_symbols is None else ca.vertcat(headings[:-1], self.tip_symbols[1])
 
     @property
     def heading_rates(self) -> Any:
         """Rates of the link headings, shape (links, 1) [rad/s]; on the finished motion only."""
-        return self.shape_rates
+        return ca.cumsum(self.bend_rates)
 
-    def of_shape(self, shape: Any) -> Any:
-        """Headings from those against the straight arm."""
-        return self.arm.base_heading + shape
-
-    def bent(self, bends: Any) -> Any:
-        """Headings from bends."""
-        return self.arm.base_heading + ca.cumsum(bends)
-
-    def shapes_at(self, q: FloatArray) -> FloatArray:
-        """Headings of the links in configurations, shape (N, links) [rad]."""
-        return self.arm.headings(q)
-
-    def shape_rates_at(self, rates: FloatArray) -> FloatArray:
-        """Rates of the headings, shape (N, links) [rad/s]."""
-        # Headings are running sums of the bends, and so are their rates.
-        return np.cumsum(rates[:, self.arm.coordinates.bends], axis=1)
-
-    @cached_property
+    @property
     def joint_angles(self) -> Any:
         """Bend of every joint, the first against the base heading, shape (links, 1) [rad]."""
-        return self.link_headings - ca.vertcat(self.arm.base_heading, self.link_headings[:-1])
+        return self.bends
 
     @property
     def link_directions(self) -> Any:
@@ -293,34 +256,6 @@ class SpaceQuantities(ArmQuantities):
 
     Points and directions are (3, 1) columns in the axes of the world.
     """
-
-    _shape_name = "bend"
-
-    @property
-    def bends(self) -> Any:
-        """Bends (a, b) of every joint one after the other, shape (2 links, 1) [rad]."""
-        return self.shape
-
-    @property
-    def bend_rates(self) -> Any:
-        """Rates of the bends, shape (2 links, 1) [rad/s]; on the finished motion only."""
-        return self.shape_rates
-
-    def of_shape(self, shape: Any) -> Any:
-        """Bends as they are."""
-        return shape
-
-    def bent(self, bends: Any) -> Any:
-        """Bends as they are."""
-        return bends
-
-    def shapes_at(self, q: FloatArray) -> FloatArray:
-        """Both bends of every joint in configurations, shape (N, 2 links) [rad]."""
-        return q[:, : 2 * self.arm.links]
-
-    def shape_rates_at(self, rates: FloatArray) -> FloatArray:
-        """Rates of the bends, shape (N, 2 links) [rad/s]."""
-        return rates[:, : 2 * self.arm.links]
 
     @property
     def joint_angles(self) -> Any:
