@@ -88,7 +88,6 @@ def end_to_end(paths: Sequence[JointPath]) -> JointPath:
         np.concatenate([path.keyframes for path in paths]),
         tuple(curve for path in paths for curve in path.curves),
         "; ".join(path.candidate for path in paths),
-        tuple(leader for path in paths for leader in path.leaders),
         goal_pose=paths[-1].goal_pose,
         parts=tuple(part for path in paths for part in path.parts or (path,)),
     )

@@ -1,6 +1,6 @@
 """Measures of a plan for people, and how far it leaves a leader's path."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -38,14 +38,12 @@ class LeaderDeviation:
     straight_mean: float
 
 
-def leader_deviation(arm: Arm, positions: FloatArray, leaders: Sequence[FloatArray] = ()) -> LeaderDeviation | None:
-    """The deviation of a motion from its leaders' paths; None where nothing follows one.
+def leader_deviation(arm: Arm, positions: FloatArray) -> LeaderDeviation | None:
+    """The deviation of a motion from the path of its leader, the tip; None where nothing follows one.
 
     Args:
         arm: the arm.
         positions: configurations at samples of the motion, shape (T, c) [rad, m].
-        leaders: finely sampled polylines, each of shape (m, d) [m]; of several the nearest counts, since an arm that is
-            drawn back along one before it follows the next lies on either. The path of the tip when there are none.
     """
     if not arm.base_axes:
         return None
@@ -57,15 +55,12 @@ def leader_deviation(arm: Arm, positions: FloatArray, leaders: Sequence[FloatArr
     places = joints[:, :-1, None] + shares[:, None] * (joints[:, 1:, None] - joints[:, :-1, None])
     along = np.add.outer(np.arange(arm.links), shares) * arm.link_length
     points = places[arm.coordinates.advance(poses)[:, None, None] + along > arm.hole]
-    paths = [path for path in leaders or [leaders_path(arm, poses, joints)] if len(path) > 1]
-    if len(points) == 0 or not paths:
+    path = leaders_path(arm, poses, joints)
+    if len(points) == 0 or len(path) < 2:
         return None
-    found = [_distances(arm.embedded(points), arm.embedded(path), arm) for path in paths]
-    distance, straight = (np.stack(each) for each in zip(*found, strict=True))
-    nearest = np.argmin(distance, axis=0), np.arange(len(points))
-    on_straight = distance[nearest][straight[nearest]]
-    mean_on_straight = float(np.mean(on_straight)) if len(on_straight) else 0.0
-    return LeaderDeviation(float(np.mean(distance[nearest])), float(np.max(distance[nearest])), mean_on_straight)
+    distance, straight = _distances(arm.embedded(points), arm.embedded(path), arm)
+    mean_on_straight = float(np.mean(distance[straight])) if straight.any() else 0.0
+    return LeaderDeviation(float(np.mean(distance)), float(np.max(distance)), mean_on_straight)
 
 
 def _distances(points: FloatArray, path: FloatArray, arm: Arm) -> tuple[FloatArray, BoolArray]:
@@ -127,9 +122,6 @@ def metrics(
     figures = dict(figures_of_motion(problem, trajectory, joints, checks))
     figures["keyframes"] = float(len(path.keyframes))
     figures["tracking_error_rad"] = simulated.tracking_error
-    # An arm that followed no leader has no deviation from one.
-    if path.leaders:
-        figures.update(_leader_figures(problem, trajectory, path.leaders))
     return figures
 
 
@@ -152,6 +144,7 @@ def figures_of_motion(
         "largest_curvature_per_m": float(np.max(turns[:, 1:], initial=0.0) / problem.arm.link_length),
         # The error at the goal is that of the motion as it is written, not of the path it was planned from.
         **ends,
+        **_leader_figures(problem, trajectory),
     }
     # Of lengths in metres only the clearances are merits; the other checks are promises that hold or do not.
     figures.update(
@@ -178,20 +171,15 @@ def _in_the_plane(problem: Problem, trajectory: JointTrajectory) -> dict[str, fl
 
 
 def _in_space(problem: Problem, trajectory: JointTrajectory) -> dict[str, float]:
-    """How the arm ends, and how well it follows its tip where its base is fed."""
+    """How the arm ends."""
     errors = goal_errors(problem, trajectory.positions[-1])
     ends = {"tip_error_m": errors.position, "direction_error_rad": errors.direction, "tip_roll_rad": errors.roll}
-    return {
-        **{name: error for name, error in ends.items() if error is not None},
-        **_leader_figures(problem, trajectory),
-    }
+    return {name: error for name, error in ends.items() if error is not None}
 
 
-def _leader_figures(
-    problem: Problem, trajectory: JointTrajectory, leaders: Sequence[FloatArray] = ()
-) -> dict[str, float]:
-    """How well the arm follows its leader, as figures of merit."""
-    found = leader_deviation(problem.arm, trajectory.positions, leaders)
+def _leader_figures(problem: Problem, trajectory: JointTrajectory) -> dict[str, float]:
+    """How well an arm follows its tip where its base is fed, as figures of merit."""
+    found = leader_deviation(problem.arm, trajectory.positions)
     if found is None:
         return {}
     return {

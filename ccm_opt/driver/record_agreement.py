@@ -48,8 +48,8 @@ def keyframe_curves(arm: Arm, keyframes: FloatArray) -> tuple[Configuration, ...
     return nearest_curves(arm, keyframes)
 
 
-_OF_PLANNING = ("cost_", "residual_", "leader_")
-"""What names of figures begin with that nobody can make again from a folder: of costs, constraints and leaders."""
+_OF_PLANNING = ("cost_", "residual_")
+"""What names of figures begin with that nobody can make again from a folder: of costs and constraints."""
 _OF_SIMULATION = ("tracking_error_rad", "tracking_error_m", "saturated_time_s")
 """What names of figures end with that mean nothing where nothing was simulated."""
 _OF_USER = "constraint "

@@ -126,7 +126,6 @@ def optimised_to_end_pose(motion: Motion, task: MotionTask, margin: float | None
     """
     if task.guide_tubes:
         task = _with_dense_keyframes(motion, task)
-        motion = replace(motion, leaders=())
     settings = task.settings.optimisation
     if task.wanted_gap == 0.0:
         return optimise(motion, task, margin)

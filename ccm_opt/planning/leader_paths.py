@@ -8,7 +8,7 @@ is divided into equal distances again.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
@@ -16,7 +16,7 @@ from scipy.interpolate import CubicSpline
 
 from ccm_opt.core.arrays import SHORTEST, TINY, BoolArray, FloatArray
 from ccm_opt.core.polygons import nearest_on_segments
-from ccm_opt.core.polyline import arc_lengths, heading_of, points_at, unit_vector
+from ccm_opt.core.polyline import arc_lengths, heading_of, points_at, unit_vector, vector_headings, wrap
 from ccm_opt.core.small_qp import solve_small_qp
 from ccm_opt.planning.goal_members import GoalMember
 from ccm_opt.planning.leader import LeaderPath, path_through
@@ -38,8 +38,9 @@ _RIDGE = 0.001
 
 _TENSION = 0.02
 """Weight of the band's length against its bending, both without units. Taste; just enough to take up slack."""
-_TIGHTNESS_POWER = 6
-"""How suddenly it does so on the way to the limit. Taste."""
+_TIGHTNESS_POWERS = (6, 2)
+"""How suddenly it does so on the way to the limit; the next where the arm cannot bend as the band does. Measured behind
+an entrance at 48 links: with 6 a band bends 2.5 times as much as the arm may, with 2 less than half of that."""
 _MOST_TIGHT = 1.5
 """Curvature, as a share of the limit, beyond which bending counts no more than there; a kink would otherwise swamp all
 other terms. Taste."""
@@ -80,6 +81,7 @@ class ElasticBand:
         curvature_limit: bound on |κ| that the band tries to keep [1/m].
         spacing: h, distance between points [m].
         evenness: length over which a change of curvature weighs as much as the curvature itself [m].
+        tightness_power: how suddenly bending counts more on the way to the limit.
     """
 
     walls: Walls
@@ -88,6 +90,7 @@ class ElasticBand:
     curvature_limit: float
     spacing: float
     evenness: float
+    tightness_power: int = _TIGHTNESS_POWERS[0]
 
     def smoothed(self, taut: FloatArray, headings: tuple[float, float | None]) -> FloatArray:
         """A smooth band from a taut path.
@@ -143,7 +146,7 @@ class ElasticBand:
 
         tightness = np.abs(scaled_curvature) / (self.curvature_limit * h * h)
         tightness = np.minimum(tightness, _MOST_TIGHT)
-        weight = 1.0 + _TIGHTNESS * tightness**_TIGHTNESS_POWER
+        weight = 1.0 + _TIGHTNESS * tightness**self.tightness_power
 
         straight = np.zeros((1, m))  # before and after the band
         change = np.diff(scaled_curvature, prepend=0.0, append=0.0)
@@ -280,10 +283,16 @@ class LeaderPaths:
         )
         # Routes are drawn with a distance from corners; the band finds its own.
         taut = free_space.path_of_sleeve(route.sleeve, *self._band_ends(straight))
-        points = band.smoothed(taut, (arm.base_heading, self.goal.heading))[1:]
-        if self._last_link > 0.0:
-            points = np.vstack((points, self.goal.position))
-        return path_through(arm, straight, points, name, self.goal.heading)
+        for power in _TIGHTNESS_POWERS:
+            band = replace(band, tightness_power=power)
+            points = band.smoothed(taut, (arm.base_heading, self.goal.heading))[1:]
+            if self._last_link > 0.0:
+                points = np.vstack((points, self.goal.position))
+            path = path_through(arm, straight, points, name, self.goal.heading)
+            chords = np.diff(path.positions(np.arange(straight, path.end, arm.link_length)), axis=0)
+            if np.abs(wrap(np.diff(vector_headings(chords)))).max(initial=0.0) <= arm.joint_limit:
+                break
+        return path
 
     def _free_space(self, margin: float) -> FreeSpace:
         """Free space with a margin, as a share of a link's sagitta at its joint limit, beyond radius and clearance."""

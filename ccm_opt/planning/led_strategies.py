@@ -158,7 +158,7 @@ class LedWays:
         for number, path in enumerate(self._paths()):
             ways = self._along(path, changing=number < _PATHS_CHANGED_TO)
             first = next(ways, None)
-            others = [] if first is not None and first.leaders else [next(ways, None), *at_once]
+            others = [] if first is not None and first.follows else [next(ways, None), *at_once]
             yield from sorted(filter(None, (first, *others)), key=lambda motion: motion.busiest)
 
     def changing(self) -> Iterator[Motion]:
@@ -310,8 +310,9 @@ class LedWays:
             onward = slide(arm, path, feed, end)
             last = None if changed is None else self._settled(onward)
             if changed is not None and last is not None:
-                leaders = (path.points,) if follows and feed == first and last is onward else ()
-                yield self._motion(joined_keyframes(there, changed, last), f"{name}, {path.name}", leaders)
+                ahead = follows and feed == first and last is onward
+                keyframes = joined_keyframes(there, changed, last)
+                yield replace(self._motion(keyframes, f"{name}, {path.name}"), follows=ahead)
 
     def _settled(self, keyframes: FloatArray) -> FloatArray | None:
         """Keyframes along a path, and at its end the change to a goal for the whole arm that is not on it."""
@@ -339,12 +340,12 @@ class LedWays:
             if keyframes is not None:
                 yield self._motion(keyframes, "change shape at the start's feed")
 
-    def _motion(self, keyframes: FloatArray, name: str, leaders: tuple[FloatArray, ...] = ()) -> Motion:
+    def _motion(self, keyframes: FloatArray, name: str) -> Motion:
         """The motion of keyframes, its ends those of the task without rounding."""
         keyframes[0] = self._start
         if self._goal is not None:
             keyframes[-1] = self._goal
-        return Motion(*self.task.space_through(keyframes), keyframes, name, leaders=leaders)
+        return Motion(*self.task.space_through(keyframes), keyframes, name)
 
     def _changed(self, start: FloatArray, goal: FloatArray | TipGoal, outside: float) -> FloatArray | None:
         """Keyframes from a configuration to other bends, or to a goal of the tip, at its feed; None without a motion.

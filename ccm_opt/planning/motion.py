@@ -32,7 +32,7 @@ class CurveMotion(Generic[CurveType]):
         u: path parameters of the keyframes, increasing from 0 to 1, shape (K,); None where nothing depends on them.
         end_pose: configuration of the offered pose at the goal that it ends in, of the arm it was planned for; None
             where it ends elsewhere.
-        leaders: paths that a fed arm follows all the way, each of shape (m, 2) [m]; none elsewhere.
+        follows: whether it is that of a fed arm that follows a leader all the way.
     """
 
     curve: CurveType
@@ -41,7 +41,7 @@ class CurveMotion(Generic[CurveType]):
     candidate: str
     u: FloatArray | None = None
     end_pose: FloatArray | None = None
-    leaders: tuple[FloatArray, ...] = ()
+    follows: bool = False
 
     @classmethod
     def of(cls, curve: CurveType, poses: list[Pose], candidate: str) -> "CurveMotion[CurveType]":

@@ -88,7 +88,6 @@ class OwnUnits:
             spline=type(spline)(spline.t, self._coordinates(spline.c, arm), spline.k),
             keyframes=self._coordinates(path.keyframes, arm),
             curves=tuple(self._in_metres(curve) for curve in path.curves),
-            leaders=tuple(self.metres * leader for leader in path.leaders),
             spare=self.metres * path.spare,
             goal_pose=None if path.goal_pose is None else self.record_in_metres(path.goal_pose),
         )

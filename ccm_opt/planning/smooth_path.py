@@ -76,7 +76,7 @@ def joint_path(task: SearchTask, *motions: CurveMotion[CurveType], legs: bool = 
         missed = None if path is None else task.missed_by(path.spline)
         if path is not None and missed is None:
             keyframes, spline, curves = task.keyframes_along(motion.configurations, path.spline, legs=legs)
-            return JointPath(spline, keyframes, curves, motion.candidate, motion.leaders, spare=path.spare)
+            return JointPath(spline, keyframes, curves, motion.candidate, spare=path.spare)
     raise MotionNotFound(missed or _no_path(task))
 
 
@@ -159,7 +159,9 @@ def _near_keyframes(motion: CurveMotion[CurveType], task: SearchTask) -> BSpline
     configurations that were certified are the control points.
     """
     curve = motion.curve
-    room = _Room.of(task, motion.configurations) if task.wanted_gap > 0.0 else None
+    # Between the fine samples of a leader's path no room is lost that would have to be looked for.
+    sought = task.wanted_gap > 0.0 and not motion.follows
+    room = _Room.of(task, motion.configurations) if sought else None
     failing = partial(_failing_places, task, room, tube=not curve.affine)
     nearest = None
     if not curve.affine and len(motion.unknowns) > DEGREE and motion.u is None:

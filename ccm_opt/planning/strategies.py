@@ -449,7 +449,7 @@ def find_motion(task: MotionTask, strategies: tuple[Strategy[MotionTask, Motion]
 
 def _finished(found: Motion, task: MotionTask) -> Motion:
     """A motion optimised; one that follows its leader mostly lasts as long as its feed, and has its path's room."""
-    if found.leaders and not task.user_limits and task.weights == Weights():
+    if found.follows and not task.user_limits and task.weights == Weights():
         straight_line = found.through(found.unknowns[[0, -1]])
         if found.busiest <= _WORTH_SHORTENING * straight_line.busiest:
             return found

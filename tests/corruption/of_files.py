@@ -11,8 +11,7 @@ from .plans import Folder, Generator, kind
 
 def figures_of(record: dict[str, Any]) -> list[str]:
     """Names of the figures of merit that are numbers, and not just rounding."""
-    held = {name: value for name, value in record["metrics"].items() if not name.startswith("leader")}
-    return [name for name, value in held.items() if value is not None and abs(value) > 1e-6]
+    return [name for name, value in record["metrics"].items() if value is not None and abs(value) > 1e-6]
 
 
 @kind("a figure of merit scaled")

@@ -31,7 +31,6 @@ class JointPath:
         keyframes: coordinates at the planner's keyframes, shape (K, c) [rad, m].
         curves: the continuum curve behind each keyframe, length K.
         candidate: name of the tactic that found the motion.
-        leaders: paths that the arm follows joint by joint, in order, each of shape (m, 2) [m]; none when it does not.
         spare: gap beyond contact that the whole path is certified to keep [m]; timing may use it up.
         goal_pose: what the goal-pose NLP said about the end; None where it was not asked, or gave no answer.
         parts: the paths of which it is made, where it is made of several; the spline has a corner between two of them,
@@ -42,7 +41,6 @@ class JointPath:
     keyframes: FloatArray
     curves: tuple[Configuration, ...]
     candidate: str = ""
-    leaders: tuple[FloatArray, ...] = ()
     spare: float = 0.0
     goal_pose: GoalPoseRecord | None = None
     parts: "tuple[JointPath, ...]" = ()
@@ -57,7 +55,6 @@ class JointPath:
             keyframes=self.keyframes[::-1].copy(),
             curves=self.curves[::-1],
             candidate=f"{self.candidate}, backwards" if self.candidate else "backwards",
-            leaders=self.leaders[::-1],
             # The pose at which the motion now begins says nothing about where it ends.
             goal_pose=None,
             parts=tuple(part.reversed() for part in reversed(self.parts)),
