@@ -190,27 +190,20 @@ class WaySearch:
         """
         start, goal = self.cubes_of_ends()
         usable = self._within(length) & (self.sides < 1) | start
+        sources, targets = np.flatnonzero(start), np.flatnonzero(goal & usable)
+        if not len(sources) or not len(targets):
+            return 0.0, np.zeros(0, dtype=np.intp)
         pairs = self.cells.pairs[np.all(usable[self.cells.pairs], axis=1)]
         # At the mount the arm may touch what it likes.
         free = np.where(start, np.inf, room)
-        cost = -np.minimum(free[pairs[:, 0]], free[pairs[:, 1]])
         count = len(self.cells)
-        sources = np.flatnonzero(start)
-        targets = np.flatnonzero(goal & usable)
-        if not len(sources) or not len(targets):
-            return 0.0, np.zeros(0, dtype=np.intp)
-        finite = np.clip(cost, -1e6, 1e6)
-        joined = np.concatenate((pairs, np.column_stack((np.full(len(sources), count), sources)))).astype(np.intp)
-        targeted = np.concatenate((joined, np.column_stack((np.full(len(targets), count + 1), targets)))).astype(
-            np.intp
-        )
-        into_goal = -free[targets]
-        weights = np.concatenate((finite, np.full(len(sources), -1e6), np.clip(into_goal, -1e6, 1e6)))
-        # Weights of zero are no pairs to scipy: all are moved below it.
-        shifted = weights - 2e6
-        graph = sparse.coo_matrix((shifted, (targeted[:, 0], targeted[:, 1])), shape=(count + 2, count + 2)).tocsr()
-        tree = csgraph.minimum_spanning_tree(graph)
-        _, before = csgraph.breadth_first_order(tree, count, directed=False)
+        ends = [np.column_stack((np.full(len(cubes), count + k), cubes)) for k, cubes in enumerate((sources, targets))]
+        joined = np.concatenate((pairs, *ends)).astype(np.intp)
+        widths = np.concatenate((free[pairs].min(axis=1), np.full(len(sources), np.inf), free[targets]))
+        # Weights of zero are no pairs to scipy: all are below it.
+        weights = -np.clip(widths, -1e6, 1e6) - 2e6
+        graph = sparse.coo_matrix((weights, (joined[:, 0], joined[:, 1])), shape=(count + 2, count + 2)).tocsr()
+        _, before = csgraph.breadth_first_order(csgraph.minimum_spanning_tree(graph), count, directed=False)
         chain = [count + 1]
         while before[chain[-1]] >= 0:
             chain.append(int(before[chain[-1]]))

@@ -15,12 +15,12 @@ from typing import Any
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 
-from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.errors import Diagnosis, RetimingError
 from ccm_opt.dynamics.retiming.motion_limits import MotionLimit, limits_along
 from ccm_opt.dynamics.retiming.motion_samples import MotionSamples
 from ccm_opt.dynamics.retiming.profile import path_rows
 from ccm_opt.dynamics.retiming.timed_path import InverseDynamics, TimedPath
+from ccm_opt.dynamics.retiming.timing import chained
 from ccm_opt.problem import Limits
 from ccm_opt.problem.solution import JointTrajectory
 from ccm_opt.robot.arm import Arm
@@ -81,11 +81,13 @@ def braked(
     step = min(_STEP, float(np.quantile(np.diff(trajectory.time), _USUAL_STEP)))
     path = TimedPath(spline, limits, inverse_dynamics, partial(revolute_angles, arm), arm.coordinates, arm, share)
     held = limits_along(path)
+    begun = trajectory.part(slice(kept))
 
     # Limits are kept at the places looked at in each step; where samples show more, less of the limits is used. The
     # last share is taken as it comes, for the verifier has the last word.
     for caution in _LIMIT_SHARES:
-        stopped = _joined(trajectory, kept, _fall(path, held, caution, float(trajectory.time[kept]), whole, step))
+        tail = _fall(path, held, caution, float(trajectory.time[kept]), whole, step)
+        stopped = chained(begun, replace(tail, time=trajectory.time[kept] - begun.time[-1] + tail.time))
         motion = (stopped.time, stopped.positions, stopped.velocities, stopped.accelerations)
         samples = MotionSamples(stopped.time / whole, *motion)
         if all(np.all(limit.stretches(samples)[kept:] <= 1.0) for limit in held):
@@ -95,8 +97,8 @@ def braked(
 
 def _fall(
     path: TimedPath, limits: Sequence[MotionLimit], caution: float, begin: float, whole: float, step: float
-) -> list[FloatArray]:
-    """Times from when braking begins to rest, and positions, velocities and accelerations then.
+) -> JointTrajectory:
+    """The motion from a moment of the planned one to rest, its time counted from when braking begins.
 
     Args:
         path: the planned motion over the share of its time.
@@ -106,7 +108,7 @@ def _fall(
         whole: its duration [s].
         step: time between two samples [s].
     """
-    samples: list[tuple[float, FloatArray, FloatArray, FloatArray]] = []
+    samples = []
     s = begin / whole
     speed = 1.0 / whole
     since = 0.0
@@ -132,7 +134,8 @@ def _fall(
     # The last sample is at rest exactly, ṡ = 0, and still decelerates until that moment.
     x = path.spline(s)
     samples.append((since, x, np.zeros_like(x), path.spline(s, 1) * change))
-    return [np.array(values) for values in zip(*samples, strict=True)]
+    time, positions, velocities, accelerations = (np.array(values) for values in zip(*samples, strict=True))
+    return JointTrajectory(time, positions, velocities, accelerations, path.coordinates)
 
 
 def _least_change(
@@ -153,16 +156,3 @@ def _least_change(
 def _cannot(moment: float) -> RetimingError:
     reason = f"the arm cannot be braked at {moment:.4g} s of its motion: a drive needs all it has to follow the path"
     return RetimingError(Diagnosis(reason, "retargeting", ("larger limits.torque", "another time")))
-
-
-def _joined(trajectory: JointTrajectory, kept: int, tail: Sequence[FloatArray]) -> JointTrajectory:
-    """The first samples of a motion and what follows them; braking begins ``kept`` samples on."""
-    first = trajectory.part(slice(kept))
-    time, positions, velocities, accelerations = tail
-    return replace(
-        first,
-        time=np.concatenate((first.time, trajectory.time[kept] + time)),
-        positions=np.concatenate((first.positions, positions)),
-        velocities=np.concatenate((first.velocities, velocities)),
-        accelerations=np.concatenate((first.accelerations, accelerations)),
-    )

@@ -266,16 +266,16 @@ def _paused(trajectory: JointTrajectory, pause: float, step: float) -> JointTraj
     time = np.linspace(0.0, pause, count + 1)[1:]
     held = np.repeat(trajectory.positions[-1:], count, axis=0)
     rest = np.zeros_like(held)
-    return _chained(trajectory, JointTrajectory(time, held, rest, rest, trajectory.coordinates))
+    return chained(trajectory, JointTrajectory(time, held, rest, rest, trajectory.coordinates))
 
 
 def _after(first: JointTrajectory, leg: JointTrajectory, stop: int) -> JointTrajectory:
     """Two motions in a row; the first sample of the second is the last of the first."""
     later = tuple(len(first.time) - 1 + number for number in leg.stops)
-    return replace(_chained(first, leg.part(slice(1, None))), stops=(*first.stops, stop, *later))
+    return replace(chained(first, leg.part(slice(1, None))), stops=(*first.stops, stop, *later))
 
 
-def _chained(first: JointTrajectory, second: JointTrajectory) -> JointTrajectory:
+def chained(first: JointTrajectory, second: JointTrajectory) -> JointTrajectory:
     """The samples of both, the time of the second counted from the end of the first."""
     return replace(
         first,

@@ -200,32 +200,28 @@ class ErrorLevers:
     model: ErrorModel
     inside: float
 
-    def to_surfaces(self, poses: FloatArray, travels: FloatArray, pairs: Pairs) -> FloatArray:
-        """How far the links of pairs move against the scene at most, shape (P,) [m a unit].
+    def of_pairs(self, poses: FloatArray, travels: FloatArray, pairs: Pairs, *, of_links: bool) -> FloatArray:
+        """How far the links of pairs move at most, against the scene or the links nearer to the base, (P,) [m a unit].
 
         Args:
             poses: base, joints and tip, shape (S, links + 1, d) [m].
             travels: how far each of them goes from there at most, shape (S, links + 1) [m]; zero for the poses alone.
             pairs: whose stretches are numbers of poses.
+            of_links: whether they are pairs of links, of which the second moves against the first.
         """
         levers = np.empty(len(pairs))
         for begin, which in self._parts(len(poses), pairs):
             sums, from_base = self._sums(poses[begin], travels[begin])
             pose, link = pairs.stretch[which] - begin.start, pairs.link[which]
-            turned = np.maximum(sums[pose, link, link + 1], sums[pose, link + 1, link + 1])
-            about_base = np.maximum(from_base[pose, link], from_base[pose, link + 1])
-            levers[which] = turned + self.model.turns[0] * about_base + self.model.stretch * (link + 1)
-        return levers + self.model.moves_base
-
-    def to_links(self, poses: FloatArray, travels: FloatArray, pairs: Pairs) -> FloatArray:
-        """How far the second links of pairs move against the first, nearer to the base; arguments likewise."""
-        levers = np.empty(len(pairs))
-        for begin, which in self._parts(len(poses), pairs):
-            sums, _ = self._sums(poses[begin], travels[begin])
-            pose, first, second = pairs.stretch[which] - begin.start, pairs.link[which], pairs.other[which]
-            near = sums[pose, second, second + 1] - sums[pose, second, first + 1]
-            far = sums[pose, second + 1, second + 1] - sums[pose, second + 1, first + 1]
-            levers[which] = np.maximum(near, far) + self.model.stretch * (second - first + 1)
+            last = pairs.other[which] if of_links else link
+            near, far = sums[pose, last, last + 1], sums[pose, last + 1, last + 1]
+            if of_links:
+                near, far = near - sums[pose, last, link + 1], far - sums[pose, last + 1, link + 1]
+                levers[which] = np.maximum(near, far) + self.model.stretch * (last - link + 1)
+            else:
+                about_base = self.model.turns[0] * np.maximum(from_base[pose, link], from_base[pose, link + 1])
+                moved = np.maximum(near, far) + about_base + self.model.stretch * (link + 1)
+                levers[which] = moved + self.model.moves_base
         return levers
 
     @property
@@ -284,7 +280,7 @@ class ErrorLevers:
         """How far errors move points along directions.
 
         Args:
-            poses: as for ``to_surfaces``.
+            poses: as for ``of_pairs``.
             travels: likewise.
             chains: the joints between the points and what stands still.
             points: at the middles of the stretches, shape (P, e, d) [m].
@@ -347,4 +343,4 @@ def moved_by_joint_errors(arm: Arm, points: FloatArray, size: float, inside: flo
     links = np.arange(arm.links)
     pairs = Pairs(np.zeros_like(links), links, links)
     levers = ErrorLevers(arm, joint_errors(arm), inside)
-    return size * levers.to_surfaces(points[None], np.zeros((1, arm.links + 1)), pairs)
+    return size * levers.of_pairs(points[None], np.zeros((1, arm.links + 1)), pairs, of_links=False)

@@ -118,8 +118,8 @@ class _SurfacesWithErrors(WallProof):
     ) -> Measured:
         """What is known of the errors that the gaps of pairs survive."""
         travels = self.motion.travels(stretches)
-        during = self._levers.to_surfaces(poses, travels, pairs) / self.unit
-        middle = self._levers.to_surfaces(poses, np.zeros_like(travels), pairs) / self.unit
+        during = self._levers.of_pairs(poses, travels, pairs, of_links=False) / self.unit
+        middle = self._levers.of_pairs(poses, np.zeros_like(travels), pairs, of_links=False) / self.unit
         known = super().measure(stretches, poses, pairs, cutoff * during + self._clearance)
         least, most = known.least - self._clearance, known.most - self._clearance
         by_levers = replace(known, least=survived(least, during), most=survived(most, middle))
@@ -177,8 +177,8 @@ class _LinksWithErrors(LinkProof):
     ) -> Measured:
         """What is known of the errors that the gaps of pairs survive."""
         travels = self.motion.travels(stretches)
-        during = self._levers.to_links(poses, travels, pairs) / self.unit
-        middle = self._levers.to_links(poses, np.zeros_like(travels), pairs) / self.unit
+        during = self._levers.of_pairs(poses, travels, pairs, of_links=True) / self.unit
+        middle = self._levers.of_pairs(poses, np.zeros_like(travels), pairs, of_links=True) / self.unit
         known = super().measure(stretches, poses, pairs, cutoff * during)
         by_levers = replace(known, least=survived(known.least, during), most=survived(known.most, middle))
 
