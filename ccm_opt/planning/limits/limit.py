@@ -141,6 +141,11 @@ AnyUnknowns_contra = TypeVar("AnyUnknowns_contra", bound=CurveUnknowns, contrava
 class LimitOf(Generic[AnyUnknowns_contra]):
     """Something that a motion must keep; contributes nothing unless a method is overridden."""
 
+    @property
+    def breaks(self) -> tuple[float, ...]:
+        """Path parameters inside (0, 1) at which it begins or ends, increasing."""
+        return ()
+
     def placed(self, u: float) -> "Self":
         """The limit at a path parameter u of the motion."""
         del u
