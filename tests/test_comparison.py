@@ -27,14 +27,7 @@ from ccm_opt.cli.compare.methods import METHODS, check_methods, code_of, method_
 from ccm_opt.cli.compare.running import Comparison, compare
 from ccm_opt.cli.compare.runs import Run, Task, execute, failed_run, open_journal
 from ccm_opt.cli.compare.space_clutter import KEPT_OFF, links_apart
-from ccm_opt.cli.compare.suites import (
-    SUITES,
-    Case,
-    cases_of_files,
-    cases_of_suite,
-    distinct,
-    shared_folder,
-)
+from ccm_opt.cli.compare.suites import SUITES, Case, cases_of_files, cases_of_suite, distinct, shared_folder
 from ccm_opt.cli.comparing import compare_methods
 from ccm_opt.core.errors import ProblemError
 from ccm_opt.core.executors import LocalWorkers

@@ -19,8 +19,14 @@ from ccm_opt.driver.room_over_time import room_over_time
 from ccm_opt.io.controller_points import controller_points, trajectory_texts
 from ccm_opt.io.folder import ARRAYS, model_meshes, model_texts
 from ccm_opt.io.glb import motion_glb
-from ccm_opt.io.reading_back import SavedMotion, load_any_problem, load_motion, read_arrays
-from ccm_opt.io.record_file import RecordedResults, recorded_results
+from ccm_opt.io.reading_back import (
+    RecordedResults,
+    SavedMotion,
+    load_any_problem,
+    load_motion,
+    read_arrays,
+    recorded_results,
+)
 from ccm_opt.io.records import arrays_npz, bends_of_arrays, room_data
 from ccm_opt.io.robot_models import MESHES, URDF_MESHES
 from ccm_opt.io.text_agreement import check_of_data, checks_of_texts

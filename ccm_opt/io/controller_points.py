@@ -18,7 +18,7 @@ from functools import cached_property, partial
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray, IntArray
-from ccm_opt.io.arm_description import FEED
+from ccm_opt.io.robot_models import FEED
 from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import Check, JointStates, JointTrajectory
 from ccm_opt.robot.coordinates import Coordinates
@@ -390,14 +390,10 @@ def bending_joints(joints: JointStates, coordinates: Coordinates) -> JointStates
     )
 
 
-def table_headings(names: tuple[str, ...]) -> list[str]:
-    """The columns of the table for joints of these names."""
-    quantities = zip(QUANTITIES, _FEED_QUANTITIES, strict=True)
-    return ["time", *(f"{name}_{feed if name == FEED else joint}" for joint, feed in quantities for name in names)]
-
-
 def _csv(time: FloatArray, names: tuple[str, ...], columns: list[list[str]]) -> Iterator[str]:
-    yield ",".join(table_headings(names))
+    quantities = zip(QUANTITIES, _FEED_QUANTITIES, strict=True)
+    headings = [f"{name}_{feed if name == FEED else joint}" for joint, feed in quantities for name in names]
+    yield ",".join(["time", *headings])
     for now, *rows in zip(time.tolist(), *columns, strict=True):
         yield ",".join([f"{now:.12g}", *rows])
     yield ""

@@ -118,19 +118,16 @@ def _assembled(workshop: Path, files: Mapping[str, bytes], target: Path, ours: C
             os.fsync(file.fileno())
     if target.is_dir():
         for entry in target.iterdir():
-            if entry.name not in ours:
-                _take_along(entry, new / entry.name)
+            # What is written to a file of the user's at either place is at both, where that can be.
+            if entry.name in ours:
+                continue
+            if entry.is_dir() and not entry.is_symlink():
+                shutil.copytree(entry, new / entry.name, symlinks=True, copy_function=_link_or_copy)
+            else:
+                _link_or_copy(str(entry), str(new / entry.name))
     for folder in (new, *(place for place in new.rglob("*") if place.is_dir() and not place.is_symlink())):
         _sync(folder)
     return new
-
-
-def _take_along(entry: Path, place: Path) -> None:
-    """The same file or folder at another place: what is written to it at either is at both, where that can be."""
-    if entry.is_dir() and not entry.is_symlink():
-        shutil.copytree(entry, place, symlinks=True, copy_function=_link_or_copy)
-    else:
-        _link_or_copy(str(entry), str(place))
 
 
 def _link_or_copy(source: str, place: str) -> str:

@@ -18,9 +18,9 @@ import numpy.typing as npt
 
 from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.core.errors import ProblemError
-from ccm_opt.io.arm_description import visual_radius
 from ccm_opt.io.issues import told_by
 from ccm_opt.io.raw_mesh import MeshSettings, RawMesh
+from ccm_opt.io.robot_models import visual_radius
 from ccm_opt.io.scene_solids import Drum, Prism, Solid, prism_mesh, solid_scene
 from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import JointTrajectory

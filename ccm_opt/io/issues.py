@@ -241,7 +241,7 @@ class Issues:
                 # Likeness takes long, and of so many defects nobody reads all.
                 listed = len(self.found) < MOST_LISTED
                 guess = closest(name, known) if listed else None
-                elsewhere = homes(name) if listed and not guess else ()
+                elsewhere = CONCEPTS.get(name) or _known_everywhere().get(name) if listed and not guess else ()
                 if elsewhere:
                     unknown = f"unknown key '{name}' here; it is known as {' and '.join(elsewhere)}"
                 else:
@@ -289,11 +289,6 @@ def _known_everywhere() -> dict[str, tuple[str, ...]]:
             found[key] = (*found.get(key, ()), f"{place}.{key}".strip("."))
         pending += [(f"{place}.{key}", nested) for key, nested in _table_models(model).items()]
     return found
-
-
-def homes(name: str) -> tuple[str, ...]:
-    """Return where a key that is unknown in its table is known, or what it is called there; empty where it is none."""
-    return CONCEPTS.get(name, ()) or _known_everywhere().get(name, ())
 
 
 def unknown_key(key: str, guess: str | None, known: Sequence[str]) -> str:

@@ -85,10 +85,15 @@ def problem_data(problem: Problem, mesh_files: Sequence[str] | None = None) -> T
     """
     unit = problem.length_unit
     head: Table = {"schema": 1}
+    workspace: Table
     if problem.dimension == 3:
         head["space"] = 3
         files = kept_names(problem) if mesh_files is None else mesh_files
-        workspace = _space_workspace(problem, files, unit)
+        workspace = {"clearance": in_unit(problem.workspace.clearance, unit)}
+        if problem.workspace.bounds is not None:
+            workspace["bounds"] = _lengths(problem.workspace.bounds, unit)
+        listed = zip(problem.workspace.obstacles, files, strict=True)
+        workspace["obstacles"] = [{"name": each.name} | _body(each.body, file, unit) for each, file in listed]
     else:
         workspace = workspace_table(problem.workspace, unit)
     return {
@@ -177,13 +182,11 @@ def _chain_table(arm: Arm, unit: LengthUnit) -> Table:
 
 def limits_table(limits: Limits, unit: LengthUnit) -> Table:
     """Limits as ``[limits]``."""
-    table: Table = {"velocity": _list(limits.velocity), "acceleration": _list(limits.acceleration)}
-    for key in ("jerk", "torque"):
-        if getattr(limits, key) is not None:
-            table[key] = _list(getattr(limits, key))
-    for key in ("feed_velocity", "feed_acceleration", "feed_jerk"):
-        if getattr(limits, key) is not None:
-            table[key] = in_unit(getattr(limits, key), unit)
+    keys = ("velocity", "acceleration", "jerk", "torque", "feed_velocity", "feed_acceleration", "feed_jerk")
+    values = {key: getattr(limits, key) for key in keys if getattr(limits, key) is not None}
+    table: Table = {
+        key: in_unit(value, unit) if key.startswith("feed") else _list(value) for key, value in values.items()
+    }
     if limits.feed_force is not None:
         table["feed_force"] = float(limits.feed_force)
     points = []
@@ -294,18 +297,6 @@ def _lengths(values: npt.ArrayLike, unit: LengthUnit) -> list[Any]:
     given = np.array([in_unit(value, unit) for value in metres.flat])
     nested: list[Any] = given.reshape(metres.shape).tolist()
     return nested
-
-
-def _space_workspace(problem: Problem, mesh_files: Sequence[str], unit: LengthUnit) -> Table:
-    workspace = problem.workspace
-    table: Table = {"clearance": in_unit(workspace.clearance, unit)}
-    if workspace.bounds is not None:
-        table["bounds"] = _lengths(workspace.bounds, unit)
-    table["obstacles"] = [
-        {"name": each.name} | _body(each.body, file, unit)
-        for each, file in zip(workspace.obstacles, mesh_files, strict=True)
-    ]
-    return table
 
 
 def _body(body: Body, file: str, unit: LengthUnit) -> Table:

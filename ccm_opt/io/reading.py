@@ -17,7 +17,7 @@ from ccm_opt.io.issues import Issues, KeyPath, dotted, locate_keys
 from ccm_opt.io.table_reading import check_data
 from ccm_opt.problem import Problem
 
-_PART = re.compile(r"\.?(?P<key>[A-Za-z0-9_-]+)|\[(?P<entry>[^\]]+)\]")
+_PART = re.compile(r"\.?([A-Za-z0-9_-]+)|\[([^\]]+)\]")
 """A key of a table, or an entry of a list: its number from 0, or the name of the table there."""
 
 
@@ -66,15 +66,9 @@ def with_keys_set(text: str, settings: Sequence[str]) -> ChangedText:
 
 def _parts(key: str, setting: str) -> tuple[str, ...]:
     """The keys and entries of a key path."""
-    parts = []
-    at = 0
-    while at < len(key):
-        match = _PART.match(key, at)
-        if match is None:
-            raise ProblemError(f"cannot set '{setting}': '{key}' is not a key path like goal[1].position")
-        parts.append(match["key"] or match["entry"].strip())
-        at = match.end()
-    return tuple(parts)
+    if not re.fullmatch(f"(?:{_PART.pattern})+", key):
+        raise ProblemError(f"cannot set '{setting}': '{key}' is not a key path like goal[1].position")
+    return tuple(name or entry.strip() for name, entry in _PART.findall(key))
 
 
 def _value(text: str) -> object:

@@ -20,15 +20,7 @@ from svgelements import Ellipse, Path, Polyline, Rect
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.errors import ProblemError
-from ccm_opt.io.shapes import (
-    IMPORT,
-    DrawingContent,
-    Drawn,
-    FillRule,
-    Shape,
-    flatten_bezier,
-    flatten_ellipse,
-)
+from ccm_opt.io.shapes import IMPORT, DrawingContent, Drawn, FillRule, Shape, flatten_bezier, flatten_ellipse
 from ccm_opt.io.svg_document import View, length_of, numbers_in, parsed_document
 from ccm_opt.io.svg_placing import Picture, Place
 

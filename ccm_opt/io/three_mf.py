@@ -210,15 +210,15 @@ class _Model:
         return _Use(path, given["objectid"], transform.reshape(4, 3))
 
 
+@dataclass
 class _Building:
     """Puts objects together within the bounds; ``taken`` are those that are built."""
 
-    def __init__(self, models: dict[str, _Model], settings: MeshSettings) -> None:
-        self.taken: set[tuple[str, str]] = set()
-        self._models = models
-        self._settings = settings
-        self._visits = 0
-        self._triangles = 0
+    models: dict[str, _Model]
+    settings: MeshSettings
+    taken: set[tuple[str, str]] = field(default_factory=set)
+    visits: int = 0
+    triangles: int = 0
 
     def placed(self, use: _Use, outer: FloatArray, depth: int) -> Iterator[RawMesh]:
         """The meshes of an object, where they come to lie in what uses it.
@@ -226,22 +226,22 @@ class _Building:
         Raises:
             ProblemError: it is not there, or put together from too many, too large or too deep.
         """
-        settings = self._settings
-        if use.path not in self._models:
+        settings = self.settings
+        if use.path not in self.models:
             raise ProblemError(
                 f"{use.path[:60]!r}, which it names, counts only if the root model is linked to it; export it anew"
             )
-        if use.number not in self._models[use.path].objects:
+        shape = self.models[use.path].objects.get(use.number)
+        if shape is None:
             raise ProblemError(f"an item or a component names an object that is not there, {use.number[:20]!r}")
-        self._visits += 1
-        if self._visits > settings.most_parts:
+        self.taken.add((use.path, use.number))
+        self.visits += 1
+        self.triangles += len(shape.corners) // 3
+        if self.visits > settings.most_parts:
             raise ProblemError(f"it is put together from more than {settings.most_parts} parts")
         if depth > settings.deepest:
             raise ProblemError(f"its components are nested more than {settings.deepest} deep")
-        self.taken.add((use.path, use.number))
-        shape = self._models[use.path].objects[use.number]
-        self._triangles += len(shape.corners) // 3
-        if self._triangles > settings.most_triangles:
+        if self.triangles > settings.most_triangles:
             raise ProblemError(f"it has more than {settings.most_triangles} triangles, the most that can be used")
         with np.errstate(over="ignore", invalid="ignore"):  # places beyond all measure are refused later
             place = np.vstack((use.transform[:3] @ outer[:3], use.transform[3] @ outer[:3] + outer[3]))
