@@ -139,7 +139,7 @@ def _checks_of_constraints(problem: Problem, motion: SavedMotion, references: tu
             stops=(),
         )
         ending = f", goal {leg}" if len(ends) > 2 else ""
-        checks = checks_without_path(terms, problem.arm, trajectory, motion.keyframes)
+        checks = checks_without_path(terms, trajectory, motion.keyframes)
         found += [replace(check, name=f"{check.name}{ending}") for check in checks]
     return tuple(found)
 
