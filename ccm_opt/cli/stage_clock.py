@@ -14,6 +14,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from multiprocessing import Pipe
 from typing import TYPE_CHECKING, NoReturn
 
@@ -38,10 +39,18 @@ LINE_EVERY = 3.0
 """Wall time between two such lines [s]. Taste."""
 
 
-def _moment() -> tuple[float, float]:
-    """Wall time and CPU time now [s]; CPU time counts finished child processes too."""
-    times = os.times()
-    return time.perf_counter(), time.process_time() + times.children_user + times.children_system
+@dataclass(frozen=True)
+class _Moment:
+    """Both clocks at one moment [s]; CPU time counts finished child processes too."""
+
+    wall: float
+    cpu: float
+
+    @classmethod
+    def present(cls) -> "_Moment":
+        times = os.times()
+        children = times.children_user + times.children_system
+        return cls(time.perf_counter(), time.process_time() + children)
 
 
 class StageClock:
@@ -60,7 +69,7 @@ class StageClock:
         self.cpu: dict[str, float] = {}
         self.known: Diagnosis | None = None
         self._show = show
-        self._since = _moment()
+        self._since = _Moment.present()
 
     def begin(self, stage: str) -> None:
         """End the present stage and start the next."""
@@ -80,10 +89,10 @@ class StageClock:
 
     def finish(self) -> None:
         """End the present stage."""
-        now = _moment()
+        now = _Moment.present()
         if self.current:
-            for spent, end, begin in zip((self.wall, self.cpu), now, self._since, strict=True):
-                spent[self.current] = spent.get(self.current, 0.0) + end - begin
+            self.wall[self.current] = self.wall.get(self.current, 0.0) + now.wall - self._since.wall
+            self.cpu[self.current] = self.cpu.get(self.current, 0.0) + now.cpu - self._since.cpu
         self.current = ""
         self._since = now
 
@@ -92,7 +101,7 @@ class StageClock:
         """CPU time of the stages so far, the present one included [s]."""
         if not self.current:
             return dict(self.cpu)
-        return {**self.cpu, self.current: _moment()[1] - self._since[1]}
+        return {**self.cpu, self.current: _Moment.present().cpu - self._since.cpu}
 
 
 @contextmanager
@@ -109,27 +118,29 @@ def stage_display(title: str) -> Iterator[StageClock]:
     if output().quiet:
         yield StageClock()
     elif output().verbose or not console.is_terminal:
-        yield StageClock(_plain_lines(title, everything=output().verbose))
+        yield StageClock(_PlainLines(title, everything=output().verbose))
     else:
         with console.status(escape(title), refresh_per_second=STATUS_REFRESHES) as status:
             yield StageClock(lambda progress: status.update(escape(f"{title}: {progress}")))
 
 
-def _plain_lines(title: str, *, everything: bool) -> Callable[[Progress], None]:
-    """What prints how far the work has come, line by line, not more often than people read it."""
-    due = time.monotonic() + FIRST_LINE_AFTER
-    stage = ""
+class _PlainLines:
+    """Prints how far the work has come, line by line, not more often than people read it."""
 
-    def told(progress: Progress) -> None:
-        nonlocal due, stage
-        new_stage, stage = progress.stage != stage, progress.stage
-        if (everything and new_stage) or time.monotonic() >= due:
-            due = time.monotonic() + LINE_EVERY
+    def __init__(self, title: str, *, everything: bool) -> None:
+        self._title = title
+        self._everything = everything
+        self._next = time.monotonic() + FIRST_LINE_AFTER
+        self._stage = ""
+
+    def __call__(self, progress: Progress) -> None:
+        new_stage = progress.stage != self._stage
+        self._stage = progress.stage
+        if (self._everything and new_stage) or time.monotonic() >= self._next:
+            self._next = time.monotonic() + LINE_EVERY
             with suppress(OSError):  # nobody reads it, which is no reason to stop
-                sys.stderr.write(f"{title}: {progress}\n")
+                sys.stderr.write(f"{self._title}: {progress}\n")
                 sys.stderr.flush()
-
-    return told
 
 
 Recorder = Callable[[str, Diagnosis], None]
@@ -138,13 +149,23 @@ ENDING = signal.SIGQUIT if hasattr(signal, "SIGQUIT") else signal.SIGTERM
 """Ends planning while the guard stands. Its number is the exit code of a problem without a plan."""
 
 
-SILENT_LIMITS = 3.0
-"""How often the time limit, and ``GRACE`` beside, planning may tell nothing before it is ended from outside. Derived:
-planning ends after three times as much wall time by itself."""
-GRACE = 60.0
-"""[s]. Taste: far longer than any stage that no time limit ends has taken."""
-PATIENCE = 2.0
-"""Time within which a process that was told to end ends, before it is killed [s]. Taste."""
+@dataclass(frozen=True)
+class WatchdogSettings:
+    """How long planning may tell nothing before it is ended from outside.
+
+    Attributes:
+        limits: times the time limit. Derived: planning ends after three times as much wall time by itself.
+        grace: further time [s]. Taste: far longer than any stage that no time limit ends has taken.
+        patience: time within which a process that was told to end ends, before it is killed [s]. Taste.
+    """
+
+    limits: float = 3.0
+    grace: float = 60.0
+    patience: float = 2.0
+
+
+WATCHDOG = WatchdogSettings()
+"""What every command that plans goes by."""
 
 
 @contextmanager
@@ -153,7 +174,7 @@ def ended_when_silent(
     planner: PlannerOptions,
     progress: Callable[..., None],
     record: Recorder | None = None,
-    silence: float | None = None,
+    settings: WatchdogSettings = WATCHDOG,
 ) -> Iterator[Callable[..., None]]:
     """Work inside it; the process is ended when it has told nothing for too long.
 
@@ -162,7 +183,7 @@ def ended_when_silent(
         planner: whose time limit counts.
         progress: told of the progress, too.
         record: leaves the record of why there is no result, if one is to be left.
-        silence: how long nothing may be told [s]; None for what suits the time limit.
+        settings: how long the silence may last.
 
     Yields:
         What is to be told how far the work has come.
@@ -170,13 +191,13 @@ def ended_when_silent(
     if not hasattr(os, "fork"):  # not on every system
         yield progress
         return
-    longest = SILENT_LIMITS * planner.time_limit + GRACE if silence is None else silence
+    silence = settings.limits * planner.time_limit + settings.grace
     hears, tells = Pipe(duplex=False)
     command = os.getpid()
     listener = os.fork()
     if listener == 0:
         tells.close()
-        _listen(command, hears, longest, name, record)
+        _listen(command, hears, silence, name, record, settings)
     hears.close()
 
     def told(*news: object) -> None:
@@ -225,6 +246,7 @@ def _listen(
     silence: float,
     name: str,
     record: Recorder | None,
+    settings: WatchdogSettings,
 ) -> NoReturn:
     """The process that listens; it never returns."""
     known: Diagnosis | None = None
@@ -236,7 +258,7 @@ def _listen(
         with suppress(EOFError):
             while hears.poll(silence):
                 known = hears.recv() or known
-            _end(command, name, silence, record, known)
+            _end(command, name, silence, record, known, settings)
     finally:
         os._exit(0)
 
@@ -247,6 +269,7 @@ def _end(
     silence: float,
     record: Recorder | None,
     known: Diagnosis | None,
+    settings: WatchdogSettings,
 ) -> None:
     """Say why, leave the record, and end the command, which is the last that anybody waits for.
 
@@ -269,13 +292,13 @@ def _end(
         for ending in (ENDING, signal.SIGKILL):
             with suppress(ProcessLookupError):
                 os.kill(command, ending)
-            if _has_ended(command):
+            if _has_ended(command, settings.patience):
                 break
 
 
-def _has_ended(command: int) -> bool:
-    """Whether a process, whose child this is, has ended within the time for that."""
-    until = time.monotonic() + PATIENCE
+def _has_ended(command: int, patience: float) -> bool:
+    """Whether a process, whose child this is, has ended within a time [s]."""
+    until = time.monotonic() + patience
     while os.getppid() == command:
         if time.monotonic() > until:
             return False

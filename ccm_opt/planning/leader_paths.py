@@ -8,7 +8,7 @@ is divided into equal distances again.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
@@ -16,7 +16,7 @@ from scipy.interpolate import CubicSpline
 
 from ccm_opt.core.arrays import SHORTEST, TINY, BoolArray, FloatArray
 from ccm_opt.core.polygons import nearest_on_segments
-from ccm_opt.core.polyline import arc_lengths, heading_of, points_at, unit_vector, vector_headings, wrap
+from ccm_opt.core.polyline import arc_lengths, heading_of, points_at, unit_vector
 from ccm_opt.core.small_qp import solve_small_qp
 from ccm_opt.planning.goal_members import GoalMember
 from ccm_opt.planning.leader import LeaderPath, path_through
@@ -39,8 +39,8 @@ _RIDGE = 0.001
 _TENSION = 0.02
 """Weight of the band's length against its bending, both without units. Taste; just enough to take up slack."""
 _TIGHTNESS_POWERS = (6, 2)
-"""How suddenly it does so on the way to the limit; the next where the arm cannot bend as the band does. Measured behind
-an entrance at 48 links: with 6 a band bends 2.5 times as much as the arm may, with 2 less than half of that."""
+"""How suddenly it does so on the way to the limit; the other is tried after all margins. Measured behind an entrance at
+48 links: with 6 a band bends 2.5 times as much as the arm may, with 2 less than half of what it may."""
 _MOST_TIGHT = 1.5
 """Curvature, as a share of the limit, beyond which bending counts no more than there; a kink would otherwise swamp all
 other terms. Taste."""
@@ -250,9 +250,9 @@ class LeaderPaths:
                 continue
             shrink = self.corner_distance * arm.length
             routes = free_space.routes(begin, end, self.problem.planner.routes, shrink=shrink)
-            within = [route for route in routes if route.length + self._last_link <= most - straight]
-            for (k, route), gap in product(enumerate(within, start=1), self._band_margins):
-                path = self._band(free_space, route, straight, gap, f"band {k}")
+            within = [route for route in routes if straight + route.length + self._last_link <= most]
+            for (k, route), kind in product(enumerate(within, start=1), self._kinds_of_band):
+                path = self._band(free_space, route, straight, kind, f"band {k}")
                 # In a duct all margins give the same band; bands are told apart by their length.
                 length = round(path.end, 6)
                 if least <= path.end <= most * (1.0 + _CHORD_ALLOWANCE) and length not in seen:
@@ -260,18 +260,23 @@ class LeaderPaths:
                     yield path
 
     @property
-    def _band_margins(self) -> tuple[float, ...]:
-        """What bands keep beyond radius and clearance, widest first [m].
+    def _kinds_of_band(self) -> tuple[tuple[float, int], ...]:
+        """What bands keep beyond radius and clearance [m], widest first, with how suddenly they avoid tight bends.
 
         With short links, shares of them leave less room than is wanted, and turns as tight round corners.
         """
-        margins = self.problem.arm.link_length * np.array(_BAND_MARGINS)
+        margins = tuple(self.problem.arm.link_length * share for share in _BAND_MARGINS)
         wanted = _BAND_GAP * self.problem.wanted_gap
-        return (wanted, *margins) if wanted > margins[0] else tuple(margins)
+        margins = (wanted, *margins) if wanted > margins[0] else margins
+        suddenly, gently = _TIGHTNESS_POWERS
+        return (*((margin, suddenly) for margin in margins), (margins[0], gently))
 
-    def _band(self, free_space: FreeSpace, route: Route, straight: float, margin: float, name: str) -> LeaderPath:
+    def _band(
+        self, free_space: FreeSpace, route: Route, straight: float, kind: tuple[float, int], name: str
+    ) -> LeaderPath:
         """A band from the feed axis along a route to the goal; with a heading there the last link is straight."""
         arm = self.problem.arm
+        margin, power = kind
         tightest = 2.0 * np.sin(0.5 * min(arm.joint_limit, np.pi))  # chords on an arc of κ bend by 2 asin(κ l/2)
         band = ElasticBand(
             walls=self.problem.workspace.flat_walls,
@@ -280,19 +285,14 @@ class LeaderPaths:
             curvature_limit=float(_CURVATURE_SHARE * tightest / arm.link_length),
             spacing=max(_BAND_SPACING * arm.link_length, _LEAST_BAND_SPACING * arm.length),
             evenness=_BAND_EVENNESS * arm.length,
+            tightness_power=power,
         )
         # Routes are drawn with a distance from corners; the band finds its own.
         taut = free_space.path_of_sleeve(route.sleeve, *self._band_ends(straight))
-        for power in _TIGHTNESS_POWERS:
-            band = replace(band, tightness_power=power)
-            points = band.smoothed(taut, (arm.base_heading, self.goal.heading))[1:]
-            if self._last_link > 0.0:
-                points = np.vstack((points, self.goal.position))
-            path = path_through(arm, straight, points, name, self.goal.heading)
-            chords = np.diff(path.positions(np.arange(straight, path.end, arm.link_length)), axis=0)
-            if np.abs(wrap(np.diff(vector_headings(chords)))).max(initial=0.0) <= arm.joint_limit:
-                break
-        return path
+        points = band.smoothed(taut, (arm.base_heading, self.goal.heading))[1:]
+        if self._last_link > 0.0:
+            points = np.vstack((points, self.goal.position))
+        return path_through(arm, straight, points, name, self.goal.heading)
 
     def _free_space(self, margin: float) -> FreeSpace:
         """Free space with a margin, as a share of a link's sagitta at its joint limit, beyond radius and clearance."""

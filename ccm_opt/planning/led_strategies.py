@@ -41,7 +41,7 @@ from ccm_opt.planning.search import Failure, Strategy
 from ccm_opt.planning.search_run import PlanarRun
 from ccm_opt.planning.settings import CurvePlannerSettings, MotionSettings
 from ccm_opt.planning.strategies import goes_straight_to_pose, straight
-from ccm_opt.problem import JointPose, Limits, Problem, TipGoal
+from ccm_opt.problem import Goal, JointPose, Limits, Problem
 from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.free_space import FreeSpace
 from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
@@ -170,24 +170,10 @@ class LedWays:
         yield from self.at_once()
 
     # ------------------------------------------------------------ what is asked
-    @property
-    def _arm(self) -> Arm:
-        return self.problem.arm
-
-    @property
-    def _start(self) -> FloatArray:
-        """The configuration at the start, shape (links + 1,) [rad, m]."""
-        return self.task.start
-
-    @property
-    def _goal(self) -> FloatArray | None:
-        """The same of a goal for the whole arm, or None."""
-        return self.task.goal_pose
-
     @cached_property
     def _travel(self) -> float:
         """Of the base between two samples of a trajectory [m]."""
-        return travel_between_samples(self._arm, self.problem.limits)
+        return travel_between_samples(self.problem.arm, self.problem.limits)
 
     @property
     def _outside(self) -> float:
@@ -195,7 +181,7 @@ class LedWays:
 
         Three control points of the smooth path shape each of its spans, and samples are taken as linear between.
         """
-        return self._arm.hole + 3.0 * feed_step(self._arm) + 2.0 * self._travel
+        return self.problem.arm.hole + 3.0 * feed_step(self.problem.arm) + 2.0 * self._travel
 
     @property
     def _least_straight(self) -> float:
@@ -203,30 +189,30 @@ class LedWays:
 
         The joint that bends is the one before the one that leaves the axis, a link length behind it.
         """
-        return self._outside + self._arm.link_length
+        return self._outside + self.problem.arm.link_length
 
     @cached_property
     def _start_path(self) -> LeaderPath | None:
         """The path that the arm lies on at the start."""
-        return self._path_of(self._start)
+        return self._path_of(self.task.start)
 
     def _path_of(self, q: FloatArray) -> LeaderPath | None:
         """The path that the arm lies on; None when it bends too near to the hole to have come by one."""
-        return path_of_pose(self._arm, q[:-1], float(q[-1]), self._least_straight)
+        return path_of_pose(self.problem.arm, q[:-1], float(q[-1]), self._least_straight)
 
     # ------------------------------------------------------------ paths
     def _paths(self) -> Iterator[LeaderPath]:
         """Leaders' paths, most promising first."""
-        if self._goal is not None:
-            own = self._path_of(self._goal)
+        if self.task.goal_pose is not None:
+            own = self._path_of(self.task.goal_pose)
             # A goal that bends too near to the hole is reached from the straight arm.
-            path = own or self._path_of(np.append(np.zeros(self._arm.links), self._goal[-1]))
+            path = own or self._path_of(np.append(np.zeros(self.problem.arm.links), self.task.goal_pose[-1]))
             yield from () if path is None else (path,)
             return
         for member in self._members():
             paths = LeaderPaths(self.problem, member, self.corner_distance)
             for path in chain.from_iterable(map(paths.bands, self._straights())):
-                yield _up_to(path, self.task.goal, self._arm)
+                yield _up_to(path, self.task.goal, self.problem.arm)
 
     def _members(self) -> tuple[GoalMember, ...]:
         """Places at the goal to lead paths to."""
@@ -234,7 +220,7 @@ class LedWays:
         if not goal.is_set:
             return (GoalMember(goal.position, goal.heading),)
         workspace = self.problem.workspace
-        arm = self._arm
+        arm = self.problem.arm
         room = FreeSpace(workspace, max(arm.radius + workspace.clearance, SHORTEST))
         # What lies within reach begins at the hole, where the guide tube ends.
         at_hole = replace(arm, base=arm.base + arm.hole * arm.direction)
@@ -247,11 +233,11 @@ class LedWays:
 
     def _straights(self) -> list[float]:
         """Arc lengths up to which leaders' paths follow the feed axis [m], most promising first."""
-        arm = self._arm
+        arm = self.problem.arm
         least = self._least_straight
         low, high = arm.base_range
         # A straight arm need not be drawn back for a path that is straight up to its tip,
-        straights = [] if self._start[:-1].any() else [float(self._start[-1]) + arm.length]
+        straights = [] if self.task.start[:-1].any() else [float(self.task.start[-1]) + arm.length]
         # any arm can be drawn back as far as the feed's range allows,
         straights.append(low + arm.length)
         # no joint can bend where a guide or a hole is hardly wider than the arm before the place where it widens,
@@ -263,7 +249,7 @@ class LedWays:
 
     def _ends_of_tight_places(self) -> list[float]:
         """Arc lengths at which the axis leaves what is hardly wider than the arm, nearest first [m]."""
-        arm = self._arm
+        arm = self.problem.arm
         spacing = _TIGHT_SPACING * arm.link_length
         along = np.arange(arm.hole - arm.link_length, arm.base_range[1] + arm.length, spacing)
         points = shapely.points(arm.base + along[:, None] * arm.direction)
@@ -284,14 +270,14 @@ class LedWays:
             path: to follow.
             changing: whether the shape may be changed.
         """
-        arm = self._arm
+        arm = self.problem.arm
         low, high = arm.base_range
         end = path.base_with_tip_at_end(arm.links, arm.link_length)
-        if self._goal is not None:
-            end = float(self._goal[-1])  # the same but for rounding
+        if self.task.goal_pose is not None:
+            end = float(self.task.goal_pose[-1])  # the same but for rounding
         if not low <= end <= min(high, path.straight):
             return
-        first = min(float(self._start[-1]), end)
+        first = min(float(self.task.start[-1]), end)
         # Drawn back so far, the arm lies on the axis, which is common to both paths.
         common = min(each.straight for each in (path, self._start_path) if each is not None) - arm.length
         for feed in dict.fromkeys((first, max(min(common, first), low), low, 0.5 * (first + low))):
@@ -305,7 +291,7 @@ class LedWays:
             if not follows:
                 # Where the feed does not move before the change, joints may bend right up to the hole.
                 outside = arm.hole if len(there) == 1 else self._outside
-                changed = self._changed(there[-1], wanted, outside) if changing else None
+                changed = self._changed(there[-1], JointPose(wanted), outside) if changing else None
                 name = f"change shape at a feed of {long_length(feed)}"
             onward = slide(arm, path, feed, end)
             last = None if changed is None else self._settled(onward)
@@ -316,49 +302,51 @@ class LedWays:
 
     def _settled(self, keyframes: FloatArray) -> FloatArray | None:
         """Keyframes along a path, and at its end the change to a goal for the whole arm that is not on it."""
-        if self._goal is None or np.max(np.abs(keyframes[-1] - self._goal)) < _SAME_POSE:
+        if self.task.goal_pose is None or np.max(np.abs(keyframes[-1] - self.task.goal_pose)) < _SAME_POSE:
             return keyframes
-        changed = self._changed(keyframes[-1], self._goal[:-1], self._arm.hole)
+        changed = self._changed(keyframes[-1], JointPose(self.task.goal_pose[:-1]), self.problem.arm.hole)
         rest = np.tile(keyframes[-1], (1 + _SEPARATION, 1))
         return None if changed is None else joined_keyframes(keyframes, rest, changed)
 
     def _drawn_to(self, feed: float) -> FloatArray | None:
         """Keyframes along the start's own shape to a feed, or None when the shape bends too near to the hole."""
-        if feed == self._start[-1]:
-            return self._start[None]
+        if feed == self.task.start[-1]:
+            return self.task.start[None]
         if self._start_path is None:
             return None
-        return slide(self._arm, self._start_path, float(self._start[-1]), feed)
+        return slide(self.problem.arm, self._start_path, float(self.task.start[-1]), feed)
 
     def at_once(self) -> Iterator[Motion]:
         """A motion without any feed, for goals that are reached from where the base is."""
-        goal = self.problem.goal if self._goal is None else self._goal[:-1]
-        if self._goal is not None and self._goal[-1] != self._start[-1]:
-            return
-        if isinstance(goal, TipGoal | np.ndarray):
-            keyframes = self._changed(self._start, goal, self._arm.hole)
-            if keyframes is not None:
-                yield self._motion(keyframes, "change shape at the start's feed")
+        goal = self.problem.goal
+        if self.task.goal_pose is not None:
+            goal = JointPose(self.task.goal_pose[:-1])
+            if self.task.goal_pose[-1] != self.task.start[-1]:
+                return
+        keyframes = self._changed(self.task.start, goal, self.problem.arm.hole)
+        if keyframes is not None:
+            yield self._motion(keyframes, "change shape at the start's feed")
 
     def _motion(self, keyframes: FloatArray, name: str) -> Motion:
         """The motion of keyframes, its ends those of the task without rounding."""
-        keyframes[0] = self._start
-        if self._goal is not None:
-            keyframes[-1] = self._goal
+        keyframes[0] = self.task.start
+        if self.task.goal_pose is not None:
+            keyframes[-1] = self.task.goal_pose
         return Motion(*self.task.space_through(keyframes), keyframes, name)
 
-    def _changed(self, start: FloatArray, goal: FloatArray | TipGoal, outside: float) -> FloatArray | None:
-        """Keyframes from a configuration to other bends, or to a goal of the tip, at its feed; None without a motion.
+    def _changed(self, start: FloatArray, goal: Goal, outside: float) -> FloatArray | None:
+        """Keyframes from a configuration to a goal at its feed; None without a motion.
 
         Args:
             start: shape (links + 1,) [rad, m].
-            goal: bends of the whole arm, shape (links,) [rad], or a goal of the tip.
+            goal: other bends, or a goal of the tip.
             outside: arc length from which on joints may bend [m].
         """
-        arm = self._arm
+        arm = self.problem.arm
         joints = start[-1] + arm.link_length * np.arange(arm.links)
         first = int(np.searchsorted(joints, outside - ROUNDING))
-        bent = start[:first].any() or (isinstance(goal, np.ndarray) and goal[:first].any())
+        whole = goal.whole(arm)
+        bent = start[:first].any() or (whole is not None and whole[:first].any())
         if arm.links - first < _LEAST_LINKS_CHANGED or bent:
             return None
         # An arm has an even number of links: an odd part gets one link more, which the guide tube keeps straight.
@@ -401,17 +389,18 @@ def _up_to(path: LeaderPath, goal: GoalPose, arm: Arm) -> LeaderPath:
     return replace(path, arc=path.arc[:count], points=path.points[:count], headings=path.headings[:count])
 
 
-def part_beyond(problem: Problem, start: FloatArray, goal: FloatArray | TipGoal, first: int) -> Problem:
+def part_beyond(problem: Problem, start: FloatArray, goal: Goal, first: int) -> Problem:
     """The problem of the arm from a joint on, on a fixed base, with what is before it as an obstacle.
 
     Args:
         problem: of the whole arm, with a feed axis.
         start: configuration, shape (links + 1,) [rad, m].
-        goal: bends of the whole arm, shape (links,) [rad], or a goal of the tip.
+        goal: other bends at the same feed, or a goal of the tip.
         first: number of links before the part.
     """
     arm = problem.arm
     limits = problem.limits
+    whole = goal.whole(arm)
 
     def of_joints(values: FloatArray | float) -> FloatArray | float:
         return values[3 * first :] if isinstance(values, np.ndarray) and values.ndim else values
@@ -439,7 +428,7 @@ def part_beyond(problem: Problem, start: FloatArray, goal: FloatArray | TipGoal,
         ),
         workspace=_with_held_links(problem, float(start[-1]), first),
         start=JointPose(start[first:-1]),
-        goal=goal if isinstance(goal, TipGoal) else JointPose(goal[first:]),
+        goal=goal if whole is None else JointPose(whole[first:-1]),
         stops=(),
         # What is wanted by default is a share of the arm's length.
         planner=replace(problem.planner, mapping="least-squares", wanted_gap=problem.wanted_gap),

@@ -1,6 +1,5 @@
 """Plans kept and shown from Python: saved to a folder, loaded from one, drawn, and animated."""
 
-import sys
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -137,4 +136,12 @@ def drawn(plan: Solution | SavedPlan) -> "DrawnPlan":
     )
 
 
-present_with(sys.modules[__name__])
+class _ThisModule:
+    """The functions above, as solutions ask for them."""
+
+    plot = staticmethod(plot)
+    animate = staticmethod(animate)
+    save = staticmethod(save)
+
+
+present_with(_ThisModule())
