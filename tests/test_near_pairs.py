@@ -19,7 +19,7 @@ seeds = st.integers(0, 2**32 - 1)
 
 def asked(links: int, mount: float, reach: float, workspace: Workspace) -> PairQuestion:
     """A question with numbers that are all of some account."""
-    arm = make_arm(links, 0.012, mount_length=mount / links, stray=1e-3)
+    arm = make_arm(links, 0.012, mount_length=mount / links)
     return PairQuestion(arm, workspace.flat_walls, 2e-3, 3e-3, reach)
 
 

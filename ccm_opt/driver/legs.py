@@ -20,7 +20,7 @@ _SAME = 1e-9
 """Difference of coordinates up to which two configurations are the same [rad, m]: rounding of the file's numbers."""
 
 _OF_DRIVES = frozenset(
-    ("masses", "inertia_axial", "inertia_transverse", "payload", "rotor_inertia", "friction", "axes", "stray")
+    ("masses", "inertia_axial", "inertia_transverse", "payload", "rotor_inertia", "friction", "axes")
 )
 """What of an arm no path depends on."""
 

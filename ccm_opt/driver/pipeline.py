@@ -41,11 +41,8 @@ _ROOM_SHARE = 0.9
 """Share of the gap that the roomiest try keeps, as far as it is wanted, that a try must keep to be taken. Taste, like
 the share of the wanted gap below which a record calls a motion short of room."""
 
-_ROOM_SHARES = (1.0, 0.6, 0.35, 0.2, 0.1, 0.05)
-"""Of what errors of the joints move the links by at most, that planning leaves room for, in the order of trying; after
-the last none. Taste: the levers of a bent arm are a half to a fifth of its lengths."""
 _GAP_ROUNDS = 4
-"""Times that a motion in space is planned anew with a larger wanted gap. Taste."""
+"""Times that a motion is planned anew with a larger wanted gap. Taste."""
 _GAP_GROWTH = (1.2, 4.0)
 """Least and most that it grows at a time. Taste."""
 _GAP_BEYOND = 1.1
@@ -232,10 +229,7 @@ def surviving_errors(problem: Problem, planned: Plans, settings: ToleranceSettin
     if problem.joint_error == 0.0:
         return planned(problem)
     deadline = Deadline.after(problem.planner.time_limit)
-    if problem.dimension == 3:
-        plan, best = _with_growing_gaps(problem, planned, settings, deadline)
-    else:
-        plan, best = _RoomSearch(problem, planned, settings, deadline).best()
+    plan, best = _with_growing_gaps(problem, planned, settings, deadline)
     check = check_of(problem.joint_error, best)
     if check.passed:
         return replace(plan, checks=(*plan.checks, check))
@@ -272,75 +266,6 @@ def _with_growing_gaps(problem: Problem, planned: Plans, settings: ToleranceSett
 
 _Found: TypeAlias = tuple[VerifiedPlan, SurvivedError]
 """A plan, and the error that it survives."""
-
-
-@dataclass(frozen=True)
-class _RoomSearch:
-    """Seek the share of the room with which a motion in the plane is found that survives most.
-
-    What an error may move a link by, whatever its pose, is known before a motion is; planning with all of that room is
-    sure to do, but may ask for more than there is. So motions are planned with ever smaller shares of it, and the
-    certificate, which knows the poses, decides.
-
-    Attributes:
-        problem: what to solve.
-        planned: plans a motion.
-        settings: which shares are tried.
-        deadline: when to stop.
-    """
-
-    problem: Problem
-    planned: Plans
-    settings: ToleranceSettings
-    deadline: Deadline
-
-    def best(self) -> _Found:
-        """The first plan that survives what is asked for, or the best of those found, and the error it survives."""
-        above = _ROOM_SHARES[0]
-        for share in _ROOM_SHARES:
-            found = self._found(share)
-            if found is not None:
-                return found if self._enough(found) else self._refined(found, share, above)
-            above = share
-        # What fails even so fails without errors too, and says why.
-        return _judged(self.problem, self.planned(_with_room(self.problem, 0.0, self._left())), self.settings)
-
-    def _refined(self, best: _Found, share: float, above: float) -> _Found:
-        """The same with shares between one that gave too little and one that found nothing."""
-        for _ in range(self.settings.refinements):
-            if share == above or self.deadline.passed():
-                break
-            middle = 0.5 * (share + above)
-            found = self._found(middle)
-            if found is None:
-                above = middle
-                continue
-            share = middle
-            best = max(best, found, key=lambda item: item[1].size)
-            if self._enough(best):
-                break
-        return best
-
-    def _found(self, share: float) -> _Found | None:
-        limit = self.settings.time_share * self._left()
-        try:
-            return _judged(self.problem, self.planned(_with_room(self.problem, share, limit)), self.settings)
-        except (NoPlanFound, VerificationError):
-            return None
-
-    def _enough(self, found: _Found) -> bool:
-        return found[1].size >= self.problem.joint_error
-
-    def _left(self) -> float:
-        return max(self.deadline.left, self.settings.least_time)
-
-
-def _with_room(problem: Problem, share: float, time_limit: float) -> Problem:
-    """The problem as planned: with room for a share of what errors may move links by, and itself without errors."""
-    arm = problem.arm
-    roomy = replace(arm, stray=share * problem.joint_error / arm.link_length)
-    planner = replace(problem.planner, time_limit=time_limit)
-    return replace(problem, arm=roomy, planner=planner, joint_error=0.0)
 
 
 def solve(

@@ -121,16 +121,14 @@ class GoalPoses:
         if len(first) == 0:
             return self._wall_gap(points)
         ends = (points[first], points[first + 1], points[second], points[second + 1])
-        apart = segment_distances(*ends)[2] - arm.room_for_errors(second - first)
-        return min(self._wall_gap(points), float(np.min(apart)) - 2.0 * arm.radius)
+        return min(self._wall_gap(points), float(np.min(segment_distances(*ends)[2])) - 2.0 * arm.radius)
 
     def _wall_gap(self, points: FloatArray) -> float:
         """Least gap of a pose to walls and surfaces, of joints and tip (links + 1, d) [m]."""
         arm = self.problem.arm
         kept = arm.radius + self.problem.workspace.clearance
         reach = self.settings.reach * arm.length + kept
-        held = held_segments(arm, points)
-        gaps = self.tree.distances(held, reach) - arm.room_for_errors(np.arange(arm.links - len(held), arm.links) + 1)
+        gaps = self.tree.distances(held_segments(arm, points), reach)
         return float(np.min(gaps, initial=reach)) - kept
 
     def regions(self, q: FloatArray, drawn_with: PoseSettings) -> JointRegions:

@@ -125,8 +125,7 @@ def _surface_sides(
     # What a surface's rounding takes is told in the gap, so the side stands that far from the axis' nearest point.
     to_axis = np.einsum("rd,rd->r", rows.normal, nearest) - rows.gap
     link = rows.link + arm.links - len(segments)
-    kept = arm.radius + clearance + arm.room_for_errors(link + 1)
-    return link, rows.normal[:, : arm.dimension], to_axis + kept, np.ones(len(link))
+    return link, rows.normal[:, : arm.dimension], to_axis + arm.radius + clearance, np.ones(len(link))
 
 
 def _pair_sides(arm: Arm, wanted_gap: float, points: FloatArray) -> LinkSides:
@@ -146,10 +145,9 @@ def _pair_sides(arm: Arm, wanted_gap: float, points: FloatArray) -> LinkSides:
     other = points[second] + second_at[near, None] * (points[second + 1] - points[second])
     middle = np.einsum("kd,kd->k", normal[near], 0.5 * (one + other))
     shares = arm.link_margins(first, second, wanted_gap) / (2.0 * wanted_gap)
-    kept = arm.radius + 0.5 * arm.room_for_errors(second - first)
     return (
         np.concatenate((first, second)),
         np.concatenate((normal[near], -normal[near])),
-        np.concatenate((middle + kept, kept - middle)),
+        np.concatenate((middle, -middle)) + arm.radius,
         np.concatenate((shares, shares)),
     )

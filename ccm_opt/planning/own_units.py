@@ -170,7 +170,6 @@ class OwnUnits:
             feed=feed,
             rotor_inertia=_rounded(arm.rotor_inertia / area),
             friction=_rounded(arm.friction / area),
-            stray=float(_rounded(arm.stray * self.metres)),
         )
 
     def _limits(self, limits: Limits) -> Limits:

@@ -73,8 +73,6 @@ class Arm:
         payload: mass of a point carried at the tip [kg].
         rotor_inertia: of the drives as seen at the joints, one number or shape (3 * links,) [kg m²].
         friction: viscous, of the joints, one number or shape (3 * links,) [N m s/rad].
-        stray: error of the arm's curvature for which planning leaves room, an error of every joint over the length of
-            a link [rad/m]; 0 unless the motion has to survive such errors. Of no matter to what judges motions.
         clamped_joints: number of joints from the base that planning leaves straight in space.
     """
 
@@ -97,7 +95,6 @@ class Arm:
     payload: float = 0.0
     rotor_inertia: FloatArray | float = 0.0
     friction: FloatArray | float = 0.0
-    stray: float = 0.0
     clamped_joints: int = 0
 
     def __post_init__(self) -> None:
@@ -490,18 +487,6 @@ class Arm:
         """
         between = (second - first - 1) * self.link_length - 2.0 * self.radius
         return np.clip(_LINK_MARGIN_SHARE * between, 0.0, margin)
-
-    def room_for_errors(self, links: IntArray) -> FloatArray:
-        """Room that planning leaves beyond contact for errors of joints, where some links lie between, shape (p,) [m].
-
-        An error at one joint after the other, the first one first, moves a point on a circle about that joint, whose
-        radius is at most the length of arm between: l for the last joint, 2 l for the one before, and so on.
-
-        Args:
-            links: number of links from the first joint to the end of the link that moves, that link included, shape
-                (p,): all up to it against a wall, those that turn against each other for two links.
-        """
-        return np.asarray(0.5 * self.stray * self.link_length**2 * links * (links + 1))
 
 
 def _feed_axis(given: Arguments, ends: object, hole: object) -> Feed:

@@ -67,8 +67,7 @@ def refuse_bad_pose(arm: Arm, workspace: Workspace, q: FloatArray, which: str, r
     _refuse_sharp_bends(arm, q[: arm.links], which)
     points = arm.joint_positions_at(q)
     # Walls farther away can neither be touched nor hold the arm inside.
-    errors = float(arm.room_for_errors(np.array([arm.links]))[0])
-    farthest = arm.radius + workspace.clearance + errors + reach * arm.length
+    farthest = arm.radius + workspace.clearance + reach * arm.length
     workspace = workspace.near(shapely.LineString(points), farthest)
     finder = ContactFinder(arm, workspace.flat_walls, workspace.clearance, 0.0, reach * arm.length)
     contacts = finder.find(points)

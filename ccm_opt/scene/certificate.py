@@ -311,15 +311,14 @@ class Certificate:
     def _pair_proofs(self) -> PairProofs:
         arm = self.arm
         touch = max(self.settings.touch, 2.0 * self._rounding)
-        apart = 2.0 * arm.radius + self.spare + touch + arm.room_for_errors(np.arange(arm.links))
-        return PairProofs(arm.first_self_pair, apart)
+        apart = 2.0 * arm.radius + self.spare + touch
+        return PairProofs(arm.first_self_pair, np.full(arm.links, apart))
 
     @cached_property
     def _wall_proofs(self) -> WallProofs:
         arm = self.arm
-        room = arm.room_for_errors(np.arange(1, arm.links + 1))
-        least = arm.radius + self.workspace.clearance + self.spare + room + max(self.settings.touch, self._rounding)
-        return WallProofs(WallQuestion(self.workspace, least, self._mount))
+        least = arm.radius + self.workspace.clearance + self.spare + max(self.settings.touch, self._rounding)
+        return WallProofs(WallQuestion(self.workspace, np.full(arm.links, least), self._mount))
 
     @cached_property
     def _mount(self) -> tuple[int, float]:

@@ -104,7 +104,7 @@ class ContactFinder:
             "near_pairs",
             links=arm.links, mount_link=link, mount_at=at, link_length=arm.link_length, radius=arm.radius,
             first_self_pair=arm.first_self_pair if arm.self_collision else arm.links,
-            reach=reach, margin=margin, error_room=arm.room_for_errors(apart + 1), pair_room=arm.room_for_errors(apart),
+            reach=reach, margin=margin,
             pair_margin=arm.link_margins(np.zeros_like(apart), apart, margin),
             edge_tree=walls.edge_tree.for_c(), vertex_tree=walls.vertex_tree.for_c(),
             edges=walls.edges, vertices=walls.vertices, edge_wall=walls.edge_wall, vertex_wall=walls.vertex_wall,

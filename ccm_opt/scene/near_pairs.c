@@ -11,9 +11,7 @@
 typedef struct {
     int64_t links, mount_link, first_self_pair; /* the last is the number of links where links may meet */
     double mount_at, link_length, radius, reach, margin;
-    const double *error_room; /* room for errors against walls, (links,) */
-    const double *pair_room;  /* the same between links by the difference of their numbers, (links,) */
-    const double *pair_margin; /* margin between links likewise, (links,) */
+    const double *pair_margin; /* margin between links by the difference of their numbers, (links,) */
 
     Tree edge_tree, vertex_tree;
     const double *edges; /* (E, 4) */
@@ -84,7 +82,7 @@ static int64_t meeting(const Tree *tree, const double *box, int64_t *found)
 static void box_about(const Query *q, int64_t link, double *box)
 {
     const double *p = q->points + 2 * link;
-    double grow = q->reach + q->largest_gap + q->error_room[link];
+    double grow = q->reach + q->largest_gap;
     for (int d = 0; d < 2; d++) {
         box[d] = fmin(p[d], p[2 + d]) - grow;
         box[2 + d] = fmax(p[d], p[2 + d]) + grow;
@@ -110,7 +108,7 @@ static void links_with_vertices(Query *q)
             double x = p[0] + at * dx - v[0], y = p[1] + at * dy - v[1];
             double distance = hypot(x, y);
             int64_t wall = q->vertex_wall[vertex];
-            double gap = distance - q->wall_gap[wall] - q->error_room[link];
+            double gap = distance - q->wall_gap[wall];
             if (gap < q->reach) report(q, link, at, -1, 0.0, x, y, distance, gap, q->margin, wall);
         }
     }
@@ -142,7 +140,7 @@ static void joint_with_edge(Query *q, int64_t joint, const double *place, int64_
     double distance = hypot(x, y);
     int64_t link = joint < q->links ? joint : q->links - 1;
     int64_t wall = q->edge_wall[edge];
-    double gap = distance - q->wall_gap[wall] - q->error_room[link];
+    double gap = distance - q->wall_gap[wall];
     if (gap >= q->reach) return;
     double at = joint == q->links ? 1.0 : joint == q->mount_link ? q->mount_at : 0.0;
     report(q, link, at, -1, 0.0, x, y, distance, gap, q->margin, wall);
@@ -197,7 +195,7 @@ static void link_with_link(Query *q, int64_t i, int64_t j)
     }
     if (!q->crosses && cut(p, p + 2, r, r + 2)) q->crosses = 1;
     double distance = hypot(x, y);
-    double gap = distance - 2.0 * q->radius - q->pair_room[j - i];
+    double gap = distance - 2.0 * q->radius;
     if (gap < q->reach)
         report(q, i, on_first[best], j, on_second[best], x, y, distance, gap, q->pair_margin[j - i], q->walls);
 }
@@ -223,8 +221,7 @@ static void links_with_links(Query *q)
         double mx = 0.5 * (p[0] + p[2]), my = 0.5 * (p[1] + p[3]);
         for (int64_t k = (i + q->first_self_pair) / RUN; k < runs; k++) {
             const double *box = q->runs + 4 * k;
-            /* Errors leave the most room between the links that are farthest apart along the arm. */
-            double apart = 2.0 * q->radius + q->reach + q->pair_room[n - 1];
+            double apart = 2.0 * q->radius + q->reach;
             double far = apart + 0.5 * q->link_length;
             if (mx < box[0] - far || my < box[1] - far || mx > box[2] + far || my > box[3] + far) continue;
             double middles = far + 0.5 * q->link_length;

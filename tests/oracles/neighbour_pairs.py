@@ -42,16 +42,6 @@ class PairQuestion:
         return self.arm.radius + self.clearance + self.walls.rounding
 
     @cached_property
-    def error_room(self) -> FloatArray:
-        """Room for errors between each link and a wall, which all joints up to the link move, shape (links,) [m]."""
-        return self.arm.room_for_errors(np.arange(1, self.arm.links + 1))
-
-    @cached_property
-    def pair_room(self) -> FloatArray:
-        """The same between two links, moved by the joints between them, by their distance j − i, shape (links,) [m]."""
-        return self.arm.room_for_errors(np.arange(self.arm.links))
-
-    @cached_property
     def pair_margin(self) -> FloatArray:
         """Margin between two links by their distance j − i, shape (links,) [m]."""
         apart = np.arange(self.arm.links)
@@ -122,9 +112,7 @@ class NeighbourPairs:
         free = np.arange(self._mount_link, self._arm.links)
 
         to_edge = _distances(middles[free], self._edge_mid) - half - self._edge_half - self._edge_gap
-        to_edge -= self._question.error_room[free, None]
         to_vertex = _distances(middles[free], self._walls.vertices) - half - self._vertex_gap
-        to_vertex -= self._question.error_room[free, None]
         near_edge = to_edge < reach
         i, e = np.nonzero(near_edge)
         a, v = np.nonzero(to_vertex < reach)
@@ -139,7 +127,7 @@ class NeighbourPairs:
         joint_edge = np.nonzero(near_joint)
 
         p, q = self._pairs
-        far = 2.0 * (self._arm.radius + half) + reach + self._question.pair_room[q - p]
+        far = 2.0 * (self._arm.radius + half) + reach
         close = np.linalg.norm(middles[p] - middles[q], axis=1) < far
         return _NeighbourList(points.copy(), (a, v), (joint_edge[0], joint_edge[1]), (i, e), (p[close], q[close]))
 
@@ -201,7 +189,7 @@ class NeighbourPairs:
             np.full(m, WALL),
             np.zeros(m),
             normal,
-            distance - self._question.wall_gap[wall] - self._question.error_room[link],
+            distance - self._question.wall_gap[wall],
             np.full(m, self._question.margin),
             wall,
         )
@@ -212,7 +200,7 @@ class NeighbourPairs:
         distance = np.hypot(apart[:, 0], apart[:, 1])
         normal = apart / np.maximum(distance, 1e-12)[:, None]
         wall = np.full(len(i), len(self._walls.names))
-        gap = distance - 2.0 * self._arm.radius - self._question.pair_room[j - i]
+        gap = distance - 2.0 * self._arm.radius
         return Contacts(i, at_i, j, at_j, normal, gap, self._question.pair_margin[j - i], wall)
 
 

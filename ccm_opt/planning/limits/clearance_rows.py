@@ -130,10 +130,9 @@ def motion_rows(
         most: that links are asked to keep from walls in each interval, shape (K, links) [m]; None for no bound.
     """
     arm = sweep.space.arm
-    room = arm.room_for_errors(np.arange(1, arm.links + 1))
-    planes = sweep_regions(sweep, segments, sweep.space.arm.mount_end[0], reach + float(room[-1]))
+    planes = sweep_regions(sweep, segments, sweep.space.arm.mount_end[0], reach)
     kept = margin if most is None else np.minimum(margin, most[planes.interval, planes.link])
-    need = arm.radius + workspace.clearance + kept + room[planes.link]
+    need = np.broadcast_to(arm.radius + workspace.clearance + kept, len(planes.link))
     walls = wall_rows(planes, sweep, need)
     links = self_rows(sweep, reach, margin)
     if wanted > margin:
@@ -222,7 +221,7 @@ def self_rows(sweep: PlanarSweep, reach: float, margin: float) -> IntervalRows:
         margin: gap to keep beyond two radii, where the links between leave that much [m].
     """
     arm = sweep.space.arm
-    far = reach + 2.0 * arm.radius + float(arm.room_for_errors(np.array([arm.links]))[0])
+    far = reach + 2.0 * arm.radius
     interval, i, j = _near_pairs(sweep, *sweep.space.arm.self_pairs, far)
 
     # One direction for the whole interval: that of the closest points half-way, where both ends are equally near.
@@ -238,7 +237,7 @@ def self_rows(sweep: PlanarSweep, reach: float, margin: float) -> IntervalRows:
     distance = distance[close]
 
     normal = apart / np.maximum(distance, 1e-12)[:, None]
-    need = 2.0 * arm.radius + arm.link_margins(i, j, margin) + arm.room_for_errors(j - i)
+    need = 2.0 * arm.radius + arm.link_margins(i, j, margin)
 
     # Eight corner differences (two keyframes, two ends of each link) bound all points of the pair at all times. Only
     # the links from i to j turn one against the other, so sag_{j+1} − sag_i is enough.

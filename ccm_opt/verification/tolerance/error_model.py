@@ -107,7 +107,6 @@ class ToleranceSettings:
         largest_turn: errors of angles that may turn the tip by more than this, all together, are not looked at [rad].
             Taste: bounds are tight up to some 0.2 rad, and an arm so far off follows no plan.
         largest_length: the same of lengths, as a share of the arm's length. Taste.
-        refinements: shares tried between one that found too little and one that found nothing. Taste.
         time_share: share of the time left that a search with such room may take. Taste.
         least_time: that a search is given in any case [s]. Taste.
     """
@@ -116,7 +115,6 @@ class ToleranceSettings:
     least: float = 1e-7
     largest_turn: float = 1.2
     largest_length: float = 0.25
-    refinements: int = 3
     time_share: float = 0.4
     least_time: float = 1.0
 
