@@ -33,11 +33,8 @@ class ConvexSettings:
     """Numbers of the sequential convex programming.
 
     Attributes:
-        tries: QPs of one round before it is given up. Taste.
         price: first price of one nominal link of slack. Taste.
         highest_price: to which it rises where an interval lacks room. Taste.
-        shortened_growth: its growth after a step of less than half its length. Taste.
-        shortenings: shares of a step that are tried until one is certified. Taste.
         worth: share of the merit that a round has to gain. Taste.
         patience: rounds in a row that may gain less. Taste.
         patience_in_want: the same of a motion that lacks room. Taste.
@@ -45,11 +42,8 @@ class ConvexSettings:
             from; else only rows count, at their prices, and every step is kept.
     """
 
-    tries: int = 5
     price: float = 30.0
     highest_price: float = 500.0
-    shortened_growth: float = 3.0
-    shortenings: tuple[float, ...] = (1.0, 0.5, 0.25)
     worth: float = 3e-3
     patience: int = 2
     patience_in_want: int = 2
@@ -327,10 +321,7 @@ class MotionSettings(EngineSettings):
 
 # ------------------------------------------------------------ in space
 _STEPS = ConvexSettings(
-    tries=6,
     price=100.0,
-    shortened_growth=2.0,
-    shortenings=(1.0, 0.5, 0.25, 0.1),
     worth=0.02,
     patience=1,
     patience_in_want=3,

@@ -37,8 +37,12 @@ _FIRST_DAMPING = 0.3
 """Weight on the squared turns of the first step. Taste."""
 _REFUSED_GROWTH = 6.0
 """Growth of the damping after a refused step. Taste."""
-_HALVED_GROWTH = 2.0
-"""Its growth after a step of half its length or more. Taste."""
+_SHORTENED_GROWTH = 2.0
+"""Its growth after a shortened step. Taste."""
+_TRIES = 6
+"""QPs of one round before it is given up. Taste."""
+_SHORTENINGS = (1.0, 0.5, 0.25, 0.1)
+"""Shares of a step that are tried until one is certified. Taste."""
 _SUFFICIENT = 0.1
 """Share of the foreseen gain at which a step is taken. Taste."""
 _WORTH_AFRESH = 0.1
@@ -312,7 +316,7 @@ def _round(iterate: _Iterate[SweepType]) -> _Iterate[SweepType] | None:
     """One accepted step, or None when none is."""
     program = iterate.motion.program
     # Rows are linearised once; what is tried again is the QP, with more damping and higher prices.
-    for _ in range(program.steps.tries):
+    for _ in range(_TRIES):
         problem = KeyframeProgram(iterate.motion.linear, iterate.prices, iterate.curvature, iterate.damping)
         step = problem.solve()
         following, failing = (None, _NONE) if step is None else _part_taken(iterate, step)
@@ -340,7 +344,7 @@ def _part_taken(iterate: _Iterate[SweepType], step: QuadraticStep) -> tuple[_Ite
     motion = iterate.motion.linear
     start = iterate.motion.sweep
     failed = _NONE
-    shares: list[float | FloatArray] = list(settings.shortenings)
+    shares: list[float | FloatArray] = list(_SHORTENINGS)
     if program.yielding:
         shares.insert(0, _yielding_shares(program, start, step.change))
 
@@ -377,7 +381,7 @@ def _part_taken(iterate: _Iterate[SweepType], step: QuadraticStep) -> tuple[_Ite
                 prices[lacking] = np.minimum(_LACK_RISE * prices[lacking], settings.highest_price)
             found = _Certified(program, sweep)
             gained = cost - after + settings.price * (iterate.motion.lack - found.lack)
-            damping = _damping(iterate.damping, share, gain, settings)
+            damping = _damping(iterate.damping, share, gain)
             return _Iterate(found, prices, damping, curvature, gained), failed
         failed = failing
     return None, failed
@@ -401,11 +405,10 @@ def _yielding_shares(program: MotionProgram[SweepType], start: SweepType, change
     return shares[:, None]
 
 
-def _damping(damping: float, share: float, gain: float, settings: ConvexSettings) -> float:
+def _damping(damping: float, share: float, gain: float) -> float:
     """More damping after a shortened step, less after a good one."""
     if share < 1.0:
-        growth = _HALVED_GROWTH if share >= 0.5 else settings.shortened_growth
-        return max(damping, _RAISED_DAMPING) * growth
+        return max(damping, _RAISED_DAMPING) * _SHORTENED_GROWTH
     if gain > _GOOD:
         return max(damping / _GOOD_SHRINKAGE, _LEAST_DAMPING)
     return damping
