@@ -28,6 +28,7 @@ from ccm_opt.planning.curve_routes import find_routes, route_room, tip_paths_alo
 from ccm_opt.planning.ends import resolve_ends
 from ccm_opt.planning.hairpin import Hairpin, pulled_over
 from ccm_opt.planning.motion_task import MotionTask
+from ccm_opt.planning.passage_widths import MARGINS
 from ccm_opt.planning.pose import Pose, Term
 from ccm_opt.planning.search_run import PlanarRun
 from ccm_opt.scene.certificate import Certificate
@@ -121,7 +122,7 @@ def hairpin_scene() -> HairpinScene:
         tip_paths=tip_paths,
         deadline=deadline,
     )
-    run = PlanarRun.from_task(task, task.settings.search.margins[0])
+    run = PlanarRun.from_task(task, MARGINS[0])
     guide = next(pulled_over(run.stepper, run.start, None, tip_paths[0], (FOLD_LENGTH,))).make_guide()
     recorder = Recorder(guide)
     poses = follow(run.stepper, recorder, run.start, deadline)

@@ -242,7 +242,7 @@ def ways(problem: Problem, seconds: float) -> LedWays:
     """The ways of a fed arm, each change of shape within a time [s]."""
     planner = CurvePlanner()
     task = planner.task_without_routes(problem, resolve_ends(problem), Deadline.after(900.0))
-    return LedWays(problem, task, planner.shape_change, seconds, planner.settings.corner_distance)
+    return LedWays(problem, task, planner.shape_change, seconds)
 
 
 def assert_sound(problem: Problem, rows: FloatArray) -> None:

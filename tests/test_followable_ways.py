@@ -12,11 +12,12 @@ from ccm_opt.cli.compare.space_clutter import disturbed_job
 from ccm_opt.cli.compare.space_sites import SITES, site_problem
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.deadline import Deadline
+from ccm_opt.planning import followable_ways
 from ccm_opt.planning.curve_map import CurveMap
 from ccm_opt.planning.followable_ways import FollowableWays, FollowSearch, WayArcs, WayEnd
 from ccm_opt.planning.grid_ways import GridDistances, TipGrid, WaysBetween
 from ccm_opt.planning.guides import ArmTrack
-from ccm_opt.planning.settings import FollowableWaySettings, SpaceMotionSettings
+from ccm_opt.planning.settings import SpaceMotionSettings
 from ccm_opt.planning.space_candidates import bend_allowances
 from ccm_opt.planning.space_goal_poses import withdrawn
 from ccm_opt.planning.space_search import find_motion
@@ -42,7 +43,7 @@ def ways(soup_boxes: list[tuple[list[float], list[float]]]) -> tuple[SurfaceTree
     """What finds ways among boxes."""
     tree = SurfaceTree.of(boxes(soup_boxes))
     grid = tip_grid(tree, (np.array([-0.1, -0.4, -0.4]), np.array([0.7, 0.4, 0.4])), 150_000, KEPT, 2.0 * UNIT)
-    return tree, FollowableWays(grid, grid.prices(1.0), RADIUS, UNIT, FollowableWaySettings())
+    return tree, FollowableWays(grid, grid.prices(1.0), RADIUS, UNIT)
 
 
 def sharpest(way: FloatArray, span: float) -> float:
@@ -92,10 +93,9 @@ def random_search(seed: int, directed: bool) -> tuple[FollowSearch, WayEnd, Floa
     left = grid.costs_to(goal, price)
     assert left is not None
     start = somewhere(wide & (left < 0.4))
-    few = FollowableWaySettings(most_states=int(random.integers(1, 1200)))
-    arcs = WayArcs.of(few, UNIT, RADIUS, grid.cell)
+    arcs = WayArcs.of(UNIT, RADIUS, grid.cell)
     most = float(random.uniform(0.8, 3.0))
-    search = FollowSearch(grid.low, grid.cell, price, left, arcs, RADIUS, UNIT, most, few)
+    search = FollowSearch(grid.low, grid.cell, price, left, arcs, RADIUS, UNIT, most)
     frame = np.linalg.qr(random.normal(size=(3, 3)))[0]
     return search, WayEnd(goal, frame @ frame[0] if directed else None), start, frame
 
@@ -105,8 +105,10 @@ def random_search(seed: int, directed: bool) -> tuple[FollowSearch, WayEnd, Floa
 def test_c_and_python_search_alike(seed: int, directed: bool) -> None:
     """Among random boxes both find the same arcs, or both find no way."""
     search, goal, place, frame = random_search(seed, directed)
-    found = search.arcs_from(place, frame, goal)
-    assert found == SearchByPython(search, goal).arcs_from(place, frame)
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(followable_ways, "MOST_STATES", 1 + seed % 1200)
+        found = search.arcs_from(place, frame, goal)
+        assert found == SearchByPython(search, goal).arcs_from(place, frame)
 
 
 def test_no_way_turns_round_where_there_is_no_room_to() -> None:

@@ -1,7 +1,5 @@
 """Lines across gates: where they are, what they say of poses, and Newton's method onto their middles."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 import shapely
@@ -9,16 +7,15 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from ccm_opt.core.arrays import FloatArray
+from ccm_opt.planning.limits import gate_rails
 from ccm_opt.planning.limits.gate_rails import GateLines, GateRails
 from ccm_opt.planning.link_space import LinkSpace
-from ccm_opt.planning.settings import RailSettings
 from ccm_opt.planning.swept_motion import PlanarSweep
 from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
 from tests.scenes import ROOM, make_arm
 
 WALL_X = 0.4
 HALF = 0.021
-SETTINGS = RailSettings()
 bows = st.tuples(st.floats(-1.5, 1.5), st.floats(-1.5, 1.5), st.floats(-2e-3, 2e-3))
 
 
@@ -37,7 +34,7 @@ def round_gate(radius: float) -> Workspace:
 def lines_of(workspace: Workspace, thick: float = 0.02) -> GateLines:
     """The lines of a gate whose rail is the x-axis, with runs of 30 mm."""
     x = np.array([WALL_X - 0.04, WALL_X - 0.01, WALL_X + thick + 0.01, WALL_X + thick + 0.04])
-    return GateLines.from_rails((np.column_stack((x, 0.0 * x)),), workspace, SETTINGS)
+    return GateLines.from_rails((np.column_stack((x, 0.0 * x)),), workspace)
 
 
 def bowed(bow: tuple[float, float, float]) -> tuple[LinkSpace, FloatArray]:
@@ -84,16 +81,16 @@ def test_restored_poses_cross_in_the_middle(bow: tuple[float, float, float]) -> 
     """Newton's method ends in the middle of every line, or leaves the pose as it was; there it changes nothing."""
     lines = lines_of(flat_gate(0.02))
     space, v = bowed(bow)
-    near = lines.crossings(space.pose(v).points[None], SETTINGS.across * space.nominal_length)
+    near = lines.crossings(space.pose(v).points[None], gate_rails._ACROSS * space.nominal_length)
     restored = lines.restored(space, v[None])[0]
     if np.array_equal(restored, v):
         # It stood there already, or would have had to turn too far.
-        assert np.max(np.abs(near.aside)) <= 10.0 * SETTINGS.exact or np.max(np.abs(near.aside)) > 1e-3
+        assert np.max(np.abs(near.aside)) <= 10.0 * gate_rails._EXACT or np.max(np.abs(near.aside)) > 1e-3
         return
     axis = shapely.LineString(space.pose(restored).points)
     for (x, y), crossed in zip(lines.middles, near.crossed[0], strict=True):
         across = shapely.get_coordinates(axis.intersection(shapely.LineString([(x, -1.0), (x, 1.0)])))
-        assert not crossed or abs(across[0, 1] - y) < 20.0 * SETTINGS.exact
+        assert not crossed or abs(across[0, 1] - y) < 20.0 * gate_rails._EXACT
     np.testing.assert_allclose(lines.restored(space, restored[None])[0], restored, atol=1e-9)
 
 
@@ -102,9 +99,10 @@ def test_a_step_takes_a_crossing_towards_the_middle(bow: tuple[float, float, flo
     """The rails' equations ask for the way back to first order, and the ends of a motion are left where they stand."""
     lines = lines_of(flat_gate(0.02))
     space, v = bowed(bow)
-    settings = replace(SETTINGS, catching_up=1.0)
-    limit = GateRails((np.array([[0.3, 0.0], [0.5, 0.0]]),), lines, 0.0, settings)
-    rows, change = limit.missed(space, space.pose(v))
+    limit = GateRails((np.array([[0.3, 0.0], [0.5, 0.0]]),), lines, 0.0)
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(gate_rails, "_CATCHING_UP", 1.0)
+        rows, change = limit.missed(space, space.pose(v))
     moved = v + np.linalg.pinv(rows) @ change
     before = lines.crossings(space.pose(v).points[None], 1.0).aside[0]
     after = lines.crossings(space.pose(moved).points[None], 1.0).aside[0]

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from scipy import ndimage
 
 from ccm_opt.core.arrays import FloatArray
+from ccm_opt.planning import strategies
 from ccm_opt.planning.motion import Motion
 from ccm_opt.planning.rrt_connect import CONNECT, PointTree
 from ccm_opt.planning.sampled_check import BlockedRaster, SampledCheck
@@ -211,13 +212,12 @@ def test_many_links_go_straight_to_goals_of_the_whole_arm_before_anything_is_dra
         assert len(Certificate(scene.arm, scene.workspace).failures(motion.configurations)) == 0
 
 
-def test_a_search_ends_with_its_budget() -> None:
+def test_a_search_ends_with_its_budget(monkeypatch: pytest.MonkeyPatch) -> None:
     """Where some extensions do not suffice, the search ends after them, and the failure says so."""
     task = motion_task(few_link_problem(37))
-    few = replace(task.settings.connect, few_budgets=(8, 8))
+    monkeypatch.setattr(strategies, "FEW_BUDGETS", (8, 8))
     failures: list[Failure] = []
-    limited = replace(task, settings=replace(task.settings, connect=few))
-    assert connected(limited, failures) is None
+    assert connected(task, failures) is None
     assert failures[0].candidate == CONNECT
     assert "8 extensions" in failures[0].message
 

@@ -22,7 +22,7 @@ from ccm_opt.planning.link_space import LinkSpace
 from ccm_opt.planning.motion_task import CachedItems
 from ccm_opt.planning.pose import Pose
 from ccm_opt.planning.search_run import first_candidates
-from ccm_opt.planning.settings import GoalSettings, SearchSettings, StepSettings
+from ccm_opt.planning.settings import GoalSettings, StepSettings
 from ccm_opt.planning.spline_path import certified_spline, clamped_spline
 from ccm_opt.planning.step import Stepper
 from ccm_opt.planning.tip_paths import TipPath, find_tip_paths, round_base
@@ -122,7 +122,7 @@ def test_among_many_walls_every_tip_path_comes_before_the_first_pose_at_the_goal
     scene = clutter(3, 30)
     stepper, start = make_stepper(scene)
     paths = motion_task(scene.problem()).tip_paths
-    crowded = replace(stepper, settings=replace(stepper.settings, search=SearchSettings(many_walls=20)))
+    crowded = replace(stepper, settings=replace(stepper.settings, many_walls=20))
 
     def poses() -> Iterator[FloatArray]:
         asked.append(True)

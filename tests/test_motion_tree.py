@@ -11,13 +11,14 @@ import shapely
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.deadline import Deadline
 from ccm_opt.core.errors import MotionNotFound, TimeLimitReached
+from ccm_opt.planning import tree_search
 from ccm_opt.planning.continuation import Stalled
 from ccm_opt.planning.motion_task import CachedItems, MotionTask
 from ccm_opt.planning.pose_tree import PoseTree
 from ccm_opt.planning.search import TREES, Strategy
 from ccm_opt.planning.search_run import PlanarRun
-from ccm_opt.planning.settings import DEFAULT_TREES, GoalSettings
-from ccm_opt.planning.strategies import by_trees, find_motion
+from ccm_opt.planning.settings import GoalSettings
+from ccm_opt.planning.strategies import TREE_MARGINS, by_trees, find_motion
 from ccm_opt.planning.tree_search import TreeSearch, search_by_trees
 from ccm_opt.problem import JointPose, TipGoal
 from ccm_opt.scene.certificate import Certificate
@@ -52,7 +53,7 @@ NO_CANDIDATES = (Strategy(TREES, by_trees),)
 
 def runs_of(task: MotionTask) -> list[PlanarRun]:
     """What the search grows its trees in."""
-    return [PlanarRun.from_task(task, margin) for margin in task.settings.search.tree_margins]
+    return [PlanarRun.from_task(task, margin) for margin in TREE_MARGINS]
 
 
 def is_certified(scene: Scene, headings: FloatArray) -> bool:
@@ -118,7 +119,7 @@ def test_every_edge_is_certified_and_every_node_new() -> None:
             way = np.array([pose.q for pose in parent + tree.edges[node]])
             assert len(task.certificate.failures(way)) == 0
             others = np.delete(tree.distances(tree.poses[node]), node)
-            assert others.min() > DEFAULT_TREES.dispersion
+            assert others.min() > 0.04
 
 
 def test_a_deadline_ends_the_search_within_a_step() -> None:
@@ -147,12 +148,12 @@ def test_trees_that_reach_nothing_new_end_before_the_time_limit() -> None:
         find_motion(replace(task, deadline=later(900.0)), NO_CANDIDATES)
 
 
-def test_trees_are_given_up_by_count_and_not_by_the_clock() -> None:
-    """However much time is left, a search ends after as many extensions as its settings allow, and says so."""
+def test_trees_are_given_up_by_count_and_not_by_the_clock(monkeypatch: pytest.MonkeyPatch) -> None:
+    """However much time is left, a search ends after as many extensions as are allowed, and says so."""
     task = replace(motion_task(clutter(5, 40).problem()), deadline=later(900.0))
-    settings = replace(task.settings, tree=replace(DEFAULT_TREES, most_extensions=3))
+    monkeypatch.setattr(tree_search, "MOST_EXTENSIONS", 3)
     with pytest.raises(Stalled, match="grown by all of 3 extensions"):
-        search_by_trees(runs_of(replace(task, settings=settings)))
+        search_by_trees(runs_of(task))
 
 
 def boxed_in() -> Scene:

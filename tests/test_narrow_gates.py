@@ -11,8 +11,9 @@ from hypothesis import strategies as st
 from ccm_opt.core.polyline import leg_headings, without_repeats
 from ccm_opt.planning.curve_routes import find_routes, route_room, tip_paths_along
 from ccm_opt.planning.ends import resolve_ends
+from ccm_opt.planning.limits import gate_rails
 from ccm_opt.planning.limits.gate_rails import GateLines, GateRails
-from ccm_opt.planning.settings import RailSettings, StepSettings
+from ccm_opt.planning.settings import StepSettings
 from ccm_opt.problem import JointPose
 from ccm_opt.scene.free_space import FreeSpace
 from ccm_opt.scene.free_space_settings import FINE_FREE_SPACE
@@ -81,24 +82,23 @@ def test_fine_corners_give_next_to_nothing_away(angle: float, size: float) -> No
     assert not free.contains((nearest + 0.999 * RADIUS * away)[None]).any()
 
 
-def test_rails_pull_across_and_refuse_nothing() -> None:
+def test_rails_pull_across_and_refuse_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     """A rail beside an arm in no gate has no rows; its pull is zero on it, and draws a joint square towards it."""
+    monkeypatch.setattr(gate_rails, "_BESIDE", 0.1)
     stepper, pose = make_stepper(clutter(1))
     space = stepper.space
     along = (pose.points[8] - pose.points[7]) / space.arm.link_length
     normal = np.array([-along[1], along[0]])
     rail = np.array([pose.points[7] - 1e-3 * along, pose.points[8] + 1e-3 * along]) + 2e-3 * normal
-    far = GateLines.from_rails(
-        (np.array([[-1.1, 1.0], [-1.0, 1.0], [-0.9, 1.0]]),), clutter(1).workspace, RailSettings()
-    )
-    limit = GateRails((rail,), far, 0.0, RailSettings(beside=0.1))
+    far = GateLines.from_rails((np.array([[-1.1, 1.0], [-1.0, 1.0], [-0.9, 1.0]]),), clutter(1).workspace)
+    limit = GateRails((rail,), far, 0.0)
     rows = limit.linearised(space, pose, 0.1)
     assert len(rows.matrix) == 0
     (pull,) = rows.pulls
     np.testing.assert_allclose(pull.target, 2e-3 / space.nominal_length, rtol=1e-6)
     expected = normal @ pose.moving[7] / space.nominal_length
     assert any(np.allclose(row, expected) for row in pull.rows)
-    on_it = GateRails((rail - 2e-3 * normal,), far, 0.0, RailSettings(beside=0.1))
+    on_it = GateRails((rail - 2e-3 * normal,), far, 0.0)
     np.testing.assert_allclose(on_it.linearised(space, pose, 0.1).pulls[0].target, 0.0, atol=1e-9)
 
 

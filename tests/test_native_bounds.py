@@ -18,12 +18,12 @@ from ccm_opt.core.errors import CcmError, ProblemError
 from ccm_opt.dynamics.algorithms.arm_model import arm_model, with_rotor_code
 from ccm_opt.dynamics.runtime.inverse_dynamics import ForwardDynamics, InverseDynamics
 from ccm_opt.dynamics.simulation.controller import CompiledLoop, LoopParameters
+from ccm_opt.planning import followable_ways
 from ccm_opt.planning.curve_map import pose_with
 from ccm_opt.planning.followable_ways import FollowSearch, WayArcs, WayEnd
 from ccm_opt.planning.grid_ways import TipGrid
 from ccm_opt.planning.limits.clearance_rows import free_half_planes
 from ccm_opt.planning.sampled_check import SampledCheck
-from ccm_opt.planning.settings import FollowableWaySettings
 from ccm_opt.planning.space_certificate import LinkMotion, SpaceCertificate
 from ccm_opt.scene.bodies import MeshBody
 from ccm_opt.scene.certificate import Certificate
@@ -154,11 +154,12 @@ def test_obstacles_in_the_plane(corner: FloatArray, size: float) -> None:
 @given(place=table(3), frame=table(3, 3), goal=table(3), directed=st.booleans())
 def test_followable_ways(place: FloatArray, frame: FloatArray, goal: FloatArray, directed: bool) -> None:
     """Ways may begin and end anywhere, in any frame."""
-    few = FollowableWaySettings(most_states=50)
-    arcs = WayArcs.of(few, 0.1, 0.3, 0.05)
+    arcs = WayArcs.of(0.1, 0.3, 0.05)
     shape = (4, 5, 6)
-    search = FollowSearch(np.zeros(3), 0.05, np.ones(shape, np.float32), np.ones(shape), arcs, 0.3, 0.1, 2.0, few)
-    search.arcs_from(place, frame, WayEnd(goal, frame[0] if directed else None))
+    search = FollowSearch(np.zeros(3), 0.05, np.ones(shape, np.float32), np.ones(shape), arcs, 0.3, 0.1, 2.0)
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(followable_ways, "MOST_STATES", 50)
+        search.arcs_from(place, frame, WayEnd(goal, frame[0] if directed else None))
 
 
 @attack

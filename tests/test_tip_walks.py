@@ -12,7 +12,7 @@ from ccm_opt.planning.motion import Motion
 from ccm_opt.planning.motion_task import MotionTask
 from ccm_opt.planning.search import Failure
 from ccm_opt.planning.search_run import PlanarRun
-from ccm_opt.planning.settings import SearchSettings, TipWalkSettings
+from ccm_opt.planning.settings import TipWalkSettings
 from ccm_opt.planning.tip_walks import WALKS, TipWays, by_walks, is_walked
 from tests.scenes import Scene, clutter, motion_task, sweep_gaps, swept
 
@@ -25,8 +25,7 @@ FEW = TipWalkSettings(early_walks=10, late_walks=25, longest_way=10.0)
 def crowded(scene: Scene, settings: TipWalkSettings = FEW) -> MotionTask:
     """The task of a scene of thirty walls as if they were many."""
     task = motion_task(scene.problem())
-    search = SearchSettings(many_walls=20)
-    return replace(task, settings=replace(task.settings, search=search, tip_walks=settings))
+    return replace(task, settings=replace(task.settings, many_walls=20, tip_walks=settings))
 
 
 def assert_right(motion: Motion, scene: Scene) -> None:

@@ -337,4 +337,4 @@ def _planned(run: PlanningRun) -> tuple[VerifiedPlan, float]:
         return best_of_tries(problem, roomy, told)
 
     terms = None if run.planner else run.terms
-    return with_lowered_costs(run.problem, terms, best, run.settings.curve.cost_shares)
+    return with_lowered_costs(run.problem, terms, best)

@@ -143,7 +143,7 @@ def with_constraint_first(
     scaled = OwnUnits(problem.arm.length).scaled(problem)
     ends = resolve_ends(scaled)
     asked = poses_at_goal(scaled, ends, ends.start, terms, settings.curve.goal_pose)
-    tries = [tried_from(asked, each) for each in along_routes(scaled, ends, settings.curve)]
+    tries = [tried_from(asked, each) for each in along_routes(scaled, ends)]
     missed = {} if any(each.best is not None for each in tries) else least_misses(tries)
     if not missed:
         return failure

@@ -33,6 +33,7 @@ from ccm_opt.planning.motion_task import CachedItems, MotionTask
 from ccm_opt.planning.neighbourhood import neighbourhood
 from ccm_opt.planning.optimisation.objective import JointSlowness
 from ccm_opt.planning.own_units import in_own_units
+from ccm_opt.planning.passage_widths import MARGINS
 from ccm_opt.planning.settings import DEFAULT_CURVE_PLANNER, CurvePlannerSettings
 from ccm_opt.planning.smooth_path import joint_path
 from ccm_opt.planning.step import Stepper
@@ -75,7 +76,7 @@ def _stepper(known: Motion, task: MotionTask) -> Stepper:
     """Steps in the space through the start that holds the end of the known motion too."""
     space, _ = LinkSpace.through(task.arm, task.start, task.nominal_links, clamped=task.clamped)
     space, _ = space.blended_to(known.configurations[-1])
-    return task.stepper(space, task.settings.search.margins[0])
+    return task.stepper(space, MARGINS[0])
 
 
 def _bent(known: Motion, stepper: Stepper, task: MotionTask) -> Motion | None:
@@ -188,7 +189,7 @@ class CurvePlanner:
         if problem.arm.base_axes:
             task = self.task_without_routes(problem, ends, deadline)
             task = replace(task, refuse=partial(self.refuse, problem))
-            strategies = fed_strategies(problem, self.shape_change, self.settings)
+            strategies = fed_strategies(problem, self.shape_change)
         else:
             task = replace(self.motion_task(near, ends, deadline, problem), end_poses=end_poses)
         with self.stages("motion"):
@@ -208,11 +209,10 @@ class CurvePlanner:
         Raises:
             NoPlanFound: there is no route, and a proof that there can be none.
         """
-        settings = self.settings
         with self.stages("free space"):
             room = route_room(problem, ends)
-            routes = find_routes(problem, ends, room, settings) if ends.goal_pose is None else ()
-            tip_paths = tip_paths_along(problem, ends, routes, room, settings)
+            routes = find_routes(problem, ends, room) if ends.goal_pose is None else ()
+            tip_paths = tip_paths_along(problem, ends, routes, room)
             if not tip_paths:
                 self.refuse(problem if asked is None else asked)
         # Without a goal for the whole arm all that there is to prove has been tried by now.

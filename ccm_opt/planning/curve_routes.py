@@ -14,8 +14,7 @@ from ccm_opt.ik.find_configuration import find_configuration
 from ccm_opt.planning.ends import Ends
 from ccm_opt.planning.goal_members import GoalMember, goal_members
 from ccm_opt.planning.neighbourhood import route_workspace
-from ccm_opt.planning.settings import DEFAULT_CURVE_PLANNER, CurvePlannerSettings
-from ccm_opt.planning.tip_paths import TipPath, find_tip_paths, turning_by, turning_least
+from ccm_opt.planning.tip_paths import CORNER_DISTANCE, TipPath, find_tip_paths, turning_by, turning_least
 from ccm_opt.problem import Problem
 from ccm_opt.robot.mapping import map_curve
 from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
@@ -98,23 +97,20 @@ def _connected(problem: Problem, ends: Ends, room: FreeSpace) -> bool:
     return len(nearest) == 1
 
 
-def find_routes(
-    problem: Problem, ends: Ends, room: FreeSpace, settings: CurvePlannerSettings = DEFAULT_CURVE_PLANNER
-) -> tuple[Route, ...]:
+def find_routes(problem: Problem, ends: Ends, room: FreeSpace) -> tuple[Route, ...]:
     """Routes from the base to the start of the run onto the goal, shortest first; of a set, onto several members.
 
     Args:
         problem: what is asked.
         ends: of the motion.
         room: free space.
-        settings: numbers.
 
     Returns:
         None when the arm is long enough for none of those that were looked for; that proves nothing.
     """
     members = goal_members(problem.arm, ends.goal, room)
     count = problem.planner.routes
-    found = [routes_to(problem, member, room, count, settings) for member in members]
+    found = [routes_to(problem, member, room, count) for member in members]
     # The shortest route to every member before the second to any.
     ranked = [(rank, route) for routes in found for rank, route in enumerate(routes)]
     ranked.sort(key=lambda each: (each[0], each[1].length))
@@ -130,14 +126,12 @@ def find_routes(
     return (min(fitting, key=lambda route: route.length),) if fitting else ()
 
 
-def routes_to(
-    problem: Problem, member: GoalMember, room: FreeSpace, count: int, settings: CurvePlannerSettings
-) -> list[Route]:
+def routes_to(problem: Problem, member: GoalMember, room: FreeSpace, count: int) -> list[Route]:
     """Routes onto one member of the goal that are not too long, shortest first."""
     arm = problem.arm
     entry = run_in(room, member.position, member.heading, arm.length / NOMINAL_LINKS)
     longest = _LONGEST_ROUTE * arm.length - float(np.hypot(*(member.position - entry)))
-    shrink = settings.corner_distance * arm.length
+    shrink = CORNER_DISTANCE * arm.length
     routes = room.routes(arm.base, entry, count, longest=longest, shrink=shrink)
     return [_led_on(room, route, member) for route in routes]
 
@@ -171,7 +165,6 @@ def tip_paths_along(
     ends: Ends,
     routes: tuple[Route, ...],
     room: FreeSpace,
-    settings: CurvePlannerSettings = DEFAULT_CURVE_PLANNER,
 ) -> tuple[TipPath, ...]:
     """Classes of tip motions: along every route, or along the goal pose itself when that is given.
 
@@ -182,7 +175,6 @@ def tip_paths_along(
         ends: of the motion.
         routes: from the base to the goal.
         room: free space that the routes were found in; the tip's is drawn alike.
-        settings: numbers.
     """
     arm = problem.arm
     points = arm.joint_positions_at(ends.start)
@@ -194,7 +186,7 @@ def tip_paths_along(
     gate_runs = GateRuns(_GATE_WIDTH * arm.length, _GATE_RUN * link, arm.base, 1.1 * room.inflation)
     drawn = FreeSpace(problem.workspace, room.inflation, settings=room.settings, gate_runs=gate_runs)
     try:
-        paths = find_tip_paths(drawn, points, ways, settings.corner_distance * arm.length)
+        paths = find_tip_paths(drawn, points, ways, CORNER_DISTANCE * arm.length)
     except UnreachableGoal:
         return ()
     if ends.goal_pose is None:

@@ -15,9 +15,8 @@ from ccm_opt.planning.link_space import KNOTS, LinkSpace, fit_coordinates
 from ccm_opt.planning.motion import Motion
 from ccm_opt.planning.motion_task import MotionTask
 from ccm_opt.planning.pose import Pose
-from ccm_opt.planning.rrt_connect import CONNECT, ConnectSearch, PointTree
+from ccm_opt.planning.rrt_connect import CONNECT, FEW_LINKS, ConnectSearch, PointTree
 from ccm_opt.planning.sampled_check import SampledCheck
-from ccm_opt.planning.settings import ConnectSettings
 from ccm_opt.planning.shortcuts import Shortcuts, dense
 from ccm_opt.robot.arm import Arm
 
@@ -89,19 +88,16 @@ class TargetDraws:
     offsets: tuple[FloatArray, FloatArray]
     limits: FloatArray
     base: tuple[float, float]
-    settings: ConnectSettings
     batch: tuple[int, int] = _BATCH
 
     @property
     def longest(self) -> float:
         """Longest extension, the mean turn of the links [rad]."""
-        few = self.arm.links <= self.settings.few_links
+        few = self.arm.links <= FEW_LINKS
         return _RANGE if few else _SMOOTH_RANGE
 
     @classmethod
-    def within(
-        cls, space: LinkSpace, ends: list[FloatArray], curve_columns: int, share: float, settings: ConnectSettings
-    ) -> "TargetDraws":
+    def within(cls, space: LinkSpace, ends: list[FloatArray], curve_columns: int, share: float) -> "TargetDraws":
         """Draws between known ends.
 
         Args:
@@ -109,7 +105,6 @@ class TargetDraws:
             ends: configurations of the start and, of a goal for the whole arm, of the goal, each of shape (links,).
             curve_columns: coordinates of the curve alone.
             share: of the joint limits that is used; a bend that an end has is allowed in any case.
-            settings: numbers.
         """
         arm = space.arm
         curve = space.turns[:, :curve_columns]
@@ -122,7 +117,7 @@ class TargetDraws:
         # A base that turns further winds the arm round itself.
         low = max(-limits[0], float(bends[:, 0].min()) - _WINDING)
         high = min(limits[0], float(bends[:, 0].max()) + _WINDING)
-        return cls(arm, projector, (offset, blended), limits, (low, high), settings)
+        return cls(arm, projector, (offset, blended), limits, (low, high))
 
     def draw(self, rng: np.random.Generator, count: int, tree: PointTree, other: PointTree) -> FloatArray:
         """Link headings of targets for the extension of a tree, shape (count, links) [rad]; the other attracts."""
@@ -153,8 +148,7 @@ class TargetDraws:
     def shapes(self, rng: np.random.Generator, count: int) -> FloatArray:
         """Link headings of random shapes, shape (count, links) [rad]."""
         arm = self.arm
-        settings = self.settings
-        if arm.links <= settings.few_links:
+        if arm.links <= FEW_LINKS:
             bends = rng.uniform(-self.limits, self.limits, (count, arm.links))
         else:
             # Independent bends of many links would crumple the arm; smooth ones stretch through the room.
@@ -173,7 +167,7 @@ class TargetDraws:
         turn = rng.normal(0.0, _BUMP, (count, 1))
         at = rng.uniform(0.0, 1.0, (count, 1))
         along = (np.arange(arm.links) + 0.5) / arm.links
-        if arm.links <= self.settings.few_links:
+        if arm.links <= FEW_LINKS:
             return self._clipped(headings + turn * (along >= at))
         width = rng.uniform(*_BUMP_WIDTHS, (count, 1))
         bumped = headings + turn * np.exp(-(((along - at) / width) ** 2))
@@ -287,11 +281,6 @@ class Connecting:
     goal: GoalPose
     known_goals: Callable[[], Iterator[Pose]]
 
-    @property
-    def settings(self) -> ConnectSettings:
-        """Numbers of RRT-Connect."""
-        return self.task.settings.connect
-
     def find(self, budgets: tuple[int, ...], seed: tuple[int, ...]) -> Motion | None:
         """A certified motion; None when several searches, or the time, do not suffice.
 
@@ -328,7 +317,7 @@ class Connecting:
         if self.goal.coordinates is not None:
             ends.append(self.space.configurations(self.goal.coordinates))
         share = task.settings.step.limit_share
-        draws = TargetDraws.within(self.space, ends, KNOTS + 1, share, self.settings)
+        draws = TargetDraws.within(self.space, ends, KNOTS + 1, share)
         trees = (PointTree.empty(task.arm.links), PointTree.empty(task.arm.links))
         trees[0].add(task.arm.headings(self.start.q)[None], np.array([-1]))
         goals = self._goals(draws, check, rng)

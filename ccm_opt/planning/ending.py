@@ -37,6 +37,7 @@ from ccm_opt.planning.optimisation.optimise import (
     shortened,
     with_more_room,
 )
+from ccm_opt.planning.passage_widths import MARGINS
 from ccm_opt.planning.pose import Pose
 from ccm_opt.planning.space_sweep import edge_is_safe, failing_edges
 from ccm_opt.planning.space_task import SpaceTask
@@ -218,7 +219,7 @@ def bent_to(motion: Motion, wanted: FloatArray, task: MotionTask) -> Motion | No
 def _led_on(motion: Motion, end: FloatArray, task: MotionTask) -> Motion | None:
     """A motion with a certified way from its end to other coordinates added; None without one."""
     space = motion.curve
-    for links in task.settings.search.margins:
+    for links in MARGINS:
         stepper = task.stepper(space, links)
         first = stepper.pose(motion.unknowns[-1])
         try:

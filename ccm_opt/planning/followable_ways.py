@@ -30,12 +30,21 @@ from ccm_opt.core.native import NativeCall, element_type
 from ccm_opt.planning.curve_map import SETTLING, CurveMap
 from ccm_opt.planning.grid_ways import TipGrid
 from ccm_opt.planning.guides import ArmTrack
-from ccm_opt.planning.settings import FollowableWaySettings
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.biarc import SpaceArc, biarc, free_shares_of_bends
 from ccm_opt.robot.inverse_kinematics import configuration_from_positions
 from ccm_opt.robot.rigid_motions import turn_towards
 
+_STEP = 1.0
+"""Length of the arcs of which a way is made [u]."""
+_BENDS = (0.5, 1.0)
+"""Of the arcs, as shares of the tightest one; straight ones come first."""
+PLACE_BIN = 0.5
+"""States in one bin count as one: size of its places [u]."""
+DIRECTION_BINS = 2
+"""Half the number of bins along each side of the six faces of directions."""
+MOST_STATES = 20_000
+"""That are looked at."""
 _AZIMUTHS = 8
 """Towards which arcs bend."""
 _LANDING = 6.0
@@ -80,22 +89,21 @@ class WayArcs:
     length: float
 
     @classmethod
-    def of(cls, settings: FollowableWaySettings, unit: float, radius: float, cell: float) -> "WayArcs":
+    def of(cls, unit: float, radius: float, cell: float) -> "WayArcs":
         """A straight one, and bent ones towards all azimuths.
 
         Args:
-            settings: of the search.
             unit: length of a nominal link [m].
             radius: of the tightest bend [m].
             cell: of the grid; places on an arc lie half of it apart [m].
         """
-        step = settings.step * unit
+        step = _STEP * unit
         samples = step * np.arange(1, 1 + max(2, int(np.ceil(2.0 * step / cell))))
         samples = samples / len(samples)
         places = [np.column_stack((samples, np.zeros((len(samples), 2))))]
         turns = [np.eye(3)]
         dear = [1.0]
-        for share in settings.bends:
+        for share in _BENDS:
             curvature = share / radius
             for k in range(_AZIMUTHS):
                 azimuth = 2.0 * np.pi * k / _AZIMUTHS
@@ -122,7 +130,6 @@ class FollowSearch:
         radius: of the tightest bend [m].
         unit: length of a nominal link [m].
         most: length of the longest way that makes sense [m].
-        settings: of the search.
     """
 
     low: FloatArray
@@ -133,7 +140,6 @@ class FollowSearch:
     radius: float
     unit: float
     most: float
-    settings: FollowableWaySettings
 
     def cells(self, places: FloatArray) -> tuple[IntArray, IntArray, IntArray]:
         """Cells of places, shape (..., 3); the nearest one where a place lies outside."""
@@ -149,19 +155,18 @@ class FollowSearch:
             frame: (t, n1, n2) there as columns, shape (3, 3).
             goal: where the way ends.
         """
-        settings = self.settings
         choices, samples, _ = self.arcs.places.shape
-        capacity = settings.most_states * choices + 1
-        table = 1 << (2 * settings.most_states).bit_length()
+        capacity = MOST_STATES * choices + 1
+        table = 1 << (2 * MOST_STATES).bit_length()
         nx, ny, nz = self.price.shape
         # Memory that is not written to is not taken either.
         states = np.empty(capacity, dtype=element_type("followable_way", "states"))
         states[0] = (place, frame.ravel(), 0.0, 0.0, -1, -1)
         call = NativeCall(
             "followable_way",
-            nx=nx, ny=ny, nz=nz, choices=choices, samples=samples, most_states=settings.most_states, table=table,
-            direction_bins=settings.direction_bins, cell=self.cell, step=self.arcs.length, most=self.most,
-            place_bin=settings.place_bin * self.unit, landing=_LANDING * self.unit,
+            nx=nx, ny=ny, nz=nz, choices=choices, samples=samples, most_states=MOST_STATES, table=table,
+            direction_bins=DIRECTION_BINS, cell=self.cell, step=self.arcs.length, most=self.most,
+            place_bin=PLACE_BIN * self.unit, landing=_LANDING * self.unit,
             longest=_LONGEST_LANDING, radius=self.radius, spacing=0.5 * self.cell, low=self.low,
             goal=goal.place, directed=goal.direction is not None,
             direction=np.zeros(3) if goal.direction is None else goal.direction,
@@ -231,7 +236,6 @@ class FollowableWays:
         price: of a way through a cell as a multiple of its length, shape of the grid; not positive where it is blocked.
         radius: of the tightest bend [m].
         unit: length of a nominal link [m].
-        settings: of the search.
         deadline: when to stop.
     """
 
@@ -239,7 +243,6 @@ class FollowableWays:
     price: npt.NDArray[np.float32]
     radius: float
     unit: float
-    settings: FollowableWaySettings
     deadline: Deadline = field(default_factory=Deadline.never)
 
     def between(self, start: WayEnd, goal: WayEnd, most: float) -> FloatArray | None:
@@ -254,9 +257,7 @@ class FollowableWays:
         if left is None or start.direction is None or not np.isfinite(left[self.grid.index(start.place)]):
             return None
         grid = self.grid
-        search = FollowSearch(
-            grid.low, grid.cell, self.price, left, self._arcs, self.radius, self.unit, most, self.settings
-        )
+        search = FollowSearch(grid.low, grid.cell, self.price, left, self._arcs, self.radius, self.unit, most)
         frame = _frame(start.direction)
         arcs = self._found(search, goal, start.place, frame)
         return None if arcs is None else self._places(search, goal, start.place, frame, arcs)
@@ -280,7 +281,7 @@ class FollowableWays:
 
     @cached_property
     def _arcs(self) -> WayArcs:
-        return WayArcs.of(self.settings, self.unit, self.radius, self.grid.cell)
+        return WayArcs.of(self.unit, self.radius, self.grid.cell)
 
 
 def _frame(direction: FloatArray) -> FloatArray:

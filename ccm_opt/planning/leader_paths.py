@@ -20,6 +20,7 @@ from ccm_opt.core.polyline import arc_lengths, heading_of, points_at, unit_vecto
 from ccm_opt.core.small_qp import solve_small_qp
 from ccm_opt.planning.goal_members import GoalMember
 from ccm_opt.planning.leader import LeaderPath, path_through
+from ccm_opt.planning.tip_paths import CORNER_DISTANCE
 from ccm_opt.problem import Problem
 from ccm_opt.scene.corridor import Route
 from ccm_opt.scene.free_space import FreeSpace
@@ -227,12 +228,10 @@ class LeaderPaths:
     Attributes:
         problem: with a feed axis.
         goal: where the tip has to arrive.
-        corner_distance: what routes keep from corners where there is room, as a share of the arm's length.
     """
 
     problem: Problem
     goal: GoalMember
-    corner_distance: float
 
     def bands(self, straight: float) -> Iterator[LeaderPath]:
         """Taut routes in different homotopy classes drawn smooth, shortest first; the base comes into its range.
@@ -248,7 +247,7 @@ class LeaderPaths:
             free_space = self._free_space(margin)
             if not free_space.contains(np.stack((begin, end))).all():
                 continue
-            shrink = self.corner_distance * arm.length
+            shrink = CORNER_DISTANCE * arm.length
             routes = free_space.routes(begin, end, self.problem.planner.routes, shrink=shrink)
             within = [route for route in routes if straight + route.length + self._last_link <= most]
             for (k, route), kind in product(enumerate(within, start=1), self._kinds_of_band):

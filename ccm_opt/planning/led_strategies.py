@@ -37,10 +37,12 @@ from ccm_opt.planning.leader_paths import LeaderPaths
 from ccm_opt.planning.motion import Motion
 from ccm_opt.planning.motion_task import MotionTask
 from ccm_opt.planning.optimisation.optimise import keeps_limits
+from ccm_opt.planning.passage_widths import MARGINS
 from ccm_opt.planning.search import Failure, Strategy
 from ccm_opt.planning.search_run import PlanarRun
-from ccm_opt.planning.settings import CurvePlannerSettings, MotionSettings
+from ccm_opt.planning.settings import MotionSettings
 from ccm_opt.planning.strategies import goes_straight_to_pose, straight
+from ccm_opt.planning.tip_paths import CORNER_DISTANCE
 from ccm_opt.problem import Goal, JointPose, Limits, Problem
 from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.free_space import FreeSpace
@@ -73,21 +75,18 @@ _TIGHT_PLACES = 3
 """Of which paths are tried that stay straight up to their end. Taste."""
 
 
-def fed_strategies(
-    problem: Problem, change: ShapeChange, settings: CurvePlannerSettings
-) -> tuple[Strategy[MotionTask, Motion], ...]:
+def fed_strategies(problem: Problem, change: ShapeChange) -> tuple[Strategy[MotionTask, Motion], ...]:
     """What is tried in turn for an arm on a feed axis.
 
     Args:
         problem: what is asked, in units of its arm.
         change: plans a change of shape at a fixed feed.
-        settings: of the planner.
     """
 
     def led(task: MotionTask, failures: list[Failure], *, patient: bool = False) -> Motion | None:
         """The first motion along a leader's path that keeps all limits, tracked under the user's where it has to be."""
         seconds = _CHANGE_SHARE * problem.planner.time_limit if patient else _SHORT_CHANGE
-        ways = LedWays(problem, task, change, seconds, settings.corner_distance)
+        ways = LedWays(problem, task, change, seconds)
         for motion in ways.changing() if patient else ways.quick():
             nearest = min((each.remaining for each in failures), default=np.inf)
             tell_candidate(len(failures) + 1, motion.candidate, nearest)
@@ -111,14 +110,13 @@ def _kept(motion: Motion, task: MotionTask, failures: list[Failure]) -> Motion |
     failing = np.append(np.flatnonzero(beyond), task.certificate.failures(q))
     if len(failing) == 0 and not task.parametric and keeps_limits(motion, task):
         return motion
-    margins = task.settings.search.margins
     if not task.user_limits:
-        run = PlanarRun.from_task(task, margins[-1])
+        run = PlanarRun.from_task(task, MARGINS[-1])
         stopped = run.stepper.pose(motion.unknowns[failing.min()])
         failures.append(run.failure(motion.candidate, Stalled("the motion cannot be certified", [stopped])))
         return None
     keeping_up = replace(task, settings=_keeping_up(task.settings, motion))
-    for links in margins:
+    for links in MARGINS:
         tracked = PlanarRun.from_task(keeping_up, links).tracked(motion, failures)
         if tracked is not None:
             return tracked if task.parametric else replace(tracked, u=None)
@@ -143,14 +141,12 @@ class LedWays:
         task: the same as a task of the search.
         change: plans a change of shape at a fixed feed.
         seconds: CPU time that one of these may take [s].
-        corner_distance: what routes keep from corners where there is room, as a share of the arm's length.
     """
 
     problem: Problem
     task: MotionTask
     change: ShapeChange
     seconds: float
-    corner_distance: float
 
     def quick(self) -> Iterator[Motion]:
         """Along every path ahead, or else the ways to it that are found quickly, the shortest first."""
@@ -210,7 +206,7 @@ class LedWays:
             yield from () if path is None else (path,)
             return
         for member in self._members():
-            paths = LeaderPaths(self.problem, member, self.corner_distance)
+            paths = LeaderPaths(self.problem, member)
             for path in chain.from_iterable(map(paths.bands, self._straights())):
                 yield _up_to(path, self.task.goal, self.problem.arm)
 
@@ -227,7 +223,7 @@ class LedWays:
         members = goal_members(at_hole, goal, room, fed=max(arm.base_range[1] - arm.hole, 0.0))
         # Along the shortest way there is nothing to go round, and as it arrives nothing to turn to.
         begin = arm.base + self._straights()[0] * arm.direction
-        shrink = self.corner_distance * arm.length
+        shrink = CORNER_DISTANCE * arm.length
         ways = [way for each in members for way in room.routes(begin, each.position, 1, shrink=shrink)]
         return (*(_end_of(way.taut, goal) for way in sorted(ways, key=lambda way: way.length)), *members)
 

@@ -179,7 +179,7 @@ class MotionTask(SearchTask):
     def gates(self) -> GateLines | None:
         """The lines across these gates; None where there are none."""
         rails = self._rails
-        return GateLines.from_rails(rails, self.workspace, self.settings.step.rails) if rails else None
+        return GateLines.from_rails(rails, self.workspace) if rails else None
 
     def certificate_with(self, spare: float) -> MotionCertificate:
         """The certificate of all limits, with more gap beyond contact than motions must have [m]."""
@@ -232,7 +232,7 @@ class MotionTask(SearchTask):
     @property
     def among_many_walls(self) -> bool:
         """Whether so many walls are near that poses at the goal are dear to find, and room is small."""
-        return len(self.workspace.walls) > self.settings.search.many_walls
+        return len(self.workspace.walls) > self.settings.many_walls
 
 
 class CachedItems:

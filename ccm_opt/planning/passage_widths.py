@@ -10,6 +10,9 @@ from ccm_opt.planning.motion_task import MotionTask
 from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
 from ccm_opt.scene.walls import Walls
 
+MARGINS = (0.06, 0.024)
+"""Planning margins that are tried in turn, in nominal links: the wide one finds smoother motions, the narrow one gets
+through. Measured: with less than the narrow one, the first candidate failed in one scene."""
 WIDTH_SAMPLES = 96
 """Places along a path at which its passage is measured. Taste."""
 
@@ -52,15 +55,14 @@ def fitting_margins(task: MotionTask) -> tuple[float, ...]:
 
     A wide margin closes passages that hardly pass the arm, and goals that hardly hold the tip: trying it costs time.
     """
-    margins = task.settings.search.margins
     gap = gap_beside_arm(task) * task.nominal_links / task.arm.length
     if gap <= 0.0:
-        return margins
+        return MARGINS
     # A margin nearly as wide as the gap closes the passage: the step would never get through.
-    fitting = tuple(margin for margin in margins if margin <= _FITTING_SHARE * gap)
+    fitting = tuple(margin for margin in MARGINS if margin <= _FITTING_SHARE * gap)
     if fitting:
         return fitting
-    return max(_LEAST_MARGIN, _MARGIN_SHARE * gap), margins[-1]
+    return max(_LEAST_MARGIN, _MARGIN_SHARE * gap), MARGINS[-1]
 
 
 def gap_beside_arm(task: MotionTask) -> float:

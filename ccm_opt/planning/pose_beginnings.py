@@ -88,21 +88,18 @@ class PoseBeginning:
     missing: Diagnosis | None = None
 
 
-def along_routes(
-    problem: Problem, ends: Ends, settings: CurvePlannerSettings = DEFAULT_CURVE_PLANNER
-) -> Iterator[PoseBeginning]:
+def along_routes(problem: Problem, ends: Ends) -> Iterator[PoseBeginning]:
     """Configurations of the curve along every route, shortest first.
 
     Args:
         problem: in the plane, with a goal for the tip.
         ends: its ends as planning takes them.
-        settings: of routes and configurations.
 
     Raises:
         UnreachableGoal: there is no route that the arm is long enough for.
     """
     room = route_room(problem, ends)
-    for number, route in enumerate(find_routes(problem, ends, room, settings), start=1):
+    for number, route in enumerate(find_routes(problem, ends, room), start=1):
         name = f"route {number}, {long_length(route.length)}"
         try:
             beginnings = _along(problem, ends, room, route)
@@ -118,7 +115,7 @@ def in_plane(
     problem: Problem, ends: Ends, search: PoseSearchSettings, settings: CurvePlannerSettings = DEFAULT_CURVE_PLANNER
 ) -> Iterator[PoseBeginning]:
     """Those along routes, and random poses that are brought onto the goal."""
-    yield from along_routes(problem, ends, settings)
+    yield from along_routes(problem, ends)
     members = goal_members(problem.arm, ends.goal, route_room(problem, ends))
     poses = islice(brought_poses(problem, problem.arm, ends, members, settings), search.drawn)
     for number, q in enumerate(poses, start=1):
@@ -178,11 +175,10 @@ def brought_poses(
     Yields:
         Configurations of shape (c,) [rad]; of members in turn.
     """
-    connect = settings.motion.connect
     rng = np.random.default_rng(problem.planner.seed)
     space, _ = LinkSpace.through(arm, ends.start, NOMINAL_LINKS, clamped=ends.clamped)
     share = settings.motion.step.limit_share
-    shapes = TargetDraws.within(space, [ends.start], KNOTS + 1, share, connect)
+    shapes = TargetDraws.within(space, [ends.start], KNOTS + 1, share)
     check = SampledCheck.of(arm, problem.workspace)
     goals = [
         replace(

@@ -12,7 +12,6 @@ from ccm_opt.planning.continuation import Guide
 from ccm_opt.planning.guides import PoseLed
 from ccm_opt.planning.hairpin import FOLD_LENGTHS, led_along, pulled_over
 from ccm_opt.planning.pose import Pose
-from ccm_opt.planning.settings import DEFAULT_TREES
 from ccm_opt.planning.step import Stepper
 from ccm_opt.planning.tip_paths import TipPath, taut_round_base
 from ccm_opt.robot.arm import Arm
@@ -64,7 +63,7 @@ class PoseTree:
     """
 
     arm: Arm
-    heading_weight: float = DEFAULT_TREES.heading_weight
+    heading_weight: float = 0.1
     poses: list[Pose] = field(default_factory=list)
     parents: list[int] = field(default_factory=list)
     edges: list[list[Pose]] = field(default_factory=list)

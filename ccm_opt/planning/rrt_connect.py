@@ -22,6 +22,9 @@ _MOST_GOALS = 40
 _DOUBLINGS = 16
 """More doublings of a batch than there ever are."""
 
+FEW_LINKS = 10
+"""Arms with at most so many links are planned in all of their bends. Taste: beyond, shapes drawn at random in the bends
+crumple, and smooth ones are drawn."""
 CONNECT = "RRT-Connect"
 """Name of what is found, among the names of candidates."""
 

@@ -9,23 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ccm_opt.ik.pose_settings import PoseSettings
-from ccm_opt.ik.terms import COST_SHARES
 from ccm_opt.scene.contact_finder import CertificateSettings
-
-
-@dataclass(frozen=True)
-class ConnectSettings:
-    """Numbers of RRT-Connect.
-
-    Attributes:
-        few_links: arms with at most so many links are planned in all of their bends. Taste: beyond, shapes drawn at
-            random in the bends crumple, and smooth ones are drawn.
-        few_budgets: extensions that searches one after the other may take before all else, for arms of few links.
-            Measured: most scenes take some thousand; what takes long is mostly found sooner from the beginning.
-    """
-
-    few_links: int = 10
-    few_budgets: tuple[int, ...] = (5000, 10000, 20000)
 
 
 @dataclass(frozen=True)
@@ -74,41 +58,6 @@ class OptimisationSettings:
 
 
 @dataclass(frozen=True)
-class SearchSettings:
-    """Numbers of the search.
-
-    Attributes:
-        margins: planning margins that are tried in turn, in nominal links: the wide one finds smoother motions, the
-            narrow one gets through. Measured: with less than the narrow one, the first candidate failed in one scene.
-        tree_margins: margins that trees of poses are grown with, in nominal links: a wide one moves on faster, a
-            narrow one gets through. Taste.
-        many_walls: walls in the neighbourhood beyond which the tip is led along every path before poses at the goal are
-            looked for. Taste: among a thousand, such poses take seconds.
-    """
-
-    margins: tuple[float, ...] = (0.06, 0.024)
-    tree_margins: tuple[float, ...] = (0.12, 0.06, 0.024)
-    many_walls: int = 150
-
-
-@dataclass(frozen=True)
-class RailSettings:
-    """Numbers of the rails through narrow gates, and of the lines across them.
-
-    Attributes:
-        beside: joints farther off than this are not on the rail, in nominal links. Taste.
-        across: a line is crossed where that is no farther from its middle, in nominal links. Taste.
-        catching_up: most that a step asks a crossing to move towards the middle, in nominal links. Taste.
-        exact: distance from the middles that is left, as a share of the arm's length. Taste: a thousandth of the play.
-    """
-
-    beside: float = 0.5
-    across: float = 0.25
-    catching_up: float = 0.02
-    exact: float = 1e-6
-
-
-@dataclass(frozen=True)
 class AnyStepSettings:
     """Numbers of a single step, whatever its limits.
 
@@ -143,7 +92,6 @@ class StepSettings(AnyStepSettings):
             96 links: with the usual one a step along a guide's path took 36 to 280 iterations of its QP or never ended,
             with this one 3 to 7.
         narrow_margin: planning margin below which steps are smaller, in nominal links. Taste: the usual narrow one.
-        rails: of what draws joints to the middle of narrow gates.
     """
 
     limit_share: float = 0.98
@@ -156,7 +104,6 @@ class StepSettings(AnyStepSettings):
     narrow_ridge: float = 1e-6
     blend_ridge: float = 1e-6
     narrow_margin: float = 0.024
-    rails: RailSettings = field(default_factory=RailSettings)
 
     def narrowed(self, margin: float) -> "StepSettings":
         """The numbers for a planning margin, in nominal links: where it is small, so are the steps.
@@ -260,26 +207,6 @@ class TipWalkSettings:
 
 
 @dataclass(frozen=True)
-class TreeSettings:
-    """Numbers of the trees of poses.
-
-    Attributes:
-        dispersion: distance that nodes keep, as ``heading_weight`` measures it. Taste.
-        heading_weight: of a radian of heading against the length of the arm in the distance of two poses. Taste.
-        most_extensions: extensions in all before the search is given up, however much time is left, so that what is
-            found does not depend on it. Measured in 24 scenes of clutter: 22 need at most 16, one 51, one 201.
-    """
-
-    dispersion: float = 0.04
-    heading_weight: float = 0.1
-    most_extensions: int = 400
-
-
-DEFAULT_TREES = TreeSettings()
-"""What trees take when they are not given other settings."""
-
-
-@dataclass(frozen=True)
 class EngineSettings:
     """Numbers of taking steps, of following a guide and of tracking.
 
@@ -303,19 +230,16 @@ class MotionSettings(EngineSettings):
     Attributes:
         certificate: of the certificate of contact.
         step: of a single step.
-        search: of the search over all strategies.
+        many_walls: walls in the neighbourhood beyond which the tip is led along every path before poses at the goal are
+            looked for. Taste: among a thousand, such poses take seconds.
         tip_walks: of leading the tip among many walls.
-        tree: of the trees of poses.
-        connect: of RRT-Connect.
         optimisation: of the optimisation of a motion.
     """
 
     certificate: CertificateSettings = field(default_factory=CertificateSettings)
     step: StepSettings = field(default_factory=StepSettings)
-    search: SearchSettings = field(default_factory=SearchSettings)
+    many_walls: int = 150
     tip_walks: TipWalkSettings = field(default_factory=TipWalkSettings)
-    tree: TreeSettings = field(default_factory=TreeSettings)
-    connect: ConnectSettings = field(default_factory=ConnectSettings)
     optimisation: OptimisationSettings = field(default_factory=OptimisationSettings)
 
 
@@ -349,25 +273,6 @@ class SpaceCertificateSettings:
 
 
 @dataclass(frozen=True)
-class FollowableWaySettings:
-    """Of ways that an arm can follow behind its tip, with bends no sharper than it takes.
-
-    Attributes:
-        step: length of the arcs of which a way is made [u].
-        bends: of the arcs, as shares of the tightest one; straight ones come first.
-        place_bin: states in one bin count as one: size of its places [u].
-        direction_bins: half the number of bins along each side of the six faces of directions.
-        most_states: that are looked at.
-    """
-
-    step: float = 1.0
-    bends: tuple[float, ...] = (0.5, 1.0)
-    place_bin: float = 0.5
-    direction_bins: int = 2
-    most_states: int = 20_000
-
-
-@dataclass(frozen=True)
 class SpaceMotionSettings(EngineSettings):
     """All numbers of the search in space, besides those of any.
 
@@ -375,14 +280,12 @@ class SpaceMotionSettings(EngineSettings):
         certificate: of proofs.
         continuation: of following a guide and settling on the goal.
         goal: of putting the tip onto the goal.
-        followable: ways for arms that follow their tip.
         optimisation: of a found motion.
     """
 
     certificate: SpaceCertificateSettings = field(default_factory=SpaceCertificateSettings)
     continuation: ContinuationSettings = ContinuationSettings(60, 10, 0.5, 0.0, 0.5, 0.2)
     goal: GoalSettings = GoalSettings(heading_weight=1.0, distance_step=1.0, turn_step=0.5)
-    followable: FollowableWaySettings = field(default_factory=FollowableWaySettings)
     optimisation: OptimisationSettings = OptimisationSettings(intervals=24, steps=_STEPS)
 
 
@@ -392,16 +295,10 @@ class CurvePlannerSettings:
     """Numbers of the planner, from free space to the smooth path.
 
     Attributes:
-        corner_distance: distance that taut paths keep from corners where there is room, as a share of the arm's
-            length. Taste.
-        cost_shares: shares of the weights of the user's costs with which a plan is sought in turn until one is
-            found; the first is all of them, the last none. Taste.
         motion: of the search for a motion.
         goal_pose: of the goal pose's NLP.
     """
 
-    corner_distance: float = 0.016
-    cost_shares: tuple[float, ...] = COST_SHARES
     motion: MotionSettings = field(default_factory=MotionSettings)
     goal_pose: PoseSettings = field(default_factory=PoseSettings)
 

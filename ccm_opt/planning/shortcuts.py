@@ -15,6 +15,7 @@ from ccm_opt.planning.link_space import LinkSpace
 from ccm_opt.planning.motion import Motion
 from ccm_opt.planning.motion_task import MotionTask
 from ccm_opt.planning.optimisation.optimise import thinned
+from ccm_opt.planning.rrt_connect import FEW_LINKS
 from ccm_opt.planning.sampled_check import SampledCheck
 
 _TURN = 0.15
@@ -99,11 +100,7 @@ def straightened(motion: Motion, task: MotionTask) -> Motion:
         task: it was found for.
     """
     # Users' limits and tubes do not judge straight motions, few links do not say which curve they stand for.
-    fits = (
-        motion.u is None
-        and not (task.user_limits or task.guide_tubes)
-        and task.arm.links > task.settings.connect.few_links
-    )
+    fits = motion.u is None and not (task.user_limits or task.guide_tubes) and task.arm.links > FEW_LINKS
     if not fits or task.optimiser == "none" or task.deadline.passed():
         return motion
     intervals = len(thinned(motion, task.certificate)[0]) - 1

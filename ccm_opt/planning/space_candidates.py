@@ -198,13 +198,12 @@ class SpaceTipWays:
     ) -> FloatArray | None:
         """A way past all places with bends that the arm can take behind its tip."""
         task = self.task
-        settings = task.settings.followable
         nearness, margin = price
         grid = self._grid(cells, margin, allowance.beside, self._longest_followed)
         avoided = self._followed
         dear = _prices(grid, avoided, _DETOUR_PRICE) if avoided else None
         prices = grid.prices(nearness, dear)
-        search = FollowableWays(grid, prices, allowance.radius, task.unit, settings, task.deadline)
+        search = FollowableWays(grid, prices, allowance.radius, task.unit, task.deadline)
         most = self._longest_followed
         goals = [WayEnd(place, None) for place in task.via]
         # The last link lies on the way, not on a chord of a bend, where it is as long as a link.

@@ -112,7 +112,7 @@ class Stepper(StepperOf[LinkSpace]):
     @property
     def among_many_walls(self) -> bool:
         """Whether so many walls are near that poses at the goal are dear to find, and folds have no room."""
-        return len(self.finder.walls.names) > self.settings.search.many_walls
+        return len(self.finder.walls.names) > self.settings.many_walls
 
 
 @dataclass(frozen=True, eq=False)

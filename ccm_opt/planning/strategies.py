@@ -22,8 +22,8 @@ from ccm_opt.planning.lifting import coarse_task, taken_over
 from ccm_opt.planning.motion import Motion
 from ccm_opt.planning.motion_task import MotionTask
 from ccm_opt.planning.passage_exit import backward_tasks, ending_in, laid_backward_tasks, reversed_motion
-from ccm_opt.planning.passage_widths import fitting_margins, nominal_links_asked
-from ccm_opt.planning.rrt_connect import CONNECT
+from ccm_opt.planning.passage_widths import MARGINS, fitting_margins, nominal_links_asked
+from ccm_opt.planning.rrt_connect import CONNECT, FEW_LINKS
 from ccm_opt.planning.sampled_check import LEAST_SPACING, POSE_SPACING
 from ccm_opt.planning.search import TREES, Failure, Strategy, first_found
 from ccm_opt.planning.search_run import PlanarRun
@@ -55,6 +55,9 @@ _ARC_ARRIVED = 1e-11
 """Error of the tip, in arm lengths or radians, that counts as none. Derived: far below what the optimisation asks of a
 motion's end."""
 
+TREE_MARGINS = (0.12, 0.06, 0.024)
+"""Margins that trees of poses are grown with, in nominal links: a wide one moves on faster, a narrow one gets through.
+Taste."""
 _MOST_LINKS = 48
 """Arms with more links are not planned so. Taste: a pose costs by the links."""
 
@@ -184,6 +187,9 @@ class ArcsAtLimits:
         return step
 
 
+FEW_BUDGETS = (5000, 10000, 20000)
+"""Extensions that searches one after the other may take before all else, for arms of few links. Measured: most scenes
+take some thousand; what takes long is mostly found sooner from the beginning."""
 _WHOLE_ARM_BUDGETS = (8000,)
 """The same for other arms with a goal for the whole arm, but for arms so thin that poses lie nearer to each other than
 these are wide. Taste: a quarter of a second."""
@@ -239,7 +245,7 @@ def connected(task: MotionTask, failures: list[Failure], turn: Turn = Turn.EARLY
     budgets = _budgets(task, turn)
     if task.arm.links > _MOST_LINKS:
         return None
-    run = PlanarRun.from_task(task.at_full_limits(), task.settings.search.margins[-1])
+    run = PlanarRun.from_task(task.at_full_limits(), MARGINS[-1])
     search = Connecting(run.task, run.stepper.space, run.start, run.goal, run.goal_poses)
     motion = search.find(budgets, (task.seed, turn))
     if motion is None:
@@ -249,8 +255,7 @@ def connected(task: MotionTask, failures: list[Failure], turn: Turn = Turn.EARLY
 
 
 def _budgets(task: MotionTask, turn: Turn) -> tuple[int, ...]:
-    settings = task.settings.connect
-    few = task.arm.links <= settings.few_links
+    few = task.arm.links <= FEW_LINKS
     # Without a way of the tip there is hardly one of the arm; few links may still have one closer to a wall.
     if not task.tip_paths and not few:
         return ()
@@ -259,7 +264,7 @@ def _budgets(task: MotionTask, turn: Turn) -> tuple[int, ...]:
     if turn in {Turn.LATE, Turn.LAST}:
         return _LATE_BUDGETS if slow == (turn is Turn.LAST) else ()
     if few:
-        return settings.few_budgets if turn is Turn.EARLY else ()
+        return FEW_BUDGETS if turn is Turn.EARLY else ()
     if task.goal_pose is None or slow:
         return ()
     return _WHOLE_ARM_BUDGETS if turn is Turn.EARLY else _MIDDLE_BUDGETS
@@ -333,7 +338,7 @@ def by_trees(task: MotionTask, failures: list[Failure]) -> Motion | None:
     if not task.tip_paths:
         return None
     full = task.at_full_limits()
-    runs = [PlanarRun.from_task(full, margin) for margin in task.settings.search.tree_margins]
+    runs = [PlanarRun.from_task(full, margin) for margin in TREE_MARGINS]
     narrowest = runs[-1]
     try:
         poses = search_by_trees(runs)

@@ -26,6 +26,8 @@ from ccm_opt.scene.free_space import FreeSpace
 from ccm_opt.scene.narrow_gates import gate_rails
 from ccm_opt.scene.workspace import Obstacle, PlaneShape
 
+CORNER_DISTANCE = 0.016
+"""Distance that taut paths keep from corners where there is room, as a share of the arm's length. Taste."""
 _ARC_STEP = 0.3
 """Angle between points on an arc round a punctured base [rad]. Taste; the arc is drawn taut, only its class counts."""
 _ARC_RADIUS = 1e-3

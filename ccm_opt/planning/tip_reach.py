@@ -280,7 +280,7 @@ def _in_plane(problem: Problem, settings: ReachSettings) -> TipLooker:
     margin = settings.margin * arm.length / NOMINAL_LINKS
     finder = ContactFinder(arm, workspace.flat_walls, workspace.clearance, margin, settings.seen * arm.length)
     space, start = LinkSpace.through(arm, ends.start, clamped=ends.clamped)
-    shapes = TargetDraws.within(space, [ends.start], KNOTS + 1, motion.step.limit_share, motion.connect)
+    shapes = TargetDraws.within(space, [ends.start], KNOTS + 1, motion.step.limit_share)
 
     def free(pose: Pose) -> bool:
         still = np.stack((pose.q, pose.q))

@@ -15,6 +15,7 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.errors import NoPlanFound
 from ccm_opt.planning.curve_planner import CurvePlanner
 from ccm_opt.planning.draws import Connecting
+from ccm_opt.planning.passage_widths import MARGINS
 from ccm_opt.planning.sampled_check import SampledCheck
 from ccm_opt.planning.search_run import PlanarRun
 from ccm_opt.problem import JointPose, Problem
@@ -54,7 +55,7 @@ def goal_poses(problem: Problem, seed: int) -> FloatArray:
     if isinstance(problem.goal, JointPose):
         return known
     task = motion_task(problem)
-    run = PlanarRun.from_task(task, task.settings.search.margins[-1])
+    run = PlanarRun.from_task(task, MARGINS[-1])
     connecting = Connecting(task, run.stepper.space, run.start, run.goal, lambda: iter(()))
     check = SampledCheck.of(arm, problem.workspace)
     goals = connecting._search(check, np.random.default_rng(seed)).goals

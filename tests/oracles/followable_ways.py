@@ -7,6 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
+from ccm_opt.planning import followable_ways
 from ccm_opt.planning.followable_ways import FollowSearch, WayEnd
 
 
@@ -54,7 +55,7 @@ class SearchByPython:
         queue = [(0.0, 0, _State(place, frame, 0.0, 0.0, None, -1))]
         settled: set[tuple[int, ...]] = set()
         pushed = 0
-        for _ in range(self.search.settings.most_states):
+        for _ in range(followable_ways.MOST_STATES):
             if not queue:
                 return None
             _, _, state = heapq.heappop(queue)
@@ -99,11 +100,10 @@ class SearchByPython:
 
     def _bin(self, state: _State) -> tuple[int, ...]:
         """What states are told apart by."""
-        settings = self.search.settings
-        place = np.floor(state.place / (settings.place_bin * self.search.unit)).astype(int)
+        place = np.floor(state.place / (followable_ways.PLACE_BIN * self.search.unit)).astype(int)
         t = state.frame[:, 0]
         face = int(np.argmax(np.abs(t)))
-        bins = np.floor(np.delete(t, face) / t[face] * settings.direction_bins).astype(int)
+        bins = np.floor(np.delete(t, face) / t[face] * followable_ways.DIRECTION_BINS).astype(int)
         return (*place.tolist(), face, int(t[face] > 0.0), *bins.tolist())
 
 

@@ -22,7 +22,7 @@ from ccm_opt.planning.ends import Ends, refuse_ends, resolve_ends
 from ccm_opt.planning.link_space import nearest_curves
 from ccm_opt.planning.own_units import in_own_units
 from ccm_opt.planning.sampled_check import SampledCheck
-from ccm_opt.planning.settings import ConnectSettings, SpaceMotionSettings
+from ccm_opt.planning.settings import SpaceMotionSettings
 from ccm_opt.planning.smooth_path import path_near_configurations
 from ccm_opt.planning.space_goal_poses import goal_poses
 from ccm_opt.planning.space_search import find_motion
@@ -73,7 +73,6 @@ class OmplSettings:
     longest_turn: float = 0.2
     beyond_tube: float = 0.2
     refinements: int = 10
-    draws: ConnectSettings = field(default_factory=ConnectSettings)
     motion: SpaceMotionSettings = field(default_factory=SpaceMotionSettings)
 
 
@@ -283,7 +282,7 @@ class _InPlane:
             return
         rng = np.random.default_rng(self.problem.planner.seed)
         check = SampledCheck.of(arm, self.problem.workspace)
-        shapes = _any_shape(self.problem, self._ends, settings)
+        shapes = _any_shape(self.problem, self._ends)
         drawn = GoalDraws(shapes, self._ends.goal, check).poses(rng)
         until = Deadline.after(settings.goal_share * self.problem.planner.time_limit)
         found = 0
@@ -309,7 +308,7 @@ def _stands_free(certificate: Certificate, q: FloatArray) -> bool:
     return len(certificate.failures(np.stack((q, q)), depth=0)) == 0
 
 
-def _any_shape(problem: Problem, ends: Ends, settings: OmplSettings) -> TargetDraws:
+def _any_shape(problem: Problem, ends: Ends) -> TargetDraws:
     """Draws of every shape that the joints allow; a base that is clamped stays where it is."""
     arm = problem.arm
     free = np.eye(arm.links)
@@ -320,7 +319,7 @@ def _any_shape(problem: Problem, ends: Ends, settings: OmplSettings) -> TargetDr
     bound = float(arm.bend_limits[0])
     # As far as the base may turn at all: other planners are held to what winds the arm least.
     base = (first, first) if ends.clamped else (-bound, bound)
-    return TargetDraws(arm, free, (start, start), arm.bend_limits, base, settings.draws)
+    return TargetDraws(arm, free, (start, start), arm.bend_limits, base)
 
 
 def _certificate(problem: Problem, ends: Ends, gap: float) -> Certificate:

@@ -21,12 +21,19 @@ from ccm_opt.core.polyline import arc_lengths, points_at
 from ccm_opt.planning.limits.limit import KeyframeRows, Limit, LimitRows
 from ccm_opt.planning.link_space import LinkSpace
 from ccm_opt.planning.pose import Pose, Term
-from ccm_opt.planning.settings import RailSettings
 from ccm_opt.scene.workspace import Workspace
 
 if TYPE_CHECKING:
     from ccm_opt.planning.swept_motion import PlanarSweep
 
+_BESIDE = 0.5
+"""Joints farther off than this are not on the rail, in nominal links. Taste."""
+_ACROSS = 0.25
+"""A line is crossed where that is no farther from its middle, in nominal links. Taste."""
+_CATCHING_UP = 0.02
+"""Most that a step asks a crossing to move towards the middle, in nominal links. Taste."""
+_EXACT = 1e-6
+"""Distance from the middles that is left, as a share of the arm's length. Taste: a thousandth of the play."""
 _NEWTON_STEPS = 5
 """Most steps onto the middles. Taste."""
 _LARGEST_TURN = 0.15
@@ -74,22 +81,19 @@ class GateLines:
         middles: where axes have to cross, shape (g, 2) [m].
         along: direction in which a gate leads there, shape (g, 2).
         inside: axes of the gates, by which links that are in them are known.
-        settings: how lines are found, and how exactly they are met.
     """
 
     middles: FloatArray
     along: FloatArray
     inside: shapely.Geometry
-    settings: RailSettings
 
     @classmethod
-    def from_rails(cls, rails: tuple[FloatArray, ...], workspace: Workspace, settings: RailSettings) -> "GateLines":
+    def from_rails(cls, rails: tuple[FloatArray, ...], workspace: Workspace) -> "GateLines":
         """The lines of gates with walls about them.
 
         Args:
             rails: middle lines with their runs before and behind, each of shape (k ≥ 3, 2) [m].
             workspace: its walls say where a gate is narrowest.
-            settings: numbers.
         """
         middles: list[FloatArray] = []
         along: list[FloatArray] = []
@@ -100,7 +104,7 @@ class GateLines:
                     middles.append(place)
                     along.append(_direction(rail))
         gates = [shapely.LineString(np.vstack((rail[1:-1], rail[-2:-1]))) for rail in rails]
-        return cls(np.array(middles), np.array(along), shapely.multilinestrings(gates), settings)
+        return cls(np.array(middles), np.array(along), shapely.multilinestrings(gates))
 
     # ------------------------------------------------------------ crossings
     def crossings(self, points: FloatArray, farthest: float) -> LineCrossings:
@@ -155,14 +159,13 @@ class GateLines:
         Returns:
             Shape (K, p); those that do not come to cross in the middle, or only by large turns, as they were.
         """
-        settings = self.settings
         moved = coordinates.copy()
-        exact = settings.exact * space.arm.length
+        exact = _EXACT * space.arm.length
         off = np.full(len(moved), np.inf)
         for _ in range(_NEWTON_STEPS):
             q = space.configurations(moved)
             headings = space.arm.headings(q)
-            found = self.crossings(space.arm.joint_positions_at(q), settings.across * space.nominal_length)
+            found = self.crossings(space.arm.joint_positions_at(q), _ACROSS * space.nominal_length)
             off = np.abs(found.aside).max(axis=1, initial=0.0)
             if np.all(off <= exact):
                 break
@@ -225,13 +228,11 @@ class GateRails(Limit):
         rails: middle lines with their straight runs, each of shape (k ≥ 2, 2) [m].
         lines: across the gates.
         play: distance from a rail up to which a joint is left alone [m].
-        settings: weight, and how far off a joint may be.
     """
 
     rails: tuple[FloatArray, ...]
     lines: GateLines
     play: float
-    settings: RailSettings
 
     @cached_property
     def _legs(self) -> tuple[FloatArray, FloatArray]:
@@ -247,10 +248,10 @@ class GateRails(Limit):
         """Equations of the lines that the axis crosses; a pull on every joint that is in a gate or on a run to it."""
         del turn
         unit = space.nominal_length
-        found = self.lines.crossings(pose.points[None], self.settings.across * unit)
+        found = self.lines.crossings(pose.points[None], _ACROSS * unit)
         crossed = found.crossed[0]
         slopes = self._slopes(space, pose, found)[crossed] / unit
-        most = self.settings.catching_up
+        most = _CATCHING_UP
         back = np.clip(-found.aside[0][crossed] / unit, -most, most)
         rows = LimitRows(slopes, back, back, equations=len(back))
         pull = self._pull(space, pose)
@@ -266,7 +267,7 @@ class GateRails(Limit):
         within = (along >= 0.0) & (along <= legs[:, 2])
         beside = np.where(within, np.abs(across), np.inf)
         leg = np.argmin(beside, axis=1)
-        joint = np.flatnonzero(beside[np.arange(len(leg)), leg] < self.settings.beside * unit)
+        joint = np.flatnonzero(beside[np.arange(len(leg)), leg] < _BESIDE * unit)
         joint = joint[joint > 0]  # the base cannot move
         if len(joint) == 0:
             return None
@@ -286,7 +287,7 @@ class GateRails(Limit):
     # ------------------------------------------------------------ at the goal
     def missed(self, space: LinkSpace, pose: Pose) -> tuple[FloatArray, FloatArray]:
         """Slopes of the lines that a pose crosses, shape (k, p), and how far it has to be moved across them [m]."""
-        found = self.lines.crossings(pose.points[None], self.settings.across * space.nominal_length)
+        found = self.lines.crossings(pose.points[None], _ACROSS * space.nominal_length)
         crossed = found.crossed[0]
         return self._slopes(space, pose, found)[crossed], -found.aside[0][crossed]
 
@@ -305,7 +306,7 @@ class GateRails(Limit):
         del u
         space = sweep.space
         links = space.arm.links
-        found = self.lines.crossings(sweep.points[:, : links + 1], self.settings.across * space.nominal_length)
+        found = self.lines.crossings(sweep.points[:, : links + 1], _ACROSS * space.nominal_length)
         slopes = self.lines.slopes(sweep.moving, sweep.headings, found) / space.nominal_length
         crossed = found.crossed.copy()
         crossed[[0, -1]] = False

@@ -463,7 +463,7 @@ def assembled_limits(
     """
     drawn: tuple[Limit, ...] = ()
     if gates is not None:
-        drawn = (GateRails(rails, gates, _PLAY * finder.margin, settings.rails),)
+        drawn = (GateRails(rails, gates, _PLAY * finder.margin),)
     return (
         AtRest(),
         ContactLimit(finder, certificate, settings, wanted_gap, gates),
