@@ -11,9 +11,9 @@ from matplotlib.figure import Figure
 from PIL import Image
 from typer.testing import CliRunner
 
-from ccm_opt.cli.choices import FigureName
 from ccm_opt.cli.commands import app
 from ccm_opt.cli.drawing import STILL_FIGURES, drawn_files
+from ccm_opt.cli.output import FigureName
 from ccm_opt.core.errors import ProblemError
 from ccm_opt.driver.room_over_time import room_over_time
 from ccm_opt.io.folder import WRITTEN_FILES, write_solution

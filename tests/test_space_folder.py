@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 from PIL import Image, ImageSequence
 
-from ccm_opt.cli.choices import FigureName
 from ccm_opt.cli.drawing import drawn_files, plan_pictures
+from ccm_opt.cli.output import FigureName
 from ccm_opt.cli.written_plans import check_folders, exported_files
 from ccm_opt.core.errors import ProblemError, UnreachableGoal
 from ccm_opt.io.folder import write_solution

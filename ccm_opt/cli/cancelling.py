@@ -79,12 +79,7 @@ class Interrupted(KeyboardInterrupt):
 def interrupts_end_at_once() -> None:
     """From here on Ctrl-C ends the process with exit code 130: nothing has begun that would have to be put away."""
     if threading.current_thread() is threading.main_thread():
-        signal.signal(signal.SIGINT, _leave)
-
-
-def _leave(_signal: int, _frame: FrameType | None) -> NoReturn:
-    report_cancelled()
-    leave_at_once()
+        signal.signal(signal.SIGINT, lambda _signal, _frame: leave_at_once(report_cancelled()))
 
 
 def interrupts_insist() -> None:

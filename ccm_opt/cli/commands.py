@@ -17,8 +17,16 @@ from typer.core import TyperGroup
 
 from ccm_opt import __version__
 from ccm_opt.cli.cancelling import report_cancelled
-from ccm_opt.cli.choices import ControllerChoice, ExportFormat, FigureKind, FigureName, MethodChoice
-from ccm_opt.cli.output import Output, outside_files, printing
+from ccm_opt.cli.output import (
+    ControllerChoice,
+    ExportFormat,
+    FigureKind,
+    FigureName,
+    MethodChoice,
+    Output,
+    outside_files,
+    printing,
+)
 from ccm_opt.cli.surroundings import no_search_for_cycles
 
 
@@ -209,12 +217,16 @@ def solve_command(
     """Solve problems; write OUT/<name>/ for each."""
     with no_search_for_cycles():
         from ccm_opt.cli.loading import TermReferences  # noqa: PLC0415
-        from ccm_opt.cli.solving import SolveOptions, solve_files, with_planner_options  # noqa: PLC0415 - loads numpy
+        from ccm_opt.cli.solving import SolveOptions, solve_files  # noqa: PLC0415 - loads numpy
 
+    of_planner = {"method": method, "time_limit": time_limit, "seed": seed}
     options = SolveOptions(
         out=out,
         terms=TermReferences(tuple(constraint or ()), tuple(cost or ())),
-        changes=with_planner_options(changes or (), method=method, time_limit=time_limit, seed=seed),
+        changes=(
+            *(changes or ()),
+            *(f"planner.{key}={value}" for key, value in of_planner.items() if value is not None),
+        ),
         pictures=not no_pictures,
         figure_format=figure_format,
         explain=not no_diagnosis,

@@ -8,9 +8,8 @@ from socket import socket
 from typing import TYPE_CHECKING
 
 from ccm_opt.cli.cancelling import interrupt_met, leave_at_once
-from ccm_opt.cli.choices import FigureKind, FigureName
 from ccm_opt.cli.outcome import SOLVED, print_result, run_all
-from ccm_opt.cli.output import output, outside_allowed
+from ccm_opt.cli.output import FigureKind, FigureName, output, outside_allowed
 from ccm_opt.cli.stage_clock import stage_display
 from ccm_opt.cli.surroundings import no_search_for_cycles
 from ccm_opt.core.errors import ProblemError

@@ -1,9 +1,14 @@
-"""For whom a command prints: tables for people, one JSON document for programs, or nothing; and how much."""
+"""For whom a command prints: tables for people, one JSON document for programs, or nothing; and how much.
+
+And what options accept, known without loading what they choose between.
+"""
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import Literal, TypeAlias
 
 from ccm_opt import __version__
 
@@ -109,3 +114,25 @@ def outside_files(*, allowed: bool) -> Iterator[None]:
         yield
     finally:
         _ALLOWED.reset(token)
+
+
+MethodChoice: TypeAlias = Literal["nlp", "hill-climbing"]
+"""Of ``solve --method``: the names of ``planner.method``."""
+ControllerChoice: TypeAlias = Literal["computed-torque", "pd"]
+"""Of ``simulate --controller``: the names of ``simulation.controller``."""
+ExportFormat: TypeAlias = Literal["urdf", "mjcf", "yaml", "csv", "npz", "glb"]
+"""Of ``export --format``."""
+FigureKind: TypeAlias = Literal["png", "svg", "pdf"]
+"""Of ``--figure-format``."""
+
+
+class FigureName(StrEnum):
+    """Of ``draw --figure``, which may be repeated: Typer reads lists of enumerations, not of literals."""
+
+    PLAN = "plan"
+    CURVES = "curves"
+    STEPS = "steps"
+    LINKS = "links"
+    SPACE = "space"
+    GIF = "gif"
+    MP4 = "mp4"

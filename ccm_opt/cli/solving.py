@@ -11,10 +11,10 @@ from functools import partial
 from pathlib import Path
 
 from ccm_opt.cli.cancelling import last_steps_uninterrupted
-from ccm_opt.cli.choices import FigureKind
 from ccm_opt.cli.drawing import pareto_pictures, plan_pictures
 from ccm_opt.cli.loading import NO_TERMS, NamedProblems, TermReferences
 from ccm_opt.cli.outcome import code_of_simulation, print_result, run_all, warn
+from ccm_opt.cli.output import FigureKind
 from ccm_opt.cli.stage_clock import StageClock, ended_when_silent, stage_display
 from ccm_opt.cli.surroundings import MORE_MEMORY, no_search_for_cycles, out_of_memory
 from ccm_opt.cli.tables import print_pareto, print_solution
@@ -158,14 +158,6 @@ class SolveOptions:
     figure_format: FigureKind = "png"
     explain: bool = True
     several: bool = False
-
-
-def with_planner_options(
-    changes: Sequence[str], *, method: str | None, time_limit: float | None, seed: int | None
-) -> tuple[str, ...]:
-    """The changes of a command line, with those of its options that stand for keys of the table ``planner``."""
-    options = {"method": method, "time_limit": time_limit, "seed": seed}
-    return (*changes, *(f"planner.{key}={value}" for key, value in options.items() if value is not None))
 
 
 def solve_files(files: Sequence[Path], options: SolveOptions) -> int:

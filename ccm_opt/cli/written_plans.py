@@ -8,10 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from ccm_opt.cli.choices import ExportFormat
 from ccm_opt.cli.loading import TermReferences
 from ccm_opt.cli.outcome import NO_PLAN, SOLVED, print_result, run_all, warn
-from ccm_opt.cli.output import output
+from ccm_opt.cli.output import ExportFormat, output
 from ccm_opt.cli.tables import checks_table, print_not_checked, print_room, report_console, units_of
 from ccm_opt.core.errors import ProblemError
 from ccm_opt.core.files import put_file_or_refuse

@@ -128,21 +128,14 @@ class PageUnits:
             return self.shown(1e3 * value, "g", 1e3 * scale)
         # Seconds are for people already; the others take a prefix where they are tiny.
         scale = max(abs(scale), abs(value)) if isfinite(value) else abs(scale)
-        prefix, size = ("", 1.0) if unit in _WHOLE_UNITS else _prefix(scale)
+        prefixes = _PREFIXES[:1] if unit in _WHOLE_UNITS else _PREFIXES
+        prefix, size = next((each for each in prefixes if scale >= 0.1 * each[1] or scale == 0.0), prefixes[-1])
         finest = 3 if scale == 0.0 else min(max(floor(-log10(_FINEST_OF_SCALE * scale / size)), 0), 6)
         return f"{three_digits(value / size, finest)} {prefix}{unit}".rstrip()
 
 
 _WHOLE_UNITS = frozenset(("", "s", "names", "tolerances", "rad/s", "rad/s²", "rad/s³", "1/m"))
 """Units that take no prefix."""
-
-
-def _prefix(scale: float) -> tuple[str, float]:
-    """The prefix of a unit for values up to ``scale``, with its size."""
-    for prefix, size in _PREFIXES:
-        if scale >= 0.1 * size or scale == 0.0:
-            return prefix, size
-    return _PREFIXES[-1]
 
 
 class Markup(str):

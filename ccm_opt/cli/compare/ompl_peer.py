@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from importlib import import_module
 from itertools import pairwise
-from typing import Any, Protocol
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -236,27 +236,6 @@ class SampledJoints:
         return np.asarray(np.repeat(np.clip(beyond, 0.0, 1.0), coordinates.bends_a_joint, axis=-1), dtype=np.float64)
 
 
-class _Query(Protocol):
-    """What OMPL is asked: from where, to where, what is safe, and how its way becomes a path."""
-
-    joints: SampledJoints
-    start: FloatArray
-    deadline: Deadline
-
-    @property
-    def problem(self) -> Problem:
-        """What is to be solved."""
-
-    def goals(self) -> Iterator[FloatArray]:
-        """Configurations at the goal, few enough to grow trees from all of them, each of shape (c,) [rad, m]."""
-
-    def safe(self, before: FloatArray, after: FloatArray, depth: int | None = None) -> bool:
-        """Whether the straight motion between two configurations is proved free of contact."""
-
-    def smooth_path(self, keyframes: FloatArray) -> JointPath | None:
-        """The certified smooth path near keyframes, shape (K, c) [rad, m]; None where there is none."""
-
-
 class _InPlane:
     """A query in the plane, in units of the arm."""
 
@@ -276,6 +255,7 @@ class _InPlane:
         self._searched = _certificate(problem, ends, settings.searched_gap)
 
     def goals(self) -> Iterator[FloatArray]:
+        """Configurations at the goal, few enough to grow trees from all of them, each of shape (c,) [rad, m]."""
         arm, settings = self.problem.arm, self._settings
         if self._ends.goal_pose is not None:
             yield self._ends.goal_pose
@@ -370,6 +350,7 @@ class _InSpace:
         return None if self.joints.drawn(found) is None else found
 
     def goals(self) -> Iterator[FloatArray]:
+        """Configurations at the goal, few enough to grow trees from all of them, each of shape (c,) [rad, m]."""
         if self._given is not None:
             yield self._given
             return
@@ -387,11 +368,17 @@ class _InSpace:
                 return
 
     def safe(self, before: FloatArray, after: FloatArray, depth: int | None = None) -> bool:
+        """Whether the straight motion between two configurations is proved free of contact."""
         return self._searched.safe(before, after, depth=depth)
 
     def smooth_path(self, keyframes: FloatArray) -> JointPath | None:
+        """The certified smooth path near keyframes, shape (K, c) [rad, m]; None where there is none."""
         spline = path_near_configurations(keyframes, self._task)
         return None if spline is None else JointPath(spline, keyframes, (), NAME, spare=self._task.certificate.pair_gap)
+
+
+_Query: TypeAlias = _InPlane | _InSpace
+"""What OMPL is asked: from where, to where, what is safe, and how its way becomes a path."""
 
 
 def _information(base: Any, query: _Query) -> Any:
