@@ -1,6 +1,7 @@
 """The ends of a motion: what they are, and which are refused."""
 
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 import shapely
@@ -11,7 +12,6 @@ from ccm_opt.core.length_words import place, short_length
 from ccm_opt.core.polyline import unit_vector
 from ccm_opt.planning.goal import GoalPose
 from ccm_opt.planning.space_certificate import LinkMotion
-from ccm_opt.planning.space_task import SpaceTask
 from ccm_opt.problem import JointPose, Problem, TipGoal
 from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.bad_pose import refuse_bad_pose, room_advice
@@ -19,6 +19,9 @@ from ccm_opt.scene.contact_finder import WALL, ContactFinder
 from ccm_opt.scene.distances.enclosures import Enclosure, deepest_enclosure, ways_out
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from ccm_opt.scene.workspace import ROOM_NAME
+
+if TYPE_CHECKING:
+    from ccm_opt.planning.space_task import SpaceTask
 
 _STRAIGHTENING = 5e-4
 """Distance that the tip may move when what the mapping of a curve bends inside the guide tube is straightened [m].
@@ -223,7 +226,7 @@ def refuse_blocked_tip(problem: Problem, goal: TipGoal) -> None:
         raise UnreachableGoal(Diagnosis(reason, "goal", advice))
 
 
-def refuse_ends(problem: Problem, task: SpaceTask) -> None:
+def refuse_ends(problem: Problem, task: "SpaceTask") -> None:
     """Refuse a start, or a goal of the whole arm, in contact, and a goal that is out of reach.
 
     Raises:
@@ -243,7 +246,7 @@ def refuse_ends(problem: Problem, task: SpaceTask) -> None:
         refuse_goal(problem, task, task.goal)
 
 
-def refuse_goal(problem: Problem, task: SpaceTask, goal: GoalPose) -> None:
+def refuse_goal(problem: Problem, task: "SpaceTask", goal: GoalPose) -> None:
     """Refuse a goal for the tip that leaves it no room, or that is out of reach.
 
     Raises:
@@ -276,7 +279,7 @@ def refuse_goal(problem: Problem, task: SpaceTask, goal: GoalPose) -> None:
         raise UnreachableGoal(Diagnosis(reason, "necessary checks", ("move the goal nearer", "use a longer arm")))
 
 
-def _what_is_bad(problem: Problem, task: SpaceTask, q: FloatArray, motion: str) -> str:
+def _what_is_bad(problem: Problem, task: "SpaceTask", q: FloatArray, motion: str) -> str:
     """Whether an end is in contact or has no room for a motion, in words; empty where neither."""
     contact = contact_words(problem, task, q)
     if contact:
@@ -285,7 +288,7 @@ def _what_is_bad(problem: Problem, task: SpaceTask, q: FloatArray, motion: str) 
     return f"has no room: {near} for a motion {motion} that can be proved" if near else ""
 
 
-def contact_words(problem: Problem, task: SpaceTask, q: FloatArray) -> str:
+def contact_words(problem: Problem, task: "SpaceTask", q: FloatArray) -> str:
     """What a configuration touches and how deep it is inside of bodies, in words; empty where it is free."""
     contact = contact_of(task, q)
     joints = task.arm.joint_positions_at(q)
@@ -308,7 +311,7 @@ def _depth_words(found: Enclosure) -> str:
     return f"{short_length(found.depth)} {where}, at {place(found.place)}"
 
 
-def contact_of(task: SpaceTask, q: FloatArray, beyond: float = 0.0) -> str:
+def contact_of(task: "SpaceTask", q: FloatArray, beyond: float = 0.0) -> str:
     """What a configuration touches, or is nearer to than so much beyond contact [m], in words; empty where nothing."""
     arm = task.arm
     points = arm.joint_positions_at(q)
