@@ -69,10 +69,6 @@ class PoseSearchSettings:
     motion_share: float = 0.4
 
 
-DEFAULT_POSE_SEARCH = PoseSearchSettings()
-"""Used where no other settings are given."""
-
-
 @dataclass(frozen=True, eq=False)
 class PoseBeginning:
     """A pose at the goal that touches nothing much, or why there is none.
