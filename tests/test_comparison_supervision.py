@@ -146,7 +146,10 @@ def marked(mark: str) -> set[str]:
     found = set()
     for place in Path("/proc").glob("[0-9]*"):
         try:
-            if mark.encode() in (place / "environ").read_bytes() and b"run_process" in (place / "cmdline").read_bytes():
+            if (
+                mark.encode() in (place / "environ").read_bytes()
+                and b"answer_tasks" in (place / "cmdline").read_bytes()
+            ):
                 found.add(place.name)
         except OSError:
             continue

@@ -39,7 +39,7 @@ def test_what_held_the_best_attempt_is_told_and_drawn(left: float) -> None:
     task = replace(motion_task(problem), deadline=Deadline.after(left))
     bends = np.zeros(task.arm.links)
     bends[[2, 4]] = task.arm.bend_limits[[2, 4]] * [1.0, -1.0]
-    best = replace(failure("near", 0.1, "'door'"), pose=task.arm.headings(bends), bends=bends)
+    best = replace(failure("near", 0.1, "'door'"), pose=bends, bends=bends)
     cut = StrategyInVain("trees", 0, exhausted=left > 0.0)
     diagnosis = nothing_found(task, [best], (cut,)).diagnosis
     assert "joints 3, 5 bent to the limit of" in diagnosis.reason
@@ -47,7 +47,7 @@ def test_what_held_the_best_attempt_is_told_and_drawn(left: float) -> None:
     assert any("'door'" in line and "link 3" in line for line in diagnosis.advice)
     marks = drawn_findings(problem, diagnosis, PageUnits.of_page(problem))
     (arm,) = [mark["points"] for mark in marks if mark["kind"] == "arm"]
-    assert np.array(arm) == pytest.approx(problem.arm.joint_positions(best.pose), abs=1e-5)
+    assert np.array(arm) == pytest.approx(problem.arm.joint_positions_at(best.pose), abs=1e-5)
 
 
 def test_evidence_is_ranked_and_plain() -> None:

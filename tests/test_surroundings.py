@@ -32,14 +32,13 @@ from pathlib import Path
 from ccm_opt.cli.solving import failure_recorder
 from ccm_opt.cli.stage_clock import StageClock
 from ccm_opt.cli.written_plans import check_folders
-from ccm_opt.cli.stage_clock import WatchdogSettings, ended_when_silent
+from ccm_opt.cli.stage_clock import ended_when_silent
 from ccm_opt.io.reading import load_problem
 
 problem = load_problem({file!r})
-settings = WatchdogSettings(0.0, {grace})
 clock = StageClock()
 record = failure_recorder(problem, Path({out!r}), clock, pictures=False)
-with ended_when_silent(problem.name, problem.planner, lambda news: None, record, settings) as told:
+with ended_when_silent(problem.name, problem.planner, lambda news: None, record, {grace}) as told:
     for _ in range({times}):
         time.sleep(0.2)
         told("a stage")
@@ -258,7 +257,7 @@ HANGING = """
 import ctypes
 import time
 from pathlib import Path
-from ccm_opt.cli.stage_clock import WatchdogSettings, ended_when_silent
+from ccm_opt.cli.stage_clock import ended_when_silent
 from ccm_opt.io.reading import load_problem
 from ccm_opt.core.executors import LocalWorkers
 
@@ -274,7 +273,7 @@ if __name__ == "__main__":
         tasks = [executor.submit(work, name) for name in ("first", "second")]
         while not (Path("first").exists() and Path("second").exists()):
             time.sleep(0.05)
-        with ended_when_silent(problem.name, problem.planner, print, None, WatchdogSettings(0.0, 0.5)):
+        with ended_when_silent(problem.name, problem.planner, print, None, 0.5):
             tasks[0].result()
 """
 

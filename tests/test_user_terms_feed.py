@@ -6,7 +6,7 @@ import pytest
 from ccm_opt.driver.pipeline import solve
 from ccm_opt.ik.compiled_terms import compile_terms
 from ccm_opt.ik.terms import Constraint, Cost
-from ccm_opt.planning.fed_space import FedSpace
+from ccm_opt.planning.link_space import FedSpace
 from ccm_opt.problem import Problem, TipGoal
 
 from .feed_scenes import fed_arm, make_problem, make_room

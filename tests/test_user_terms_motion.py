@@ -18,7 +18,7 @@ from ccm_opt.planning.limits.user_limit import UserLimit
 from ccm_opt.planning.limits.user_motion_rows import UserCosts
 from ccm_opt.planning.link_space import LinkSpace
 from ccm_opt.planning.optimisation.objective import even_parameters
-from ccm_opt.planning.path_on_limits import KnotJoints, moved_onto
+from ccm_opt.planning.path_on_limits import moved_onto
 from ccm_opt.planning.swept_motion import PlanarSweep
 from ccm_opt.problem import Problem, TipGoal
 from ccm_opt.problem.solution import Check, JointPath, JointTrajectory, Solution
@@ -209,8 +209,7 @@ def test_points_are_moved_onto_equations_by_the_least_change() -> None:
     """The result lies on the equation, and its change is along the equation's slope."""
     terms = compile_terms(arm(), [Constraint("x", lambda q: q.tip[0], lower=0.5, upper=0.5)], [])
     q = arm().bends(np.linspace(0.3, 1.2, arm().links))
-    joints = KnotJoints(np.eye(len(q)), lambda q: q, arm().bend_limits, np.ones_like)
-    moved = moved_onto((UserLimit(terms),), joints, q, 0.0)
+    moved = moved_onto((UserLimit(terms),), arm().bend_limits, np.ones_like, q, 0.0)
     assert moved is not None
     assert arm().joint_positions_at(moved)[-1, 0] == pytest.approx(0.5, abs=1e-9)
     slope = terms.motion_rows.at(0.5 * (q + moved)).equation_slopes[0]

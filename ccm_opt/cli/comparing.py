@@ -26,16 +26,18 @@ from ccm_opt.cli.compare.comparison_files import (
     write_problems,
 )
 from ccm_opt.cli.compare.comparison_page import (
-    SHOWN,
-    ShownQuantity,
     comparison_page,
     percents,
     probability,
+    shown_effect,
+    shown_interval,
+    shown_title,
+    shown_value,
     success_words,
 )
 from ccm_opt.cli.compare.methods import DEFAULT, check_methods
 from ccm_opt.cli.compare.running import Comparison, Pair, compare, outdated
-from ccm_opt.cli.compare.runs import Run, open_journal
+from ccm_opt.cli.compare.runs import QUANTITIES, Run, open_journal
 from ccm_opt.cli.compare.suites import SHARED, Case, cases_of_files, cases_of_suite, distinct
 from ccm_opt.cli.outcome import BUG, SOLVED, complain, print_result, run_all, warn
 from ccm_opt.cli.output import output, outside_allowed
@@ -69,11 +71,11 @@ def print_comparison(comparison: Comparison, folder: Path) -> None:
 
 def runs_table(comparison: Comparison) -> Table:
     """One row a run."""
-    shown = [item for item in SHOWN if item.quantity.key in OF_A_RUN]
-    table = columned_table("runs", ["problem", "method", "outcome", *(item.title for item in shown)], unwrapped=3)
+    shown = [item for item in QUANTITIES if item.key in OF_A_RUN]
+    table = columned_table("runs", ["problem", "method", "outcome", *map(shown_title, shown)], unwrapped=3)
     for row in comparison.runs:
         for run in row:
-            values = [item.value(run.figure(item.quantity.key)) for item in shown]
+            values = [shown_value(item, run.figure(item.key)) for item in shown]
             table.add_row(escape(run.problem), escape(run.method), _outcome(run), *values)
     return table
 
@@ -86,8 +88,8 @@ def methods_table(comparison: Comparison) -> Table:
     table.add_row("solved", *(f"{number}, {percents(number / max(1, count))}" for number, _ in solved))
     table.add_row("95 %", *(f"{100 * one.low:.0f} to {percents(one.high)}" for _, one in solved))
     found = [medians(comparison.runs_of(name)) for name in comparison.methods]
-    for item in SHOWN:
-        table.add_row(escape(item.title), *(item.value(each[item.quantity.key]) for each in found))
+    for item in QUANTITIES:
+        table.add_row(escape(shown_title(item)), *(shown_value(item, each[item.key]) for each in found))
     return table
 
 
@@ -99,13 +101,13 @@ def print_pair(console: Console, pair: Pair) -> None:
     columns = (f"where both solve: {both}", pair.first, pair.second, "by pairs", "95 %", "better", "p")
     table = columned_table("", columns, unwrapped=1)
     for item in pair.figures:
-        shown = ShownQuantity.of(item.quantity)
+        title = shown_title(item.quantity)
         table.add_row(
-            escape(shown.title if item.pairs == both else f"{shown.title}, {item.pairs}"),
-            shown.value(item.first),
-            shown.value(item.second),
-            shown.effect(item),
-            shown.interval(item.interval),
+            escape(title if item.pairs == both else f"{title}, {item.pairs}"),
+            shown_value(item.quantity, item.first),
+            shown_value(item.quantity, item.second),
+            shown_effect(item.quantity, item.effect),
+            shown_interval(item.quantity, item.interval),
             percents(item.better),
             probability(item.p_value),
         )

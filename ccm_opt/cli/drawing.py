@@ -23,7 +23,6 @@ from ccm_opt.viz.saved_plans import drawn, load
 
 if TYPE_CHECKING:
     from ccm_opt.cli.view.app import ViewerApp
-    from ccm_opt.driver.live_plan import LivePlan
     from ccm_opt.viz.arm_drawing import DrawnPlan
     from ccm_opt.viz.page_sections import PlanPages
 
@@ -202,10 +201,11 @@ def _viewer_at(door: socket, item: Path, problem: Problem) -> "ViewerApp":
     """Plan a problem and show it on an open socket; of a folder, show the motion that is written there."""
     from ccm_opt.cli.view.app import ViewerApp  # noqa: PLC0415 - loads viser
     from ccm_opt.cli.view.frames import MotionFrames  # noqa: PLC0415
+    from ccm_opt.driver.live_plan import LivePlan  # noqa: PLC0415 - loads casadi
 
     with stage_display(problem.name) as clock:
         clock.begin("planning")
-        live = _live_plan(problem)
+        live = LivePlan(problem) if LivePlan.suits(problem) else None
         clock.finish()
     if item.is_dir():
         motion = load_motion(item, problem.arm)
@@ -218,14 +218,3 @@ def _viewer_at(door: socket, item: Path, problem: Problem) -> "ViewerApp":
         return ViewerApp(MotionFrames(problem, solution.trajectory, solution.joints), None, door, solution.checks)
     plan = live.plan
     return ViewerApp(MotionFrames(problem, plan.trajectory, plan.joints), live, door, plan.checks)
-
-
-def _live_plan(problem: Problem) -> "LivePlan | None":
-    """The plan that follows drags; None where the problem is none for it.
-
-    Raises:
-        NoPlanFound: the problem has no plan.
-    """
-    from ccm_opt.driver.live_plan import LivePlan  # noqa: PLC0415 - loads casadi
-
-    return LivePlan(problem) if LivePlan.suits(problem) else None

@@ -199,18 +199,15 @@ def _simulate(folder: Path, options: Mapping[str, Any], disturbances: Mapping[st
         put_file_or_refuse(folder / PICTURE, picture)
     code = code_of_simulation(problem.name, simulated.verdict)
     return print_result(
-        lambda: _print(problem, motion, simulated, figures), code, lambda: _simulated_data(problem, simulated, figures)
+        lambda: _print(problem, motion, simulated, figures),
+        code,
+        lambda: {
+            "name": problem.name,
+            "status": simulated.verdict.outcome,
+            "simulation": asdict(simulated.verdict),
+            "metrics": dict(figures),
+        },
     )
-
-
-def _simulated_data(problem: Problem, simulated: SimulatedMotion, figures: Mapping[str, float]) -> dict[str, object]:
-    """What the simulated arm did, for programs."""
-    return {
-        "name": problem.name,
-        "status": simulated.verdict.outcome,
-        "simulation": asdict(simulated.verdict),
-        "metrics": dict(figures),
-    }
 
 
 def _print(problem: Problem, motion: SavedMotion, simulated: SimulatedMotion, figures: Mapping[str, float]) -> None:
@@ -219,8 +216,9 @@ def _print(problem: Problem, motion: SavedMotion, simulated: SimulatedMotion, fi
     table.add_row("controller", problem.simulation.controller, "", f"step {problem.simulation.step:g} s")
     if problem.simulation.controller == "pd":
         table.add_row("gains", *_words_of_gains(problem))
-    for name, value in _disturbed(problem).items():
-        table.add_row(name.replace("_", " "), f"{value:.4g}", "", "unknown to the controller")
+    for name, value in vars(problem.simulation.disturbances).items():
+        if value and name != "seed":
+            table.add_row(name.replace("_", " "), f"{float(value):.4g}", "", "unknown to the controller")
     for name, value in figures.items():
         words, _, unit = name.rpartition("_")
         limit = f"≥ {units.given(problem.workspace.clearance, 'm')}" if "wall" in name else ""
@@ -246,11 +244,6 @@ def _words_of_gains(problem: Problem) -> tuple[str, str, str]:
     most = f"{stiffness.max():.4g}"
     value = f"{most} N m/rad" if least == most else f"{least} to {most} N m/rad"
     return value, "", "as given" if given else f"suit the arm at {options.bandwidth:g} 1/s"
-
-
-def _disturbed(problem: Problem) -> dict[str, float]:
-    values = vars(problem.simulation.disturbances)
-    return {name: float(value) for name, value in values.items() if value and name != "seed"}
 
 
 def tolerance_of_folders(folders: Sequence[Path], *, simulated: bool, pictures: bool) -> int:

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import TypedDict
+from typing import Any
 
 import numpy as np
 import shapely
@@ -249,13 +249,6 @@ class NamedProblems:
         return problem
 
 
-class UserArguments(TypedDict, total=False):
-    """Arguments of ``solve`` and its like."""
-
-    constraints: Sequence[Constraint]
-    costs: Sequence[Cost]
-
-
 @dataclass(frozen=True)
 class TermReferences:
     """User constraints and costs named on the command line.
@@ -268,7 +261,7 @@ class TermReferences:
     constraints: tuple[str, ...] = ()
     costs: tuple[str, ...] = ()
 
-    def loaded(self) -> UserArguments:
+    def loaded(self) -> dict[str, Any]:
         """The constraints and the costs as arguments of ``solve`` and its like; nothing where none are named.
 
         Raises:

@@ -14,7 +14,6 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
 from multiprocessing import Pipe
 from typing import TYPE_CHECKING, NoReturn
 
@@ -39,18 +38,10 @@ LINE_EVERY = 3.0
 """Wall time between two such lines [s]. Taste."""
 
 
-@dataclass(frozen=True)
-class _Moment:
-    """Both clocks at one moment [s]; CPU time counts finished child processes too."""
-
-    wall: float
-    cpu: float
-
-    @classmethod
-    def present(cls) -> "_Moment":
-        times = os.times()
-        children = times.children_user + times.children_system
-        return cls(time.perf_counter(), time.process_time() + children)
+def _moment() -> tuple[float, float]:
+    """Wall time and CPU time now [s]; CPU time counts finished child processes too."""
+    times = os.times()
+    return time.perf_counter(), time.process_time() + times.children_user + times.children_system
 
 
 class StageClock:
@@ -69,7 +60,7 @@ class StageClock:
         self.cpu: dict[str, float] = {}
         self.known: Diagnosis | None = None
         self._show = show
-        self._since = _Moment.present()
+        self._since = _moment()
 
     def begin(self, stage: str) -> None:
         """End the present stage and start the next."""
@@ -89,10 +80,10 @@ class StageClock:
 
     def finish(self) -> None:
         """End the present stage."""
-        now = _Moment.present()
+        now = _moment()
         if self.current:
-            self.wall[self.current] = self.wall.get(self.current, 0.0) + now.wall - self._since.wall
-            self.cpu[self.current] = self.cpu.get(self.current, 0.0) + now.cpu - self._since.cpu
+            for spent, end, begin in zip((self.wall, self.cpu), now, self._since, strict=True):
+                spent[self.current] = spent.get(self.current, 0.0) + end - begin
         self.current = ""
         self._since = now
 
@@ -101,7 +92,7 @@ class StageClock:
         """CPU time of the stages so far, the present one included [s]."""
         if not self.current:
             return dict(self.cpu)
-        return {**self.cpu, self.current: _Moment.present().cpu - self._since.cpu}
+        return {**self.cpu, self.current: _moment()[1] - self._since[1]}
 
 
 @contextmanager
@@ -118,29 +109,27 @@ def stage_display(title: str) -> Iterator[StageClock]:
     if output().quiet:
         yield StageClock()
     elif output().verbose or not console.is_terminal:
-        yield StageClock(_PlainLines(title, everything=output().verbose))
+        yield StageClock(_plain_lines(title, everything=output().verbose))
     else:
         with console.status(escape(title), refresh_per_second=STATUS_REFRESHES) as status:
             yield StageClock(lambda progress: status.update(escape(f"{title}: {progress}")))
 
 
-class _PlainLines:
-    """Prints how far the work has come, line by line, not more often than people read it."""
+def _plain_lines(title: str, *, everything: bool) -> Callable[[Progress], None]:
+    """What prints how far the work has come, line by line, not more often than people read it."""
+    due = time.monotonic() + FIRST_LINE_AFTER
+    stage = ""
 
-    def __init__(self, title: str, *, everything: bool) -> None:
-        self._title = title
-        self._everything = everything
-        self._next = time.monotonic() + FIRST_LINE_AFTER
-        self._stage = ""
-
-    def __call__(self, progress: Progress) -> None:
-        new_stage = progress.stage != self._stage
-        self._stage = progress.stage
-        if (self._everything and new_stage) or time.monotonic() >= self._next:
-            self._next = time.monotonic() + LINE_EVERY
+    def told(progress: Progress) -> None:
+        nonlocal due, stage
+        new_stage, stage = progress.stage != stage, progress.stage
+        if (everything and new_stage) or time.monotonic() >= due:
+            due = time.monotonic() + LINE_EVERY
             with suppress(OSError):  # nobody reads it, which is no reason to stop
-                sys.stderr.write(f"{self._title}: {progress}\n")
+                sys.stderr.write(f"{title}: {progress}\n")
                 sys.stderr.flush()
+
+    return told
 
 
 Recorder = Callable[[str, Diagnosis], None]
@@ -149,23 +138,13 @@ ENDING = signal.SIGQUIT if hasattr(signal, "SIGQUIT") else signal.SIGTERM
 """Ends planning while the guard stands. Its number is the exit code of a problem without a plan."""
 
 
-@dataclass(frozen=True)
-class WatchdogSettings:
-    """How long planning may tell nothing before it is ended from outside.
-
-    Attributes:
-        limits: times the time limit. Derived: planning ends after three times as much wall time by itself.
-        grace: further time [s]. Taste: far longer than any stage that no time limit ends has taken.
-        patience: time within which a process that was told to end ends, before it is killed [s]. Taste.
-    """
-
-    limits: float = 3.0
-    grace: float = 60.0
-    patience: float = 2.0
-
-
-WATCHDOG = WatchdogSettings()
-"""What every command that plans goes by."""
+SILENT_LIMITS = 3.0
+"""How often the time limit, and ``GRACE`` beside, planning may tell nothing before it is ended from outside. Derived:
+planning ends after three times as much wall time by itself."""
+GRACE = 60.0
+"""[s]. Taste: far longer than any stage that no time limit ends has taken."""
+PATIENCE = 2.0
+"""Time within which a process that was told to end ends, before it is killed [s]. Taste."""
 
 
 @contextmanager
@@ -174,7 +153,7 @@ def ended_when_silent(
     planner: PlannerOptions,
     progress: Callable[..., None],
     record: Recorder | None = None,
-    settings: WatchdogSettings = WATCHDOG,
+    silence: float | None = None,
 ) -> Iterator[Callable[..., None]]:
     """Work inside it; the process is ended when it has told nothing for too long.
 
@@ -183,7 +162,7 @@ def ended_when_silent(
         planner: whose time limit counts.
         progress: told of the progress, too.
         record: leaves the record of why there is no result, if one is to be left.
-        settings: how long the silence may last.
+        silence: how long nothing may be told [s]; None for what suits the time limit.
 
     Yields:
         What is to be told how far the work has come.
@@ -191,13 +170,13 @@ def ended_when_silent(
     if not hasattr(os, "fork"):  # not on every system
         yield progress
         return
-    silence = settings.limits * planner.time_limit + settings.grace
+    longest = SILENT_LIMITS * planner.time_limit + GRACE if silence is None else silence
     hears, tells = Pipe(duplex=False)
     command = os.getpid()
     listener = os.fork()
     if listener == 0:
         tells.close()
-        _listen(command, hears, silence, name, record, settings)
+        _listen(command, hears, longest, name, record)
     hears.close()
 
     def told(*news: object) -> None:
@@ -246,7 +225,6 @@ def _listen(
     silence: float,
     name: str,
     record: Recorder | None,
-    settings: WatchdogSettings,
 ) -> NoReturn:
     """The process that listens; it never returns."""
     known: Diagnosis | None = None
@@ -258,7 +236,7 @@ def _listen(
         with suppress(EOFError):
             while hears.poll(silence):
                 known = hears.recv() or known
-            _end(command, name, silence, record, known, settings)
+            _end(command, name, silence, record, known)
     finally:
         os._exit(0)
 
@@ -269,7 +247,6 @@ def _end(
     silence: float,
     record: Recorder | None,
     known: Diagnosis | None,
-    settings: WatchdogSettings,
 ) -> None:
     """Say why, leave the record, and end the command, which is the last that anybody waits for.
 
@@ -292,13 +269,13 @@ def _end(
         for ending in (ENDING, signal.SIGKILL):
             with suppress(ProcessLookupError):
                 os.kill(command, ending)
-            if _has_ended(command, settings.patience):
+            if _has_ended(command):
                 break
 
 
-def _has_ended(command: int, patience: float) -> bool:
-    """Whether a process, whose child this is, has ended within a time [s]."""
-    until = time.monotonic() + patience
+def _has_ended(command: int) -> bool:
+    """Whether a process, whose child this is, has ended within the time for that."""
+    until = time.monotonic() + PATIENCE
     while os.getppid() == command:
         if time.monotonic() > until:
             return False

@@ -93,19 +93,12 @@ def checks_table(title: str, checks: Sequence[CheckWords]) -> Table:
     for check in checks:
         title = escape(check.title) if check.passed else f"[red]{escape(check.title)}: fails[/red]"
         used = "" if check.used is None else f"{100.0 * check.used:.0f} %"
-        table.add_row(title, escape(check.worst), escape(_signed(check.limit)), used, escape(_place(check)))
+        # A limit in as few letters as a table has room for.
+        limit = check.limit.replace("at least ", "≥ ").replace("at most ", "≤ ").replace("no contact", "≥ 0")
+        when = "" if check.time is None else f"{check.time:.2f} s"
+        where = ", ".join(part for part in (check.where, when) if part)
+        table.add_row(title, escape(check.worst), escape(limit), used, escape(where))
     return table
-
-
-def _signed(limit: str) -> str:
-    """A limit in as few letters as a table has room for."""
-    return limit.replace("at least ", "≥ ").replace("at most ", "≤ ").replace("no contact", "≥ 0")
-
-
-def _place(check: CheckWords) -> str:
-    """Where and when the worst value is met."""
-    when = "" if check.time is None else f"{check.time:.2f} s"
-    return ", ".join(part for part in (check.where, when) if part)
 
 
 def columned_table(title: str, columns: Sequence[str], *, unwrapped: int | None = None) -> Table:

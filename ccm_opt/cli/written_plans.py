@@ -68,9 +68,15 @@ def _check(folder: Path, constraints: tuple[str, ...]) -> int:
     verdict = "every check holds" if passed else "refused"
     # The room of a motion that is refused is in the checks that refuse it.
     room = room if passed else None
-    unchecked = _unchecked(recorded.constraints, of_terms)
+    # A folder holds the names of constraints, and not what they ask for.
+    now = {check.name.partition("constraint ")[2] for check in of_terms}
+    unchecked = [name for name in recorded.constraints if name not in now]
     if unchecked:
-        _warn_of_unchecked(problem.name, unchecked)
+        one = len(unchecked) == 1
+        warn(
+            f"{problem.name}: {len(unchecked)} constraint{' was' if one else 's were'} not checked: "
+            f"{', '.join(map(repr, unchecked))}; give {'it' if one else 'them'} with --constraint"
+        )
 
     def show() -> None:
         console = report_console()
@@ -87,7 +93,7 @@ def _check(folder: Path, constraints: tuple[str, ...]) -> int:
             "name": problem.name,
             "status": verdict,
             "checks": [{name: value for name, value in asdict(check).items() if name != "place"} for check in checks],
-            "unchecked_constraints": list(unchecked),
+            "unchecked_constraints": unchecked,
             "not_checked": list(left_out),
             "room": None if room is None else room_data(room),
         }
@@ -138,25 +144,9 @@ def _checks_of_constraints(problem: Problem, motion: SavedMotion, references: tu
             stops=(),
         )
         ending = f", goal {leg}" if len(ends) > 2 else ""
-        checks = checks_without_path(terms, problem.arm, trajectory, motion.keyframes)
+        checks = checks_without_path(terms, trajectory, motion.keyframes)
         found += [replace(check, name=f"{check.name}{ending}") for check in checks]
     return tuple(found)
-
-
-def _unchecked(recorded: Sequence[str], checked: Sequence[Check]) -> tuple[str, ...]:
-    """Names of the constraints that the plan was made to keep and that were not checked now."""
-    names = {check.name.partition("constraint ")[2] for check in checked}
-    return tuple(name for name in recorded if name not in names)
-
-
-def _warn_of_unchecked(problem: str, names: Sequence[str]) -> None:
-    """Say which constraints were left out, since a folder holds their names and not what they ask for."""
-    one = len(names) == 1
-    listed = ", ".join(f"'{name}'" for name in names)
-    warn(
-        f"{problem}: {len(names)} constraint{' was' if one else 's were'} not checked: {listed}; "
-        f"give {'it' if one else 'them'} with --constraint"
-    )
 
 
 BINARY = ("npz", "glb")

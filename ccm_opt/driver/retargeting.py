@@ -205,7 +205,7 @@ def _onward(problem: Problem, under_way: _UnderWay, changed: _ChangedGoal) -> So
     with under_way.stages("verification"):
         checks = verified(whole, trajectory, joints, numbers.verification)
         terms = compiled_terms(arm, changed.constraints, changed.costs)
-        of_terms = results_of_terms(terms, arm, leg.path, leg.trajectory)
+        of_terms = results_of_terms(terms, leg.path, leg.trajectory)
     plan = VerifiedPlan(under_way.path(leg.path), trajectory, joints, checks, of_terms)
     under_way.count(leg.timings)
     return described(whole, plan, under_way.stages, numbers)

@@ -55,9 +55,7 @@ def timed_and_verified(
     with stages("verification"):
         checks = verified(problem, trajectory, joints, settings.verification)
         # A leg's constraints hold for the leg by itself: its path parameter runs from 0 to 1.
-        found = [
-            results_of_terms(terms, leg.problem.arm, leg.path, motion) for leg, motion in zip(legs, timed, strict=True)
-        ]
+        found = [results_of_terms(terms, leg.path, motion) for leg, motion in zip(legs, timed, strict=True)]
         of_terms = worst_of_legs(found) if len(found) > 1 else found[0]
         if broken := failed_checks(of_terms.checks):
             raise MotionNotFound(_not_kept(broken))
@@ -107,7 +105,7 @@ def _timed(
         if problem.planner.retiming == "toppra":
             return trajectory
         checks = verify(problem, trajectory, joint_states(problem.arm, trajectory, dynamics), settings.verification)
-        of_terms = results_of_terms(terms, problem.arm, leg.path, trajectory)
+        of_terms = results_of_terms(terms, leg.path, trajectory)
         failures = failed_checks((*checks, *of_terms.checks))
         if not failures:
             return trajectory

@@ -10,7 +10,6 @@ from ccm_opt.core.errors import VerificationError
 from ccm_opt.core.length_words import file_length
 from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import Check, JointPath, JointStates, JointTrajectory, TryRecord
-from ccm_opt.robot.arm import Arm
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
 from ccm_opt.verification.verifier import verify
 
@@ -54,7 +53,6 @@ class VerifiedPlan:
 
 def results_of_terms(
     terms: "UserTerms | None",
-    arm: Arm,
     path: JointPath,
     trajectory: JointTrajectory,
 ) -> TermResults:
@@ -63,7 +61,7 @@ def results_of_terms(
         return TermResults()
     from ccm_opt.ik import term_checks  # noqa: PLC0415 - most problems have no constraints of the user
 
-    return TermResults(*term_checks.results_of_terms(terms, arm, path, trajectory))
+    return TermResults(*term_checks.results_of_terms(terms, path, trajectory))
 
 
 def worst_of_legs(legs: Sequence[TermResults]) -> TermResults:

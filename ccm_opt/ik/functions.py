@@ -50,19 +50,14 @@ class CompiledConstraint:
             q: configurations, shape (N, c) [rad, m].
             u: path parameter, shape (N,).
         """
-        return np.maximum(self.excesses(q, u), 0.0)
+        return np.maximum(self.beyond_bounds(evaluated(self.function, self.quantities, q, u)), 0.0)
 
-    def excesses(self, q: FloatArray, u: FloatArray) -> FloatArray:
-        """The same with its sign: below zero there is so much to spare; arguments as for ``residuals``."""
-        return self.beyond_bounds(evaluated(self.function, self.quantities, q, u))
-
-    def violations(self, values: FloatArray) -> FloatArray:
-        """As ``residuals`` for values of the expression, shape (N, m)."""
-        beyond: FloatArray = np.maximum(self.beyond_bounds(values), 0.0)
-        return beyond
+    def excesses(self, states: "MotionStates") -> FloatArray:
+        """By how much the worst entry passes its bounds, shape (N,); negative where all hold, NaN where not finite."""
+        return self.beyond_bounds(evaluated(self.function, self.quantities, states.q, states.u))
 
     def beyond_bounds(self, values: FloatArray) -> FloatArray:
-        """As ``excesses`` for values of the expression, shape (N, m)."""
+        """The same for values of the expression, shape (N, m)."""
         # NaN would win or lose any comparison unnoticed, so it is set aside and put back at the end.
         finite = np.all(np.isfinite(values), axis=1)
         values = np.where(finite[:, None], values, 0.0)
@@ -169,7 +164,7 @@ class TimedConstraint:
 
     def __post_init__(self) -> None:
         # Refused rather than ignored in silence: planners know nothing of speeds.
-        constraint = self.compiled.constraint
+        constraint = self.constraint
         if constraint.soft:
             raise ProblemError(
                 f"constraint '{constraint.name}': a soft constraint shapes the path, which has no speed yet; limit "
@@ -181,10 +176,15 @@ class TimedConstraint:
             )
 
     @property
+    def constraint(self) -> Constraint:
+        """What the user wrote."""
+        return self.compiled.constraint
+
+    @property
     def parametric(self) -> bool:
         """Whether it depends on the path parameter, by its expression or by where it applies."""
         of_path = ca.depends_on(self.compiled.expression, self.compiled.quantities.path_parameter)
-        return isinstance(self.compiled.constraint.where, Interval) or bool(of_path)
+        return isinstance(self.constraint.where, Interval) or bool(of_path)
 
     @cached_property
     def _function(self) -> Any:

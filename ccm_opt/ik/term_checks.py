@@ -12,7 +12,6 @@ from ccm_opt.ik.compiled_terms import UserTerms
 from ccm_opt.ik.functions import CompiledConstraint, MotionStates, TimedConstraint
 from ccm_opt.ik.terms import TERM_TOLERANCE, Where, applies_at
 from ccm_opt.problem.solution import Check, JointPath, JointTrajectory
-from ccm_opt.robot.arm import Arm
 
 _RATE = 1000.0
 """Samples a second between the written ones at which the motion is checked [Hz]. Taste: documented to users."""
@@ -32,11 +31,10 @@ def nearest_path_parameters(path: JointPath, poses: FloatArray) -> FloatArray:
 
     Args:
         path: spline of the coordinates over u in [0, 1].
-        poses: along the path, shape (N, k): the first k coordinates of the path, all or its bends alone.
+        poses: configurations along the path, shape (N, c) [rad, m].
     """
-    width = poses.shape[1]
     places = _places(path, _PLACES_PER_KNOT)
-    points = path.spline(places)[:, :width]
+    points = path.spline(places)
     sizes = np.sum(points**2, axis=1)
 
     u = np.empty(len(poses))
@@ -65,11 +63,10 @@ def _places(path: JointPath, per_knot: int) -> FloatArray:
 
 def _refined(path: JointPath, poses: FloatArray, u: FloatArray) -> FloatArray:
     """Newton's method (Gauss–Newton) on the squared distance of every pose to the path."""
-    width = poses.shape[1]
     least_slope = 1e-12  # at a stop the path does not move, and any parameter is as good
     for _ in range(_NEWTON_STEPS):
-        error = poses - path.spline(u)[:, :width]
-        slope = path.spline(u, 1)[:, :width]
+        error = poses - path.spline(u)
+        slope = path.spline(u, 1)
         # Δu = (e · q') / |q'|², the error's component along the path.
         along = np.einsum("ij,ij->i", error, slope) / np.maximum(np.sum(slope**2, axis=1), least_slope)
         u = np.clip(u + along, 0.0, 1.0)
@@ -94,7 +91,6 @@ class CheckedPoses(MotionStates):
 
 def results_of_terms(
     terms: UserTerms,
-    arm: Arm,
     path: JointPath,
     trajectory: JointTrajectory,
 ) -> tuple[tuple[Check, ...], Mapping[str, float]]:
@@ -102,7 +98,6 @@ def results_of_terms(
 
     Args:
         terms: constraints and costs.
-        arm: the arm.
         path: gives the path parameter, and the keyframes.
         trajectory: the timed motion.
 
@@ -111,14 +106,13 @@ def results_of_terms(
         every constraint with the mean value of every cost.
     """
     # Poses are shared by all terms, since finding their path parameters is what takes time.
-    every = poses_at_rate(terms, arm, path, trajectory)
-    keyframes = poses_at_keyframes(path.keyframes, _path_parameters(arm, path, path.keyframes))
+    every = poses_at_rate(terms, path, trajectory)
+    keyframes = poses_at_keyframes(path.keyframes, nearest_path_parameters(path, path.keyframes))
     return _checks(terms, every, keyframes), _figures(terms, every)
 
 
 def checks_without_path(
     terms: UserTerms,
-    arm: Arm,
     trajectory: JointTrajectory,
     keyframes: FloatArray,
 ) -> tuple[Check, ...]:
@@ -126,7 +120,6 @@ def checks_without_path(
 
     Args:
         terms: constraints and costs.
-        arm: the arm.
         trajectory: the timed motion.
         keyframes: of the planner, shape (K, coordinates).
 
@@ -138,29 +131,25 @@ def checks_without_path(
             "a constraint or cost depends on q.path_parameter, which is not in the folder of a plan; "
             "it can be checked only by solving again"
         )
-    every = poses_at_rate(terms, arm, None, trajectory)
+    every = poses_at_rate(terms, None, trajectory)
     even = np.linspace(0.0, 1.0, len(keyframes))
     return _checks(terms, every, poses_at_keyframes(keyframes, even))
 
 
 def _checks(terms: UserTerms, every: CheckedPoses, keyframes: CheckedPoses) -> tuple[Check, ...]:
-    checks = []
-    for compiled in terms.constraints:
-        poses = keyframes if compiled.constraint.where == "keyframes" else every
-        checks.append(_check(compiled, poses))
-    checks += [_check_in_time(timed, every) for timed in terms.timed]
-    return tuple(checks)
+    return tuple(
+        _check(each, keyframes if each.constraint.where == "keyframes" else every)
+        for each in (*terms.constraints, *terms.timed)
+    )
 
 
 def _figures(terms: UserTerms, every: CheckedPoses) -> Mapping[str, float]:
     """Worst residual of every constraint and mean value of every cost, by name."""
     figures = {}
-    for constraint in terms.constraints:
-        excess, _ = _worst(constraint, every)
-        figures[f"residual_{_key(constraint.constraint.name)}"] = _missed(excess)
-    for timed in terms.timed:
-        excess, _ = _worst_in_time(timed, every)
-        figures[f"residual_{_key(timed.compiled.constraint.name)}"] = _missed(excess)
+    for each in (*terms.constraints, *terms.timed):
+        excess, _ = _worst(each, every)
+        # What is no number stays none.
+        figures[f"residual_{_key(each.constraint.name)}"] = max(0.0, excess)
     for cost in terms.costs:
         poses = every.where(cost.cost.where)
         figures[f"cost_{_key(cost.cost.name)}"] = float(np.mean(cost.values(poses.q, poses.u)))
@@ -169,7 +158,6 @@ def _figures(terms: UserTerms, every: CheckedPoses) -> Mapping[str, float]:
 
 def poses_at_rate(
     terms: UserTerms,
-    arm: Arm,
     path: JointPath | None,
     trajectory: JointTrajectory,
 ) -> CheckedPoses:
@@ -183,21 +171,13 @@ def poses_at_rate(
     # Path parameters cost a search along the path, so they are found only where a term depends on them.
     u = np.linspace(0.0, 1.0, len(time))
     if path is not None and _parametric(terms):
-        u = _path_parameters(arm, path, positions)
+        u = nearest_path_parameters(path, positions)
     return CheckedPoses(positions, u, rates, time)
 
 
 def _parametric(terms: UserTerms) -> bool:
     """Whether any of the terms depends on the path parameter."""
     return terms.parametric or any(timed.parametric for timed in terms.timed)
-
-
-def _path_parameters(arm: Arm, path: JointPath, positions: FloatArray) -> FloatArray:
-    """Path parameters of coordinates along a path, shape (N,)."""
-    if arm.dimension == 3:
-        # An arm that is fed straight tells how far it is by its feed alone.
-        return nearest_path_parameters(path, positions)
-    return nearest_path_parameters(path, positions[:, arm.coordinates.bends])
 
 
 def poses_at_keyframes(keyframes: FloatArray, u: FloatArray) -> CheckedPoses:
@@ -226,21 +206,9 @@ def _hermite(time: FloatArray, x: FloatArray, v: FloatArray, a: FloatArray) -> B
     return BPoly(np.stack((*rising, *falling)), time)
 
 
-def _check_in_time(timed: TimedConstraint, poses: CheckedPoses) -> Check:
-    worst, where = _worst_in_time(timed, poses)
-    name = f"constraint {timed.compiled.constraint.name}"
-    return Check(name, worst, TERM_TOLERANCE, "", where, passed=bool(worst <= TERM_TOLERANCE))
-
-
-def _worst_in_time(timed: TimedConstraint, poses: CheckedPoses) -> tuple[float, str]:
-    """As ``_worst`` for a constraint on speeds."""
-    chosen = poses.where(timed.compiled.constraint.where)
-    return _largest(timed.excesses(chosen), chosen) if len(chosen.u) else (0.0, "at no sample")
-
-
-def _check(compiled: CompiledConstraint, poses: CheckedPoses) -> Check:
-    worst, where = _worst(compiled, poses)
-    constraint = compiled.constraint
+def _check(item: CompiledConstraint | TimedConstraint, poses: CheckedPoses) -> Check:
+    worst, where = _worst(item, poses)
+    constraint = item.constraint
     if constraint.soft:
         return Check(f"soft constraint {constraint.name}", worst, np.inf, "", where, passed=True)
     # A residual that is not a number fails, because NaN is not less than anything.
@@ -249,29 +217,20 @@ def _check(compiled: CompiledConstraint, poses: CheckedPoses) -> Check:
     )
 
 
-def _worst(compiled: CompiledConstraint, poses: CheckedPoses) -> tuple[float, str]:
+def _worst(item: CompiledConstraint | TimedConstraint, poses: CheckedPoses) -> tuple[float, str]:
     """By how much the bounds are passed at worst where the constraint applies, and the place of that in words.
 
-    Negative where they are kept, with so much to spare; NaN when a value is not finite.
+    Negative where they are kept, with so much to spare; NaN, before all others, when a value is not finite.
     """
-    chosen = poses.where(compiled.constraint.where)
+    chosen = poses.where(item.constraint.where)
     if not len(chosen.u):
         return 0.0, "at no sample"
-    return _largest(compiled.excesses(chosen.q, chosen.u), chosen)
-
-
-def _largest(excesses: FloatArray, chosen: CheckedPoses) -> tuple[float, str]:
-    """The largest excess, NaN before all others, and its place in words."""
+    excesses = item.excesses(chosen)
     k = int(np.argmax(np.where(np.isnan(excesses), np.inf, excesses)))
     where = f"u = {chosen.u[k]:.4f}"
     if np.isfinite(chosen.time[k]):
         where += f", t = {chosen.time[k]:.4f} s"
     return float(excesses[k]), where
-
-
-def _missed(excess: float) -> float:
-    """By how much a constraint is missed; NaN stays."""
-    return max(0.0, excess)
 
 
 def _key(name: str) -> str:

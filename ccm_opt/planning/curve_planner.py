@@ -21,13 +21,12 @@ from ccm_opt.planning.continuation import Stalled, settle
 from ccm_opt.planning.curve_routes import find_guesses, find_routes, further_guesses, route_room, tip_paths_along
 from ccm_opt.planning.ending import optimised_to_end_pose
 from ccm_opt.planning.ends import Ends, clamped_arm, resolve_ends
-from ccm_opt.planning.fed_space import FedSpace
 from ccm_opt.planning.goal_pose import EndPoses
 from ccm_opt.planning.leader import travel_between_samples
 from ccm_opt.planning.led_strategies import fed_strategies
 from ccm_opt.planning.limits.guide_tube import GuideTubeLimit
 from ccm_opt.planning.limits.user_limit import UserLimit
-from ccm_opt.planning.link_space import LinkSpace
+from ccm_opt.planning.link_space import FedSpace, LinkSpace
 from ccm_opt.planning.motion import Motion
 from ccm_opt.planning.motion_task import CachedItems, MotionTask
 from ccm_opt.planning.neighbourhood import neighbourhood

@@ -141,17 +141,13 @@ def _lifted_space(motion: Motion, task: MotionTask) -> LinkSpace:
         columns[:, k] = (behind - before) / change[k]
         return _space_of(arm, columns, before - first[k] * columns[:, k])
 
-    at_start = start - matrix @ first[:p]  # the offset that the first keyframe needs
-    if len(first) > p and first[-1] == 0.0:
-        # Blended to an end that the planner chose for the coarse arm: its column is taken over, the start stays exact.
-        extra = _resampled_columns(motion.curve.turns[:, p:], arm.links)
-        return _space_of(arm, np.column_stack((matrix, extra)), at_start - extra @ first[p:])
-
-    if len(first) > p:
+    if len(first) > p and first[-1] != 0.0:
         offset = _resampled(motion.curve.arm.headings(motion.curve.offset), arm.links)
-        return _space_of(arm, np.column_stack((matrix, at_start - offset)), offset)
-
-    return _space_of(arm, matrix, at_start)
+        return _space_of(arm, np.column_stack((matrix, start - matrix @ first[:p] - offset)), offset)
+    # Blended to an end that the planner chose for the coarse arm, if at all: its column is taken over, the start stays
+    # exact.
+    columns = np.column_stack((matrix, _resampled_columns(motion.curve.turns[:, p:], arm.links)))
+    return _space_of(arm, columns, start - columns @ first)
 
 
 def _space_of(arm: Arm, turns: FloatArray, offset: FloatArray) -> LinkSpace:

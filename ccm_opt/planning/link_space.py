@@ -5,6 +5,10 @@ v = [θ(0), C_0, …, C_20]: 22 numbers at any number of links. θ(s) is linear 
 ∂θ/∂v, A v is the mean heading of the curve on each link, and the bend of joint j is (A_j − A_{j−1}) v: the rows of B.
 The offset q₀ = q_start − B v_start keeps the start exact whatever mapping made it. A whole-arm goal adds one more
 coordinate that blends the goal's offset in.
+
+A curve of few coordinates cannot be straight up to a hole and bend behind it, wherever the hole is along the arm; so of
+an arm on a feed axis every bend is a coordinate of its own, v = [bends, feed in link lengths]. What the guide tube
+holds straight is a limit, as walls are (``limits.guide_tube``).
 """
 
 from dataclasses import dataclass, replace
@@ -178,52 +182,63 @@ class LinkSpace(CurveUnknowns):
         """Inverse of the metric, shape (p, p)."""
         return np.asarray(np.linalg.inv(self._metric), dtype=np.float64)
 
-    def sag(self, turns: FloatArray) -> FloatArray:
-        """How far a joint may leave its chord while links turn evenly: ⅛ Σ_{i<j} l Δφ_i² of joint j [m].
 
-        Args:
-            turns: Δφ of the links, shape (..., links) [rad].
+@dataclass(frozen=True, eq=False)
+class FedSpace(LinkSpace):
+    """The space of all configurations of an arm, in its bends and the base's way in link lengths.
 
-        Returns:
-            Of every joint and the tip, shape (..., links + 1).
-        """
-        squares = self.arm.link_length * turns**2 / 8.0
-        return np.concatenate((np.zeros((*squares.shape[:-1], 1)), np.cumsum(squares, axis=-1)), axis=-1)
+    Attributes:
+        turn_per_link: turn of a joint that counts as much as a link length of the base's way [rad]: what a joint turns
+            in the time that the base needs for it.
+    """
 
-    def sag_slopes(self, turns: FloatArray) -> FloatArray:
-        """Derivative of the sag by the change of v over the turn, shape (..., links + 1, p) [m per unit]."""
-        # d(⅛ l Δφ²) = ¼ l Δφ dΔφ, and dΔφ = A dΔv.
-        links = self.arm.links
-        steps = (0.25 * self.arm.link_length * turns)[..., None] * self.turns[:links]
-        slopes = np.zeros((*turns.shape[:-1], links + 1, self.dimension))
-        np.cumsum(steps, axis=-2, out=slopes[..., 1:, :])
-        return slopes
+    turn_per_link: float = 1.0
 
-    def position_curvature(self, headings: FloatArray, forces: FloatArray) -> FloatArray:
-        """Second derivatives of −Σ f_j · x_j by the link headings, in which they are diagonal, shape (..., links).
+    @classmethod
+    def of_arm(cls, arm: Arm, turn_per_link: float = 1.0) -> "FedSpace":
+        """The space of an arm with axes that carry its base."""
+        slopes = np.diag(np.concatenate((np.ones(arm.links), np.full(len(arm.base_axes), arm.link_length))))
+        return cls(arm, slopes, np.zeros(len(slopes)), turn_per_link=turn_per_link)
 
-        Args:
-            headings: shape (..., links) [rad].
-            forces: f on the joint at the base of each link, shape (..., ≥ links, 2); one on the tip balances them.
-        """
-        l = self.arm.link_length
-        links = self.arm.links
-        # ∂²x_j/∂φ_i² = −l (cos φ_i, sin φ_i) for every joint j beyond link i; mixed derivatives vanish, since every
-        # link adds a term of its own heading alone. The forces sum to 0: those beyond link i are minus those up to it.
-        carried = np.cumsum(forces[..., :links, :], axis=-2)
-        curvature: FloatArray = -l * (np.cos(headings) * carried[..., 0] + np.sin(headings) * carried[..., 1])
-        return curvature
+    def fitted(self, q: FloatArray) -> FloatArray:
+        """Coordinates of configurations, all of which the space holds, shape (..., c)."""
+        return q / np.diag(self.slopes)
 
-    def sag_curvature(self, weights: FloatArray) -> FloatArray:
-        """Second derivatives of −Σ w_j sag_j by the turns of the links, in which they are diagonal, shape (..., links).
+    def drives(self, q: FloatArray) -> FloatArray:
+        """Joint bends, and the base's way as the turn of a joint that takes as long, shape (..., c) [rad]."""
+        return self.fitted(q) * self._weights
 
-        Args:
-            weights: w of every joint and the tip, of sum 0, shape (..., links + 1).
-        """
-        links = self.arm.links
-        # As above: the weights sum to 0, and those beyond link i are minus those up to it.
-        curvature: FloatArray = 0.25 * self.arm.link_length * np.cumsum(weights, axis=-1)[..., :links]
-        return curvature
+    @cached_property
+    def drive_rows(self) -> FloatArray:
+        """Derivative of that by v, shape (c, p)."""
+        return np.diag(self._weights)
+
+    @cached_property
+    def _weights(self) -> FloatArray:
+        axes = self.dimension - self.arm.links
+        return np.concatenate((np.ones(self.arm.links), np.full(axes, self.turn_per_link)))
+
+    def blended_to(self, q: FloatArray) -> tuple[LinkSpace, FloatArray]:
+        """The space itself, which holds any configuration, and the coordinates of one, shape (p,)."""
+        return self, self.fitted(q)
+
+    @cached_property
+    def curvature_rows(self) -> FloatArray:
+        """Derivative by v of the curvature at every joint, bend over link length, shape (links, p) [1/m]."""
+        return self.bend_rows / self.arm.link_length
+
+    @cached_property
+    def of_shape(self) -> BoolArray:
+        """All coordinates: none blends a goal in. Shape (p,), boolean."""
+        return np.ones(self.dimension, dtype=bool)
+
+    def spread(self, pose: Pose, rows: FloatArray) -> FloatArray:
+        """As of any space, but joints that the guide tube holds do not move, nor does the base."""
+        free = np.zeros(self.dimension, dtype=bool)
+        free[: self.arm.links] = ~self.arm.held(float(self.arm.coordinates.advance(pose.q)))
+        spread = np.zeros((self.dimension, len(rows)))
+        spread[free] = np.linalg.solve(self._metric[np.ix_(free, free)], rows[:, free].T)
+        return spread
 
 
 def fit_coordinates(matrix: FloatArray, headings: FloatArray, length: float) -> FloatArray:

@@ -11,15 +11,13 @@ import shapely
 from scipy.interpolate import BSpline
 
 from ccm_opt.core.arrays import TINY, FloatArray
-from ccm_opt.planning.fed_space import FedSpace
 from ccm_opt.planning.limits.gate_rails import GateLines
 from ccm_opt.planning.limits.limit import Limit
 from ccm_opt.planning.limits.limit_stack import assembled_limits
 from ccm_opt.planning.limits.motion_certificate import MotionCertificate
 from ccm_opt.planning.limits.user_limit import UserLimit
-from ccm_opt.planning.link_space import LinkSpace, nearest_curves
+from ccm_opt.planning.link_space import FedSpace, LinkSpace, nearest_curves
 from ccm_opt.planning.optimisation.objective import JointSlowness
-from ccm_opt.planning.path_on_limits import KnotJoints
 from ccm_opt.planning.search import SearchTask
 from ccm_opt.planning.settings import MotionSettings
 from ccm_opt.planning.step import Stepper
@@ -196,13 +194,6 @@ class MotionTask(SearchTask):
         gaps = [finder.find(points).gap.min(initial=finder.reach) for points in self.arm.joint_positions_at(q)]
         return self.wanted_gap - np.array(gaps)
 
-    @property
-    def knot_joints(self) -> KnotJoints:
-        """What knots of a path may move."""
-        arm = self.arm
-        rows = np.eye(arm.links, arm.links + len(arm.base_axes))
-        return KnotJoints(rows, lambda q: q[..., : arm.links], arm.bend_limits, self._free)
-
     def keyframes_along(
         self, keyframes: FloatArray, spline: BSpline, *, legs: bool
     ) -> tuple[FloatArray, BSpline, tuple[Configuration, ...]]:
@@ -212,7 +203,7 @@ class MotionTask(SearchTask):
             spline = BSpline(spline.t, np.where(np.abs(spline.c) > TINY, spline.c, 0.0), spline.k)
         return keyframes, spline, nearest_curves(self.arm, keyframes)
 
-    def _free(self, q: FloatArray) -> FloatArray:
+    def free(self, q: FloatArray) -> FloatArray:
         """1 for what a knot may turn, 0 for a clamped base, joints in a guide tube and the base's way, shape (c,)."""
         arm = self.arm
         free = np.zeros(len(q))

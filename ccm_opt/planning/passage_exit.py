@@ -223,9 +223,7 @@ class SlidingOut:
         longest = _LONGEST_ERROR * unit
         errors = errors * np.minimum(1.0, longest / np.maximum(distance, longest))[:, None]
 
-        curvature = np.zeros((KNOTS, self.space.dimension))
-        curvature[:, 1 : KNOTS + 1] = unit * np.eye(KNOTS)
-        even = np.diff(curvature, axis=0)
+        curvature, even = self.space.knot_bends, self.space.knot_bend_differences
         wanted = -curvature @ pose.v
         if self.back < _BOWING * unit:
             # A straight arm that is pushed along itself may buckle to either side, or into many waves.

@@ -5,7 +5,7 @@ so halving the spans in which equations are missed brings the path back onto the
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 from scipy.interpolate import BSpline, make_interp_spline
@@ -40,30 +40,18 @@ _MOST_CERTIFIED = 6000
 """Samples of the whole path at most. Taste: the certificate's cost."""
 
 
-@dataclass(frozen=True, eq=False)
-class KnotJoints:
-    """What a knot may move.
-
-    Attributes:
-        rows: slopes of the bends by a pose, shape (m, c).
-        bends: of a pose of shape (c,), shape (m,) [rad].
-        limits: of the bends, shape (m,) [rad].
-        free: 1 for what a knot may move about a pose, 0 for the rest, both of shape (c,).
-    """
-
-    rows: FloatArray
-    bends: Callable[[FloatArray], FloatArray]
-    limits: FloatArray
-    free: Callable[[FloatArray], FloatArray]
+Free: TypeAlias = Callable[[FloatArray], FloatArray]
+"""1 for what a knot may move about a configuration, 0 for the rest, both of shape (c,)."""
 
 
-def spline_on_limits(base: BSpline, limits: tuple[UserLimit, ...], joints: KnotJoints) -> BSpline | None:
+def spline_on_limits(base: BSpline, limits: tuple[UserLimit, ...], bends: FloatArray, free: Free) -> BSpline | None:
     """A spline through points of a base that are moved onto limits, refined until it keeps them throughout.
 
     Args:
         base: a smooth path near a certified motion that knows its path parameter.
         limits: that the path has to keep.
-        joints: what knots may move.
+        bends: limits of the joints' bends, shape (b,) [rad].
+        free: what knots may move.
 
     Returns:
         None when that does not converge.
@@ -75,7 +63,7 @@ def spline_on_limits(base: BSpline, limits: tuple[UserLimit, ...], joints: KnotJ
         for u in knots:
             # Knots stay from round to round, so each is moved only once.
             if float(u) not in values:
-                moved = moved_onto(limits, joints, np.asarray(base(u)), float(u))
+                moved = moved_onto(limits, bends, free, np.asarray(base(u)), float(u))
                 if moved is None:
                     return None
                 values[float(u)] = moved
@@ -103,24 +91,26 @@ def _first_knots(base: BSpline, breaks: list[float], least: int) -> FloatArray:
     return knots
 
 
-def moved_onto(limits: tuple[UserLimit, ...], joints: KnotJoints, q: FloatArray, u: float) -> FloatArray | None:
+def moved_onto(
+    limits: tuple[UserLimit, ...], bends: FloatArray, free: Free, q: FloatArray, u: float
+) -> FloatArray | None:
     """A pose moved onto the equations, out of broken gaps and within joint limits, by least change.
 
     Args:
         limits: that the path has to meet.
-        joints: what may move.
+        bends: limits of the joints' bends, shape (b,) [rad].
+        free: what may move.
         q: shape (c,).
         u: path parameter.
 
     Returns:
         None when that does not converge.
     """
-    held = np.zeros(len(joints.rows))
-    bounds = _JOINT_SHARE * joints.limits
-    free = joints.free(q)
+    held = np.zeros(len(bends))
+    moving = free(q)
     for _ in range(_NEWTON_STEPS):
-        over, change = overbent(bounds, joints.bends(q), held, _MET)
-        slopes = joints.rows[over]
+        over, change = overbent(_JOINT_SHARE * bends, q[: len(bends)], held, _MET)
+        slopes = np.eye(len(q))[over]
         for limit in limits:
             missed, by = limit.missed_on_path(q, u)
             slopes = np.vstack((missed, slopes))
@@ -131,7 +121,7 @@ def moved_onto(limits: tuple[UserLimit, ...], joints: KnotJoints, q: FloatArray,
             return q
         # Rows of norm 1: units differ, and the rank has to be told from rounding.
         scale = slope_norms(slopes)
-        q = q + np.linalg.lstsq(slopes * free / scale[:, None], change / scale, rcond=_RANK)[0]
+        q = q + np.linalg.lstsq(slopes * moving / scale[:, None], change / scale, rcond=_RANK)[0]
     return None
 
 

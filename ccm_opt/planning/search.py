@@ -20,7 +20,6 @@ from ccm_opt.core.progress import tell_candidate
 from ccm_opt.planning.goal import GoalPose
 from ccm_opt.planning.limits.motion_certificate import IntervalCertificate
 from ccm_opt.planning.limits.user_limit import UserLimit
-from ccm_opt.planning.path_on_limits import KnotJoints
 from ccm_opt.planning.settings import EngineSettings
 from ccm_opt.problem import OptimiserName, Weights
 from ccm_opt.robot.arm import Arm
@@ -132,10 +131,9 @@ class SearchTask(ABC):
     def certificate(self) -> IntervalCertificate:
         """Of motions, and of paths between their samples."""
 
-    @property
     @abstractmethod
-    def knot_joints(self) -> KnotJoints:
-        """What knots of a path may move."""
+    def free(self, q: FloatArray) -> FloatArray:
+        """1 for what a knot of a path may move about a configuration, 0 for the rest, both of shape (c,)."""
 
     @abstractmethod
     def room_lacking(self, q: FloatArray) -> FloatArray:

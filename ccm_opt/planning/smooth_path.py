@@ -132,7 +132,7 @@ def _through_knots(motion: CurveMotion[CurveType], task: SearchTask) -> BSpline 
     # Smooth in itself; and less smooth, but nearer to what is certified.
     bases = (near or clamped_spline(keyframes, parameter_spans(u)), make_interp_spline(u, keyframes, k=DEGREE))
     for base in bases:
-        spline = spline_on_limits(base, task.user_limits, task.knot_joints)
+        spline = spline_on_limits(base, task.user_limits, task.arm.bend_limits, task.free)
         if spline is not None and _is_safe(spline, task):
             return spline
     return None
@@ -141,9 +141,10 @@ def _through_knots(motion: CurveMotion[CurveType], task: SearchTask) -> BSpline 
 def _is_safe(spline: BSpline, task: SearchTask) -> bool:
     """Whether a path keeps the limits of joints and is certified, linear between its samples."""
     q = np.asarray(spline(certified_samples(spline)))
-    bends = np.abs(task.knot_joints.bends(q))
+    limits = task.arm.bend_limits
+    bends = np.abs(q[:, : len(limits)])
     # Ends are as the problem gives them; a bend there may stand at its limit but for rounding.
-    most = np.maximum(task.knot_joints.limits, np.max(bends[[0, -1]], axis=0)) + _LIMIT_SLACK
+    most = np.maximum(limits, np.max(bends[[0, -1]], axis=0)) + _LIMIT_SLACK
     return bool(np.all(bends <= most)) and len(task.certificate.failures(q)) == 0
 
 

@@ -16,7 +16,6 @@ from ccm_opt.planning.goal import GoalPose
 from ccm_opt.planning.limits.limit_stack import AtRest, FeedLimit, JointLimit, SurfaceLimit, TurnLimit
 from ccm_opt.planning.limits.user_limit import UserLimit
 from ccm_opt.planning.passed_places import first_missed
-from ccm_opt.planning.path_on_limits import KnotJoints
 from ccm_opt.planning.room_lacking import distance_lacking
 from ccm_opt.planning.search import SearchTask
 from ccm_opt.planning.settings import SpaceMotionSettings
@@ -133,11 +132,9 @@ class SpaceTask(SearchTask):
         """By how much configurations, shape (k, c), lack the wanted room, shape (k,) [m]."""
         return distance_lacking(self.arm, self.tree, self.arm.joint_positions_at(q), self.kept + self.wanted_gap)
 
-    @property
-    def knot_joints(self) -> KnotJoints:
-        """What knots of a path may move, where the base is fixed."""
-        free = (np.arange(len(self.start)) >= self.arm.bends_a_joint * self.arm.clamped_joints).astype(np.float64)
-        return KnotJoints(np.eye(len(free)), lambda q: q, self.arm.upper_limits, lambda _: free)
+    def free(self, q: FloatArray) -> FloatArray:
+        """1 for what a knot may move, 0 for joints that are clamped, shape (c,); the base is fixed."""
+        return (np.arange(len(q)) >= self.arm.bends_a_joint * self.arm.clamped_joints).astype(np.float64)
 
     def keyframes_along(
         self, keyframes: FloatArray, spline: BSpline, *, legs: bool

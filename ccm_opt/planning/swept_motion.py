@@ -61,12 +61,18 @@ class PlanarSweep:
     @cached_property
     def sag(self) -> FloatArray:
         """How far joint j may leave its chord, shape (K, n + 1) [m]."""
-        return self.space.sag(self.turns)
+        # ⅛ Σ_{i<j} l Δφ_i² for joint j, while links turn evenly.
+        squares = 0.125 * self.space.arm.link_length * self.turns**2
+        return np.pad(np.cumsum(squares, axis=-1), ((0, 0), (1, 0)))
 
     @cached_property
     def sag_slopes(self) -> FloatArray:
         """Derivative of the sag by the change of coordinates over the interval, shape (K, n + 1, p) [m per unit]."""
-        return self.space.sag_slopes(self.turns)
+        # d(⅛ l Δφ²) = ¼ l Δφ dΔφ, and dΔφ = A dΔv.
+        steps = (0.25 * self.space.arm.link_length * self.turns)[..., None] * self.space.turns[: self.space.arm.links]
+        slopes = np.zeros((self.intervals, self.space.arm.links + 1, self.space.dimension))
+        np.cumsum(steps, axis=-2, out=slopes[:, 1:])
+        return slopes
 
     @cached_property
     def moving(self) -> FloatArray:
@@ -121,8 +127,8 @@ class PlanarSweep:
         keyframes = len(self.headings)
         links = space.arm.links
 
-        # The sums are read as forces on a chain: ``position_curvature`` takes −Σ f·x, so −λn acts on the point that
-        # counts positively and λn on the other. The pull at the base balances one at the tip.
+        # The sums are read as −Σ f·x with forces f on a chain: −λn acts on the point that counts positively and λn on
+        # the other. The pull at the base balances one at the tip.
         forces = np.zeros((keyframes, links + 3, 2))
         forces[-1, 0] = pull
         weighted = multipliers[:, None] * rows.normal
@@ -141,7 +147,14 @@ class PlanarSweep:
         sag = np.zeros((keyframes - 1, links + 1))
         np.add.at(sag, (rows.interval, rows.low), multipliers)
         np.add.at(sag, (rows.interval, rows.high), -multipliers)
-        return space.position_curvature(self.headings, forces), space.sag_curvature(sag)
+
+        # ∂²x_j/∂φ_i² = −l (cos φ_i, sin φ_i) for every joint j beyond link i; mixed derivatives vanish, since every
+        # link adds a term of its own heading alone. The forces sum to 0: those beyond link i are minus those up to it,
+        # and so do the weights of the sag.
+        l = space.arm.link_length
+        carried = np.cumsum(forces[:, :links], axis=1)
+        bent = np.cos(self.headings) * carried[..., 0] + np.sin(self.headings) * carried[..., 1]
+        return -l * bent, 0.25 * l * np.cumsum(sag, axis=1)[:, :links]
 
     def _with_marks(self, joints: FloatArray, standing: FloatArray) -> FloatArray:
         """Values at the joints, at the mount's end, linear between the joints of its link, and at what stands still."""

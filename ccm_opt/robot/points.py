@@ -9,7 +9,7 @@ section 5.5):
 """
 
 from dataclasses import dataclass
-from typing import NamedTuple, TypeAlias
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,77 +18,7 @@ from ccm_opt.robot.arm import Arm
 
 
 @dataclass(frozen=True)
-class PointOnArm:
-    """A point at a fixed arc length along the links.
-
-    Positions are linear in (cos φ, sin φ) of the link headings φ, so derivatives in time and derivatives along a path
-    follow the same formulas.
-
-    Attributes:
-        arm: the arm.
-        levers: how much of every link lies between the base and the point, shape (links,) [m].
-    """
-
-    arm: Arm
-    levers: FloatArray
-
-    @classmethod
-    def from_arc_length(cls, arm: Arm, at: float | None) -> "PointOnArm":
-        """The point at an arc length from the base [m]; the tip when None.
-
-        Raises:
-            ProblemError: the arm is not so long.
-        """
-        return cls(arm, arm.levers_to(at))
-
-    def position(self, q: FloatArray) -> FloatArray:
-        """Where the point is, shape (N, 2) [m].
-
-        Args:
-            q: coordinates of the arm, shape (N, c) [rad, m].
-        """
-        cos, sin = self._directions(q)
-        along = np.stack((cos @ self.levers, sin @ self.levers), axis=1)
-        return np.asarray(self.arm.base + self._carried(q) + along)
-
-    def velocity(self, q: FloatArray, qd: FloatArray) -> FloatArray:
-        """First derivative of the position, shape (N, 2), for first derivatives of the coordinates, shape (N, c)."""
-        cos, sin = self._directions(q)
-        turning = np.cumsum(qd[:, : self.arm.links], axis=1) * self.levers
-        across = np.stack((-np.sum(turning * sin, axis=1), np.sum(turning * cos, axis=1)), axis=1)
-        return np.asarray(self._carried(qd) + across)
-
-    def acceleration(self, q: FloatArray, qd: FloatArray, qdd: FloatArray) -> FloatArray:
-        """Second derivative of the position, shape (N, 2), for both derivatives of the coordinates."""
-        cos, sin = self._directions(q)
-        inward = np.cumsum(qd[:, : self.arm.links], axis=1) ** 2 * self.levers
-        turning = np.cumsum(qdd[:, : self.arm.links], axis=1) * self.levers
-        x = np.sum(-turning * sin - inward * cos, axis=1)
-        y = np.sum(turning * cos - inward * sin, axis=1)
-        return np.asarray(self._carried(qdd) + np.stack((x, y), axis=1))
-
-    def most_jerk(self, q: FloatArray, qd: FloatArray, step: FloatArray) -> FloatArray:
-        """Bound on the third derivative of the position while coordinates are linear in time, shape (N,) [m/s³].
-
-        Args:
-            q: coordinates at the start of each step, shape (N, c); headings turn evenly, wherever they begin.
-            qd: their rates over the step, shape (N, c).
-            step: its length, shape (N,) [s].
-        """
-        del q, step
-        return np.asarray(np.abs(np.cumsum(qd[:, : self.arm.links], axis=1)) ** 3 @ self.levers)
-
-    def _directions(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
-        headings = self.arm.headings(q[:, : self.arm.links])
-        return np.cos(headings), np.sin(headings)
-
-    def _carried(self, q: FloatArray) -> FloatArray:
-        """How far the base is carried, shape (N, 2) [m]; linear, so it serves derivatives too."""
-        return np.asarray(self.arm.coordinates.advance(q)[:, None] * self.arm.direction)
-
-
-@dataclass(frozen=True)
-class PointInSpace:
+class MovingPoint:
     """A point at a fixed arc length along the links; derivatives in time and along a path follow the same formulas.
 
     Attributes:
@@ -99,23 +29,67 @@ class PointInSpace:
     arm: Arm
     levers: FloatArray
 
-    @classmethod
-    def from_arc_length(cls, arm: Arm, at: float | None) -> "PointInSpace":
-        """The point at an arc length from the base [m]; the tip when None.
-
-        Raises:
-            ProblemError: the arm is not so long.
-        """
-        return cls(arm, arm.levers_to(at))
-
     def position(self, q: FloatArray) -> FloatArray:
-        """Where the point is, shape (N, 3) [m].
+        """Where the point is, shape (N, d) [m].
 
         Args:
             q: coordinates of the arm, shape (N, c) [rad, m].
         """
-        along = self.arm.link_rotations(q)[..., 0]
-        return self.arm.base + self._carried(q) + self._summed(along)
+        return self.arm.base + self._carried(q) + self._summed(self.arm.link_rotations(q)[..., 0])
+
+    def velocity(self, q: FloatArray, qd: FloatArray) -> FloatArray:
+        """First derivative of the position, shape (N, d), for first derivatives of the coordinates, shape (N, c)."""
+        raise NotImplementedError
+
+    def acceleration(self, q: FloatArray, qd: FloatArray, qdd: FloatArray) -> FloatArray:
+        """Second derivative of the position, shape (N, d), for both derivatives of the coordinates."""
+        raise NotImplementedError
+
+    def most_jerk(self, q: FloatArray, qd: FloatArray, step: FloatArray) -> FloatArray:
+        """Bound on the third derivative of the position while coordinates are linear in time, shape (N,) [m/s³].
+
+        Args:
+            q: coordinates at the start of each step, shape (N, c) [rad, m].
+            qd: their rates over the step, shape (N, c).
+            step: its length, shape (N,) [s].
+        """
+        raise NotImplementedError
+
+    def _summed(self, of_links: FloatArray) -> FloatArray:
+        """Sum over the links by their levers, shape (N, links, d) to (N, d)."""
+        return np.asarray(np.einsum("...lk,l->...k", of_links, self.levers))
+
+    def _carried(self, q: FloatArray) -> FloatArray:
+        """How far the base is carried, shape (N, d) [m]; linear, so it serves derivatives too."""
+        return np.asarray(self.arm.coordinates.advance(q)[..., None] * self.arm.direction)
+
+
+class PointInPlane(MovingPoint):
+    """A point of an arm in the plane."""
+
+    def velocity(self, q: FloatArray, qd: FloatArray) -> FloatArray:
+        """First derivative of the position, shape (N, 2), for first derivatives of the coordinates, shape (N, c)."""
+        left = self.arm.link_rotations(q)[..., 1]
+        return self._carried(qd) + self._summed(self._turning(qd) * left)
+
+    def acceleration(self, q: FloatArray, qd: FloatArray, qdd: FloatArray) -> FloatArray:
+        """Second derivative of the position, shape (N, 2), for both derivatives of the coordinates."""
+        rotations = self.arm.link_rotations(q)
+        turned = self._turning(qdd) * rotations[..., 1] - self._turning(qd) ** 2 * rotations[..., 0]
+        return self._carried(qdd) + self._summed(turned)
+
+    def most_jerk(self, q: FloatArray, qd: FloatArray, step: FloatArray) -> FloatArray:
+        """As of any point; headings turn evenly, wherever they begin."""
+        del q, step
+        return np.asarray(np.abs(self._turning(qd)[..., 0]) ** 3 @ self.levers)
+
+    def _turning(self, qd: FloatArray) -> FloatArray:
+        """What the links turn, shape (N, links, 1)."""
+        return np.cumsum(qd[:, : self.arm.links], axis=1)[..., None]
+
+
+class PointInSpace(MovingPoint):
+    """A point of an arm in space."""
 
     def velocity(self, q: FloatArray, qd: FloatArray) -> FloatArray:
         """First derivative of the position, shape (N, 3), for first derivatives of the coordinates, shape (N, c)."""
@@ -172,14 +146,6 @@ class PointInSpace:
         first = np.concatenate((base, rotations[..., :-1, :, 2]), axis=-2)
         return _Axes(first, rotations[..., 1], rotations[..., 0])
 
-    def _summed(self, of_links: FloatArray) -> FloatArray:
-        """Sum over the links by their levers, shape (N, links, 3) to (N, 3)."""
-        return np.asarray(np.einsum("...lk,l->...k", of_links, self.levers))
-
-    def _carried(self, q: FloatArray) -> FloatArray:
-        """How far the base is carried, shape (N, 3) [m]; linear, so it serves derivatives too."""
-        return np.asarray(self.arm.coordinates.advance(q)[..., None] * self.arm.direction)
-
 
 class _Axes(NamedTuple):
     """Axes of the two bends of every joint, and the directions of the links, each of shape (N, links, 3)."""
@@ -194,16 +160,10 @@ def _turning(axes: _Axes, rates: FloatArray) -> FloatArray:
     return rates[..., :1] * axes.first + rates[..., 1:] * axes.second
 
 
-MovingPoint: TypeAlias = PointOnArm | PointInSpace
-"""A point of an arm, with two components in the plane and three in space."""
-
-
 def point_of(arm: Arm, at: float | None) -> MovingPoint:
     """The point of an arm at an arc length from its base [m]; the tip when None.
 
     Raises:
         ProblemError: the arm is not so long.
     """
-    if arm.dimension == 3:
-        return PointInSpace.from_arc_length(arm, at)
-    return PointOnArm.from_arc_length(arm, at)
+    return (PointInSpace if arm.dimension == 3 else PointInPlane)(arm, arm.levers_to(at))

@@ -74,11 +74,8 @@ def best_attempt(problem: Problem, diagnosis: Diagnosis) -> FloatArray | None:
     found = diagnosis.evidence.get("nearest_pose")
     if diagnosis.proved or not isinstance(found, Sequence) or len(found) == 0:
         return None
-    pose = np.asarray(found, dtype=float)
-    if problem.dimension == 3:
-        fits = len(pose) == 2 * problem.arm.links + len(problem.arm.base_axes)
-        return np.asarray(problem.arm.joint_positions_at(pose)) if fits else None
-    return problem.arm.joint_positions(pose) if len(pose) == problem.arm.links else None
+    q = np.asarray(found, dtype=float)
+    return problem.arm.joint_positions_at(q) if len(q) == len(problem.arm.coordinates) else None
 
 
 def _marks(problem: Problem, finding: Finding, units: PageUnits) -> Iterator[Mark]:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.problem import Goal, Problem, TipGoal, Tolerances
+from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import ParetoPlan, ParetoPlans, Solution
 from ccm_opt.scene.bodies import MeshBody
 from ccm_opt.viz.document import MINUS, NONE, Child, Markup, PageUnits, element, joined, table, three_digits
@@ -198,25 +198,21 @@ def _room_rows(problem: Problem, units: PageUnits) -> Iterable[Row]:
 
 
 def _goal_rows(problem: Problem, units: PageUnits) -> Iterable[Row]:
-    asked = [*((stop.goal, stop.tolerances) for stop in problem.stops), (problem.goal, problem.tolerances)]
-    for number, (goal, tolerances) in enumerate(asked, start=1):
-        name = f"goal {number}" if len(asked) > 1 else "goal"
-        yield name, _goal_words(goal, tolerances, units)
-
-
-def _goal_words(goal: Goal, tolerances: Tolerances, units: PageUnits) -> str:
-    """A goal with its tolerances."""
-    near = units.given(tolerances.position, "m")
-    turn = units.given(min(tolerances.heading, np.pi), "rad")
-    if not isinstance(goal, TipGoal):
-        return f"a pose of the whole arm, within {near} and {turn}"
-    place = f"tip at {_place(goal.position, units)} within {near}"
-    if goal.heading is not None:
-        return f"{place}, heading {units.given(goal.heading, 'rad')} within {turn}"
-    if len(goal.position) == 2:
-        return f"{place}, any heading"
-    along = "any direction" if goal.direction is None else f"along {_direction(goal.direction)} within {turn}"
-    return f"{place}, {along}" + "".join(f", past {_place(passed, units)}" for passed in goal.via)
+    """Every goal with its tolerances."""
+    for number, stop in enumerate(problem.goals, start=1):
+        goal, near = stop.goal, units.given(stop.tolerances.position, "m")
+        turn = units.given(min(stop.tolerances.heading, np.pi), "rad")
+        place = f"tip at {_place(goal.tip(problem.arm), units)} within {near}"
+        if goal.whole(problem.arm) is not None:
+            words = f"a pose of the whole arm, within {near} and {turn}"
+        elif goal.heading is not None:
+            words = f"{place}, heading {units.given(goal.heading, 'rad')} within {turn}"
+        elif goal.direction is not None:
+            words = f"{place}, along {_direction(goal.direction)} within {turn}"
+        else:
+            words = f"{place}, any {'heading' if problem.dimension == 2 else 'direction'}"
+        passed = "".join(f", past {_place(each, units)}" for each in goal.via)
+        yield f"goal {number}" if problem.stops else "goal", words + passed
 
 
 def _place(point: FloatArray, units: PageUnits) -> str:

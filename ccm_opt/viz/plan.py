@@ -11,7 +11,7 @@ from matplotlib.patheffects import withStroke
 
 from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.core.length_words import short_length, words_in
-from ccm_opt.problem import Goal, Problem, TipGoal, Tolerances
+from ccm_opt.problem import Goal, Problem, Tolerances
 from ccm_opt.viz import figure_files as style
 from ccm_opt.viz.arm_drawing import PLANE, DrawnPlan, Side, draw_body, draw_poses, draw_tip_path
 from ccm_opt.viz.arm_section import draw_section
@@ -198,7 +198,7 @@ def draw_goals(axes: Axes, plan: DrawnPlan, side: Side = PLANE, *, poses: bool =
         label = ("goals" if len(stops) > 1 else "goal") if last else ""
         if poses and not last:
             draw_body(axes, side(plan.points[k]), 0.0, "none", style.GOAL_ARM_EDGE, label="", zorder=5.5)
-        draw_goal(axes, stop.goal, stop.tolerances, plan.points[k, -1], label, side, reach)
+        draw_goal(axes, stop.goal, stop.tolerances, stop.goal.tip(problem.arm), label, side, reach)
         if len(stops) > 1:
             pointing = stop.goal.direction
             place = side(stop.goal.tip(problem.arm))
@@ -267,18 +267,16 @@ def draw_goal(
         axes: whose limits are set.
         goal: what is drawn.
         tolerances: of it.
-        tip: where the tip ends, shape (d,) [m].
+        tip: where the tip is to be, shape (d,) [m].
         label: in the legend, where the places to pass are named too; empty for none.
         side: from which it is seen.
         reach: length of the arrow [m]; 0 for a share of what is shown, which differs between views.
     """
-    place = side(goal.position if isinstance(goal, TipGoal) else tip)
+    place = side(tip)
     axes.plot(
         *place, marker="o", markersize=9, markerfacecolor="none", markeredgewidth=1.6, color=style.GOAL_MARK,
         zorder=9, linestyle="none", label=label,
     )  # fmt: skip
-    if not isinstance(goal, TipGoal):
-        return
     width = float(np.ptp(axes.get_xlim()))
     if tolerances.position > _LEAST_DISC * width:
         look = {"facecolor": style.GOAL_TINT, "edgecolor": style.GOAL_MARK, "linewidth": 0.8, "linestyle": "--"}

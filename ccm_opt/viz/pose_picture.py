@@ -11,7 +11,6 @@ from matplotlib.figure import Figure
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.length_words import METRES, short_length, words_in
-from ccm_opt.problem import TipGoal
 from ccm_opt.problem.solution import BindingSide, ReachMap, StaticPose
 from ccm_opt.viz import figure_files as style
 from ccm_opt.viz.arm_drawing import PLANE, SLANTED, Side, draw_workspace, polygon_patch
@@ -48,7 +47,7 @@ def pose_figure(found: StaticPose) -> Figure:
         if not in_space:
             _draw_binding(axes, found)
             draw_base(axes, points[0])
-        draw_goal(axes, problem.goal, problem.tolerances, points[-1], "goal", side, reach)
+        draw_goal(axes, problem.goal, problem.tolerances, problem.goal.tip(problem.arm), "goal", side, reach)
     if sheet.section is not None:
         draw_section(sheet.section, problem, points)
     sheet.finish(_pose_title(found))
@@ -166,7 +165,8 @@ def _reach_in_space(found: ReachMap) -> Figure:
     axes_of_cells = found.axes
     half = 0.5 * found.step
     window = np.array([[middles[0] - half, middles[-1] + half] for middles in axes_of_cells]).T
-    place = _sliced_at(found)
+    # The slices go through the goal.
+    place = problem.goal.tip(problem.arm)
     sheet = Sheet.of_box(problem, window)
     scene = SeenScene(problem)
     colours = _colours(found)
@@ -208,15 +208,6 @@ def _legend(figure: Figure, axes: Axes, found: ReachMap) -> None:
         _name_colour(axes, colour, label)
     handles, labels = axes.get_legend_handles_labels()
     figure.legend(handles, labels, loc="lower center", ncols=3, frameon=False, fontsize=style.FONT_SIZE)
-
-
-def _sliced_at(found: ReachMap) -> FloatArray:
-    """Where the slices go through: the goal, or the middle of what is reached, shape (3,) [m]."""
-    goal = found.problem.goal
-    if isinstance(goal, TipGoal):
-        return goal.position
-    reached = found.places[found.reachable]
-    return np.asarray(reached.mean(axis=0)) if len(reached) else found.problem.arm.base
 
 
 def _shades(found: ReachMap, gap: FloatArray) -> FloatArray:

@@ -1,5 +1,6 @@
 """Plans kept and shown from Python: saved to a folder, loaded from one, drawn, and animated."""
 
+import sys
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -136,12 +137,4 @@ def drawn(plan: Solution | SavedPlan) -> "DrawnPlan":
     )
 
 
-class _ThisModule:
-    """The functions above, as solutions ask for them."""
-
-    plot = staticmethod(plot)
-    animate = staticmethod(animate)
-    save = staticmethod(save)
-
-
-present_with(_ThisModule())
+present_with(sys.modules[__name__])

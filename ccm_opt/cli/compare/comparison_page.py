@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 from ccm_opt.cli.compare.comparison_files import medians
 from ccm_opt.cli.compare.running import Comparison, Pair
@@ -20,52 +19,36 @@ LEAST_P = 1e-3
 """Smaller probabilities are as good as none."""
 
 
-@dataclass(frozen=True)
-class ShownQuantity:
-    """A figure in the unit in which it is shown.
+def shown_unit(quantity: Quantity) -> tuple[str, float]:
+    """The unit in which a figure is shown, and the factor from its own: lengths in millimetres, all else as it is."""
+    return ("mm", 1e3) if quantity.unit == "m" else (quantity.unit, 1.0)
 
-    Attributes:
-        quantity: the figure.
-        unit: in which it is shown.
-        factor: from its own unit.
-    """
 
-    quantity: Quantity
-    unit: str
-    factor: float
+def shown_title(quantity: Quantity) -> str:
+    """A figure with its unit."""
+    return f"{quantity.title} [{shown_unit(quantity)[0]}]"
 
-    @classmethod
-    def of(cls, quantity: Quantity) -> "ShownQuantity":
-        """Lengths are shown in millimetres, all else as it is."""
-        return cls(quantity, "mm", 1e3) if quantity.unit == "m" else cls(quantity, quantity.unit, 1.0)
 
-    @property
-    def title(self) -> str:
-        """With the unit."""
-        return f"{self.quantity.title} [{self.unit}]"
+def shown_value(quantity: Quantity, figure: float) -> str:
+    """A value of a figure."""
+    return three_digits(shown_unit(quantity)[1] * figure, DECIMALS)
 
-    def value(self, figure: float) -> str:
-        """A value of the figure."""
-        return three_digits(self.factor * figure, DECIMALS)
 
-    def effect(self, item: FigurePair) -> str:
-        """By how much two methods differ: ``× 0.95`` or ``+1.2``."""
-        return self._compared(item.effect)
+def shown_effect(quantity: Quantity, value: float, times: str = TIMES) -> str:
+    """By how much two methods differ in a figure: ``× 0.95`` or ``+1.2``; a dash where there are too few problems."""
+    if not math.isfinite(value):
+        return NONE
+    # Ratios have no unit; differences have that of the figure.
+    if quantity.scale == "ratio":
+        return f"{times}{three_digits(value, DECIMALS)}"
+    text = shown_value(quantity, value)
+    return f"+{text}" if value > 0.0 and float(text) else text
 
-    def interval(self, interval: ConfidenceInterval) -> str:
-        """What that may be; a dash where the problems are too few to say."""
-        if not (math.isfinite(interval.low) and math.isfinite(interval.high)):
-            return NONE
-        return f"{self._compared(interval.low, bare=True)} to {self._compared(interval.high, bare=True)}"
 
-    def _compared(self, value: float, *, bare: bool = False) -> str:
-        if not math.isfinite(value):
-            return NONE
-        # Ratios have no unit; differences have that of the figure.
-        if self.quantity.scale == "ratio":
-            return f"{'' if bare else TIMES}{three_digits(value, DECIMALS)}"
-        text = three_digits(self.factor * value, DECIMALS)
-        return f"+{text}" if value > 0.0 and float(text) else text
+def shown_interval(quantity: Quantity, interval: ConfidenceInterval) -> str:
+    """What that may be."""
+    ends = [shown_effect(quantity, value, "") for value in (interval.low, interval.high)]
+    return NONE if NONE in ends else " to ".join(ends)
 
 
 def probability(value: float) -> str:
@@ -92,8 +75,6 @@ def success_words(pair: Pair) -> str:
     )
 
 
-SHOWN = tuple(ShownQuantity.of(quantity) for quantity in QUANTITIES)
-"""What is compared, in the units in which it is shown."""
 PAIR_HEADS = ("where both solve", "pairs", "first", "second", "", "median by pairs", "95 %", "first better", "p")
 """Of the table of two methods."""
 
@@ -119,9 +100,9 @@ def _data(comparison: Comparison) -> dict[str, object]:
         "methods": [{"name": name, "interval": [it.low, it.high]} for name, it in intervals.items()],
         "problems": list(comparison.problems),
         "quantities": [
-            {"key": q.key, "title": q.title, "unit": item.unit, "factor": item.factor, "log": q.unit != "m"}
-            for item in SHOWN
-            for q in [item.quantity]
+            {"key": q.key, "title": q.title, "unit": unit, "factor": factor, "log": q.unit != "m"}
+            for q in QUANTITIES
+            for unit, factor in [shown_unit(q)]
         ],
         "runs": [
             {"problem": run.problem, "method": run.method, "solved": run.solved, "figures": _figures(run)}
@@ -180,22 +161,22 @@ def _pair_section(pair: Pair, number: int) -> Markup:
 
 def _row(item: FigurePair) -> tuple[str, ...]:
     """One figure of two methods."""
-    shown = ShownQuantity.of(item.quantity)
+    quantity = item.quantity
     return (
-        shown.title,
+        shown_title(quantity),
         str(item.pairs),
-        shown.value(item.first),
-        shown.value(item.second),
-        item.quantity.scale,
-        shown.effect(item),
-        shown.interval(item.interval),
+        shown_value(quantity, item.first),
+        shown_value(quantity, item.second),
+        quantity.scale,
+        shown_effect(quantity, item.effect),
+        shown_interval(quantity, item.interval),
         percents(item.better),
         probability(item.p_value),
     )
 
 
 def _methods_section(comparison: Comparison) -> Markup:
-    heads = ("method", "solved", "95 %", *(item.title for item in SHOWN))
+    heads = ("method", "solved", "95 %", *map(shown_title, QUANTITIES))
     rows = []
     for name in comparison.methods:
         solved, interval = comparison.solved(name)
@@ -205,20 +186,20 @@ def _methods_section(comparison: Comparison) -> Markup:
                 name,
                 f"{solved} of {len(comparison.problems)}",
                 f"{100.0 * interval.low:.0f} to {100.0 * interval.high:.0f} %",
-                *(_value(found, item) for item in SHOWN),
+                *(_value(found, item) for item in QUANTITIES),
             )
         )
     return element("section", element("h2", "Methods, medians"), table(heads, rows, numbers=range(1, len(heads))))
 
 
 def _runs_section(comparison: Comparison) -> Markup:
-    heads = ("problem", "method", "outcome", *(item.title for item in SHOWN), "tactic, or reason")
+    heads = ("problem", "method", "outcome", *map(shown_title, QUANTITIES), "tactic, or reason")
     rows = [
         (
             run.problem,
             run.method,
             element("span", run.outcome, cls="holds" if run.solved else "fails"),
-            *(_value(_figures(run), item) for item in SHOWN),
+            *(_value(_figures(run), item) for item in QUANTITIES),
             element("div", words, cls="reason", title=words),
         )
         for row in comparison.runs
@@ -234,6 +215,6 @@ def _runs_section(comparison: Comparison) -> Markup:
     )
 
 
-def _value(figures: Mapping[str, float], item: ShownQuantity) -> str:
-    value = figures.get(item.quantity.key, math.nan)
-    return three_digits(item.factor * value, 2 if item.unit == "mm" else 4)
+def _value(figures: Mapping[str, float], quantity: Quantity) -> str:
+    unit, factor = shown_unit(quantity)
+    return three_digits(factor * figures.get(quantity.key, math.nan), 2 if unit == "mm" else 4)

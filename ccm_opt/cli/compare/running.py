@@ -71,11 +71,11 @@ class RunProcess:
     def __init__(self) -> None:
         # Planners are found where this process finds them.
         environment = {**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
-        # Nothing is ever written to this pipe: the run ends when its other end is closed, see ``run_process``.
+        # Nothing is ever written to this pipe: the run ends when its other end is closed, see ``answer_tasks``.
         theirs, ours = os.pipe()
         self._life = os.fdopen(ours, "wb")
         self._process = subprocess.Popen(  # noqa: S603 - this interpreter
-            [sys.executable, "-m", "ccm_opt.cli.compare.run_process", str(theirs)],
+            [sys.executable, "-c", "from ccm_opt.cli.compare.runs import answer_tasks; answer_tasks()", str(theirs)],
             pass_fds=(theirs,) if os.name == "posix" else (),
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,

@@ -9,6 +9,10 @@ import hashlib
 import json
 import math
 import os
+import pickle
+import select
+import signal
+import sys
 import threading
 import time
 import traceback
@@ -232,6 +236,38 @@ def _load_libraries() -> None:
     """Load what is loaded when first used, so that no run pays for it."""
     for name in ("ccm_opt.driver.pipeline", "casadi", "toppra.algorithm"):
         import_module(name)
+
+
+def answer_tasks() -> None:
+    """Answer tasks until there are no more: what the processes do in which runs are made.
+
+    Pickled tasks are read from standard input, and each is answered with the pickled record of its run. What planners
+    print goes to standard error, so that it cannot be taken for an answer. Ctrl-C is left to the parent.
+    """
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    if sys.platform == "linux":
+        _end_with(int(sys.argv[1]))
+    answers = os.fdopen(os.dup(1), "wb")
+    os.dup2(2, 1)
+    with suppress(EOFError):
+        while True:
+            task = pickle.load(sys.stdin.buffer)  # noqa: S301 - from the process that started this one
+            pickle.dump(execute(task), answers)
+            answers.flush()
+
+
+def _end_with(pipe: int) -> None:
+    """End when the other end of a pipe is closed, which the system does for a parent that dies, however it does.
+
+    The system sends a signal then, whose default is to end the process; no thread of Python has to have its turn. (That
+    it can send one when the parent dies is of no use: it is sent when the parent's thread ends.)
+    """
+    import fcntl  # noqa: PLC0415 - not on every system
+
+    fcntl.fcntl(pipe, fcntl.F_SETOWN, os.getpid())
+    fcntl.fcntl(pipe, fcntl.F_SETFL, fcntl.fcntl(pipe, fcntl.F_GETFL) | os.O_ASYNC)
+    if select.select([pipe], [], [], 0.0)[0]:  # it was closed before
+        sys.exit()
 
 
 class Journal:

@@ -394,10 +394,10 @@ def _turned(problem: Problem, by: RigidPlacement) -> Problem:
     turned = by.rotation
     obstacles = tuple(Obstacle(each.name, _moved(each.body, by)) for each in problem.workspace.obstacles)
     goal = problem.goal
-    if isinstance(goal, TipGoal):
+    if goal.whole(arm) is None:
         direction = None if goal.direction is None else turned @ goal.direction
         via = tuple(by.points(place[None])[0] for place in goal.via)
-        goal = TipGoal(by.points(goal.position[None])[0], direction, via)
+        goal = TipGoal(by.points(goal.tip(arm)[None])[0], direction, via)
     base = by.points(arm.base[None])[0]
     moved = replace(arm, base=base, direction=turned @ arm.direction, up=turned @ arm.up)
     return replace(problem, workspace=replace(problem.workspace, obstacles=obstacles), arm=moved, goal=goal)

@@ -30,7 +30,6 @@ from ccm_opt.cli.view.settings import VIEW, ViewSettings
 from ccm_opt.core.arrays import TINY, FloatArray
 from ccm_opt.core.errors import CcmError, ProblemError
 from ccm_opt.driver.live_plan import LiveAnswer, LivePlan
-from ccm_opt.problem import TipGoal
 from ccm_opt.problem.solution import Check
 from ccm_opt.viz.document import PageUnits
 
@@ -115,7 +114,7 @@ class Handles:
         self._replanner = Replanner(live, lambda answer: told(live, answer), scene.settings)
         self._replanner.start()
         names = [obstacle.name for obstacle in live.problem.workspace.obstacles]
-        movable = [GOAL, *names] if isinstance(live.problem.goal, TipGoal) else names
+        movable = [GOAL, *names] if live.problem.goal.whole(live.problem.arm) is None else names
         if not movable:
             return
         with scene.server.gui.add_folder("Drag"):
@@ -129,9 +128,9 @@ class Handles:
 
     def put_on(self, what: str) -> None:
         """Put the handle on the goal, or on an obstacle of a name."""
-        goal = self._live.problem.goal
-        if what == GOAL and isinstance(goal, TipGoal):
-            self._put_on_goal(goal.position, goal.direction)
+        problem = self._live.problem
+        if what == GOAL and problem.goal.whole(problem.arm) is None:
+            self._put_on_goal(problem.goal.tip(problem.arm), problem.goal.direction)
         else:
             self._put_on_obstacle(what)
 

@@ -96,28 +96,29 @@ def _nearest_row(times: FloatArray, rows: FloatArray, time: float) -> FloatArray
 
 Mesh: TypeAlias = tuple[FloatArray, IntArray]
 """Vertices, shape (n, 3), and triangles, shape (m, 3)."""
-EMPTY: Mesh = (np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64))
-"""No mesh at all."""
-
-
-def in_space(points: FloatArray, depth: float = 0.0) -> FloatArray:
-    """Places of the plane in space, shape (..., 2) to (..., 3), ``depth`` behind the plane."""
-    return np.stack((points[..., 0], np.full(points.shape[:-1], depth), points[..., 1]), axis=-1)
 
 
 def extruded(shape: shapely.Geometry, near: float, far: float) -> Mesh:
-    """The solid over a polygon, or several, between two depths."""
-    meshes = [_solid(part, near, far) for part in shapely.get_parts(shape) if isinstance(part, shapely.Polygon)]
-    return joined([mesh for mesh in meshes if len(mesh[1])])
+    """The solid over a polygon, or several, between two depths: two lids, and a wall along every ring."""
+    polygons = [part for part in shapely.get_parts(shape) if isinstance(part, shapely.Polygon)]
+    tiles = shapely.orient_polygons(shapely.get_parts(shapely.constrained_delaunay_triangles(polygons)))
+    lids = shapely.get_coordinates(tiles).reshape(-1, 4, 2)[:, :3]
+    rings = map(shapely.get_coordinates, [ring for part in polygons for ring in (part.exterior, *part.interiors)])
+    sides = np.concatenate([np.zeros((0, 2, 2)), *(np.stack((ring[:-1], ring[1:]), axis=1) for ring in rings)])
+    here, there = in_space(sides, near), in_space(sides, far)
+    soup = (
+        in_space(lids, near),
+        in_space(lids[:, ::-1], far),
+        np.stack((here[:, 0], there[:, 0], here[:, 1]), axis=1),
+        np.stack((here[:, 1], there[:, 0], there[:, 1]), axis=1),
+    )
+    vertices = np.concatenate(soup).reshape(-1, 3)
+    return vertices, np.arange(len(vertices)).reshape(-1, 3)
 
 
-def joined(meshes: list[Mesh]) -> Mesh:
-    """Several meshes as one."""
-    if not meshes:
-        return EMPTY
-    offsets = np.cumsum([0, *(len(vertices) for vertices, _ in meshes)])
-    faces = [faces + offset for (_, faces), offset in zip(meshes, offsets, strict=False)]
-    return np.vstack([vertices for vertices, _ in meshes]), np.vstack(faces)
+def in_space(points: FloatArray, depth: float) -> FloatArray:
+    """Places of the plane in space, shape (..., 2) to (..., 3), ``depth`` behind the plane."""
+    return np.stack((points[..., 0], np.full(points.shape[:-1], depth), points[..., 1]), axis=-1)
 
 
 def turned_to(directions: FloatArray) -> FloatArray:
@@ -128,25 +129,3 @@ def turned_to(directions: FloatArray) -> FloatArray:
     back = x < -1.0 + 1e-12
     turns = np.stack((np.where(back, 0.0, 1.0 + x), zero, np.where(back, 0.0, -z), np.where(back, 1.0, y)), axis=-1)
     return np.asarray(turns / np.linalg.norm(turns, axis=-1, keepdims=True))
-
-
-def _solid(polygon: shapely.Polygon, near: float, far: float) -> Mesh:
-    """The solid over one polygon: two lids, and a wall along every ring."""
-    parts = []
-    triangles = shapely.get_parts(shapely.constrained_delaunay_triangles(polygon))
-    for triangle in triangles:
-        corners = shapely.get_coordinates(shapely.orient_polygons(triangle))[:3]
-        parts.append((in_space(corners, near), np.array([[0, 1, 2]])))
-        parts.append((in_space(corners, far), np.array([[0, 2, 1]])))
-    for ring in (polygon.exterior, *polygon.interiors):
-        outline = shapely.get_coordinates(ring)
-        count = len(outline)
-        here = np.arange(count - 1)
-        sides = np.vstack(
-            (
-                np.column_stack((here, here + count, here + 1)),
-                np.column_stack((here + 1, here + count, here + count + 1)),
-            )
-        )
-        parts.append((np.vstack((in_space(outline, near), in_space(outline, far))), sides))
-    return joined(parts)

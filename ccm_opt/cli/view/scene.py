@@ -15,7 +15,7 @@ from ccm_opt.cli.view import settings as colours
 from ccm_opt.cli.view.frames import Mesh, MotionFrames, extruded, turned_to
 from ccm_opt.cli.view.settings import VIEW, ViewSettings
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.problem import Problem, TipGoal
+from ccm_opt.problem import Goal, Problem
 from ccm_opt.scene.surfaces import capsule_surface, seen_triangles, within
 from ccm_opt.scene.workspace import Obstacle
 from ccm_opt.viz.scene_data import route_layers
@@ -111,10 +111,8 @@ class Scene:
             if self._standing.get(obstacle.name) is not obstacle:
                 self._standing[obstacle.name] = obstacle
                 self._draw_obstacle(obstacle, most, cell)
-        goals = [*(stop.goal for stop in problem.stops), problem.goal]
-        for number, goal in enumerate(goals, start=1):
-            if isinstance(goal, TipGoal):
-                self._draw_goal(goal, str(number) if len(goals) > 1 else "")
+        for number, stop in enumerate(problem.goals, start=1):
+            self._draw_goal(stop.goal, str(number) if problem.stops else "")
 
     def _draw_walls(self, problem: Problem) -> None:
         """Draw the edges of the room."""
@@ -154,8 +152,8 @@ class Scene:
         name = path_of("/names", obstacle.name)
         self.server.scene.add_label(name, obstacle.name, position=middle, visible="names" in self.shown)
 
-    def _draw_goal(self, goal: TipGoal, number: str) -> None:
-        name, place = f"/goal{number}", self.world(goal.position)
+    def _draw_goal(self, goal: Goal, number: str) -> None:
+        name, place = f"/goal{number}", self.world(goal.tip(self.frames.problem.arm))
         self.server.scene.add_icosphere(name, radius=1.4 * self.radius, color=colours.GOAL, opacity=0.6, position=place)
         if number:
             self.server.scene.add_label(f"{name}/number", number)

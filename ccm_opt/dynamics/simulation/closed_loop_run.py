@@ -31,7 +31,7 @@ from ccm_opt.dynamics.simulation.simulation_record import (
 )
 from ccm_opt.dynamics.simulation.stability import check_stability
 from ccm_opt.problem import Limits, SimulationOptions
-from ccm_opt.problem.solution import JointStates, JointTrajectory, SimulatedMotion, SimulationVerdict
+from ccm_opt.problem.solution import JointStates, JointTrajectory, SimulatedMotion, SimulationOutcome, SimulationVerdict
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.coordinates import Coordinates
 
@@ -129,39 +129,29 @@ def verdict_of_run(faults: RunFaults, step: float, names: tuple[str, ...]) -> Si
         step: length of a step [s].
         names: of all revolutes.
     """
-    full = faults.full
-    met = "" if full is None else _words_of_limit(full, faults, step, names)
+    full, needs = faults.full, faults.needs
     fault = faults.lost or faults.strayed
-    if fault is not None:
-        return _off_the_plan(faults, fault, met, step, names)
-    if full is None:
+    first = fault or full
+    if first is None:
         return SimulationVerdict("followed", step)
-    name = _name(full, names)
-    reason = f"{met}{_words_of_needs(faults.needs, names)}"
-    advice = _drive_advice(faults.needs, names)
-    return SimulationVerdict("saturated", step, reason, joint=name, time=full.step * step, advice=advice)
-
-
-def _off_the_plan(
-    faults: RunFaults, fault: RunFault, met: str, step: float, names: tuple[str, ...]
-) -> SimulationVerdict:
-    name = _name(fault, names)
-    time = fault.step * step
-    off = f"the simulated {name} {_words_of_error(fault)} at {time:.4g} s"
-    if faults.lost is None:
-        off = f"{off}, and joints are up to {faults.largest_error:.3g} rad off in all"
+    name = (*names, "the feed axis")[first.column]
+    time = first.step * step
+    met = "" if full is None else _words_of_limit(full, faults, step, names)
     # Once a drive has nothing left the controller does not decide any more what the arm does: that is the cause.
-    saturated_before = faults.full is not None and faults.full.step <= fault.step
-    cause = f"{off}; before that, {met}" if saturated_before else f"{off}, though no drive was at its limit before"
+    saturated = full is not None and full.step <= first.step
+    status: SimulationOutcome = "saturated"
+    if fault is not None:
+        status = "strayed" if faults.lost is None else "diverged"
+        far = f"is {fault.error:.3g} rad off the plan" if np.isfinite(fault.error) else "is not finite"
+        off = f"the simulated {name} {far} at {time:.4g} s"
+        if faults.lost is None:
+            off = f"{off}, and joints are up to {faults.largest_error:.3g} rad off in all"
+        met = f"{off}; before that, {met}" if saturated else f"{off}, though no drive was at its limit before"
     # Drives that could follow the plan are not to blame for being full: the controller drove them there.
-    too_weak = faults.needs is not None and faults.needs.share > 1.0
+    too_weak = needs is not None and needs.share > 1.0
+    advice = _drive_advice(needs, names) if saturated or too_weak else CONTROL_ADVICE
     return SimulationVerdict(
-        "strayed" if faults.lost is None else "diverged",
-        step,
-        f"{cause}{_words_of_needs(faults.needs, names)}",
-        joint=name,
-        time=time,
-        advice=_drive_advice(faults.needs, names) if saturated_before or too_weak else CONTROL_ADVICE,
+        status, step, f"{met}{_words_of_needs(needs, names)}", joint=name, time=time, advice=advice
     )
 
 
@@ -189,16 +179,8 @@ def _drive_advice(needs: PlanNeeds | None, names: tuple[str, ...]) -> tuple[str,
 def _words_of_limit(full: RunFault, faults: RunFaults, step: float, names: tuple[str, ...]) -> str:
     axis = full.column == len(names)
     limit = f"force limit of {faults.limit:.4g} N" if axis else f"torque limit of {faults.limit:.4g} N m"
-    met = f"the drive of {_name(full, names)} meets its {limit} at {full.step * step:.4g} s"
+    met = f"the drive of {(*names, 'the feed axis')[full.column]} meets its {limit} at {full.step * step:.4g} s"
     return f"{met}; in all, drives are at limits for {faults.full_steps * step:.3g} s"
-
-
-def _words_of_error(fault: RunFault) -> str:
-    return f"is {fault.error:.3g} rad off the plan" if np.isfinite(fault.error) else "is not finite"
-
-
-def _name(fault: RunFault, names: tuple[str, ...]) -> str:
-    return (*names, "the feed axis")[fault.column]
 
 
 def simulate(

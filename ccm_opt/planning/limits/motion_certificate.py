@@ -10,24 +10,11 @@ from ccm_opt.planning.limits.limit import Limit
 from ccm_opt.robot.arm import Arm
 
 
-class MovedArm(Protocol):
-    """An arm, as far as it matters how far its points move."""
-
-    @property
-    def length(self) -> float:
-        """Its length [m]."""
-        ...
-
-    def travel(self, change: FloatArray) -> FloatArray:
-        """Bound on how far any point moves with changes of a configuration, shapes (...) [m] and (..., c)."""
-        ...
-
-
 class IntervalCertificate(Protocol):
     """Certifies piecewise-linear motions of an arm interval by interval."""
 
     @property
-    def arm(self) -> MovedArm:
+    def arm(self) -> Arm:
         """The arm."""
         ...
 
