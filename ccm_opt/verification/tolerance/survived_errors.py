@@ -303,66 +303,56 @@ def _proofs(
 def _named(
     model: ErrorModel, size: float, proof: _SurfacesWithErrors | _LinksWithErrors, near: Nearest
 ) -> SurvivedError:
-    """The error with what limits it."""
+    """The error with what limits it: a link and an edge or a triangle, or two links."""
     motion = proof.motion
+    link, other = near.link, near.other
     name, part = proof.where(near)
-    where = f"link {near.link + 1} to {name} at t = {near.time:.4f} s"
     q = np.array([np.interp(near.time, motion.time, column) for column in motion.positions.T])
-    limiting = _LimitingPair(motion.arm, near.link, near.other, part)
-    worst = limiting.worst(q, DEFAULT_VERIFICATION.inside) if np.any(model.turns[1:]) else ()
-    link = max(near.link, near.other) if part is None else near.link
-    return SurvivedError(model.name, size, model.unit, where, near.time, link + 1, worst, limiting.place(q))
 
-
-@dataclass(frozen=True, eq=False)
-class _LimitingPair:
-    """A link and an edge or a triangle, or two links.
-
-    Attributes:
-        arm: the arm.
-        link: number of the link from 0.
-        other: of the other link; of no matter where there is a part of a surface.
-        part: corners, shape (d, d) [m], or None for two links.
-    """
-
-    arm: Arm
-    link: int
-    other: int
-    part: FloatArray | None
-
-    def worst(self, q: FloatArray, inside: float) -> tuple[float, ...]:
-        """Signs of the errors of all bends that lead there soonest; 0 where they do not matter.
-
-        Args:
-            q: the configuration, shape (c,) [rad, m].
-            inside: a joint is held where it is farther than this inside the guide tube [m].
-        """
-        arm = self.arm
-        bends = arm.coordinates.joints
-        turned = q + _STEP * np.eye(bends, len(q))
-        distances = self.distances(np.vstack((q, turned)))
-        signs = -np.sign(distances[1:] - distances[0])
-        out = float(carried(arm, q[None])[0]) + arm.link_length * np.arange(arm.links) - arm.hole
-        held = np.repeat(out < -inside, bends // arm.links) if arm.base_axes else np.zeros(bends, dtype=bool)
-        return tuple(float(sign) + 0.0 for sign in np.where(held, 0.0, signs))
-
-    def distances(self, poses: FloatArray) -> FloatArray:
-        """Between the axes of both, or of the link and the surface, in configurations (N, c), shape (N,) [m]."""
-        points = chain_points(self.arm, poses)
-        return self._away(points, points[:, self.link], points[:, self.link + 1])
-
-    def _away(self, points: FloatArray, start: FloatArray, end: FloatArray) -> FloatArray:
+    def away(points: FloatArray, start: FloatArray, end: FloatArray) -> FloatArray:
         """Distances of segments from the other link of poses (N, links + 1, d), or from the surface, shape (N,) [m]."""
-        if self.part is None:
-            return segment_distances(start, end, points[:, self.other], points[:, self.other + 1])
-        return CheckedSurfaces.between(start, end, np.broadcast_to(self.part, (len(start), *self.part.shape)))[1]
+        if part is None:
+            return segment_distances(start, end, points[:, other], points[:, other + 1])
+        return CheckedSurfaces.between(start, end, np.broadcast_to(part, (len(start), *part.shape)))[1]
 
-    def place(self, q: FloatArray) -> tuple[float, ...]:
-        """The place on the link's axis that is nearest, shape (d,) [m]."""
-        points = np.repeat(chain_points(self.arm, q[None]), _PLACES, axis=0)
-        share = np.linspace(0.0, 1.0, _PLACES)[:, None]
-        along = (1.0 - share) * points[:, self.link] + share * points[:, self.link + 1]
-        return tuple(float(value) for value in along[np.argmin(self._away(points, along, along))])
+    def gap(poses: FloatArray) -> FloatArray:
+        """Distances between both in configurations (N, c), shape (N,) [m]."""
+        points = chain_points(motion.arm, poses)
+        return away(points, points[:, link], points[:, link + 1])
+
+    worst = _worst_signs(motion.arm, q, gap) if np.any(model.turns[1:]) else ()
+    pose = np.repeat(chain_points(motion.arm, q[None]), _PLACES, axis=0)
+    share = np.linspace(0.0, 1.0, _PLACES)[:, None]
+    along = (1.0 - share) * pose[:, link] + share * pose[:, link + 1]
+    nearest = along[np.argmin(away(pose, along, along))]
+    return SurvivedError(
+        model.name,
+        size,
+        model.unit,
+        f"link {link + 1} to {name} at t = {near.time:.4f} s",
+        near.time,
+        1 + (max(link, other) if part is None else link),
+        worst,
+        tuple(float(value) for value in nearest),
+    )
+
+
+def _worst_signs(arm: Arm, q: FloatArray, gap: Callable[[FloatArray], FloatArray]) -> tuple[float, ...]:
+    """Signs of the errors of all bends that lead to a touch soonest; 0 where they do not matter.
+
+    Args:
+        arm: the arm.
+        q: the configuration, shape (c,) [rad, m].
+        gap: distances in configurations (N, c), shape (N,) [m].
+    """
+    bends = arm.coordinates.joints
+    distances = gap(np.vstack((q, q + _STEP * np.eye(bends, len(q)))))
+    signs = -np.sign(distances[1:] - distances[0])
+    out = float(carried(arm, q[None])[0]) + arm.link_length * np.arange(arm.links) - arm.hole
+    # A joint is held where it is inside the guide tube.
+    inside = DEFAULT_VERIFICATION.inside
+    held = np.repeat(out < -inside, bends // arm.links) if arm.base_axes else np.zeros(bends, dtype=bool)
+    return tuple(float(sign) + 0.0 for sign in np.where(held, 0.0, signs))
 
 
 def worst_motion(trajectory: JointTrajectory, error: SurvivedError, size: float) -> FloatArray:
