@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 
 import numpy as np
+from scipy.interpolate import PPoly
 
 from ccm_opt.core.arrays import BoolArray, FloatArray
 from ccm_opt.planning.pose import CurveUnknowns, Pose
@@ -269,71 +270,37 @@ def fit_coordinates(matrix: FloatArray, headings: FloatArray, length: float) -> 
 
 
 @lru_cache(maxsize=1)
-def turns_before_segments() -> FloatArray:
-    """By how much a curve of length 1 turns up to each segment, for every knot value, shape (SEGMENTS, KNOTS)."""
+def _turned() -> PPoly:
+    """By how much a curve of length 1 has turned at its places, for every knot value, values (KNOTS,)."""
     width = 1.0 / (4 * SEGMENTS)
-    turns: FloatArray = _heading_basis(np.arange(SEGMENTS) / SEGMENTS, width, _curvature_basis(width))[:, 1:]
-    return turns
+    # By falling powers, pieces and knots; neighbouring segments share a knot: five knots a segment and four pieces.
+    of_segment = piece_coefficients(np.full(4, width), np.eye(5)).transpose(1, 0, 2)[::-1]
+    coefficients = np.zeros((4, 4 * SEGMENTS, KNOTS))
+    for k in range(0, 4 * SEGMENTS, 4):
+        coefficients[:, k : k + 4, k : k + 5] = of_segment
+    return PPoly(coefficients, np.linspace(0.0, 1.0, 4 * SEGMENTS + 1)).antiderivative()
 
 
 @lru_cache(maxsize=32)
 def _unit_matrix(links: int) -> FloatArray:
     """Mean-heading matrix for a curve of length 1."""
-    width = 1.0 / (4 * SEGMENTS)
-    coefficients = _curvature_basis(width)
-
-    # Cut at the ends of links and at knots, so that the heading is a single quartic on every part; rounding merges an
-    # end of a link with a knot at the same place.
-    edges = np.unique(np.round(np.concatenate((np.arange(links + 1) / links, np.arange(KNOTS) * width)), 14))
-    nodes, weights = np.polynomial.legendre.leggauss(3)  # exact for the quartic
-    half = 0.5 * np.diff(edges)[:, None]
-    s = (edges[:-1, None] + half * (nodes + 1.0)).ravel()
-    theta = _heading_basis(s, width, coefficients).reshape(len(half), 3, -1)
-    integrals = np.einsum("k,ikp->ip", weights, theta) * half
-
-    # The middle of a part says to which link it belongs; the mean is the integral over 1 / links.
-    link = np.minimum((0.5 * (edges[:-1] + edges[1:]) * links).astype(int), links - 1)
-    matrix = np.zeros((links, KNOTS + 1))
-    np.add.at(matrix, link, integrals * links)
-    return matrix
+    primitive = _turned().antiderivative()(np.arange(links + 1) / links)
+    return np.column_stack((np.ones(links), links * np.diff(primitive, axis=0)))
 
 
 def mean_heading_matrix(links: int, length: float) -> FloatArray:
-    """Row j: mean over link j of ∂θ/∂v, shape (links, KNOTS + 1); exact quadrature of the quartic heading."""
+    """Row j: mean over link j of ∂θ/∂v, shape (links, KNOTS + 1)."""
     matrix = _unit_matrix(links).copy()
     # Curvature values count per metre: on a curve of length L they turn it L times as far as on one of length 1.
     matrix[:, 1:] *= length
     return matrix
 
 
-def _curvature_basis(width: float) -> FloatArray:
-    """Power coefficients of every curvature piece for every knot value, shape (20 pieces, 4 powers, KNOTS)."""
-    local = piece_coefficients(np.full(4, width), np.eye(5))
-    basis = np.zeros((4 * SEGMENTS, 4, KNOTS))
-    # Neighbouring segments share a knot, hence five knots a segment and four pieces.
-    for k in range(SEGMENTS):
-        basis[4 * k : 4 * k + 4, :, 4 * k : 4 * k + 5] = local
-    return basis
-
-
-def _heading_basis(s: FloatArray, width: float, coefficients: FloatArray) -> FloatArray:
-    """∂θ(s)/∂v for arc lengths on the unit curve, shape (len(s), KNOTS + 1)."""
-    # θ(s) = θ(0) + ∫ κ ds, and the power t^q of a piece integrates to t^{q+1} / (q + 1).
-    powers = 1.0 / np.arange(1, 5)
-    turns = np.einsum("iqp,q,q->ip", coefficients, powers, width ** np.arange(1, 5))
-    before = np.concatenate((np.zeros((1, KNOTS)), np.cumsum(turns, axis=0)))
-
-    piece = np.minimum((s / width).astype(int), 4 * SEGMENTS - 1)
-    t = s - piece * width
-    inside = np.einsum("sqp,q,sq->sp", coefficients[piece], powers, t[:, None] ** np.arange(1, 5))
-    return np.column_stack((np.ones(len(s)), before[piece] + inside))
-
-
 def nearest_curves(arm: Arm, q: FloatArray) -> tuple[Configuration, ...]:
     """The continuous curves whose mean headings on the links come nearest to those of configurations, shape (k, c)."""
     coordinates = fit_coordinates(mean_heading_matrix(arm.links, arm.length), arm.headings(q).T, arm.length).T
     length = arm.length / SEGMENTS
-    begin = coordinates[:, :1] + arm.length * coordinates[:, 1:] @ turns_before_segments().T
+    begin = coordinates[:, :1] + arm.length * coordinates[:, 1:] @ _turned()(np.arange(SEGMENTS) / SEGMENTS).T
     curvatures = [coordinates[:, 1 + 4 * k : 6 + 4 * k] for k in range(SEGMENTS)]
     return tuple(
         Configuration(
