@@ -110,32 +110,19 @@ def _is_number(value: object) -> TypeGuard[float]:
     return abs(value) <= sys.float_info.max
 
 
-def _positive(value: object, place: str = "") -> float:
-    if not (_is_number(value) and value > 0.0):
-        raise ValueError(f"expected a positive number or a list of such{place}")
-    return float(value)
+def _numbers_each(expected: str, *, zero: bool) -> BeforeValidator:
+    """The rule for one number or a list of numbers; pydantic's own union would report every defect twice."""
 
+    def check(value: object) -> object:
+        if value == []:
+            raise ValueError(f"expected {expected} or a list of such; the list is empty")
+        for k, entry in enumerate(value if isinstance(value, list) else [value]):
+            if not (_is_number(entry) and (entry > 0.0 or (zero and entry == 0.0))):
+                place = f"; [{k}] is {described(entry)}" if isinstance(value, list) else ""
+                raise ValueError(f"expected {expected} or a list of such{place}")
+        return [float(entry) for entry in value] if isinstance(value, list) else float(value)  # type: ignore[arg-type]
 
-def _positive_each(value: object) -> float | list[float]:
-    """One number or a list of numbers, as floats; pydantic's own union would report every defect twice."""
-    if not isinstance(value, list):
-        return _positive(value)
-    if not value:
-        raise ValueError("expected a positive number or a list of such; the list is empty")
-    return [_positive(entry, f"; [{k}] is {described(entry)}") for k, entry in enumerate(value)]
-
-
-def _non_negative(value: object) -> float:
-    if not (_is_number(value) and value >= 0.0):
-        raise ValueError(f"expected a number that is not negative, or a list of such; got {described(value)}")
-    return float(value)
-
-
-def _non_negative_each(value: object) -> float | list[float]:
-    """One number or a list of numbers, zero allowed, as floats."""
-    if isinstance(value, list):
-        return [_non_negative(entry) for entry in value]
-    return _non_negative(value)
+    return BeforeValidator(check)
 
 
 Length: TypeAlias = Annotated[float, Field(description="length"), AfterValidator(_to_metres)]
@@ -176,13 +163,15 @@ Polyline: TypeAlias = Annotated[
 Box: TypeAlias = Annotated[list[Length], Field(description="four lengths"), exactly(4), AfterValidator(_ordered_box)]
 
 PositiveEach: TypeAlias = Annotated[
-    float | list[float], Field(description="number above 0, or a list of such"), BeforeValidator(_positive_each)
+    float | list[float],
+    Field(description="number above 0, or a list of such"),
+    _numbers_each("a positive number", zero=False),
 ]
 """One positive number for all, or a list with one each."""
 NonNegativeEach: TypeAlias = Annotated[
     float | list[float],
     Field(description="number, 0 or more, or a list of such"),
-    BeforeValidator(_non_negative_each),
+    _numbers_each("a number that is not negative", zero=True),
 ]
 """The same with zero allowed."""
 NonNegative: TypeAlias = Annotated[float, Field(ge=0.0)]
