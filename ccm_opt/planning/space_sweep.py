@@ -14,14 +14,14 @@ import numpy as np
 from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.planning.curve_map import CurveMap, feed_to_next_stop
 from ccm_opt.planning.limits.limit import LimitOf
-from ccm_opt.planning.optimisation.interval_rows import STILL, IntervalRows, joined_rows
+from ccm_opt.planning.optimisation.interval_rows import STILL, IntervalRows, Sweep, joined_rows
 from ccm_opt.planning.pose import Pose
 from ccm_opt.planning.room_lacking import distance_lacking
 from ccm_opt.planning.step import SpaceStepper
 
 
 @dataclass(frozen=True, eq=False)
-class SpaceSweep:
+class SpaceSweep(Sweep):
     """A motion whose unknowns are linear between K + 1 keyframes.
 
     Attributes:
@@ -36,11 +36,6 @@ class SpaceSweep:
     def space(self) -> CurveMap:
         """The map of the unknowns."""
         return self.stepper.space
-
-    @property
-    def intervals(self) -> int:
-        """K."""
-        return len(self.unknowns) - 1
 
     @cached_property
     def poses(self) -> tuple[Pose, ...]:
@@ -77,20 +72,6 @@ class SpaceSweep:
         """Squared turns of the links by the unknowns, shape (K + 1, p, p)."""
         turning = np.stack([pose.turning for pose in self.poses]).reshape(len(self.poses), -1, self.moving.shape[3])
         return np.asarray(turning.transpose(0, 2, 1) @ turning)
-
-    def deviation(self, rows: IntervalRows) -> float:
-        """Nothing: rows reckon with what they lose halfway."""
-        del rows
-        return 0.0
-
-    def deviation_slopes(self, rows: IntervalRows) -> float:
-        """Nothing: what rows lose halfway counts as constant."""
-        del rows
-        return 0.0
-
-    def curvature(self, rows: IntervalRows, multipliers: FloatArray, pull: FloatArray) -> None:
-        """Nothing: in space second derivatives of the rows tie all links to each other."""
-        del rows, multipliers, pull
 
     @cached_property
     def halfway_off(self) -> FloatArray:

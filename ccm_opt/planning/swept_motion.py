@@ -7,11 +7,11 @@ import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.planning.link_space import LinkSpace
-from ccm_opt.planning.optimisation.interval_rows import IntervalRows, RowCurvature
+from ccm_opt.planning.optimisation.interval_rows import IntervalRows, RowCurvature, Sweep
 
 
 @dataclass(frozen=True)
-class PlanarSweep:
+class PlanarSweep(Sweep):
     """A piecewise-linear motion with what the rows need of it; K intervals, n links, p coordinates.
 
     Attributes:
@@ -21,11 +21,6 @@ class PlanarSweep:
 
     space: LinkSpace
     unknowns: FloatArray
-
-    @property
-    def intervals(self) -> int:
-        """K."""
-        return len(self.unknowns) - 1
 
     @cached_property
     def configurations(self) -> FloatArray:

@@ -8,8 +8,8 @@ At an end of the interval a point is where it is at that keyframe; in between it
 the time. A wall has no moving P_b. The deviation is by how much the points may leave the chord, as the sweep knows it.
 """
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass, fields
-from typing import Protocol
 
 import numpy as np
 
@@ -34,55 +34,62 @@ class RowCurvature:
     beside: FloatArray
 
 
-class Sweep(Protocol):
-    """A motion whose unknowns are linear between K + 1 keyframes; p unknowns, d coordinates of a point."""
+class Sweep(ABC):
+    """A motion whose unknowns are linear between K + 1 keyframes; p unknowns, d coordinates of a point.
 
-    @property
-    def unknowns(self) -> FloatArray:
-        """At the keyframes, shape (K + 1, p)."""
-        ...
+    Attributes:
+        unknowns: at the keyframes, shape (K + 1, p).
+    """
+
+    unknowns: FloatArray
 
     @property
     def intervals(self) -> int:
         """K."""
-        ...
+        return len(self.unknowns) - 1
 
     @property
+    @abstractmethod
     def points(self) -> FloatArray:
         """Joints and tip, perhaps others, and last what stands still, shape (K + 1, ≥ links + 2, d) [m]."""
-        ...
 
     @property
+    @abstractmethod
     def moving(self) -> FloatArray:
         """Derivatives of the points by the unknowns, shape (K + 1, ≥ links + 2, d, p) [m]."""
-        ...
 
     @property
+    @abstractmethod
     def configurations(self) -> FloatArray:
         """At the keyframes, shape (K + 1, c) [rad, m]."""
-        ...
 
     @property
+    @abstractmethod
     def slopes(self) -> FloatArray:
         """Derivatives of the configurations by the unknowns, shape (K + 1, c, p)."""
-        ...
 
     @property
+    @abstractmethod
     def turn_metrics(self) -> FloatArray:
         """Squared turns of the links by the unknowns, shape (K + 1, p, p)."""
-        ...
 
     def deviation(self, rows: "IntervalRows") -> FloatArray | float:
         """How far the points of rows may leave their chord, shape (m,) [m]; 0 where rows reckon with it themselves."""
-        ...
+        del rows
+        return 0.0
 
     def deviation_slopes(self, rows: "IntervalRows") -> FloatArray | float:
         """Derivatives of that by the change of the unknowns over the interval, shape (m, p) [m]."""
-        ...
+        del rows
+        return 0.0
 
     def curvature(self, rows: "IntervalRows", multipliers: FloatArray, pull: FloatArray) -> RowCurvature | None:
-        """Second derivatives of Σ λ g + pull·tip for multipliers λ, shape (m,), and a pull, shape (d,), or None."""
-        ...
+        """Second derivatives of Σ λ g + pull·tip for multipliers λ, shape (m,), and a pull, shape (d,).
+
+        None where they are not told: in space they tie all links to each other.
+        """
+        del rows, multipliers, pull
+        return None
 
 
 @dataclass(frozen=True, eq=False)
