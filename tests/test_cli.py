@@ -17,9 +17,9 @@ from hypothesis import strategies as st
 from typer.testing import CliRunner
 
 from ccm_opt import __version__
-from ccm_opt.cli import choices
 from ccm_opt.cli.commands import app
 from ccm_opt.cli.outcome import folded, run_all
+from ccm_opt.cli.output import ControllerChoice, MethodChoice
 from ccm_opt.core.errors import (
     ConfigurationNotFound,
     Diagnosis,
@@ -308,8 +308,8 @@ def test_other_methods_are_refused(problem_path: Path) -> None:
 
 def test_choices_are_those_of_the_problem_file() -> None:
     """Options that stand for a key of the problem file take what the key takes."""
-    assert get_args(choices.MethodChoice) == get_args(MethodName)
-    assert get_args(choices.ControllerChoice) == get_args(ControllerName)
+    assert get_args(MethodChoice) == get_args(MethodName)
+    assert get_args(ControllerChoice) == get_args(ControllerName)
 
 
 def test_check_verifies_from_files_alone(problem_path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
