@@ -99,21 +99,6 @@ def failures_recorded(problem: Problem, out: Path, clock: StageClock, *, picture
         raise
 
 
-@contextmanager
-def kept_without_pictures(target: Path, files: Mapping[str, bytes]) -> Iterator[None]:
-    """Draw inside it; a plan whose drawing fails or is cancelled is written without pictures before the error goes on.
-
-    Args:
-        target: the folder of the plan.
-        files: content of the plan's files by file name.
-    """
-    try:
-        yield
-    except BaseException:
-        write_unfinished(target, files)
-        raise
-
-
 def write_unfinished(target: Path, files: Mapping[str, bytes]) -> None:
     """Write a verified plan that was cut short, in its place or beside an earlier one.
 
@@ -193,13 +178,15 @@ def _solve(problem: Problem, options: SolveOptions) -> int:
         clock.begin("writing")
         files = pareto_files(found) if isinstance(found, ParetoPlans) else solution_files(found)
         drawn: Mapping[str, bytes] = {}
-        with kept_without_pictures(target, files):
-            if not options.pictures:
-                pass
-            elif isinstance(found, ParetoPlans):
+        try:
+            if options.pictures and isinstance(found, ParetoPlans):
                 drawn = pareto_pictures(found, options.figure_format)
-            else:
+            elif options.pictures:
                 drawn = plan_pictures(found, options.figure_format)
+        except BaseException:
+            # A plan whose drawing fails or is cancelled is written without pictures before the error goes on.
+            write_unfinished(target, files)
+            raise
         last_steps_uninterrupted()
         write_folder(target, {**files, **drawn})
         clock.finish()

@@ -67,7 +67,10 @@ def comparison_json(comparison: Comparison) -> str:
         "problems": list(comparison.problems),
         "methods": [_method(comparison, name) for name in comparison.methods],
         "pairs": [_pair(pair) for pair in comparison.pairs],
-        "failures": [_failure(run) for run in comparison.failures],
+        "failures": [
+            {"problem": run.problem, "method": run.method, "outcome": run.outcome, "reason": run.reason}
+            for run in comparison.failures
+        ],
     }
     return json.dumps(data, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
 
@@ -116,10 +119,6 @@ def _figure(item: FigurePair) -> dict[str, object]:
         "first_better": _number(item.better),
         "wilcoxon_p": _number(item.p_value),
     }
-
-
-def _failure(run: Run) -> dict[str, object]:
-    return {"problem": run.problem, "method": run.method, "outcome": run.outcome, "reason": run.reason}
 
 
 def _bounds(interval: ConfidenceInterval) -> list[float | None]:
