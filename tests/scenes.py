@@ -95,7 +95,7 @@ def swept(start: FloatArray, end: FloatArray, steps: int) -> FloatArray:
 
 def sweep_gaps(arm: Arm, workspace: Workspace, poses: FloatArray) -> tuple[float, float]:
     """Least wall gap and least self gap over sampled poses, shape (m, c); not told apart beyond 0.1 m [m]."""
-    points = arm.points(poses)
+    points = arm.joint_positions(poses[:, : arm.links], arm.link_length * poses[:, arm.links :].sum(axis=1))
     hull = shapely.convex_hull(shapely.MultiPoint(points.reshape(-1, 2)))
     reach = arm.radius + workspace.clearance + WIDE
     near = tuple(o for o in workspace.obstacles if o.core.distance(hull) < reach + o.rounding)

@@ -48,14 +48,13 @@ def test_a_planar_layout_counts_bends_and_then_the_axes_of_the_base() -> None:
 
 @given(st.integers(0, 2**32 - 1), st.booleans())
 @settings(max_examples=20, deadline=None)
-def test_poses_and_configurations_are_inverse_and_stand_in_the_same_place(seed: int, fed: bool) -> None:
-    """Points of a configuration are those of its pose, and of its headings and its feed."""
+def test_configurations_stand_where_their_headings_and_feed_do(seed: int, fed: bool) -> None:
+    """Points of a configuration are those of its headings and its feed."""
     arm = fed_arm() if fed else slim_arm(4, 0.1)
     q = np.random.default_rng(seed).normal(0.0, 0.5, (3, len(arm.coordinates)))
-    np.testing.assert_allclose(arm.configurations(arm.poses(q)), q, atol=1e-12)
     points = arm.joint_positions(arm.headings(q[:, :4]), arm.coordinates.advance(q))
     np.testing.assert_allclose(arm.joint_positions_at(q), points, atol=1e-12)
-    np.testing.assert_allclose(arm.points(arm.poses(q)), points, atol=1e-12)
+    np.testing.assert_allclose(arm.poses(q)[:, :4], arm.headings(q), atol=1e-12)
     pose = JointPose.from_configuration(q[0], arm.coordinates)
     np.testing.assert_array_equal(pose.configuration(arm), q[0])
 

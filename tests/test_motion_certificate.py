@@ -40,7 +40,13 @@ seeds = st.integers(0, 2**32 - 1)
 
 def certified(arm: Arm, workspace: Workspace, *keyframes: FloatArray) -> bool:
     """Whether the piecewise-linear motion through keyframes is certified."""
-    return len(Certificate(arm, workspace).failures(arm.configurations(np.array(keyframes)))) == 0
+    return len(Certificate(arm, workspace).failures(configurations_of(arm, np.array(keyframes)))) == 0
+
+
+def configurations_of(arm: Arm, poses: FloatArray) -> FloatArray:
+    """Configurations of link headings and the base in link lengths, shape (..., c)."""
+    bends = arm.bends(poses[..., : arm.links])
+    return np.concatenate((bends, arm.link_length * poses[..., arm.links :]), axis=-1)
 
 
 def random_turn(rng: np.random.Generator, arm: Arm, size: float) -> FloatArray:
@@ -282,8 +288,8 @@ def test_compiled_proofs_are_those_of_numpy(seed: int, links: int, turn: float) 
     arm = make_arm(links, 0.012)
     least = 2.0 * arm.radius + 1e-4 * np.arange(links)
     compiled = PairProofs(arm.first_self_pair, least)
-    start = np.array([random_headings(rng, arm, 6.0) for _ in range(3)])
-    motion = Stretches(arm, start, start + turn * rng.standard_normal(start.shape), np.arange(3))
+    start = arm.bends(np.array([random_headings(rng, arm, 6.0) for _ in range(3)]))
+    motion = Stretches(arm, start, start + arm.bends(turn * rng.standard_normal(start.shape)), np.arange(3))
     interpreted = InterpretedProofs(arm.first_self_pair, least)
     expected, touching = interpreted.unproved(motion, None)
     found, touched = compiled.unproved(motion, None)
@@ -301,8 +307,8 @@ def test_compiled_proofs_find_any_number_of_pairs() -> None:
     arm = make_arm(60, 0.012)
     least = np.full(arm.links, arm.length)
     compiled = PairProofs(arm.first_self_pair, least)
-    start = np.array([random_headings(np.random.default_rng(1), arm, 6.0)] * 3)
-    motion = Stretches(arm, start, start + 0.1, np.arange(3))
+    start = arm.bends(np.array([random_headings(np.random.default_rng(1), arm, 6.0)] * 3))
+    motion = Stretches(arm, start, start + 0.1 * np.eye(1, 60), np.arange(3))
     expected, _ = InterpretedProofs(arm.first_self_pair, least).unproved(motion, None)
     found, _ = compiled.unproved(motion, None)
     assert len(expected[0]) > 4000

@@ -64,8 +64,8 @@ def test_compiled_proofs_are_those_of_shapely(seed: int, links: int, radius: flo
     rng = np.random.default_rng(seed)
     arm = make_arm(links, radius, mount_length=mount / links)
     workspace = walls_of_all_kinds(seed)
-    start = np.array([random_headings(rng, arm, 5.0) for _ in range(3)])
-    motion = Stretches(arm, start, start + turn * rng.standard_normal(start.shape), np.arange(3))
+    start = arm.bends(np.array([random_headings(rng, arm, 5.0) for _ in range(3)]))
+    motion = Stretches(arm, start, start + arm.bends(turn * rng.standard_normal(start.shape)), np.arange(3))
     proofs = WallProofs(asked_of(arm, workspace))
     found, touched = proofs.unproved(motion, None)
 
@@ -87,8 +87,8 @@ def test_the_hull_of_a_proved_link_is_apart(seed: int, links: int, turn: float) 
     rng = np.random.default_rng(seed)
     arm = make_arm(links, 0.005)
     workspace = walls_of_all_kinds(seed)
-    start = random_headings(rng, arm, 5.0)[None]
-    motion = Stretches(arm, start, start + turn * rng.standard_normal(start.shape), np.arange(1))
+    start = arm.bends(random_headings(rng, arm, 5.0)[None])
+    motion = Stretches(arm, start, start + arm.bends(turn * rng.standard_normal(start.shape)), np.arange(1))
     question = asked_of(arm, workspace)
     left = pairs(WallProofs(question).unproved(motion, None)[0])
     for link in range(links):
@@ -106,7 +106,7 @@ def test_a_court_is_free_and_its_block_is_not(*, inside: bool) -> None:
     arm = replace(make_arm(12, 0.01), base=np.array([6.0 if inside else 0.0, 0.3]))
     still = np.zeros((1, 12))
     left, touched = WallProofs(asked_of(arm, Workspace(shapely.box(-20, -20, 20, 20), (big,)))).unproved(
-        Stretches(arm, still, still + 0.01, np.arange(1)), None
+        Stretches(arm, still, still + 0.01 * np.eye(1, 12), np.arange(1)), None
     )
     assert len(left[0]) == (12 if inside else 0)
     assert len(touched) == len(left[0])

@@ -141,6 +141,11 @@ class UserTerms:
         """Constraints that must hold."""
         return tuple(c for c in self.constraints if not c.constraint.soft)
 
+    @property
+    def checked(self) -> tuple[CompiledConstraint | TimedConstraint, ...]:
+        """All constraints, on paths and on speeds."""
+        return (*self.constraints, *self.timed)
+
     @cached_property
     def motion_rows(self) -> RowSet:
         """Rows of the hard constraints that hold at the keyframes on the way."""

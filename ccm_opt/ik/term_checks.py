@@ -137,16 +137,13 @@ def checks_without_path(
 
 
 def _checks(terms: UserTerms, every: CheckedPoses, keyframes: CheckedPoses) -> tuple[Check, ...]:
-    return tuple(
-        _check(each, keyframes if each.constraint.where == "keyframes" else every)
-        for each in (*terms.constraints, *terms.timed)
-    )
+    return tuple(_check(each, keyframes if each.constraint.where == "keyframes" else every) for each in terms.checked)
 
 
 def _figures(terms: UserTerms, every: CheckedPoses) -> Mapping[str, float]:
     """Worst residual of every constraint and mean value of every cost, by name."""
     figures = {}
-    for each in (*terms.constraints, *terms.timed):
+    for each in terms.checked:
         excess, _ = _worst(each, every)
         # What is no number stays none.
         figures[f"residual_{_key(each.constraint.name)}"] = max(0.0, excess)

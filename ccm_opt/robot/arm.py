@@ -361,22 +361,6 @@ class Arm:
         base = q[..., self.links :] / self.link_length
         return np.concatenate((self.headings(q[..., : self.links]), base), axis=-1)
 
-    def configurations(self, poses: FloatArray) -> FloatArray:
-        """Configurations of poses, the inverse of ``poses``, shape (..., c) [rad, m]."""
-        base = poses[..., self.links :] * self.link_length
-        return np.concatenate((self.bends(poses[..., : self.links]), base), axis=-1)
-
-    def points(self, poses: FloatArray) -> FloatArray:
-        """Positions of the joints and the tip in poses, shape (..., links + 1, 2) [m].
-
-        Args:
-            poses: link headings, and perhaps the base, shape (..., links) or (..., c) [rad, link lengths].
-        """
-        if poses.shape[-1] == self.links:
-            return self.joint_positions(poses)
-        carried = self.link_length * np.sum(poses[..., self.links :], axis=-1)
-        return self.joint_positions(poses[..., : self.links], carried)
-
     @property
     def length(self) -> float:
         """Total length L = links · l [m]."""

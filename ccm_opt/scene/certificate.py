@@ -32,7 +32,7 @@ class Stretches:
 
     Attributes:
         arm: that moves.
-        start: link headings, and perhaps the base, shape (m, links) or (m, c) [rad, link lengths].
+        start: configurations, shape (m, c) [rad, m].
         end: likewise.
         owner: interval of the motion that each stretch belongs to, shape (m,).
     """
@@ -43,32 +43,30 @@ class Stretches:
     owner: IntArray
 
     def __post_init__(self) -> None:
-        links, coordinates = self.arm.links, len(self.arm.coordinates)
-        if self.start.shape[1:] not in ((links,), (coordinates,)) or self.end.shape != self.start.shape:
-            got = f"{self.start.shape} and {self.end.shape}"
-            raise ValueError(f"stretches have the shapes {got}; expected (m, {links}) or (m, {coordinates})")
+        c = len(self.arm.coordinates)
+        if self.start.shape[1:] != (c,) or self.end.shape != self.start.shape:
+            raise ValueError(f"stretches have the shapes {self.start.shape} and {self.end.shape}; expected (m, {c})")
 
     @cached_property
     def a(self) -> FloatArray:
         """Joint positions at the start, shape (m, links + 1, 2) [m]."""
-        return self.arm.points(self.start)
+        return self.arm.joint_positions_at(self.start)
 
     @cached_property
     def b(self) -> FloatArray:
         """Joint positions at the end, shape (m, links + 1, 2) [m]."""
-        return self.arm.points(self.end)
+        return self.arm.joint_positions_at(self.end)
 
     @cached_property
     def middle(self) -> FloatArray:
         """Joint positions half-way, shape (m, links + 1, 2) [m]."""
-        return self.arm.points(0.5 * (self.start + self.end))
+        return self.arm.joint_positions_at(0.5 * (self.start + self.end))
 
     @cached_property
     def sag(self) -> FloatArray:
         """How far the joint at the end of each link may leave its chord, shape (m, links) [m]."""
         # The base runs straight, so only the turning of the links adds to the sag.
-        links = self.arm.links
-        turned = self.end[:, :links] - self.start[:, :links]
+        turned = np.cumsum((self.end - self.start)[:, : self.arm.links], axis=1)
         return np.asarray(np.cumsum(self.arm.link_length * turned**2, axis=1) / 8.0)
 
     @cached_property
@@ -252,8 +250,7 @@ class Certificate:
             Sorted indices of intervals k (from keyframe k to k + 1); empty when the motion is safe.
         """
         depth = self.settings.depth if depth is None else depth
-        poses = self.arm.poses(q)
-        spans = Stretches(self.arm, poses[:-1], poses[1:], np.arange(len(q) - 1))
+        spans = Stretches(self.arm, q[:-1], q[1:], np.arange(len(q) - 1))
 
         links: Links | None = None
         pairs: Pairs | None = None

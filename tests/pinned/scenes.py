@@ -350,7 +350,7 @@ def proved_motions(scale: float) -> None:
         room = Workspace(ROOM, walls()[k % 2 :], 0.002)
         Certificate(arm, room, spare=0.001).failures(arm.bends(turned))
         Certificate.allowing_contact(arm, room).failures(arm.bends(turned), depth=3)
-        spans = Stretches(arm, turned[:-1], turned[1:], np.arange(2))
+        spans = Stretches(arm, arm.bends(turned)[:-1], arm.bends(turned)[1:], np.arange(2))
         least = arm.radius + 0.002 + 0.001 * np.arange(links)
         asked = WallQuestion(room, least, (k % 3, 0.3))
         WallProofs(asked).unproved(spans, None)
