@@ -1,5 +1,7 @@
 """Ways that an arm can follow behind its tip: bends, room, ends; and motions of fed arms along them, in and back."""
 
+from dataclasses import replace
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +22,7 @@ from ccm_opt.planning.guides import ArmTrack
 from ccm_opt.planning.settings import SpaceMotionSettings
 from ccm_opt.planning.space_candidates import bend_allowances
 from ccm_opt.planning.space_goal_poses import withdrawn
-from ccm_opt.planning.space_search import find_motion
+from ccm_opt.planning.space_search import SpaceRun, find_motion
 from ccm_opt.planning.space_task import space_task, tip_box
 from ccm_opt.robot.arm import Feed
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
@@ -243,6 +245,29 @@ def test_long_links_that_bend_far_go_round_gentle_bends_too() -> None:
     motion = find_motion(task)
     assert min(least_gaps(task.arm, soup, motion.configurations, 10)) > 0.0
     assert motion.candidate.endswith("behind the tip")
+
+
+@pytest.mark.parametrize("family", ["pipe-two-bends", "tank", "tee"])
+def test_ways_out_of_a_guide_tube_begin_where_a_joint_can_bend(family: str) -> None:
+    """An arm that stands inside its tube goes straight until a joint is out of it, and never back through the hole."""
+    problem = site_problem(family, 43, 24, family)
+    arm = problem.arm
+    assert arm.feed is not None
+    back = 0.1 + float(problem.start.tip(arm) @ arm.direction) - float(arm.base @ arm.direction) - arm.hole
+    feed = Feed(arm.feed.low, arm.feed.high + back, arm.hole + back)
+    problem = replace(problem, arm=replace(arm, base=arm.base - back * arm.direction, feed=feed))
+    arm = problem.arm
+    task = space_task(problem, SurfaceTree.of(problem.workspace.soup), Deadline.after(60.0), SpaceMotionSettings())
+    ways = list(islice(SpaceRun.from_task(task).ways().first(), 4))
+    assert len(ways) > 1
+    for way in ways:
+        from_hole = way.corners - (arm.base + arm.hole * arm.direction)
+        along = from_hole @ arm.direction
+        beside = np.linalg.norm(from_hole - np.outer(along, arm.direction), axis=1)
+        assert along[0] == pytest.approx(-0.1)
+        assert beside[:2] == pytest.approx(0.0, abs=1e-9)
+        assert along[1] > arm.link_length
+        assert np.all((along[1:] > -1e-9) | (beside[1:] > task.unit))
 
 
 @settings(deadline=None)

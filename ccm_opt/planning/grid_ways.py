@@ -165,9 +165,11 @@ class TipGrid:
         labels, _ = ndimage.label(self.gaps > 0.0, structure=np.ones((3, 3, 3), dtype=bool))
         return np.asarray(labels)
 
-    def connected(self, first: tuple[int, int, int], last: tuple[int, int, int]) -> bool:
-        """Whether there is any way from one cell to another."""
-        return bool(self._labels[first] == self._labels[last] and self._labels[first] > 0)
+    def joins(self, start: FloatArray, goal: FloatArray) -> bool:
+        """Whether there is any way from the cell with room nearest to a place to that of another."""
+        first = self.free_near(start)
+        last = self.free_near(goal)
+        return first is not None and last is not None and bool(self._labels[first] == self._labels[last] > 0)
 
     def prices(self, nearness: float, dear: FloatArray | None = None) -> npt.NDArray[np.float32]:
         """What a way through each cell costs, as a multiple of its length; −1 where there is no room.
@@ -214,7 +216,7 @@ class TipGrid:
         """
         first = self.free_near(start)
         last = self.free_near(goal)
-        if first is None or last is None or not self.connected(first, last):
+        if first is None or last is None or not self.joins(start, goal):
             return None
         before, _ = self._settled(self.prices(nearness, dear), first, last)
         if self.deadline.passed():

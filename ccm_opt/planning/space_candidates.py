@@ -1,13 +1,13 @@
 """Candidates of the search in space."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise, product
 
 import numpy as np
 
-from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.arrays import BoolArray, FloatArray
 from ccm_opt.planning.followable_ways import FollowableWays, WayEnd
 from ccm_opt.planning.grid_ways import GridDistances, TipGrid, WaysBetween, shortened
 from ccm_opt.planning.guides import ONTO_TRACK
@@ -59,6 +59,8 @@ _DETOUR_PRICE = 4.0
 """What a way costs more near one that has failed, as a multiple."""
 _DETOURS = 3
 """Ways that keep away from those before, at most."""
+_BEHIND_HOLE = np.array((0.75, 1.5))
+"""How far behind the end of the guide tube, and how far beside its axis, no way goes [u]. Taste."""
 _SPARE_LENGTH = 2.0
 """By how much a way may be longer than what an arm can be fed [u]."""
 
@@ -121,24 +123,31 @@ class SpaceTipWays:
 
     Args:
         task: what is asked; its goal is one for the tip.
-        start: tip where the motion begins, shape (3,) [m].
+        tip: where the motion begins, shape (3,) [m].
         goal: place of the tip at the end, shape (3,) [m].
         direction: of the last link there, shape (3,), or None.
         heading: where the last link points when the motion begins, shape (3,).
         fed: how much farther the base can be fed [m]; None where it is fixed.
+        straight: how far the tip goes on straight until the first joint is out of the guide tube [m].
     """
 
     task: SpaceTask
-    start: FloatArray
+    tip: FloatArray
     goal: FloatArray
     direction: FloatArray | None
     heading: FloatArray
     fed: float | None = None
+    straight: float = 0.0
     _followed: list[FloatArray] = field(default_factory=list)  # ways that an arm could follow, as far as was tried
     _grids: dict[tuple[int, float, float, float], TipGrid] = field(default_factory=dict)
     _known: dict[tuple[int, float], GridDistances] = field(default_factory=dict)
     _tried: set[float] = field(default_factory=set)  # sizes of the cells of grids that were gone through [m]
     _seen: list[FloatArray] = field(default_factory=list)  # ways through them
+
+    @cached_property
+    def start(self) -> FloatArray:
+        """Tip where the arm can turn off from its straight way, shape (3,) [m]."""
+        return self.tip + self.straight * self.heading
 
     def first(self) -> Iterator[TipWay]:
         """The ways that are tried first: the straight one, and for a fed arm such as it can follow behind its tip."""
@@ -273,7 +282,7 @@ class SpaceTipWays:
     @property
     def _longest_followed(self) -> float:
         """Length of the longest way to where the approach begins that an arm can follow behind its tip [m]."""
-        return (self.fed or 0.0) + _SPARE_LENGTH * self.task.unit
+        return (self.fed or 0.0) - self.straight + _SPARE_LENGTH * self.task.unit
 
     def _grid(self, cells: int, margin: float, beside: float = 0.0, longest: float = np.inf) -> TipGrid:
         """The grid of places with room for the tip, a share of the margin and a further distance [m].
@@ -291,8 +300,34 @@ class SpaceTipWays:
             around = task.kept + beside
             # With the whole margin they are asked for too, sooner or later.
             distances = self._distances(cells, longest, around + max(margin, 1.0) * task.margin + far)
-            self._grids[key] = TipGrid.of(distances, around + margin * task.margin, far, task.deadline)
+            grid = TipGrid.of(distances, around + margin * task.margin, far, task.deadline)
+            self._grids[key] = self._closed_behind(grid)
         return self._grids[key]
+
+    def _closed_behind(self, grid: TipGrid) -> TipGrid:
+        """The grid without room just behind the end of the guide tube: no arm turns back through its hole.
+
+        The grid itself where the base is fixed, or a place that is asked for lies there.
+        """
+        arm = self.task.arm
+        if not arm.base_axes:
+            return grid
+        hole = arm.base + arm.hole * arm.direction
+        depth, wide = _BEHIND_HOLE * self.task.unit
+
+        def behind(places: FloatArray) -> BoolArray:
+            apart = places - hole
+            along = apart @ arm.direction
+            return np.asarray((along < 0.0) & (along > -depth) & (np.sum(apart**2, axis=-1) - along**2 < wide**2))
+
+        if np.any(behind(np.stack((self.start, self.goal, *self.task.via)))):
+            return grid
+        low, high = (grid.index(hole + side * (depth + wide)) for side in (-1.0, 1.0))
+        about = tuple(slice(a, b + 1) for a, b in zip(low, high, strict=True))
+        sides = (grid.low[d] + grid.cell * np.arange(low[d], high[d] + 1) for d in range(3))
+        gaps = grid.gaps.copy()
+        gaps[about][behind(np.stack(np.meshgrid(*sides, indexing="ij"), axis=-1))] = 0.0
+        return replace(grid, gaps=gaps)
 
     def _distances(self, cells: int, longest: float, reach: float) -> GridDistances:
         """Distances of the places of a grid, at least up to a reach; arguments as of ``_grid``."""
@@ -321,9 +356,8 @@ class SpaceTipWays:
         ends = np.stack((self.start, self.goal))
         return np.stack((np.minimum(low, ends.min(axis=0)), np.maximum(high, ends.max(axis=0))))
 
-    @staticmethod
-    def _joined(parts: list[FloatArray]) -> FloatArray:
-        corners = np.vstack([np.atleast_2d(part) for part in parts])
+    def _joined(self, parts: list[FloatArray]) -> FloatArray:
+        corners = np.vstack([np.atleast_2d(part) for part in (self.tip, *parts)])
         apart = np.linalg.norm(np.diff(corners, axis=0), axis=1) > 1e-9
         return corners[np.concatenate(([True], apart))]
 

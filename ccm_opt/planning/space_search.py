@@ -43,6 +43,9 @@ _GRAZING = 0.1
 optimisation seldom makes room for such a one."""
 _EXTENSIONS = 8000
 """Of trees that are the last resort, at most, each time that it begins."""
+_TURNS_OFF = 1.5
+"""Links that stand out of the guide tube before the tip turns off its straight way. With a single one the joint in the
+mouth would have to bend as it comes out (measured between ribs)."""
 _TURN = 1.0
 """Largest turn of a link onto the track of the tip that is asked for in one step [rad]. Taste."""
 _GOALS = 8
@@ -132,8 +135,12 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
         """Makes ways of the tip from the start of the run."""
         arm = self.task.arm
         start = self.start
-        fed = arm.base_range[1] - float(start.q[-1]) if arm.base_axes else None
-        return SpaceTipWays(self.task, start.tip, self.goal.position, self.goal.direction, start.tip_direction, fed)
+        ways = partial(SpaceTipWays, self.task, start.tip, self.goal.position, self.goal.direction)
+        if not arm.base_axes:
+            return ways(start.tip_direction)
+        feed = float(start.q[-1])
+        out = max(arm.hole + _TURNS_OFF * arm.link_length - feed - arm.length, 0.0)
+        return ways(start.tip_direction, arm.base_range[1] - feed, out)
 
     def by_ways(self, ways: Iterator[TipWay], failures: list[Failure], *, slides: bool = True) -> SpaceMotion | None:
         """Along one way after the other.
