@@ -63,7 +63,7 @@ class SagScene:
 
     def proved(self, depth: int) -> bool:
         """Whether the certificate holds with a number of bisections."""
-        return len(self.certificate.failures(np.stack((self.start, self.end)), depth)) == 0
+        return len(self.certificate.failures(self.certificate.arm.bends(np.stack((self.start, self.end))), depth)) == 0
 
 
 def sag_png(scene: SagScene) -> bytes:
