@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ccm_opt.cli.compare.space_clutter import space_clutter
-from ccm_opt.driver.closed_loop import seen_in_space
+from ccm_opt.driver.closed_loop import seen as seen_of
 from ccm_opt.problem.solution import JointTrajectory, SimulatedMotion
 from ccm_opt.robot.frames import revolute_angles
 from tests.snakes_in_space import least_gaps
@@ -26,7 +26,7 @@ def test_least_gaps_and_the_first_contact_are_those_of_all_samples(seed: int) ->
     still = np.zeros_like(q)
     trajectory = JointTrajectory(0.005 * np.arange(len(q)), q, still, still, arm.coordinates)
     angles = revolute_angles(arm, q)
-    seen = seen_in_space(problem, trajectory, SimulatedMotion(angles, np.zeros_like(angles), 0.0, saturated=False))
+    seen = seen_of(problem, trajectory, SimulatedMotion(angles, np.zeros_like(angles), 0.0, saturated=False))
     assert seen is not None
     at_each = [least_gaps(arm, problem.workspace.soup, pose[None].repeat(2, axis=0), 1) for pose in q]
     walls, itself = np.min(at_each, axis=0)
