@@ -179,10 +179,11 @@ def _solve(problem: Problem, options: SolveOptions) -> int:
         files = pareto_files(found) if isinstance(found, ParetoPlans) else solution_files(found)
         drawn: Mapping[str, bytes] = {}
         try:
-            if options.pictures and isinstance(found, ParetoPlans):
-                drawn = pareto_pictures(found, options.figure_format)
-            elif options.pictures:
-                drawn = plan_pictures(found, options.figure_format)
+            if options.pictures:
+                if isinstance(found, ParetoPlans):
+                    drawn = pareto_pictures(found, options.figure_format)
+                else:
+                    drawn = plan_pictures(found, options.figure_format)
         except BaseException:
             # A plan whose drawing fails or is cancelled is written without pictures before the error goes on.
             write_unfinished(target, files)
