@@ -23,7 +23,7 @@ from ccm_opt.problem import TipGoal
 from ccm_opt.problem.solution.solution import roll_against
 from ccm_opt.robot.frames import revolute_angles
 from ccm_opt.scene.bodies import BoxBody, SphereBody
-from ccm_opt.scene.surfaces import all_within, seen_triangles, sharp_edges, thinned
+from ccm_opt.scene.surfaces import all_within, sharp_edges, thinned
 from ccm_opt.viz.failure_page import failure_html
 from ccm_opt.viz.saved_plans import SavedPlan, load
 
@@ -248,7 +248,7 @@ def test_pictures_show_three_sides_and_a_film(folder: Path) -> None:
 
 def test_thinned_surfaces_stay_near() -> None:
     """No corner of a thinned ball is farther from it than the diagonal of a cell, and it has fewer triangles."""
-    vertices, faces = seen_triangles(SphereBody(np.zeros(3), 1.0), 48)
+    vertices, faces = SphereBody(np.zeros(3), 1.0).surface(48)
     corners, kept = thinned(vertices, faces, 0.2)
     assert 0 < len(kept) < len(faces) / 2
     assert np.all(np.abs(np.linalg.norm(corners, axis=1) - 1.0) < 0.2 * np.sqrt(3.0))
@@ -265,7 +265,7 @@ def test_what_is_drawn_of_a_surface_looks_like_it(most: int) -> None:
     corners = [number, np.roll(number, -1, axis=0), np.roll(number, (-1, -1), axis=(0, 1)), np.roll(number, -1, axis=1)]
     a, b, c, d = (corner.ravel() for corner in corners)
     faces = np.concatenate((np.column_stack((a, b, c)), np.column_stack((a, c, d))))
-    box = seen_triangles(BoxBody(np.zeros(3), np.array([1.0, 2.0, 3.0])), 8)
+    box = BoxBody(np.zeros(3), np.array([1.0, 2.0, 3.0])).surface(8)
     torus, same = all_within([(vertices, faces), box], most, 100, 0.2)
     assert same[1] is box[1]
     assert 0 < len(torus[1]) <= most - len(box[1])
@@ -276,7 +276,7 @@ def test_what_is_drawn_of_a_surface_looks_like_it(most: int) -> None:
 
 def test_sharp_edges_of_a_box_are_its_twelve() -> None:
     """Diagonals of faces are no edges, and all twelve edges are found."""
-    vertices, faces = seen_triangles(BoxBody(np.zeros(3), np.array([1.0, 2.0, 3.0])), 8)
+    vertices, faces = BoxBody(np.zeros(3), np.array([1.0, 2.0, 3.0])).surface(8)
     edges = sharp_edges(vertices, faces, 0.5)
     lengths = np.sort(np.linalg.norm(vertices[edges[:, 0]] - vertices[edges[:, 1]], axis=1))
     assert np.allclose(lengths, [1.0] * 4 + [2.0] * 4 + [3.0] * 4)

@@ -9,7 +9,6 @@ import numpy as np
 import shapely
 
 from ccm_opt.core.arrays import ROUNDING, FloatArray
-from ccm_opt.scene.bodies import CylinderBody
 from ccm_opt.scene.distances.enclosures import deepest_enclosure
 from ccm_opt.scene.distances.insides import depth_inside
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
@@ -184,7 +183,7 @@ class SurfaceGaps:
     @cached_property
     def stands_out(self) -> float:
         """By how much any surface that planning keeps away from may stand out of its obstacle [m]."""
-        return max((_stands_out(each) for each in self.workspace.obstacles), default=0.0)
+        return max((each.body.error for each in self.workspace.obstacles), default=0.0)
 
     def distances(self, segments: FloatArray, reach: float) -> FloatArray:
         """Distance of segments (k, 2, 3) from the nearest surface, cut off at a reach, shape (k,) [m]."""
@@ -233,12 +232,7 @@ def _from_obstacle(obstacle: Obstacle, segments: FloatArray, reach: float) -> Ob
             if depths[deepest] > 0.0:
                 gaps[k] = -depths[deepest]
                 places[k] = along[deepest]
-    return ObstacleGap(obstacle.name, gaps, places, _stands_out(obstacle))
-
-
-def _stands_out(obstacle: Obstacle) -> float:
-    body = obstacle.body
-    return body.error if isinstance(body, CylinderBody) else 0.0
+    return ObstacleGap(obstacle.name, gaps, places, body.error)
 
 
 def _from_room(bounds: FloatArray, segments: FloatArray) -> ObstacleGap:

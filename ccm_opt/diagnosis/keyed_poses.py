@@ -45,14 +45,14 @@ def keyed_goals(problem: Problem) -> Iterator[KeyedGoal[Goal]]:
 
 def tip_goal(problem: Problem) -> TipGoal | None:
     """The last goal of a problem where it is for the tip; None where it is for the whole arm."""
-    return problem.goal if isinstance(problem.goal, TipGoal) else None
+    return problem.goal.for_tip
 
 
 def tip_places(problem: Problem) -> Iterator[TipPlace]:
     """Every goal for the tip alone."""
     for asked in keyed_goals(problem):
-        if isinstance(asked.goal, TipGoal):
-            yield KeyedGoal(asked.name, f"{asked.key}.position", asked.goal, asked.tolerances)
+        if asked.goal.for_tip:
+            yield KeyedGoal(asked.name, f"{asked.key}.position", asked.goal.for_tip, asked.tolerances)
 
 
 @dataclass(frozen=True)
@@ -92,6 +92,7 @@ def whole_poses(problem: Problem) -> Iterator[WholePose]:
     arm = problem.arm
     yield WholePose("the start", "start", problem.start.configuration(arm))
     for asked in keyed_goals(problem):
-        if not isinstance(asked.goal, TipGoal):
-            play = asked.tolerances.heading if asked.goal.curve is None else np.inf
-            yield WholePose(asked.name, asked.key, asked.goal.configuration(arm), play, asked.tolerances.position)
+        pose = asked.goal.for_joints
+        if pose:
+            play = asked.tolerances.heading if pose.curve is None else np.inf
+            yield WholePose(asked.name, asked.key, pose.configuration(arm), play, asked.tolerances.position)

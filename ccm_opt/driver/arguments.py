@@ -11,7 +11,7 @@ from ccm_opt.driver.legs import Planner, Retimer
 from ccm_opt.ik.compiled_terms import UserTerms
 from ccm_opt.ik.contradictions import Contradiction, GoalRegion, contradictions
 from ccm_opt.ik.terms import TERM_TOLERANCE, Constraint, Cost, applies_at
-from ccm_opt.problem import Goal, Problem, TipGoal, Tolerances
+from ccm_opt.problem import Goal, Problem, Tolerances
 from ccm_opt.problem.options import options_without_effect
 from ccm_opt.robot.arm import Arm
 
@@ -130,9 +130,10 @@ def _breaks_start(problem: Problem, terms: UserTerms) -> bool:
 
 
 def _contradictions(terms: UserTerms, goal: Goal, tolerances: Tolerances) -> tuple[Contradiction, ...]:
-    if not isinstance(goal, TipGoal):
+    tip = goal.for_tip
+    if tip is None:
         return ()
-    region = GoalRegion(goal.position, goal.direction, tolerances.position, tolerances.heading)
+    region = GoalRegion(tip.position, tip.direction, tolerances.position, tolerances.heading)
     return contradictions(terms, region)
 
 

@@ -31,7 +31,7 @@ from ccm_opt.planning.settings import CurvePlannerSettings
 from ccm_opt.planning.smooth_path import joint_path
 from ccm_opt.planning.space_planner import SpacePlanner
 from ccm_opt.planning.space_task import space_task
-from ccm_opt.problem import Problem, TipGoal
+from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import Check, JointPath, Solution
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from ccm_opt.verification.verifier import verify
@@ -229,8 +229,8 @@ class LivePlan:
         Raises:
             ProblemError: the goal is one for the whole arm, or what is asked for is no place or direction.
         """
-        goal = self.problem.goal
-        if not isinstance(goal, TipGoal):
+        goal = self.problem.goal.for_tip
+        if goal is None:
             raise ProblemError("a goal for the whole arm cannot be moved; only one for the tip can")
         place = goal.position if position is None else self._vector(position, "a place {} in metres")
         moved = replace(goal, position=place)

@@ -95,8 +95,8 @@ class GoalPoses:
         Raises:
             ProblemError: the goal is a pose of the whole arm, of which nothing is left to choose.
         """
-        goal = self.aim or self.problem.goal
-        if not isinstance(goal, TipGoal):
+        goal = self.aim or self.problem.goal.for_tip
+        if goal is None:
             raise ProblemError("the goal is a pose of the whole arm; expected one of the tip, to find a pose for")
         return goal
 

@@ -25,7 +25,7 @@ from ccm_opt.io.scene_solids import Drum, Prism, Solid, prism_mesh, solid_scene
 from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import JointTrajectory
 from ccm_opt.robot.arm import Arm
-from ccm_opt.scene.surfaces import capsule_surface, seen_triangles
+from ccm_opt.scene.bodies import capsule_surface
 
 _FILM_RATE = 30.0
 """Keyframes of films a second [1/s]; between them players interpolate."""
@@ -201,7 +201,7 @@ def _mesh(solid: Solid, half_depth: float) -> tuple[FloatArray, IntArray]:
         angles = np.linspace(0.0, 2.0 * np.pi, 2 * _ROUND_SIDES, endpoint=False)
         ring = solid.center + solid.radius * np.column_stack((np.cos(angles), np.sin(angles)))
         return prism_mesh(Prism(ring), half_depth)
-    return prism_mesh(solid, half_depth) if isinstance(solid, Prism) else seen_triangles(solid, _ROUND_SIDES)
+    return prism_mesh(solid, half_depth) if isinstance(solid, Prism) else solid.surface(_ROUND_SIDES)
 
 
 def _joined(meshes: list[tuple[FloatArray, IntArray]]) -> tuple[FloatArray, IntArray]:

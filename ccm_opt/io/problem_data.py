@@ -25,7 +25,6 @@ from ccm_opt.problem import (
     PlannerOptions,
     Problem,
     SimulationOptions,
-    TipGoal,
     Tolerances,
     VerificationOptions,
 )
@@ -219,9 +218,9 @@ def _goals(problem: Problem) -> Table | list[Table]:
 
 def goal_table(goal: Goal, arm: Arm, unit: LengthUnit) -> Table:
     """A goal as ``[goal]``, without its tolerances."""
-    if not isinstance(goal, TipGoal):
-        return pose_table(goal, arm, unit)
-    table: Table = {"position": _lengths(goal.position, unit)}
+    if goal.for_joints:
+        return pose_table(goal.for_joints, arm, unit)
+    table: Table = {"position": _lengths(goal.tip(arm), unit)}
     if goal.heading is not None:
         table["heading_deg"] = _degrees(goal.heading)
     elif goal.direction is not None:

@@ -17,8 +17,7 @@ from ccm_opt.io.scene_solids import Drum, Prism, Solid, SolidObstacle, SolidScen
 from ccm_opt.problem import Limits
 from ccm_opt.robot.arm import Arm, Axes
 from ccm_opt.robot.frames import joint_names
-from ccm_opt.scene.bodies import BoxBody, CapsuleBody, CylinderBody, MeshBody, RigidPlacement, SphereBody
-from ccm_opt.scene.surfaces import turned_to
+from ccm_opt.scene.bodies import BoxBody, CapsuleBody, CylinderBody, MeshBody, RigidPlacement, SphereBody, turned_to
 
 FEED = "feed"
 """Name of the prismatic joint of the feed axis, the first of all joints where there is one."""

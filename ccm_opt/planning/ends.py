@@ -86,7 +86,7 @@ def resolve_ends(problem: Problem) -> Ends:
     if isinstance(problem.goal, TipGoal):
         refuse_blocked_tip(problem, problem.goal)
         return Ends(start, tip_goal(problem, problem.goal), None, clamped)
-    q = _within_limits(problem, _configuration(problem, problem.goal, "goal"))
+    q = _within_limits(problem, problem.goal)
     # A base that is clamped at the start is so at the goal only if it has not turned.
     at_goal = arm if q[0] == start[0] else problem.arm
     refuse_bad_pose(at_goal, problem.workspace, q, "goal", _REACH)
@@ -192,15 +192,15 @@ def clamped_arm(arm: Arm) -> Arm:
     return replace(arm, mount_length=arm.link_length)
 
 
-def _within_limits(problem: Problem, q: FloatArray) -> FloatArray:
+def _within_limits(problem: Problem, pose: JointPose) -> FloatArray:
     """A whole-arm goal whose joints lie beyond their limits by less than its tolerance, turned back onto them."""
     arm = problem.arm
+    q = _configuration(problem, pose, "goal")
     bends = q[: arm.links]
     kept = np.clip(bends, -arm.bend_limits, arm.bend_limits)
     over = float(np.max(np.abs(bends - kept)))
-    given = isinstance(problem.goal, JointPose) and problem.goal.curve is None
     clipped = np.append(kept, q[arm.links :])
-    return clipped if given and 0.0 < over <= _ROOM_USED * problem.tolerances.heading else q
+    return clipped if pose.curve is None and 0.0 < over <= _ROOM_USED * problem.tolerances.heading else q
 
 
 def refuse_blocked_tip(problem: Problem, goal: TipGoal) -> None:

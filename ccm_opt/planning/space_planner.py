@@ -26,7 +26,7 @@ from ccm_opt.planning.space_optimise import optimise
 from ccm_opt.planning.space_search import find_motion
 from ccm_opt.planning.space_task import SpaceTask, coarse_problem, space_task
 from ccm_opt.planning.tracking import tracked
-from ccm_opt.problem import JointPose, Problem
+from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import GoalPoseRecord, JointPath
 from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
@@ -55,8 +55,8 @@ def clamped_joints(problem: Problem, tree: SurfaceTree) -> int:
     arm = problem.arm
     first, share = arm.mount_end
     count = max(1, int(np.ceil(first + share - STRAIGHT)))
-    poses = [problem.start, *([problem.goal] if isinstance(problem.goal, JointPose) else [])]
-    bent = np.any(np.abs([pose.configuration(arm)[: 2 * count] for pose in poses]) >= STRAIGHT)
+    ends = [q for pose in (problem.start, problem.goal) if (q := pose.whole(arm)) is not None]
+    bent = np.any(np.abs(np.stack(ends)[:, : 2 * count]) >= STRAIGHT)
     if arm.base_axes or share >= 1.0 - STRAIGHT or count >= arm.links or bent:
         return 0
     points = arm.joint_positions_at(problem.start.configuration(arm))

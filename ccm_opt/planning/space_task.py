@@ -220,23 +220,20 @@ def space_task(
     """
     arm = problem.arm
     goal = problem.goal
-    via: tuple[FloatArray, ...] = ()
-    goal_pose = None
-    if isinstance(goal, JointPose):
-        goal_pose = goal.configuration(arm)
+    goal_pose = goal.whole(arm)
+    if goal_pose is not None:
         tip = GoalPose(arm.joint_positions_at(goal_pose)[-1], arm.link_rotations(goal_pose)[-1][:, 0])
     else:
-        via = goal.via
         # Half of the tolerances is left to what comes after planning.
         near_enough = (0.5 * problem.tolerances.position, 0.5 * problem.tolerances.heading)
-        tip = GoalPose(goal.position, goal.direction, near_enough=near_enough)
+        tip = GoalPose(goal.tip(arm), goal.direction, near_enough=near_enough)
     return SpaceTask(
         arm=arm,
         tree=tree,
         start=problem.start.configuration(arm),
         goal=tip,
         goal_pose=goal_pose,
-        via=via,
+        via=goal.via,
         via_reach=problem.via_reach,
         clearance=problem.workspace.clearance,
         wanted_gap=problem.wanted_gap,

@@ -130,11 +130,12 @@ def _pose_defects(problem: "Problem", d: int) -> Iterator[str]:
     poses += [(f"stop {k}", stop.goal) for k, stop in enumerate(problem.stops, start=1)]
     placed = []
     for name, pose in poses:
-        if isinstance(pose, JointPose):
-            placed.append((name, float(pose.feed)))
-            yield from array_defects(f"{name}.bends", pose.bends, (links,) if d == 2 else (links, 2), positive=False)
+        joints = pose.for_joints
+        if joints:
+            placed.append((name, float(joints.feed)))
+            yield from array_defects(f"{name}.bends", joints.bends, (links,) if d == 2 else (links, 2), positive=False)
             continue
-        yield from array_defects(f"{name}.position", pose.position, (d,), positive=False)
+        yield from array_defects(f"{name}.position", pose.tip(problem.arm), (d,), positive=False)
         if pose.direction is not None:
             yield from _unit_defects(f"{name}.direction", pose.direction, d)
         if d == 2 and pose.via:

@@ -35,6 +35,12 @@ class JointPose:
     direction: ClassVar[None] = None
     heading: ClassVar[None] = None
     via: ClassVar[tuple[FloatArray, ...]] = ()
+    for_tip: ClassVar[None] = None
+
+    @property
+    def for_joints(self) -> "JointPose":
+        """The pose itself: a goal for all joints."""
+        return self
 
     @classmethod
     def along(cls, arm: Arm, curve: Configuration, mapping: MappingName = "least-squares", feed: float = 0.0) -> Self:
@@ -116,6 +122,12 @@ class TipGoal:
     direction: FloatArray | None = None
     via: tuple[FloatArray, ...] = ()
     heading: float | None = None
+    for_joints: ClassVar[None] = None
+
+    @property
+    def for_tip(self) -> "TipGoal":
+        """The goal itself: one for the tip alone."""
+        return self
 
     def __post_init__(self) -> None:
         # What is no number or no vector is refused by the problem that the goal is given to.

@@ -3,7 +3,7 @@
 A body gives ``triangles``, shape (m, 3, 3) [m], and ``rounding`` [m]: it is contained in the set of points that are
 within ``rounding`` of a triangle, together with what the triangles enclose. Boxes, spheres, capsules and meshes are met
 exactly; a cylinder is met by the prism about it, which stands out of it by ``SceneSettings.cylinder_error`` radii at
-most. Bodies are solid, but for meshes of which the user says that they are surfaces alone.
+most, its ``error``. Bodies are solid, but for meshes of which the user says that they are surfaces alone.
 """
 
 from dataclasses import dataclass, field, replace
@@ -134,6 +134,50 @@ def box_corners(low: FloatArray, high: FloatArray) -> FloatArray:
     return np.asarray(np.where(counted == 1, high, low), dtype=np.float64)
 
 
+def turned_to(axis: FloatArray) -> FloatArray:
+    """A rotation that turns x to an axis, shape (3, 3); the identity for an axis without length."""
+    length = np.linalg.norm(axis)
+    if length == 0.0:
+        return np.eye(3)
+    along = axis / length
+    across = np.cross(along, np.eye(3)[np.argmin(np.abs(along))])
+    across /= np.linalg.norm(across)
+    return np.column_stack((along, across, np.cross(along, across)))
+
+
+def capsule_surface(length: float, radius: float, sides: int) -> tuple[FloatArray, IntArray]:
+    """A cylinder along x with a half sphere at either end: rings of equal sides from pole to pole."""
+    quarters = sides // 4
+    tilt = np.linspace(0.0, 0.5 * np.pi, quarters + 1)
+    along = np.concatenate((-radius * np.cos(tilt), length + radius * np.sin(tilt)))
+    widths = np.concatenate((radius * np.sin(tilt), radius * np.cos(tilt)))
+    angles = np.linspace(0.0, 2.0 * np.pi, sides, endpoint=False)
+    vertices = np.concatenate(
+        [
+            np.column_stack((np.full(sides, x), width * np.cos(angles), width * np.sin(angles)))
+            for x, width in zip(along, widths, strict=True)
+        ]
+    )
+    here = np.arange(sides)
+    following = np.roll(here, -1)
+    faces = []
+    last = len(along) - 2
+    for ring in range(last + 1):
+        low = ring * sides
+        high = low + sides
+        # At the poles a ring is one point, and one triangle of two has no area.
+        if ring > 0:
+            faces.append(np.column_stack((low + here, low + following, high + following)))
+        if ring < last:
+            faces.append(np.column_stack((low + here, high + following, high + here)))
+    return vertices, np.vstack(faces)
+
+
+def loose_triangles(triangles: FloatArray) -> tuple[FloatArray, IntArray]:
+    """Triangles, shape (m, 3, 3), as corners, shape (3 m, 3) [m], and faces, shape (m, 3)."""
+    return triangles.reshape(-1, 3), np.arange(3 * len(triangles)).reshape(-1, 3)
+
+
 @dataclass(frozen=True)
 class BoxBody:
     """A box, its sides along the axes of its own coordinates.
@@ -149,6 +193,7 @@ class BoxBody:
     placement: RigidPlacement = field(default_factory=RigidPlacement)
 
     rounding = 0.0
+    error = 0.0
     solid = True
     closed = True
 
@@ -156,6 +201,10 @@ class BoxBody:
     def corners(self) -> FloatArray:
         """Its corners in the room, shape (8, 3) [m]."""
         return self.placement.points(box_corners(self.low, self.high))
+
+    def surface(self, _sides: int) -> tuple[FloatArray, IntArray]:
+        """Corners, shape (v, 3) [m], and faces, shape (m, 3)."""
+        return loose_triangles(self.triangles)
 
     def moved(self, by: FloatArray) -> "BoxBody":
         """The box moved by so much, shape (3,) [m]."""
@@ -179,6 +228,7 @@ class SphereBody:
     center: FloatArray
     radius: float
 
+    error = 0.0
     solid = True
     closed = True
 
@@ -186,6 +236,11 @@ class SphereBody:
     def rounding(self) -> float:
         """Its radius about its centre [m]."""
         return self.radius
+
+    def surface(self, sides: int) -> tuple[FloatArray, IntArray]:
+        """Corners, shape (v, 3) [m], and faces, shape (m, 3), with so many sides all round, a multiple of four."""
+        corners, faces = capsule_surface(0.0, self.radius, sides)
+        return corners + self.center, faces
 
     def moved(self, by: FloatArray) -> "SphereBody":
         """The ball moved by so much, shape (3,) [m]."""
@@ -211,6 +266,7 @@ class CapsuleBody:
     end: FloatArray
     radius: float
 
+    error = 0.0
     solid = True
     closed = True
 
@@ -218,6 +274,12 @@ class CapsuleBody:
     def rounding(self) -> float:
         """Its radius about its axis [m]."""
         return self.radius
+
+    def surface(self, sides: int) -> tuple[FloatArray, IntArray]:
+        """Corners, shape (v, 3) [m], and faces, shape (m, 3), with so many sides all round, a multiple of four."""
+        axis = self.end - self.start
+        corners, faces = capsule_surface(float(np.linalg.norm(axis)), self.radius, sides)
+        return corners @ turned_to(axis).T + self.start, faces
 
     def moved(self, by: FloatArray) -> "CapsuleBody":
         """The bar moved by so much, shape (3,) [m]."""
@@ -253,6 +315,10 @@ class CylinderBody:
     def error(self) -> float:
         """How far the prism stands out of the cylinder at most [m]."""
         return self.radius * self.settings.cylinder_error
+
+    def surface(self, _sides: int) -> tuple[FloatArray, IntArray]:
+        """Corners, shape (v, 3) [m], and faces, shape (m, 3), of the prism about it."""
+        return loose_triangles(self.triangles)
 
     def moved(self, by: FloatArray) -> "CylinderBody":
         """The bar moved by so much, shape (3,) [m]."""
@@ -318,6 +384,7 @@ class MeshBody:
     triangles_read: int = 0
     mended: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
+    error = 0.0
     rounding = 0.0
 
     @classmethod
@@ -346,6 +413,10 @@ class MeshBody:
         given.must(bool(numbers.min() >= 0 and numbers.max() < len(known)), "faces: a vertex is not there")
         given.refuse()
         return cls(known, numbers, triangles_read=len(numbers))
+
+    def surface(self, _sides: int) -> tuple[FloatArray, IntArray]:
+        """Corners, shape (v, 3) [m], and faces, shape (m, 3)."""
+        return self.vertices, self.faces
 
     def moved(self, by: FloatArray) -> "MeshBody":
         """The mesh moved by so much, shape (3,) [m]."""

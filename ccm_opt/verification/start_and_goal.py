@@ -42,12 +42,13 @@ def check_ends(
         name = "goal " if number == len(goals) else f"stop {number} "
         goal = stop.goal
         tolerances = stop.tolerances
-        if isinstance(goal, TipGoal):
-            checks += _tip_checks(name, motion, sample, goal, tolerances, settings)
-            checks += _places(name, motion, goal.via, (before, sample), tolerances.position)
-        else:
+        if goal.for_tip:
+            checks += _tip_checks(name, motion, sample, goal.for_tip, tolerances, settings)
+        checks += _places(name, motion, goal.via, (before, sample), tolerances.position)
+        if goal.for_joints:
+            pose = goal.for_joints
             checks += _whole_arm(
-                name, problem.arm, trajectory, sample, goal, tolerances.heading, tolerances.position, settings
+                name, problem.arm, trajectory, sample, pose, tolerances.heading, tolerances.position, settings
             )
     return checks
 

@@ -15,7 +15,6 @@ from ccm_opt.core.length_words import METRES
 from ccm_opt.problem import Problem
 from ccm_opt.scene.bodies import BOX_FACES, box_corners
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
-from ccm_opt.scene.surfaces import seen_triangles
 from ccm_opt.scene.workspace import Workspace
 from ccm_opt.viz import figure_files as style
 
@@ -70,7 +69,7 @@ def section_along(problem: Problem, points: FloatArray, count: int, reach: float
 
 def _seen(workspace: Workspace) -> FloatArray:
     """The surfaces that rays can meet, those of round bodies too, shape (m, 3, 3) [m]."""
-    surfaces = [seen_triangles(each.body, _ROUND_SIDES) for each in workspace.obstacles]
+    surfaces = [each.body.surface(_ROUND_SIDES) for each in workspace.obstacles]
     found = [vertices[faces] for vertices, faces in surfaces]
     if workspace.bounds is not None:
         found.append(box_corners(*workspace.bounds)[BOX_FACES])

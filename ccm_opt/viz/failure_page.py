@@ -8,7 +8,7 @@ import shapely
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.errors import Diagnosis, Finding, sentences
-from ccm_opt.problem import Goal, JointPose, Problem
+from ccm_opt.problem import Goal, Problem
 from ccm_opt.viz.document import (
     COMMON,
     COMMON_IN_SPACE,
@@ -32,10 +32,11 @@ _CURVE_PLACES = 200
 """Points by which a pose that is given as a curve is drawn."""
 
 
-def pose_points(problem: Problem, pose: Goal) -> FloatArray | None:
+def pose_points(problem: Problem, goal: Goal) -> FloatArray | None:
     """Where a pose of the whole arm is, shape (m, 2) [m]: joints and tip, or points of its curve; None for a tip."""
     arm = problem.arm
-    if not isinstance(pose, JointPose):
+    pose = goal.for_joints
+    if pose is None:
         return None
     curve = pose.curve
     if curve is not None:

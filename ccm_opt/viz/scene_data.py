@@ -15,7 +15,7 @@ from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.bodies import Body
 from ccm_opt.scene.corridor import Route
 from ccm_opt.scene.free_space import FreeSpace
-from ccm_opt.scene.surfaces import seen_triangles, sharp_edges, within
+from ccm_opt.scene.surfaces import sharp_edges, within
 from ccm_opt.scene.workspace import Workspace
 
 _PLACE_STEP = 2e-5
@@ -207,7 +207,7 @@ def space_scene_data(problem: Problem, points: FloatArray) -> SceneData:
 
 def _body_data(name: str, body: Body, share: int, extent: FloatArray) -> dict[str, object]:
     """A body: corners as whole numbers of 16 bits, faces and sharp edges as numbers of corners, in base 64."""
-    surface = seen_triangles(body, _ROUND_SIDES)
+    surface = body.surface(_ROUND_SIDES)
     vertices, faces = within(*surface, max(share, 500), _CELL * float(np.max(np.ptp(extent, axis=0))))
     # Corners that several triangles have at one place are written once.
     places, number = np.unique(vertices, axis=0, return_inverse=True)

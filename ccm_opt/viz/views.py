@@ -12,7 +12,7 @@ from PIL import Image, ImageDraw
 
 from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.problem import Problem
-from ccm_opt.scene.surfaces import all_within, seen_triangles, sharp_edges
+from ccm_opt.scene.surfaces import all_within, sharp_edges
 from ccm_opt.viz import figure_files as style
 from ccm_opt.viz.arm_drawing import PLANE, SIDES, Side, draw_body, draw_workspace
 from ccm_opt.viz.figure_files import label_axis
@@ -123,7 +123,7 @@ class SeenScene:
         # A ball of n sides has about n² triangles.
         fine = len(obstacles) * _ROUND_SIDES**2 <= _MOST_TRIANGLES
         sides = _ROUND_SIDES if fine else _FEWEST_SIDES
-        surfaces = [seen_triangles(obstacle.body, sides) for obstacle in obstacles]
+        surfaces = [obstacle.body.surface(sides) for obstacle in obstacles]
         return all_within(surfaces, _MOST_TRIANGLES, _LEAST_TRIANGLES, _CELL * extent)
 
     @cached_property

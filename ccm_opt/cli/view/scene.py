@@ -16,7 +16,8 @@ from ccm_opt.cli.view.frames import Mesh, MotionFrames, extruded, turned_to
 from ccm_opt.cli.view.settings import VIEW, ViewSettings
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.problem import Goal, Problem
-from ccm_opt.scene.surfaces import capsule_surface, seen_triangles, within
+from ccm_opt.scene.bodies import capsule_surface
+from ccm_opt.scene.surfaces import within
 from ccm_opt.scene.workspace import Obstacle
 from ccm_opt.viz.scene_data import route_layers
 
@@ -143,7 +144,7 @@ class Scene:
             middle = self.world(shapely.get_coordinates(shapely.point_on_surface(outline))[0], -self.depth)
             look: dict[str, Any] = {"opacity": 0.75}
         else:
-            surface = seen_triangles(obstacle.body, 4 * self.settings.curved)
+            surface = obstacle.body.surface(4 * self.settings.curved)
             vertices, faces = within(*surface, most_triangles, cell)
             vertices = self.world(vertices)
             middle = 0.5 * (vertices.min(axis=0) + vertices.max(axis=0))

@@ -11,7 +11,7 @@ import numpy as np
 
 from ccm_opt.core.arrays import BoolArray, FloatArray
 from ccm_opt.core.length_words import short_length, words_in
-from ccm_opt.problem import JointPose, Problem, TipGoal
+from ccm_opt.problem import JointPose, Problem
 from ccm_opt.problem.solution.records import GoalPoseRecord, RoomRecord, SurvivedError, TryRecord
 from ccm_opt.problem.solution.stage_results import Check, JointPath, JointStates, JointTrajectory, SimulatedMotion
 from ccm_opt.robot.configuration import Curve
@@ -157,10 +157,11 @@ def goal_errors(problem: Problem, last: FloatArray) -> GoalErrors:
     arm = problem.arm
     turn = arm.link_rotations(last)[-1]
     roll = roll_against(arm.base_rotation, turn)
-    if not isinstance(problem.goal, TipGoal):
+    goal = problem.goal.for_tip
+    if goal is None:
         return GoalErrors(None, None, roll)
-    off = float(np.linalg.norm(arm.joint_positions_at(last)[-1] - problem.goal.position))
-    wanted = problem.goal.direction
+    off = float(np.linalg.norm(arm.joint_positions_at(last)[-1] - goal.position))
+    wanted = goal.direction
     return GoalErrors(off, None if wanted is None else angle_between(turn[:, 0], wanted), roll)
 
 
