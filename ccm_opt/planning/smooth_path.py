@@ -82,12 +82,15 @@ def joint_path(task: SearchTask, *motions: CurveMotion[CurveType], legs: bool = 
 
 def _no_path(task: SearchTask) -> Diagnosis:
     """Why a motion was found, and no path along it."""
-    reason = "the motion leaves no room for a smooth path"
     advice = room_advice(task.arm.radius, task.kept - task.arm.radius)
-    if task.constraints:
-        reason += f" that keeps the joint limits and the constraints {', '.join(map(repr, task.constraints))}"
-        advice = ("give the constraint some width between its bounds, or make it soft", *advice)
-    return Diagnosis(reason, "motion", advice)
+    if not task.constraints:
+        return Diagnosis("a motion was found, but it leaves no room for a smooth path", "motion", advice)
+    names = " and ".join(map(repr, task.constraints))
+    reason = f"a motion was found, but no smooth path near it that keeps constraint {names} between its keyframes"
+    fed = "leave arm.feed out: equations that are not linear hold for arms with a fixed base"
+    equations = task.arm.base_axes and any(limit.has_equations for limit in task.user_limits)
+    width = "give the constraint some width between its bounds, or make it soft"
+    return Diagnosis(reason, "constraints", (width, *((fed,) if equations else ()), *advice))
 
 
 def smooth_path(motion: CurveMotion[CurveType], task: SearchTask) -> SmoothPath | None:
