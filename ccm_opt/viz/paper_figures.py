@@ -173,8 +173,7 @@ def _draw_panel(room: Axes, along: Axes, panel: SchemaPanel) -> None:
     reach = 0.16 * panel.configurations[0].length
     for goal, face in ((panel.goal, style.GOAL_MARK), (panel.subgoal, "none")):
         if goal is not None:
-            mark = {"markerfacecolor": face, "markeredgecolor": style.GOAL_MARK}
-            room.plot(*goal.position, marker="o", markersize=5, zorder=9, **mark)
+            room.plot(*goal.position, "o", markersize=5, mfc=face, mec=style.GOAL_MARK, zorder=9)
             if goal.direction is not None:
                 ahead = goal.position + reach * goal.direction
                 room.plot(*ahead, linestyle="none", marker="")  # so that the arrow counts for the limits
