@@ -101,7 +101,17 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
     # ------------------------------------------------------------ led by the tip
     def by_first_ways(self, failures: list[Failure]) -> SpaceMotion | None:
         """Along the ways of the tip that are tried first."""
-        return self.by_ways(self.ways().first(), failures)
+        return self.by_ways(self.first_ways(), failures)
+
+    def first_ways(self) -> Iterator[TipWay]:
+        """Ways that turn off where a joint has come out of the guide tube, then such as turn off at once.
+
+        A bend may begin so near to the mouth that an arm of few links has no other.
+        """
+        ways = self.ways()
+        yield from ways.first()
+        if ways.straight > 0.0:
+            yield from replace(ways, straight=0.0).first()
 
     def by_other_ways(self, failures: list[Failure]) -> SpaceMotion | None:
         """Along all other ways of the tip."""
@@ -120,7 +130,7 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
         if len(poses) < 2:
             return None
         back = replace(self, start=poses[-1])
-        found = back.by_ways(back.ways().first(), failures, slides=False)
+        found = back.by_ways(back.first_ways(), failures, slides=False)
         if found is None:
             return None
         unknowns = np.vstack(([pose.v for pose in poses[:-1]], found.unknowns))
