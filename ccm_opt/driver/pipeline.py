@@ -284,8 +284,8 @@ def solve(
     Args:
         problem: what to solve.
         progress: told when a stage starts, and when the search begins with another candidate.
-        planner: another planner; when None the feed planner for an arm on a feed axis, else the curve planner. For a
-            problem in space, one that plans such problems; the space planner when None.
+        planner: another planner, for problems in space one that plans such problems; when None that of curves, or the
+            one that the problem names.
         retimer: another way to time the path; the one that the problem names when None.
         constraints: of the user; another planner is not given them, but its plan is held against them.
         costs: of the user; another planner is not given them.

@@ -1,1 +1,1 @@
-"""User constraints and user costs: functions of symbolic quantities of the arm, compiled and checked."""
+"""Solve for curves and goal poses by nonlinear programs, with the user's constraints and costs compiled and checked."""

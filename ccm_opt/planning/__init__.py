@@ -1,1 +1,1 @@
-"""A certified motion in space: steps, guides, the certificate, the search and the optimisation."""
+"""Plan certified motions: routes, guides, steps, limits, search, optimisation and smooth path; and the baseline."""

@@ -1,4 +1,4 @@
-"""What the search for a motion is given, and what it finds."""
+"""What the search for a motion in the plane is given."""
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace

@@ -1,1 +1,1 @@
-"""The curve of an arm in space: its coordinates, its segments, and the arm that is laid along it."""
+"""Describe the arm: curve segments and curves, coordinates, kinematics, and the mapping from curve to joints."""

@@ -1,1 +1,1 @@
-"""What an arm in space has to keep away from: bodies in a room, and all their surfaces as triangles."""
+"""Describe what an arm keeps away from: walls and free space, bodies as triangles, distances, certificates."""

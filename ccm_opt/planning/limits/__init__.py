@@ -1,1 +1,1 @@
-"""Limits of a motion: contact, turns, joint limits, the user's constraints; one file each, behind one interface."""
+"""Limits of a motion, behind one interface: contact, turns, joint limits, gates, guide tubes, users' constraints."""

@@ -3,7 +3,8 @@
 In a step every near pair is a row; over an interval of a motion every link has half-planes and partners to keep from;
 between keyframes the certificate bounds how far links may stray.
 
-A new limit that always holds is one more line here; its rows, checks and words stand in a file of its own.
+A new limit that always holds is one more line in ``assembled_limits``, for arms in space in ``SpaceTask.stepper`` and
+``space_program``; its rows, checks and words stand in a file of its own.
 """
 
 from dataclasses import dataclass
@@ -64,7 +65,9 @@ _JOINT_SHARE = 0.995
 _ACCEPTED_SHARE = 1.0 - 1e-5
 """Of it that may come of a step. Derived: a QP is not more exact."""
 _SPARE_FEED = 0.004
-"""Of the range of the feed that rows leave in the optimisation [m]."""
+"""What rows leave at either end of the range of the feed in the optimisation, at most [m]."""
+_SPARE_SHARE = 0.01
+"""The same as a share of the range, where that is less."""
 _KNOT_BEND = 1.1
 """Bound on the bend by the curvature at a knot of a fed arm, as a multiple of the joint limit; a joint takes the mean
 about its place, which is less."""
@@ -203,8 +206,10 @@ class FeedLimit(LimitOf[CurveMap]):
         keyframe = np.arange(1, sweep.intervals + 1)
         knots = np.repeat(keyframe, len(rows)), np.tile(rows, (sweep.intervals, 1))
         feed = sweep.configurations[1:, -1]
-        low = np.minimum(arm.lower_limits[-1] + _SPARE_FEED - feed, 0.0)
-        high = np.maximum(arm.upper_limits[-1] - _SPARE_FEED - feed, 0.0)
+        least, greatest = arm.lower_limits[-1], arm.upper_limits[-1]
+        spare = min(_SPARE_FEED, _SPARE_SHARE * (greatest - least))
+        low = np.minimum(least + spare - feed, 0.0)
+        high = np.maximum(greatest - spare - feed, 0.0)
         return (
             KeyframeRows(*knots, (-most - now).ravel(), (most - now).ravel()),
             KeyframeRows(keyframe, sweep.slopes[1:, -1], low, high),

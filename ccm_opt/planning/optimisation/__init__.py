@@ -1,1 +1,1 @@
-"""Makes a certified motion in space shorter, smoother and roomier, all keyframes at once."""
+"""Make a certified motion shorter, smoother and roomier, all keyframes at once."""

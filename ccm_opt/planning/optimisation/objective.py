@@ -1,13 +1,13 @@
 """The objective of trajectory optimisation over keyframes.
 
-Nearness to walls, which is not quadratic, is in ``nearness``.
+Nearness to walls, which is not quadratic, is ``WallNearness``.
 
 With K intervals of equal parameter length the squared length of a path q(u) is ∫|q'|² ≈ K Σ|q_{k+1} − q_k|², whose
 least value has evenly spaced keyframes, and ∫|q''|² ≈ K³ Σ|q_{k+1} − 2 q_k + q_{k−1}|². Bends q count, not headings:
 the joints' speed and acceleration limits decide the duration.
 
-Every wall row g ≤ 0 of the motion (see ``rows``) with −g < D adds (1 + g/D)² to a mean over intervals and links. Its
-Hessian is the Gauss–Newton one, which is convex.
+Every wall row g ≤ 0 of the motion (``interval_rows``) with −g < D adds (1 + g/D)² to a mean over intervals and links.
+Its Hessian is the Gauss–Newton one, which is convex.
 """
 
 from collections.abc import Callable
