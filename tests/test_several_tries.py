@@ -17,7 +17,7 @@ from ccm_opt.cli.commands import app
 from ccm_opt.core.errors import CancelledWithPlan, Diagnosis, MotionNotFound, ProblemFileError, UnreachableGoal
 from ccm_opt.core.progress import Stages
 from ccm_opt.driver.kept_plan import as_it_stands
-from ccm_opt.driver.pipeline import best_of_tries, least_gap, surviving_errors
+from ccm_opt.driver.pipeline import best_of_tries, least_gap
 from ccm_opt.driver.verified_plan import TermResults, VerifiedPlan
 from ccm_opt.io.reading import parse_problem
 from ccm_opt.planning.continuation import GuideCandidate
@@ -74,8 +74,7 @@ def answering(answers: dict[int, VerifiedPlan | BaseException]) -> Callable[[Pro
 
 def tried(problem: Problem, attempt: Callable[[Problem], VerifiedPlan]) -> VerifiedPlan:
     """The best of the tries that a function makes."""
-    roomy = partial(surviving_errors, planned=attempt)
-    return best_of_tries(problem, roomy, partial(as_it_stands, stages=Stages()))
+    return best_of_tries(problem, attempt, partial(as_it_stands, stages=Stages()))
 
 
 def nothing(reason: str) -> MotionNotFound:

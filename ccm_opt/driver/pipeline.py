@@ -58,8 +58,8 @@ Plans: TypeAlias = Callable[[Problem], VerifiedPlan]
 
 def with_lowered_costs(
     problem: Problem,
-    terms: UserTerms | None,
-    planned: Callable[[Problem, UserTerms | None], VerifiedPlan],
+    terms: UserTerms,
+    planned: Callable[[Problem, UserTerms], VerifiedPlan],
     shares: Sequence[float] = COST_SHARES,
 ) -> tuple[VerifiedPlan, float]:
     """Plan with as much of the user's costs as a plan is found with; hard constraints hold in full.
@@ -78,8 +78,6 @@ def with_lowered_costs(
         VerificationError: the verifier refuses the last plan, which knows no costs.
     """
     deadline = Deadline.after(problem.planner.time_limit)
-    if terms is None or not terms.all_costs:
-        return planned(problem, terms), shares[0]
     for share in shares[:-1]:
         try:
             return planned(problem, _lowered(terms, share)), share
@@ -226,8 +224,6 @@ def surviving_errors(problem: Problem, planned: Plans, settings: ToleranceSettin
             what the best of them survives and what limits it.
         VerificationError: the verifier refuses the plan.
     """
-    if problem.joint_error == 0.0:
-        return planned(problem)
     deadline = Deadline.after(problem.planner.time_limit)
     plan, best = _with_growing_gaps(problem, planned, settings, deadline)
     check = check_of(problem.joint_error, best)
@@ -329,12 +325,16 @@ def _planned(run: PlanningRun) -> tuple[VerifiedPlan, float]:
 
     Of several tries the best is taken, each with so much room that it survives the errors of the joints.
     """
-    told = partial(as_it_stands, stages=run.stages)
+    problem = run.problem
 
-    def best(problem: Problem, lowered: UserTerms | None) -> VerifiedPlan:
-        once = partial(run.planned, terms=lowered)
-        roomy = partial(surviving_errors, planned=once, settings=run.settings.tolerance)
-        return best_of_tries(problem, roomy, told)
+    def best(asked: Problem, lowered: UserTerms | None) -> VerifiedPlan:
+        planned: Plans = partial(run.planned, terms=lowered)
+        if asked.joint_error > 0.0:
+            planned = partial(surviving_errors, planned=planned, settings=run.settings.tolerance)
+        if asked.planner.tries > 1:
+            return best_of_tries(asked, planned, partial(as_it_stands, stages=run.stages))
+        return planned(asked)
 
-    terms = None if run.planner else run.terms
-    return with_lowered_costs(run.problem, terms, best)
+    if run.terms is None or run.planner is not None or not run.terms.all_costs:
+        return best(problem, run.terms), COST_SHARES[0]
+    return with_lowered_costs(problem, run.terms, best)
