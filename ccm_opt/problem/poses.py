@@ -39,7 +39,7 @@ class JointPose:
 
     @property
     def for_joints(self) -> "JointPose":
-        """The pose itself: a goal for all joints."""
+        """A goal for all joints, which this pose is."""
         return self
 
     @classmethod
@@ -126,7 +126,7 @@ class TipGoal:
 
     @property
     def for_tip(self) -> "TipGoal":
-        """The goal itself: one for the tip alone."""
+        """A goal for the tip alone, which this is."""
         return self
 
     def __post_init__(self) -> None:

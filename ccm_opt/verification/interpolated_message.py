@@ -33,8 +33,8 @@ MOST_STEPS = 50_000
 """Steps of a motion at most, unless it has more points; longer ones only make bounds less sharp. Taste."""
 MOST_PIECES = 32
 """Into how many pieces a step of the proved motion is cut to bound the deviation. Taste."""
-_SAMPLE_PIECES = 8
-"""The same where every sample is a point. Taste: with more the bound is hardly less."""
+_SAMPLE_PIECES = 3
+"""The same where every sample is a point. Measured: 8 give a bound that is less by 0 to 11 %, in three times the time."""
 
 
 @dataclass(frozen=True)
