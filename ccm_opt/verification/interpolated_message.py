@@ -34,7 +34,7 @@ MOST_STEPS = 50_000
 MOST_PIECES = 32
 """Into how many pieces a step of the proved motion is cut to bound the deviation. Taste."""
 _SAMPLE_PIECES = 3
-"""The same where every sample is a point. Measured: 8 give a bound that is less by 0 to 11 %, in three times the time."""
+"""The same where every sample is a point. Measured: 8 give a bound up to a tenth less, in three times the time."""
 
 
 @dataclass(frozen=True)
