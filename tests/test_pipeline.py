@@ -233,6 +233,14 @@ def test_a_goal_at_the_start_is_a_short_motion() -> None:
     assert solution.metrics["joint_path_length_rad"] < 1.0
 
 
+def test_an_arm_of_few_links_that_is_at_its_goal_already_has_a_plan() -> None:
+    """Trees that join their roots leave nothing between the ends."""
+    arm = {"links": 4, "link_length": 0.125, "radius": 0.01, "base": (0, 0), "joint_limit_deg": 90}
+    limits = {"velocity": 1.0, "acceleration": 4.0}
+    problem = ccm_opt.make_problem("there", arm=arm, room=(-1, -1, 1, 1), limits=limits, goal=(0.5, 0.0))
+    assert solve(problem).trajectory.duration < 1.0
+
+
 @pytest.mark.parametrize("which", ["start", "goal"])
 def test_an_end_that_touches_is_refused_by_name(which: str) -> None:
     """An arm that stands in an obstacle at its start, or is asked to, is told which link touches what."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.arrays import TINY, FloatArray
 from ccm_opt.core.polyline import arc_lengths, wrap
 from ccm_opt.planning.goal import GoalPose, moved_onto
 from ccm_opt.planning.link_space import KNOTS, LinkSpace, fit_coordinates
@@ -346,8 +346,8 @@ class Connecting:
         if end is None:
             end = moved_onto(space, self.goal, space.pose(self._fitted(way[-1], start))).v
         arcs = arc_lengths(way)
-        line = start + (arcs / arcs[-1])[:, None] * (end - start)
-        return np.vstack((start, [self._fitted(*pair) for pair in zip(way[1:-1], line[1:-1], strict=True)], end))
+        line = start + (arcs / max(arcs[-1], TINY))[:, None] * (end - start)
+        return np.stack((start, *(self._fitted(*pair) for pair in zip(way[1:-1], line[1:-1], strict=True)), end))
 
     def _fitted(self, headings: FloatArray, near: FloatArray) -> FloatArray:
         """Coordinates near given ones with given link headings."""

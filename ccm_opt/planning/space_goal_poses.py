@@ -92,6 +92,8 @@ arms beside a post, where some hundred are enough."""
 _BASE_SHARE = 0.8
 """Share of the draws of such trees in which the base alone is turned anywhere, and the curve is that between the start
 and a goal."""
+_LONGEST_EDGES = 1000.0
+"""Extensions of an edge that is looked at, at most. Taste: all links of an arm turned right round are far less."""
 _EXTENSION = 2.0
 """Longest edge, in the norm of turns of the links [rad]."""
 
@@ -157,7 +159,10 @@ class CurveDraws:
         return np.stack([self._drawn(rng) for _ in range(count)])
 
     def _free_share(self, start: FloatArray, end: FloatArray) -> float:
-        step = self.longest / max(float(np.linalg.norm(end - start)), self.longest)
+        apart = float(np.linalg.norm(end - start))
+        if not apart < _LONGEST_EDGES * self.longest:
+            return 0.0  # where hardly anything bends, unknowns hardly count, and no draw is a motion
+        step = self.longest / max(apart, self.longest)
         shares = np.append(np.arange(0.0, 1.0, step), 1.0)
         places = self._unknowns(start + shares[:, None] * (end - start))
         for share, edge in zip(shares, pairwise(places), strict=False):

@@ -74,8 +74,8 @@ def braked(
     kept = int(np.searchsorted(trajectory.time, time - 1e-9))
     whole = trajectory.duration
     spline: Any = CubicHermiteSpline(trajectory.time / whole, trajectory.positions, whole * trajectory.velocities)
-    # At the end, and at rest at a stop, there is nothing to brake.
-    if kept >= len(trajectory.time) - 1 or not np.any(spline(time / whole, 1)):
+    # At the start, at the end, and at rest at a stop, there is nothing to brake.
+    if kept in {0, len(trajectory.time) - 1, len(trajectory.time)} or not np.any(spline(time / whole, 1)):
         return trajectory.part(slice(min(kept + 1, len(trajectory.time))))
 
     step = min(_STEP, float(np.quantile(np.diff(trajectory.time), _USUAL_STEP)))
