@@ -253,7 +253,7 @@ class FollowableWays:
             goal: where it ends.
             most: length of the longest way that makes sense [m].
         """
-        if not self.grid.joins(start.place, goal.place):
+        if self.grid.joined(start.place, goal.place) is None:
             return None
         left = self.grid.costs_to(goal.place, self.price)
         if left is None or start.direction is None or not np.isfinite(left[self.grid.index(start.place)]):

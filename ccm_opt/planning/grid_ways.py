@@ -165,11 +165,13 @@ class TipGrid:
         labels, _ = ndimage.label(self.gaps > 0.0, structure=np.ones((3, 3, 3), dtype=bool))
         return np.asarray(labels)
 
-    def joins(self, start: FloatArray, goal: FloatArray) -> bool:
-        """Whether there is any way from the cell with room nearest to a place to that of another."""
+    def joined(self, start: FloatArray, goal: FloatArray) -> tuple[tuple[int, int, int], tuple[int, int, int]] | None:
+        """The cells with room nearest to two places; None where there is none, or no way from one to the other."""
         first = self.free_near(start)
         last = self.free_near(goal)
-        return first is not None and last is not None and bool(self._labels[first] == self._labels[last] > 0)
+        if first is None or last is None or self._labels[first] != self._labels[last]:
+            return None
+        return first, last
 
     def prices(self, nearness: float, dear: FloatArray | None = None) -> npt.NDArray[np.float32]:
         """What a way through each cell costs, as a multiple of its length; −1 where there is no room.
@@ -214,10 +216,10 @@ class TipGrid:
             nearness: what a way along a wall costs more than one far away, as a multiple.
             dear: further prices of the cells, of the shape of ``gaps``; none when None.
         """
-        first = self.free_near(start)
-        last = self.free_near(goal)
-        if first is None or last is None or not self.joins(start, goal):
+        ends = self.joined(start, goal)
+        if ends is None:
             return None
+        first, last = ends
         before, _ = self._settled(self.prices(nearness, dear), first, last)
         if self.deadline.passed():
             return None
