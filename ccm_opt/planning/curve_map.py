@@ -12,6 +12,7 @@ the feed. They are scaled so that every one turns the joints by about as much.
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 from scipy.interpolate import BSpline
@@ -160,6 +161,25 @@ class CurveMap(CurveUnknowns):
         if self.blend is not None:
             slopes[:, : 2 * n, -1] = self._interpolated(self.blend, places[:m]).reshape(m, 2 * n)
         return np.concatenate((turns[:m], feeds), axis=1), slopes
+
+    def pieces(self, before: FloatArray, after: FloatArray) -> list[FloatArray]:
+        """Unknowns along an edge, so near that no joint bends in between while the guide tube of a fed arm holds it."""
+        if not self.arm.base_axes:
+            return [before, after]
+        scale = float(self.scale[self.feed_column])
+        start = float(before[self.feed_column]) * scale
+        way = float(after[self.feed_column]) * scale - start
+        share = 0.0
+        places = [before]
+        while share < 1.0:
+            room = feed_to_next_stop(self, start + share * way, forward=way > 0.0)
+            share = 1.0 if abs(way) * (1.0 - share) <= room else share + room / abs(way)
+            places.append(before + share * (after - before))
+        return places
+
+    def in_pieces(self, unknowns: FloatArray) -> FloatArray:
+        """A motion with all its edges in pieces, shape (K, p) to (m, p)."""
+        return np.stack([unknowns[0], *(v for edge in pairwise(unknowns) for v in self.pieces(*edge)[1:])])
 
     def fitted(self, q: FloatArray, smoothness: float = SETTLING) -> FloatArray:
         """Unknowns of the curve that comes nearest to a configuration.

@@ -25,7 +25,7 @@ from ccm_opt.planning.pose import Term
 from ccm_opt.planning.search import Failure
 from ccm_opt.planning.search_run import PlanarRun
 from ccm_opt.planning.shortcuts import straightened
-from ccm_opt.planning.space_sweep import failing_edges, in_pieces
+from ccm_opt.planning.space_sweep import failing_edges
 from ccm_opt.planning.space_task import SpaceTask
 from ccm_opt.planning.step import SpaceStepper, Stepper
 from ccm_opt.robot.arm import Arm
@@ -286,7 +286,7 @@ def lifted_motion(task: SpaceTask, found: SpaceMotion) -> SpaceMotion | None:
     unknowns = np.vstack((unknowns[:-1], end.v))
     if len(failing_edges(stepper, unknowns)) > 0:
         return None
-    configurations = curve.configurations(in_pieces(stepper, unknowns))
+    configurations = curve.configurations(stepper.space.in_pieces(unknowns))
     return SpaceMotion(curve, unknowns, configurations, f"{found.candidate}, lifted from {found.curve.arm.links} links")
 
 

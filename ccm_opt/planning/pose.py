@@ -121,6 +121,10 @@ class CurveUnknowns(ABC):
         """The path of configurations along a spline in the unknowns."""
         return BSpline(spline.t, self.configurations(spline.c), spline.k)
 
+    def in_pieces(self, unknowns: FloatArray) -> FloatArray:
+        """A motion with more keyframes where what lies between two is not linear, shape (K, p) to (m, p)."""
+        return unknowns
+
     @property
     def affine(self) -> bool:
         """Whether configurations are affine in the unknowns."""

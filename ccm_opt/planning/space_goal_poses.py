@@ -18,7 +18,7 @@ from ccm_opt.planning.goal import GoalPose, moved_onto
 from ccm_opt.planning.guides import ArmTrack, PoseLed, TrackLed
 from ccm_opt.planning.pose import Pose
 from ccm_opt.planning.rrt_connect import ConnectSearch, PointTree
-from ccm_opt.planning.space_sweep import edge_is_safe, failing_edges, in_pieces, pieces
+from ccm_opt.planning.space_sweep import edge_is_safe, failing_edges
 from ccm_opt.planning.space_task import SpaceTask
 from ccm_opt.planning.step import SpaceStepper
 from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
@@ -138,7 +138,7 @@ class CurveDraws:
         found = search.run(draws)
         if found is None:
             return None
-        return [self.stepper.pose(v) for v in in_pieces(self.stepper, self._between_ends(found))]
+        return [self.stepper.pose(v) for v in self.stepper.space.in_pieces(self._between_ends(found))]
 
     def travel(self, start: FloatArray, end: FloatArray) -> FloatArray:
         """Norm of the turns of the links, shape (m,) [rad]."""
@@ -252,7 +252,7 @@ def withdrawn(stepper: SpaceStepper, start: FloatArray, deadline: Deadline) -> l
     stops = [start + (end - start) * k / count for k in range(count + 1)]
     poses = [stepper.pose(start)]
     for before, after in pairwise(stops):
-        for v in pieces(stepper, before, after)[1:]:
+        for v in stepper.space.pieces(before, after)[1:]:
             pose = stepper.pose(v)
             if not (stepper.within_limits(pose.q) and stepper.certificate.safe(poses[-1].q, pose.q)):
                 return [*poses[:-1], *_led_back(stepper, poses[-1], deadline)]

@@ -23,7 +23,6 @@ from ccm_opt.planning.space_sweep import (
     RoomRows,
     SpaceSweep,
     failing_edges,
-    in_pieces,
     room_lacking,
     room_lacking_on_the_way,
 )
@@ -205,7 +204,7 @@ def _optimised(motion: SpaceMotion, task: SpaceTask) -> SpaceMotion:
     return SpaceMotion(
         motion.curve,
         unknowns,
-        motion.curve.configurations(in_pieces(stepper, unknowns)),
+        motion.curve.configurations(stepper.space.in_pieces(unknowns)),
         motion.candidate,
         None if motion.u is None else u,
     )

@@ -22,7 +22,7 @@ from ccm_opt.planning.search import Failure, Strategy, first_found
 from ccm_opt.planning.search_run import SearchRun
 from ccm_opt.planning.space_candidates import SpaceTipWays, TipWay
 from ccm_opt.planning.space_goal_poses import CurveDraws, goal_poses, swung, withdrawn
-from ccm_opt.planning.space_sweep import edge_is_safe, failing_edges, pieces
+from ccm_opt.planning.space_sweep import edge_is_safe, failing_edges
 from ccm_opt.planning.space_task import SpaceTask
 from ccm_opt.planning.step import SpaceStepper
 
@@ -84,7 +84,7 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
             poses = stalled.poses
         if not edge_is_safe(self.stepper, poses[-1].v, end):
             raise Stalled(guide.describe(poses[-1]), poses)
-        return [*poses, *(self.stepper.pose(v) for v in pieces(self.stepper, poses[-1].v, end)[1:])]
+        return [*poses, *(self.stepper.pose(v) for v in self.stepper.space.pieces(poses[-1].v, end)[1:])]
 
     def tightest(self, pose: Pose) -> tuple[int, str, float] | None:
         """The nearest surface."""

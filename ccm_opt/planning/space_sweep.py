@@ -12,7 +12,7 @@ from itertools import pairwise
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray, IntArray
-from ccm_opt.planning.curve_map import CurveMap, feed_to_next_stop
+from ccm_opt.planning.curve_map import CurveMap
 from ccm_opt.planning.limits.limit import LimitOf
 from ccm_opt.planning.optimisation.interval_rows import STILL, IntervalRows, Sweep, joined_rows
 from ccm_opt.planning.pose import Pose
@@ -91,24 +91,6 @@ class SpaceSweep(Sweep):
         return self.space.arm.joint_positions_at(self.space.configurations(between))
 
 
-def pieces(stepper: SpaceStepper, before: FloatArray, after: FloatArray) -> list[FloatArray]:
-    """Unknowns along an edge, so near that no joint bends in between while the guide tube of a fed arm holds it."""
-    arm = stepper.space.arm
-    if not arm.base_axes:
-        return [before, after]
-    column = stepper.space.feed_column
-    scale = float(stepper.space.scale[column])
-    start = float(before[column]) * scale
-    way = float(after[column]) * scale - start
-    share = 0.0
-    places = [before]
-    while share < 1.0:
-        room = feed_to_next_stop(stepper.space, start + share * way, forward=way > 0.0)
-        share = 1.0 if abs(way) * (1.0 - share) <= room else share + room / abs(way)
-        places.append(before + share * (after - before))
-    return places
-
-
 def edge_is_safe(stepper: SpaceStepper, before: FloatArray, after: FloatArray, depth: int | None = None) -> bool:
     """Whether an edge keeps all limits and is certified."""
     return len(failing_edges(stepper, np.stack((before, after)), depth)) == 0
@@ -116,7 +98,7 @@ def edge_is_safe(stepper: SpaceStepper, before: FloatArray, after: FloatArray, d
 
 def failing_edges(stepper: SpaceStepper, unknowns: FloatArray, depth: int | None = None) -> IntArray:
     """Numbers of the edges of a motion, unknowns of shape (K + 1, p), that are not certified."""
-    edges = [pieces(stepper, before, after) for before, after in pairwise(unknowns)]
+    edges = [stepper.space.pieces(before, after) for before, after in pairwise(unknowns)]
     configurations = stepper.space.configurations(np.array([v for edge in edges for v in edge]))
     kept = [stepper.within_limits(q) for q in configurations]
     failing = []
@@ -129,14 +111,6 @@ def failing_edges(stepper: SpaceStepper, unknowns: FloatArray, depth: int | None
         ):
             failing.append(k)
     return np.array(failing, dtype=np.intp)
-
-
-def in_pieces(stepper: SpaceStepper, unknowns: FloatArray) -> FloatArray:
-    """The motion with all its edges in pieces, shape (m, p)."""
-    found = [unknowns[0]]
-    for before, after in pairwise(unknowns):
-        found.extend(pieces(stepper, before, after)[1:])
-    return np.stack(found)
 
 
 _BEHIND = 0.06

@@ -23,7 +23,7 @@ from ccm_opt.planning.limits.user_limit import UserLimit
 from ccm_opt.planning.link_space import LinkSpace
 from ccm_opt.planning.motion import Motion, SpaceMotion
 from ccm_opt.planning.pose import CurveUnknowns, Pose, Term
-from ccm_opt.planning.space_sweep import edge_is_safe, pieces
+from ccm_opt.planning.space_sweep import edge_is_safe
 from ccm_opt.planning.space_task import SpaceTask
 from ccm_opt.planning.step import AnyUnknowns, SpaceStepper, Stepper, StepperOf
 from ccm_opt.robot.arm import Arm
@@ -330,7 +330,7 @@ def _ended(task: SpaceTask, stepper: SpaceStepper, pose: Pose, end: FloatArray) 
     except Stalled as stalled:
         poses = stalled.poses
     if edge_is_safe(stepper, poses[-1].v, end):
-        return [*poses[1:], *(stepper.pose(v) for v in pieces(stepper, poses[-1].v, end)[1:])]
+        return [*poses[1:], *(stepper.pose(v) for v in stepper.space.pieces(poses[-1].v, end)[1:])]
     if task.goal_pose is not None:
         raise Stalled(why_missed(stepper, poses[-1], 1.0), poses)
     return [*poses[1:], *settle(stepper, task.limited_goal, poses[-1], task.deadline)[1:]]
