@@ -1,7 +1,6 @@
 """Seeds and tries: a seed decides what is drawn, and of several tries the best is taken and all are told."""
 
 import json
-from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -17,8 +16,9 @@ from ccm_opt.cli.commands import app
 from ccm_opt.core.errors import CancelledWithPlan, Diagnosis, MotionNotFound, ProblemFileError, UnreachableGoal
 from ccm_opt.core.progress import Stages
 from ccm_opt.driver.kept_plan import as_it_stands
-from ccm_opt.driver.pipeline import best_of_tries, least_gap
+from ccm_opt.driver.pipeline import Plans, best_of_tries, least_gap
 from ccm_opt.driver.verified_plan import TermResults, VerifiedPlan
+from ccm_opt.ik.compiled_terms import UserTerms
 from ccm_opt.io.reading import parse_problem
 from ccm_opt.planning.continuation import GuideCandidate
 from ccm_opt.planning.search_run import drawn_order
@@ -60,10 +60,10 @@ def asked(tries: int, seed: int = 0) -> Problem:
     return replace(problem, planner=replace(problem.planner, tries=tries, seed=seed, wanted_gap=0.02))
 
 
-def answering(answers: dict[int, VerifiedPlan | BaseException]) -> Callable[[Problem], VerifiedPlan]:
+def answering(answers: dict[int, VerifiedPlan | BaseException]) -> Plans:
     """Gives each seed its answer."""
 
-    def attempt(problem: Problem) -> VerifiedPlan:
+    def attempt(problem: Problem, _: UserTerms | None) -> VerifiedPlan:
         answer = answers[problem.planner.seed]
         if isinstance(answer, BaseException):
             raise answer
@@ -72,9 +72,9 @@ def answering(answers: dict[int, VerifiedPlan | BaseException]) -> Callable[[Pro
     return attempt
 
 
-def tried(problem: Problem, attempt: Callable[[Problem], VerifiedPlan]) -> VerifiedPlan:
+def tried(problem: Problem, attempt: Plans) -> VerifiedPlan:
     """The best of the tries that a function makes."""
-    return best_of_tries(problem, attempt, partial(as_it_stands, stages=Stages()))
+    return best_of_tries(problem, None, attempt, partial(as_it_stands, stages=Stages()))
 
 
 def nothing(reason: str) -> MotionNotFound:
@@ -111,7 +111,7 @@ def test_tries_share_the_time(plans: dict[str, VerifiedPlan]) -> None:
     """Every try is given an equal share of the time that is left, and none is begun when it is over."""
     limits: list[float] = []
 
-    def attempt(problem: Problem) -> VerifiedPlan:
+    def attempt(problem: Problem, _: UserTerms | None) -> VerifiedPlan:
         limits.append(problem.planner.time_limit)
         return plans["fast"]
 

@@ -23,15 +23,21 @@ from ccm_opt.core.length_words import words_in
 from ccm_opt.core.progress import Progress, Stages
 from ccm_opt.core.threads import on_one_thread
 from ccm_opt.diagnosis.explain import refuse_impossible
-from ccm_opt.driver.arguments import expect_arguments, refuse_without_effect
+from ccm_opt.driver.arguments import (
+    compiled_terms,
+    expect_arguments,
+    refuse_contradictions,
+    refuse_without_effect,
+)
 from ccm_opt.driver.kept_plan import as_it_stands, described
 from ccm_opt.driver.legs import Planner, Retimer
 from ccm_opt.driver.planning_run import PlanningRun
 from ccm_opt.driver.settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.driver.verified_plan import VerifiedPlan
+from ccm_opt.dynamics.simulation.simulation_record import check_options
 from ccm_opt.ik.compiled_terms import UserTerms
 from ccm_opt.ik.terms import COST_SHARES, Constraint, Cost
-from ccm_opt.problem import Problem
+from ccm_opt.problem import PlannerOptions, Problem
 from ccm_opt.problem.solution import Solution, SurvivedError, TryRecord
 from ccm_opt.scene.bad_pose import room_advice
 from ccm_opt.verification.tolerance.error_model import DEFAULT_TOLERANCE, ToleranceSettings, check_of, joint_errors
@@ -52,14 +58,14 @@ STAGE = "tolerance"
 """Where a motion is refused that does not survive the errors asked for."""
 
 
-Plans: TypeAlias = Callable[[Problem], VerifiedPlan]
-"""Plans a problem, or says why there is no plan."""
+Plans: TypeAlias = Callable[[Problem, UserTerms | None], VerifiedPlan]
+"""Plans a problem with the user's constraints and costs, or says why there is no plan."""
 
 
 def with_lowered_costs(
     problem: Problem,
     terms: UserTerms,
-    planned: Callable[[Problem, UserTerms], VerifiedPlan],
+    planned: Plans,
     shares: Sequence[float] = COST_SHARES,
 ) -> tuple[VerifiedPlan, float]:
     """Plan with as much of the user's costs as a plan is found with; hard constraints hold in full.
@@ -96,7 +102,10 @@ def _lowered(terms: UserTerms, share: float) -> UserTerms:
 
 
 def best_of_tries(
-    problem: Problem, planned: Plans, as_it_stands: Callable[[Problem, VerifiedPlan], Solution]
+    problem: Problem,
+    terms: UserTerms | None,
+    planned: Plans,
+    as_it_stands: Callable[[Problem, VerifiedPlan], Solution],
 ) -> VerifiedPlan:
     """Make as many tries as the problem names, each with the next seed and an equal share of the time.
 
@@ -104,6 +113,7 @@ def best_of_tries(
 
     Args:
         problem: what to solve.
+        terms: the user's constraints and costs.
         planned: makes a try.
         as_it_stands: makes a solution of a problem's plan, for Ctrl-C.
 
@@ -113,8 +123,6 @@ def best_of_tries(
         CancelledWithPlan: on Ctrl-C once a try has found a plan, with the best.
     """
     asked = problem.planner.tries
-    if asked == 1:
-        return planned(problem)
     deadline = Deadline.after(problem.planner.time_limit)
     tries = _Tries(problem.wanted_gap)
     try:
@@ -124,7 +132,7 @@ def best_of_tries(
             seed = problem.planner.seed + number
             options = replace(problem.planner, seed=seed, time_limit=deadline.left / (asked - number))
             try:
-                tries.plans[seed] = planned(replace(problem, planner=options))
+                tries.plans[seed] = planned(replace(problem, planner=options), terms)
             except UnreachableGoal:
                 raise  # which no other seed would mend
             except (NoPlanFound, VerificationError) as failure:
@@ -211,11 +219,18 @@ def _below(angle: float) -> str:
     return f"{np.floor(angle * 10.0**digits) / 10.0**digits:.{max(digits, 0)}f}"
 
 
-def surviving_errors(problem: Problem, planned: Plans, settings: ToleranceSettings = DEFAULT_TOLERANCE) -> VerifiedPlan:
+def surviving_errors(
+    problem: Problem, terms: UserTerms | None, planned: Plans, settings: ToleranceSettings = DEFAULT_TOLERANCE
+) -> VerifiedPlan:
     """Plan motions with more room, until one survives the error of the joints that a problem names.
+
+    Where an arm is nearly in contact, the error that it survives grows with its gap. So the gap that the best motion so
+    far would need is asked for, as something to be bought where there is room. No narrow place keeps a motion from
+    being found, and the certificate, which knows the poses, decides.
 
     Args:
         problem: what to solve.
+        terms: the user's constraints and costs.
         planned: plans a motion.
         settings: how much more room is asked for, and how often.
 
@@ -225,43 +240,29 @@ def surviving_errors(problem: Problem, planned: Plans, settings: ToleranceSettin
         VerificationError: the verifier refuses the plan.
     """
     deadline = Deadline.after(problem.planner.time_limit)
-    plan, best = _with_growing_gaps(problem, planned, settings, deadline)
-    check = check_of(problem.joint_error, best)
-    if check.passed:
-        return replace(plan, checks=(*plan.checks, check))
-    raise MotionNotFound(short_of(problem, best))
-
-
-def _judged(problem: Problem, plan: VerifiedPlan, settings: ToleranceSettings) -> "_Found":
-    return plan, survived_error(problem, plan.trajectory, joint_errors(problem.arm), settings)
-
-
-def _with_growing_gaps(problem: Problem, planned: Plans, settings: ToleranceSettings, deadline: Deadline) -> "_Found":
-    """Ask for the gap that the best motion so far would need, as something to be bought where there is room.
-
-    Where an arm is nearly in contact, the error that it survives grows with its gap. No narrow place keeps a motion
-    from being found, and the certificate, which knows the poses, decides.
-    """
     wanted = problem.wanted_gap or problem.default_gap
-    options = replace(problem.planner, time_limit=settings.time_share * problem.planner.time_limit)
-    best = _judged(problem, planned(replace(problem, planner=options, joint_error=0.0)), settings)
+
+    def judged(options: PlannerOptions) -> tuple[VerifiedPlan, SurvivedError]:
+        plan = planned(replace(problem, planner=options, joint_error=0.0), terms)
+        return plan, survived_error(problem, plan.trajectory, joint_errors(problem.arm), settings)
+
+    best = judged(replace(problem.planner, time_limit=settings.time_share * problem.planner.time_limit))
     for _ in range(_GAP_ROUNDS):
         if best[1].size >= problem.joint_error or deadline.passed():
             break
         least, most = _GAP_GROWTH
         wanted *= min(max(_GAP_BEYOND * problem.joint_error / max(best[1].size, 1e-12), least), most)
         limit = max(settings.time_share * deadline.left, settings.least_time)
-        options = replace(problem.planner, wanted_gap=wanted, time_limit=limit)
         try:
-            roomier = planned(replace(problem, planner=options, joint_error=0.0))
+            roomier = judged(replace(problem.planner, wanted_gap=wanted, time_limit=limit))
         except (NoPlanFound, VerificationError):
             break
-        best = max(best, _judged(problem, roomier, settings), key=lambda found: found[1].size)
-    return best
-
-
-_Found: TypeAlias = tuple[VerifiedPlan, SurvivedError]
-"""A plan, and the error that it survives."""
+        best = max(best, roomier, key=lambda found: found[1].size)
+    plan, survived = best
+    check = check_of(problem.joint_error, survived)
+    if check.passed:
+        return replace(plan, checks=(*plan.checks, check))
+    raise MotionNotFound(short_of(problem, survived))
 
 
 def solve(
@@ -304,11 +305,29 @@ def solve(
     numbers = settings or DEFAULT_SETTINGS
     with on_one_thread(), words_in(problem.length_unit):
         stages = Stages(progress, problem.planner.time_limit)
-        run = PlanningRun.begun(problem, planner, retimer, constraints, costs, stages, numbers)
+        deadline = Deadline.after(problem.planner.time_limit)
+        with stages("dynamics model"):
+            check_options(problem.arm, problem.simulation)
+            terms = compiled_terms(problem.arm, constraints, costs)
+        with stages("necessary checks"):
+            refuse_contradictions(problem, terms)
+        run = PlanningRun(problem, planner, retimer, constraints, costs, terms, stages, numbers, deadline)
+        # Of several tries the best is taken, each with so much room that it survives the errors of the joints.
+        planned: Plans = run.planned
+        if problem.joint_error > 0.0:
+            planned = partial(surviving_errors, planned=planned, settings=numbers.tolerance)
+        if problem.planner.tries > 1:
+            planned = partial(best_of_tries, planned=planned, as_it_stands=partial(as_it_stands, stages=stages))
+        figures: dict[str, float] = {}
         try:
             with stages("necessary checks"):
                 refuse_impossible(problem)
-            plan, cost_share = _planned(run)
+            if terms is None or not terms.all_costs:
+                plan = planned(problem, terms)
+            else:
+                # Another planner is not given the costs.
+                shares = COST_SHARES if planner is None else COST_SHARES[:1]
+                plan, figures["cost_share"] = with_lowered_costs(problem, terms, planned, shares)
         except NoPlanFound as failure:
             # What a motion survives is explained already, and further searches would not know of it.
             if failure.diagnosis.stage == STAGE:
@@ -316,25 +335,4 @@ def solve(
             raise run.explained(failure, changes=explain) from failure
 
         # There is a plan: room and simulation say what it is worth, and nothing that happens there can lose it.
-        figures = {"cost_share": cost_share} if run.terms is not None and run.terms.all_costs else {}
         return described(problem, plan, stages, numbers, figures)
-
-
-def _planned(run: PlanningRun) -> tuple[VerifiedPlan, float]:
-    """A plan with as much of the costs as there is one with, and their share.
-
-    Of several tries the best is taken, each with so much room that it survives the errors of the joints.
-    """
-    problem = run.problem
-
-    def best(asked: Problem, lowered: UserTerms | None) -> VerifiedPlan:
-        planned: Plans = partial(run.planned, terms=lowered)
-        if asked.joint_error > 0.0:
-            planned = partial(surviving_errors, planned=planned, settings=run.settings.tolerance)
-        if asked.planner.tries > 1:
-            return best_of_tries(asked, planned, partial(as_it_stands, stages=run.stages))
-        return planned(asked)
-
-    if run.terms is None or run.planner is not None or not run.terms.all_costs:
-        return best(problem, run.terms), COST_SHARES[0]
-    return with_lowered_costs(problem, run.terms, best)

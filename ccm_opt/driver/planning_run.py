@@ -13,12 +13,11 @@ from ccm_opt.core.errors import NoPlanFound, ProblemError
 from ccm_opt.core.progress import Stages
 from ccm_opt.diagnosis.explain import explained, refuse_hopeless, refuse_impossible, with_proof
 from ccm_opt.diagnosis.relaxation import Trials
-from ccm_opt.driver.arguments import compiled_terms, expect_arguments, named_terms, refuse_contradictions
+from ccm_opt.driver.arguments import compiled_terms, expect_arguments, named_terms
 from ccm_opt.driver.legs import Leg, Planner, Retimer, plan_legs
 from ccm_opt.driver.settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.driver.timed_plan import timed_and_verified
 from ccm_opt.driver.verified_plan import VerifiedPlan
-from ccm_opt.dynamics.simulation.simulation_record import check_options
 from ccm_opt.ik.compiled_terms import UserTerms
 from ccm_opt.ik.terms import Constraint, Cost
 from ccm_opt.problem import Problem
@@ -76,31 +75,6 @@ class PlanningRun:
     settings: Settings
     deadline: Deadline
     recorded: list[tuple[Problem, JointPath]] = field(default_factory=list)
-
-    @classmethod
-    def begun(
-        cls,
-        problem: Problem,
-        planner: Planner | None,
-        retimer: Retimer | None,
-        constraints: Sequence[Constraint],
-        costs: Sequence[Cost],
-        stages: Stages,
-        settings: Settings,
-    ) -> "PlanningRun":
-        """Begin to plan, and refuse what no plan could mend, nor any change that is tried after a failure.
-
-        Raises:
-            ProblemError: the simulation or the user's terms cannot be used.
-            UnreachableGoal: the user's constraints are proved not to hold at a goal.
-        """
-        deadline = Deadline.after(problem.planner.time_limit)
-        with stages("dynamics model"):
-            check_options(problem.arm, problem.simulation)
-            terms = compiled_terms(problem.arm, constraints, costs)
-        with stages("necessary checks"):
-            refuse_contradictions(problem, terms)
-        return cls(problem, planner, retimer, constraints, costs, terms, stages, settings, deadline)
 
     def planned(self, problem: Problem, terms: UserTerms | None) -> VerifiedPlan:
         """Plan, time and verify a problem that differs from the one that was asked in what its options say.
