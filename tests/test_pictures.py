@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 import shapely
-from matplotlib.figure import Figure
 from PIL import Image
 from typer.testing import CliRunner
 
@@ -23,7 +22,7 @@ from ccm_opt.problem.solution import Solution
 from ccm_opt.viz import films as video
 from ccm_opt.viz.arm_drawing import DrawnPlan
 from ccm_opt.viz.films import film_of, motion_gif, motion_mp4
-from ccm_opt.viz.plan import LabelPlaces, even_steps, plan_figure, plan_picture
+from ccm_opt.viz.plan import even_steps, plan_figure, plan_picture
 from ccm_opt.viz.settings import FILM
 from ccm_opt.viz.views import action_window
 
@@ -100,31 +99,15 @@ def test_the_least_gap_is_marked_where_it_is(plan: DrawnPlan) -> None:
     near = plan.nearest
     assert near is not None
     assert near.obstacle == "post"
-    place = plan.nearest_point
-    assert place is not None
+    figure = plan_figure(plan)
+    label = f"least gap {1e3 * near.gap:.1f} mm at {near.time:.2f} s"
+    (place,) = (line.get_xydata()[0] for line in figure.axes[0].lines if line.get_label() == label)
     post = plan.problem.workspace.obstacles[0]
     at = [np.interp(near.time, plan.trajectory.time, column) for column in plan.trajectory.positions.T]
     pose = plan.problem.arm.joint_positions_at(np.array(at))
     to_link = shapely.distance(shapely.LineString(pose[near.link - 1 : near.link + 1]), shapely.Point(place))
     assert to_link == pytest.approx(shapely.distance(post.core, shapely.Point(place)), rel=1e-9)
-    texts = [text.get_text() for text in plan_figure(plan).axes[0].texts]
-    assert f"least gap {1e3 * near.gap:.1f} mm\nat {near.time:.2f} s" in texts
-
-
-def test_labels_keep_off_each_other() -> None:
-    """Labels at one place do not overlap, nor what they have to keep off, and stay in the picture."""
-    figure = Figure(figsize=(4.0, 4.0), dpi=100)
-    axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
-    axes.set_xlim(0.0, 1.0)
-    axes.set_ylim(0.0, 1.0)
-    places = LabelPlaces(axes)
-    places.keep_free(shapely.box(0.5, 0.5, 0.9, 0.9))
-    for _ in range(4):
-        places.write(np.array([0.5, 0.5]), "least gap 8.9 mm", "black", 8.0)
-    boxes = places.drawn
-    for k, one in enumerate(boxes):
-        assert all(shapely.intersection(one, other).area == pytest.approx(0.0) for other in boxes[:k])
-        assert shapely.box(0.0, 0.0, 288.0, 288.0).buffer(1e-6).contains(one)
+    assert label in [text.get_text() for text in figure.legends[0].get_texts()]
 
 
 def test_poses_are_equally_far_apart(plan: DrawnPlan) -> None:

@@ -16,7 +16,6 @@ from ccm_opt.problem.solution import JointTrajectory, NearPlace, Solution
 from ccm_opt.robot.configuration import Configuration
 from ccm_opt.scene.workspace import Obstacle, Workspace
 from ccm_opt.viz import figure_files as style
-from ccm_opt.viz.room_section import place_of_least_gap
 from ccm_opt.viz.settings import PICTURES, PictureSettings
 
 _NAME_SIZE = 6.5
@@ -251,11 +250,3 @@ class DrawnPlan:
         if self.problem.dimension == 3:
             raise TypeError(f"'{self.problem.name}' is in space, and this is drawn in the plane alone")
         return self.problem
-
-    @property
-    def nearest_point(self) -> FloatArray | None:
-        """Half-way between the two bodies at the time of their least gap, shape (2,) [m]; None in space."""
-        near = self.nearest
-        if near is None or self.problem.dimension == 3:
-            return None
-        return place_of_least_gap(self.problem, self.trajectory, near)

@@ -1,22 +1,18 @@
 """The picture of a plan, in the plane or in three views of space."""
 
-from dataclasses import dataclass, field
-
 import numpy as np
-import shapely
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Wedge
-from matplotlib.patheffects import withStroke
 
 from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.core.length_words import short_length, words_in
-from ccm_opt.problem import Goal, Problem, Tolerances
+from ccm_opt.problem import Goal, Tolerances
 from ccm_opt.viz import figure_files as style
 from ccm_opt.viz.arm_drawing import PLANE, DrawnPlan, Side, draw_body, draw_poses, draw_tip_path
 from ccm_opt.viz.arm_section import draw_section
 from ccm_opt.viz.figure_files import FigureFormat, figure_file
-from ccm_opt.viz.settings import PICTURES
+from ccm_opt.viz.room_section import place_of_least_gap
 from ccm_opt.viz.views import ARROW_SHARE, SeenScene, Sheet, action_window, draw_base, draw_pose
 
 ARROW_IN_LINKS = 3.0
@@ -31,98 +27,6 @@ _LEAST_SEEN = 0.1
 """Directions that are seen shorter than this share of their length have no arrow to speak of."""
 _LEAST_WEDGE = 0.05
 """Tolerances of a goal's heading are drawn when wider than this [rad]."""
-
-_DIRECTIONS = 24
-_DISTANCES = (10.0, 18.0, 28.0, 42.0, 60.0, 84.0)
-"""From the place to the label [points]."""
-_LETTER = 0.58
-"""Width of a letter, as a share of its size, on average."""
-_EDGE = 3.0
-"""Round what is drawn a label had better keep off, too [points]."""
-_OFF_EDGES = 5
-"""How much worse it is to stand over an edge of a wall than over poses and paths."""
-_OUTSIDE = 6.0
-"""How much worse it is to leave the picture than to cover what is drawn."""
-
-
-@dataclass
-class LabelPlaces:
-    """Places of labels in one picture.
-
-    Attributes:
-        axes: with their limits, size and place in the figure known.
-        drawn: what had better not be covered [points].
-    """
-
-    axes: Axes
-    drawn: list[shapely.Geometry] = field(default_factory=list)
-
-    def keep_off(self, shape: shapely.Geometry) -> None:
-        """Note something whose edges would run through letters, in the coordinates of the plane [m]."""
-        for _ in range(_OFF_EDGES):
-            self.keep_free(shape)
-
-    def keep_free(self, shape: shapely.Geometry) -> None:
-        """Note something that is drawn, in the coordinates of the plane [m]."""
-        # Thin things count with a margin, or a label would gladly stand over an edge.
-        self.drawn.append(shapely.buffer(shapely.transform(shape, self._to_points), _EDGE))
-
-    def keep_names_free(self) -> None:
-        """Note all texts that stand in the middle of their place already, such as names of obstacles."""
-        for text in self.axes.texts:
-            if text.get_horizontalalignment() != "center":
-                continue
-            x, y = self._to_points(np.array([text.get_position()]))[0]
-            along = 0.5 * _LETTER * float(text.get_fontsize()) * len(text.get_text())
-            across = 0.65 * float(text.get_fontsize())
-            wide, high = (across, along) if text.get_rotation() else (along, across)
-            self.drawn.append(shapely.box(x - wide, y - high, x + wide, y + high))
-
-    def write(self, place: FloatArray, text: str, colour: str, size: float) -> None:
-        """Write a label beside a place (2,) [m], with a thin line to it."""
-        anchor = self._to_points(np.asarray(place)[None])[0]
-        width = _LETTER * size * max(len(line) for line in text.splitlines())
-        height = 1.3 * size * len(text.splitlines())
-        best = min(self._candidates(anchor, width, height), key=lambda box: self._cost(anchor, box))
-        self.drawn.append(best)
-        middle = np.array([best.centroid.x, best.centroid.y]) - anchor
-        self.axes.annotate(
-            text, xy=tuple(place), xytext=tuple(middle), textcoords="offset points", ha="center", va="center",
-            fontsize=size, color=colour, zorder=12, linespacing=1.1,
-            # Round the letters only: a white box would cut a piece out of what it covers.
-            path_effects=[withStroke(linewidth=2.4, foreground="white", alpha=0.85)],
-            arrowprops={"arrowstyle": "-", "color": colour, "linewidth": 0.6, "shrinkA": 0.0, "shrinkB": 4.0},
-        )  # fmt: skip
-
-    def _candidates(self, anchor: FloatArray, width: float, height: float) -> list[shapely.Polygon]:
-        """Boxes all round the place."""
-        found = []
-        for distance in _DISTANCES:
-            for angle in 2.0 * np.pi * (np.arange(_DIRECTIONS) + 0.5) / _DIRECTIONS:
-                across = (distance + 0.5 * width) * np.cos(angle)
-                up = (distance + 0.5 * height) * np.sin(angle)
-                x = anchor[0] + across
-                y = anchor[1] + up
-                found.append(shapely.box(x - 0.5 * width, y - 0.5 * height, x + 0.5 * width, y + 0.5 * height))
-        return found
-
-    def _cost(self, anchor: FloatArray, box: shapely.Polygon) -> float:
-        """What a box covers of what is drawn and how much of it leaves the picture [points²], and how far it is."""
-        covered = sum(shapely.intersection(box, shape).area for shape in self.drawn if shapely.intersects(box, shape))
-        outside = float(shapely.difference(box, self._window()).area)
-        return covered + _OUTSIDE * outside + 0.5 * float(shapely.distance(box, shapely.Point(anchor)))
-
-    def _window(self) -> shapely.Polygon:
-        low, high = self._to_points(np.array([[self.axes.get_xlim()[k], self.axes.get_ylim()[k]] for k in (0, 1)]))
-        window: shapely.Polygon = shapely.box(low[0], low[1], high[0], high[1])
-        return window
-
-    def _to_points(self, places: FloatArray) -> FloatArray:
-        left, right = self.axes.get_xlim()
-        low, high = self.axes.get_ylim()
-        pixels = min(self.axes.bbox.width / (right - left), self.axes.bbox.height / (high - low))
-        scale = 72.0 / float(self.axes.figure.dpi) * pixels
-        return np.asarray(scale * (np.asarray(places) - np.array([left, low])))
 
 
 def number_goal(axes: Axes, place: FloatArray, heading: float | None, number: int, size: float) -> None:
@@ -170,12 +74,20 @@ def plan_figure(plan: DrawnPlan, scene: SeenScene | None = None) -> Figure:
             draw_base(axes, points[0, 0])
         draw_goals(axes, plan, side, poses=not in_space)
     title = f"{problem.name}: {plan.trajectory.duration:.2f} s"
-    with words_in(problem.length_unit):
-        if sheet.section is not None:
-            draw_section(sheet.section, problem, points[-1])
-            title += "" if plan.nearest is None else f", least gap {short_length(plan.nearest.gap)}"
-        else:
-            _mark_least_gap(sheet.views[0][0], plan, problem)
+    if plan.nearest is not None:
+        with words_in(problem.length_unit):
+            gap = f"least gap {short_length(plan.nearest.gap)}"
+        title += f", {gap}" if in_space else ""
+    if sheet.section is not None:
+        draw_section(sheet.section, problem, points[-1])
+    elif plan.nearest is not None:
+        counted = problem.workspace.clearance and not plan.nearest.second_link
+        label = f"{gap} at {plan.nearest.time:.2f} s" + ("\nbeyond the clearance" if counted else "")
+        sheet.views[0][0].plot(
+            *place_of_least_gap(problem, plan.trajectory, plan.nearest), marker="o", markersize=10,
+            markerfacecolor="none", markeredgewidth=1.4, color=style.LEAST_GAP, zorder=10, linestyle="none",
+            label=label,
+        )  # fmt: skip
     sheet.finish(title)
     return sheet.figure
 
@@ -206,33 +118,6 @@ def draw_goals(axes: Axes, plan: DrawnPlan, side: Side = PLANE, *, poses: bool =
             # A direction that is seen from its end has no arrow to stand behind.
             heading = float(np.arctan2(up, across)) if np.hypot(across, up) > _LEAST_SEEN else None
             number_goal(axes, place, heading, number, _LABEL_SIZE - 0.5)
-
-
-def _mark_least_gap(axes: Axes, plan: DrawnPlan, problem: Problem) -> None:
-    """A ring where the arm is nearest to something, with the gap."""
-    place = plan.nearest_point
-    if place is None or plan.nearest is None:
-        return
-    axes.plot(
-        *place, marker="o", markersize=10, markerfacecolor="none", markeredgewidth=1.4, color=style.LEAST_GAP,
-        zorder=10, linestyle="none",
-    )  # fmt: skip
-    places = LabelPlaces(axes)
-    shown = plan.points[even_steps(plan.points, _POSES_ON_THE_WAY)]
-    radius = max(problem.arm.radius, 1e-3 * problem.arm.length)
-    for pose in (plan.points[0], plan.points[-1]):
-        places.keep_off(shapely.LineString(pose).buffer(radius))
-    bodies = [shapely.LineString(pose).buffer(radius) for pose in shown]
-    places.keep_free(shapely.union_all([*bodies, shapely.LineString(plan.points[:, -1]).buffer(0.5 * radius)]))
-    places.keep_names_free()
-    seen = shapely.box(*action_window(problem, plan.points))
-    outlines = [obstacle.outline() for obstacle in problem.workspace.near(seen, 0.0).obstacles]
-    for outline in outlines[: PICTURES.most_named_obstacles]:
-        places.keep_off(outline)
-    gap = short_length(plan.nearest.gap)
-    counted = problem.workspace.clearance and not plan.nearest.second_link
-    lines = (f"least gap {gap}", *(["beyond the clearance"] if counted else []), f"at {plan.nearest.time:.2f} s")
-    places.write(place, "\n".join(lines), style.LEAST_GAP, _LABEL_SIZE)
 
 
 def even_steps(points: FloatArray, count: int, *, ends: bool = False) -> IntArray:

@@ -26,7 +26,7 @@ class PictureSettings:
     left: float = 0.65
     right: float = 0.2
     top: float = 0.45
-    bottom: float = 0.95
+    bottom: float = 1.05
     beside_room: float = 0.03
     most_named_obstacles: int = 12
     least_error: float = 1e-7
