@@ -13,7 +13,7 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.errors import NoPlanFound
 from ccm_opt.diagnosis.explain import refuse_closed
 from ccm_opt.dynamics import retiming
-from ccm_opt.planning.curve_planner import CurvePlanner
+from ccm_opt.planning.planner import MotionPlanner
 from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import JointPath, JointStates, JointTrajectory
 from ccm_opt.robot.frames import joint_names, revolute_angles
@@ -71,7 +71,7 @@ def _planned(problem: Problem, blank: Run) -> tuple[Run, JointPath | None]:
     """The run as far as planning goes, and the path, if there is one."""
     begin = user_seconds()
     try:
-        path = CurvePlanner(refuse=refuse_closed).plan(problem)
+        path = MotionPlanner(refuse=refuse_closed).plan(problem)
     except NoPlanFound as failure:
         return replace(blank, reason=in_one_line(failure), seconds=user_seconds() - begin), None
     except Exception as crash:  # noqa: BLE001 - whatever it is, it is reported as a defect

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from ccm_opt.core.errors import NoPlanFound
 from ccm_opt.core.polyline import wrap
-from ccm_opt.planning.curve_planner import CurvePlanner
+from ccm_opt.planning.planner import MotionPlanner
 from ccm_opt.problem import TipGoal
 
 from .benchmarks.feed_families import elbow, into_clutter, straight_out, tank, widened
@@ -31,13 +31,13 @@ def test_a_larger_tolerance_is_not_harder_with_a_feed(family: str, seed: int) ->
     # No gap is wanted: what follows a leader is as it is, and this is about where it leads.
     narrow = replace(problem, planner=replace(problem.planner, time_limit=60.0, wanted_gap=0.0))
     try:
-        CurvePlanner().plan(narrow)
+        MotionPlanner().plan(narrow)
     except NoPlanFound:
         return
     wide = widened(narrow, rng)
     goal = wide.goal
     assert isinstance(goal, TipGoal)
-    path = CurvePlanner().plan(wide)
+    path = MotionPlanner().plan(wide)
     row = path.spline(path.spline.t[-1])
     headings = wide.arm.headings(row[:-1])
     tip = wide.arm.joint_positions(headings, row[-1])[-1]

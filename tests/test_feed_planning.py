@@ -15,12 +15,12 @@ from ccm_opt.core.errors import UnreachableGoal
 from ccm_opt.driver.metrics import leader_deviation
 from ccm_opt.driver.pipeline import solve
 from ccm_opt.io.reading import load_problem
-from ccm_opt.planning.curve_planner import CurvePlanner
 from ccm_opt.planning.ends import resolve_ends
 from ccm_opt.planning.leader import LINKS_PER_SAMPLE, SAMPLE_PERIOD, LeaderPath, path_of_pose, pose_on, slide
 from ccm_opt.planning.leader_paths import ElasticBand
 from ccm_opt.planning.led_strategies import LedWays
 from ccm_opt.planning.limits.guide_tube import GuideTubeLimit
+from ccm_opt.planning.planner import MotionPlanner
 from ccm_opt.planning.spline_path import clamped_spline
 from ccm_opt.problem import JointPose, Problem, TipGoal
 from ccm_opt.robot.arm import Feed
@@ -130,7 +130,7 @@ def test_a_tube_is_passed() -> None:
     walls = [Obstacle(f"tube {k}", PlaneShape(part)) for k, part in enumerate(shapely.get_parts(tube))]
     goal = TipGoal(np.array(middle.coords[-8]), heading=0.0)
     problem = make_problem(fed_arm(), make_room(*walls), goal)
-    path = CurvePlanner().plan(problem)
+    path = MotionPlanner().plan(problem)
     assert path.candidate.startswith("follow the leader")
     assert_sound(problem, np.asarray(path.spline(np.linspace(0.0, 1.0, 400))))
 
@@ -162,7 +162,7 @@ def test_no_own_path_with_a_bend_at_the_hole() -> None:
 
 def test_reversed_paths() -> None:
     """A reversed path has the same poses at mirrored parameters, its keyframes the other way round."""
-    path = CurvePlanner().plan(make_problem(fed_arm(), make_room(), TipGoal(np.array([0.5, 0.2]))))
+    path = MotionPlanner().plan(make_problem(fed_arm(), make_room(), TipGoal(np.array([0.5, 0.2]))))
     back = path.reversed()
     u = np.linspace(0.0, 1.0, 23)
     assert np.allclose(back.spline(u), path.spline(1.0 - u), atol=1e-12)
@@ -204,7 +204,7 @@ def test_starts_that_following_alone_does_not_solve(case: str) -> None:
     else:
         goal = JointPose(np.zeros(arm.links), 0.1)
     problem = make_problem(arm, make_room(), goal, start)
-    path = CurvePlanner().plan(problem)
+    path = MotionPlanner().plan(problem)
     rows = np.asarray(path.spline(np.linspace(0.0, 1.0, 600)))
     assert np.allclose(rows[0], np.append(start.bends, start.feed), atol=1e-12)
     assert np.allclose(rows[-1], np.append(goal.bends, goal.feed), atol=1e-12)
@@ -215,7 +215,7 @@ def test_starts_that_following_alone_does_not_solve(case: str) -> None:
 def test_shipped_problems(name: str) -> None:
     """The shipped problems are planned; where the leader goes straight the arm is within 2 % of its radius of it."""
     problem = load_problem(PROBLEMS / f"{name}.toml")
-    path = CurvePlanner().plan(problem)
+    path = MotionPlanner().plan(problem)
     rows = np.asarray(path.spline(np.linspace(0.0, 1.0, 400)))
     assert_sound(problem, rows)
     found = leader_deviation(problem.arm, rows)
@@ -233,12 +233,12 @@ def test_unreachable_goals_say_why() -> None:
         solve(make_problem(fed_arm(), make_room(), TipGoal(np.array([0.9, 0.8]))))
     bent = JointPose(np.append(0.2, np.zeros(15)), 0.0)
     with pytest.raises(UnreachableGoal, match=r"joint 1 by .* inside the guide"):
-        CurvePlanner().plan(make_problem(fed_arm(), make_room(), TipGoal(np.array([0.5, 0.0])), bent))
+        MotionPlanner().plan(make_problem(fed_arm(), make_room(), TipGoal(np.array([0.5, 0.0])), bent))
 
 
 def ways(problem: Problem, seconds: float) -> LedWays:
     """The ways of a fed arm, each change of shape within a time [s]."""
-    planner = CurvePlanner()
+    planner = MotionPlanner()
     task = planner.task_without_routes(problem, resolve_ends(problem), Deadline.after(900.0))
     return LedWays(problem, task, planner.shape_change, seconds)
 
@@ -314,7 +314,7 @@ def test_a_motion_lasts_no_longer_than_a_change_of_shape_alone(seed: int) -> Non
     problem = short_range(np.random.default_rng((5, seed)))
     alone = list(ways(problem, 900.0).at_once())
     assert len(alone) == 1
-    found = CurvePlanner().plan(problem).spline(np.linspace(0.0, 1.0, 2000))
+    found = MotionPlanner().plan(problem).spline(np.linspace(0.0, 1.0, 2000))
     scale = np.append(1.0 / problem.limits.velocity[1::3], 1.0 / (problem.limits.feed_velocity or 1.0))
     times = [np.abs(np.diff(q * scale, axis=0)).max(axis=1).sum() for q in (found, alone[0].configurations)]
     # Both are optimised, each by itself, and end where the optimiser's steps gain little more.

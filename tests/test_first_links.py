@@ -15,7 +15,7 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.errors import UnreachableGoal
 from ccm_opt.diagnosis.checks import AT_ONCE, failed
 from ccm_opt.diagnosis.explain import refuse_closed
-from ccm_opt.planning.curve_planner import CurvePlanner
+from ccm_opt.planning.planner import MotionPlanner
 from ccm_opt.problem import JointPose, Problem, Tolerances
 from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
 
@@ -111,4 +111,4 @@ def test_the_search_asks_for_the_proof_before_what_takes_long() -> None:
     (found,) = (finding for finding in failed(problem) if finding.kind == "hemmed in")
     assert "first 3 links" in found.reason
     with pytest.raises(UnreachableGoal, match="first 3 links"):
-        CurvePlanner(refuse=refuse_closed).plan(problem)
+        MotionPlanner(refuse=refuse_closed).plan(problem)

@@ -16,10 +16,10 @@ from ccm_opt.core.polyline import unit_vector, wrap
 from ccm_opt.diagnosis.checks import failed
 from ccm_opt.diagnosis.explain import refuse_closed
 from ccm_opt.diagnosis.passages import shortest_way
-from ccm_opt.planning.curve_planner import CurvePlanner
 from ccm_opt.planning.ends import resolve_ends, tip_goal
 from ccm_opt.planning.goal import GoalPose, moved_onto
 from ccm_opt.planning.goal_pose import poses_at_goal
+from ccm_opt.planning.planner import MotionPlanner
 from ccm_opt.problem import JointPose, Problem, TipGoal, Tolerances
 from ccm_opt.scene.certificate import Certificate
 
@@ -33,7 +33,7 @@ seeds = st.integers(0, 10**6)
 def found(problem: Problem) -> FloatArray:
     """Bends at the end of a motion that the planner finds, not optimised, shape (links,) [rad]."""
     quick = replace(problem, planner=replace(problem.planner, optimiser="none", wanted_gap=0.0))
-    path = CurvePlanner(refuse=refuse_closed).plan(quick)
+    path = MotionPlanner(refuse=refuse_closed).plan(quick)
     return np.asarray(path.spline(path.spline.t[-1]))
 
 

@@ -10,8 +10,8 @@ import pytest
 from .conftest import PROBLEMS
 
 HEAVY = ("casadi", "toppra", "matplotlib")
-PLANAR_ALONE = ("ccm_opt.planning.baseline.hill_climbing_planner", "ccm_opt.planning.curve_planner")
-"""What a solve in space has no use for."""
+PAPERS = "ccm_opt.planning.baseline.hill_climbing_planner"
+"""The paper's planner, which few solves have a use for."""
 SELDOM = (
     "ccm_opt.cli.compare",
     "ccm_opt.diagnosis.way_search",
@@ -64,24 +64,24 @@ def test_loading_a_problem_loads_nothing_heavy() -> None:
 
 
 @pytest.mark.planning
-def test_a_solve_in_space_loads_neither_the_plane_nor_what_explains_failures(tmp_path: Path) -> None:
+def test_a_solve_in_space_loads_neither_the_papers_planner_nor_what_explains_failures(tmp_path: Path) -> None:
     """A plan in space with its pictures is made, verified, simulated and written without any of it."""
     arguments = ["solve", str(PROBLEMS / "space" / "elbow.toml"), "--out", str(tmp_path)]
     loaded = loaded_after(command(arguments))
     assert (tmp_path / "elbow" / "report.html").is_file()
-    assert not loaded & {*PLANAR_ALONE, *SELDOM}
+    assert not loaded & {PAPERS, *SELDOM}
 
 
 @pytest.mark.planning
-def test_a_solve_in_the_plane_loads_neither_space_planners_nor_other_methods(tmp_path: Path) -> None:
-    """A plan in the plane is made without the planner in space and the paper's planner."""
+def test_a_solve_in_the_plane_loads_no_other_method(tmp_path: Path) -> None:
+    """A plan in the plane is made without the paper's planner."""
     loaded = loaded_after(command(["solve", str(PROBLEMS / "swan-neck.toml"), "--no-pictures", "--out", str(tmp_path)]))
-    assert not loaded & {"ccm_opt.planning.space_planner", "ccm_opt.planning.baseline.hill_climbing_planner"}
+    assert PAPERS not in loaded
 
 
 def test_what_the_laws_name_is_there() -> None:
     """A module that is renamed must not leave a law that holds of nothing."""
-    assert [name for name in (*PLANAR_ALONE, *SELDOM) if find_spec(name) is None] == []
+    assert [name for name in (PAPERS, *SELDOM) if find_spec(name) is None] == []
 
 
 def test_loading_sets_aside_what_is_loaded_and_nothing_else() -> None:

@@ -13,7 +13,6 @@ from ccm_opt.core.deadline import Deadline
 from ccm_opt.core.errors import MotionNotFound, TimeLimitReached, UnreachableGoal
 from ccm_opt.core.polyline import unit_vector
 from ccm_opt.diagnosis.explain import refuse_closed
-from ccm_opt.planning.curve_planner import CurvePlanner
 from ccm_opt.planning.curve_routes import find_routes, route_room
 from ccm_opt.planning.ends import resolve_ends
 from ccm_opt.planning.goal import GoalPose
@@ -23,6 +22,7 @@ from ccm_opt.planning.motion import Motion
 from ccm_opt.planning.motion_task import MotionTask, coarsened
 from ccm_opt.planning.optimisation.optimise import optimise
 from ccm_opt.planning.passage_widths import fitting_margins
+from ccm_opt.planning.planner import MotionPlanner
 from ccm_opt.planning.search import Failure, Strategy
 from ccm_opt.planning.settings import GoalSettings
 from ccm_opt.planning.strategies import by_candidates, find_motion, is_divided
@@ -258,9 +258,9 @@ def test_a_closed_box_round_the_goal_is_unreachable() -> None:
     """What is proved is refused before any search; without a proof the planner only says that it found nothing."""
     closed = boxed_goal(0.0).problem(TipGoal(np.array([0.7, 0.0])))
     with pytest.raises(UnreachableGoal, match="'box' closes it off"):
-        CurvePlanner(refuse=refuse_closed).plan(closed)
+        MotionPlanner(refuse=refuse_closed).plan(closed)
     with pytest.raises(MotionNotFound, match="no route to the goal was found") as caught:
-        CurvePlanner().plan(closed)
+        MotionPlanner().plan(closed)
     assert caught.value.status == "no plan found"
     assert caught.value.diagnosis.advice
 
@@ -269,7 +269,7 @@ def test_a_slot_that_is_too_narrow_is_no_way() -> None:
     """A slot narrower than the arm is as good as none; one four times as wide lets the arm in."""
     goal = TipGoal(np.array([0.7, 0.0]), heading=0.0)
     with pytest.raises(UnreachableGoal, match=r"diameter 30\.0 mm"):
-        CurvePlanner(refuse=refuse_closed).plan(boxed_goal(0.028).problem(goal))
+        MotionPlanner(refuse=refuse_closed).plan(boxed_goal(0.028).problem(goal))
     scene = boxed_goal(0.12)
     motion = find_motion(motion_task(scene.problem(goal)))
     assert least_gap(scene.arm, scene.workspace, scene.arm.headings(motion.configurations)) > 0.0
@@ -278,7 +278,7 @@ def test_a_slot_that_is_too_narrow_is_no_way() -> None:
 @pytest.mark.parametrize("links", [12, 24])
 def test_a_guide_that_finds_no_way_on_stalls_and_the_search_goes_on(links: int) -> None:
     """Drawn back, the tip of 24 links stops in the margin of a wall whose nearest free place lies inside the block."""
-    path = CurvePlanner().plan(ompl_scenes.corridor(links))
+    path = MotionPlanner().plan(ompl_scenes.corridor(links))
 
     assert path.candidate
 
@@ -313,7 +313,7 @@ def test_the_time_limit_ends_the_search() -> None:
         find_motion(replace(task, deadline=Deadline.after(0.0)))
     assert "raise planner.time_limit" in caught.value.diagnosis.advice
     with pytest.raises(TimeLimitReached):
-        CurvePlanner().plan(clutter(5, 40).problem(time_limit=1e-6))
+        MotionPlanner().plan(clutter(5, 40).problem(time_limit=1e-6))
 
 
 def gap_scene(gap: float, radius: float = 0.03) -> Problem:

@@ -10,8 +10,8 @@ import ccm_opt
 from ccm_opt.core.deadline import Deadline
 from ccm_opt.ik.goal_poses import GoalPoses
 from ccm_opt.planning.ending import IN_NLP_POSE, ended_by_nlp
+from ccm_opt.planning.planner import MotionPlanner
 from ccm_opt.planning.settings import SpaceMotionSettings
-from ccm_opt.planning.space_planner import SpacePlanner
 from ccm_opt.planning.space_search import find_motion
 from ccm_opt.planning.space_task import space_task
 from ccm_opt.problem import JointPose, Limits, Problem, TipGoal
@@ -66,7 +66,7 @@ def test_a_link_that_lies_along_a_ball_turns_away_about_the_goal() -> None:
         TipGoal(np.array([0.25, 0.05, 0.2]), None),
     )
     gap = GoalPoses(problem, SurfaceTree.of(problem.workspace.soup)).gap
-    path = SpacePlanner().plan(problem)
+    path = MotionPlanner().plan(problem)
     room = [gap(q) for q in path.spline(np.linspace(0.0, 1.0, 200))]
     assert min(room) >= 0.9 * problem.wanted_gap
     assert path.goal_pose is not None

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.errors import UnreachableGoal
-from ccm_opt.planning.curve_planner import CurvePlanner
 from ccm_opt.planning.passage_widths import passage_widths
+from ccm_opt.planning.planner import MotionPlanner
 from ccm_opt.planning.tip_paths import find_tip_paths, turning_by
 from ccm_opt.problem import JointPose, Problem, TipGoal
 from ccm_opt.scene.certificate import Certificate
@@ -40,7 +40,7 @@ def test_chain_is_planned_without_crossing(scene: str) -> None:
     """A plan starts at the start, ends at the goal, and crosses nothing at any of 2000 poses, by shapely."""
     problem = SCENES[scene](12)
     problem = replace(problem, planner=replace(problem.planner, optimiser="none", time_limit=SLOW_MACHINE))
-    path = CurvePlanner().plan(problem)
+    path = MotionPlanner().plan(problem)
     poses = path.spline(np.linspace(0.0, 1.0, 2001))
     assert isinstance(problem.start, JointPose)
     np.testing.assert_allclose(poses[0], problem.start.bends, atol=1e-9)
@@ -83,7 +83,7 @@ def test_axis_on_a_wall_counts_as_contact() -> None:
     touching = Obstacle("needle", PlaneShape(shapely.LineString([points[6], points[6] + [0.0, 0.1]])))
     workspace = replace(problem.workspace, obstacles=(*problem.workspace.obstacles, touching))
     with pytest.raises(UnreachableGoal, match="needle"):
-        CurvePlanner().plan(replace(problem, workspace=workspace))
+        MotionPlanner().plan(replace(problem, workspace=workspace))
 
 
 def test_certificate_sees_the_jump_through_a_sheet() -> None:

@@ -8,7 +8,7 @@ import pytest
 
 import ccm_opt
 from ccm_opt.core.errors import ProblemError, UnreachableGoal
-from ccm_opt.planning.space_planner import SpacePlanner
+from ccm_opt.planning.planner import MotionPlanner
 from ccm_opt.problem import JointPose, Problem
 from ccm_opt.scene.distances.enclosures import deepest_enclosure
 from tests.space_files import CUBE, binary_stl, written
@@ -51,7 +51,7 @@ def test_ends_without_room(
 ) -> None:
     """What an end touches, where, and by how much it is too near or too deep is told before anything is planned."""
     with pytest.raises((ProblemError, UnreachableGoal), match=words):
-        SpacePlanner().plan(placed(tmp_path, corner, size, goal))
+        MotionPlanner().plan(placed(tmp_path, corner, size, goal))
 
 
 def test_one_place_inside_tells_of_all(tmp_path: Path) -> None:
@@ -117,11 +117,11 @@ def test_an_arm_is_lifted_off_what_it_nearly_lies_on(tmp_path: Path, gap: float)
 def test_an_end_without_room_to_leave_it_is_refused(tmp_path: Path, gap: float) -> None:
     """A start, or a goal of the whole arm, that leaves nothing to prove is told with link and obstacle."""
     with pytest.raises(ProblemError, match=r"the start has no room: link 5 and 'table' at .* too near"):
-        SpacePlanner().plan(on_a_table(tmp_path, gap))
+        MotionPlanner().plan(on_a_table(tmp_path, gap))
     laid = "joints_deg = [" + ", ".join(["[0, 0]"] * 16) + "]"
     lifted = on_a_table(tmp_path, gap, laid)
     bent = np.zeros((16, 2))
     bent[0, 1] = -0.3
     lifted = replace(lifted, start=JointPose(bent))
     with pytest.raises(UnreachableGoal, match=r"the goal pose has no room: link 5 and 'table' at .* too near"):
-        SpacePlanner().plan(lifted)
+        MotionPlanner().plan(lifted)

@@ -22,14 +22,13 @@ from ccm_opt.driver.settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.driver.timed_plan import timed_and_verified
 from ccm_opt.driver.verified_plan import VerifiedPlan, failed_checks
 from ccm_opt.ik.terms import Constraint, Cost
-from ccm_opt.planning.curve_planner import CurvePlanner
 from ccm_opt.planning.ends import refuse_ends
 from ccm_opt.planning.motion import Motion
 from ccm_opt.planning.own_units import in_own_units
+from ccm_opt.planning.planner import MotionPlanner
 from ccm_opt.planning.pose_beginnings import any_motion
 from ccm_opt.planning.settings import CurvePlannerSettings
 from ccm_opt.planning.smooth_path import joint_path
-from ccm_opt.planning.space_planner import SpacePlanner
 from ccm_opt.planning.space_task import space_task
 from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import Check, JointPath, Solution
@@ -66,8 +65,8 @@ class _ResumingPlanner:
         hurried: whether something is dragged.
     """
 
-    thorough: CurvePlanner
-    quick: CurvePlanner
+    thorough: MotionPlanner
+    quick: MotionPlanner
     known: Motion | None = None
     hurried: bool = False
 
@@ -97,7 +96,7 @@ class _FindingPlanner:
         scene: surfaces and tree of the last scene.
     """
 
-    thorough: SpacePlanner
+    thorough: MotionPlanner
     hurried: bool = False
     scene: tuple[object, SurfaceTree] | None = None
 
@@ -126,7 +125,7 @@ class _FindingPlanner:
         if not self.hurried:
             return self.thorough.plan(problem)
         deadline = Deadline.after(problem.planner.time_limit)
-        task = space_task(problem, self.tree_of(problem), deadline, self.thorough.settings, self.thorough.terms)
+        task = space_task(problem, self.tree_of(problem), deadline, self.thorough.space, self.thorough.terms)
         refuse_ends(problem, task)
         return joint_path(task, any_motion(task))
 
@@ -197,10 +196,10 @@ class LivePlan:
             )
         self._terms = compiled_terms(problem.arm, self.constraints, self.costs)
         if problem.dimension == 3:
-            self._planner = _FindingPlanner(SpacePlanner(Stages(), self.settings.space, self._terms))
+            self._planner = _FindingPlanner(MotionPlanner(Stages(), self._terms, space=self.settings.space))
         else:
-            thorough = CurvePlanner(Stages(), self._terms, refuse_closed, self.settings.curve)
-            quick = replace(thorough, settings=_hurried(self.settings.curve))
+            thorough = MotionPlanner(Stages(), self._terms, refuse_closed, self.settings.curve)
+            quick = replace(thorough, plane=_hurried(self.settings.curve))
             self._planner = _ResumingPlanner(thorough, quick)
         with on_one_thread(), words_in(problem.length_unit):
             self._make(problem)

@@ -20,6 +20,7 @@ from ccm_opt.driver.timed_plan import timed_and_verified
 from ccm_opt.driver.verified_plan import VerifiedPlan
 from ccm_opt.ik.compiled_terms import UserTerms
 from ccm_opt.ik.terms import Constraint, Cost
+from ccm_opt.planning.planner import MotionPlanner
 from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import JointPath, JointTrajectory
 
@@ -32,20 +33,13 @@ def default_planner(
     Raises:
         ProblemError: hill climbing is asked to keep constraints.
     """
-    # Planners are loaded by those who need them: none of the others is.
-    if problem.dimension == 3:
-        from ccm_opt.planning.space_planner import SpacePlanner  # noqa: PLC0415
-
-        return SpacePlanner(stages, settings.space, terms, refuse_hopeless)
     if problem.planner.method == "hill-climbing":
         if terms is not None:
             raise ProblemError("hill climbing knows no constraints and costs of the user; use planner.method nlp")
-        from ccm_opt.planning.baseline.hill_climbing_planner import HillClimbingPlanner  # noqa: PLC0415
+        from ccm_opt.planning.baseline.hill_climbing_planner import HillClimbingPlanner  # noqa: PLC0415 - seldom
 
         return HillClimbingPlanner(stages, settings.hill_climbing)
-    from ccm_opt.planning.curve_planner import CurvePlanner  # noqa: PLC0415
-
-    return CurvePlanner(stages, terms, refuse_hopeless, settings.curve)
+    return MotionPlanner(stages, terms, refuse_hopeless, settings.curve, settings.space)
 
 
 @dataclass(frozen=True)

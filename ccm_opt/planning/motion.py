@@ -55,8 +55,7 @@ class CurveMotion(Generic[CurveType]):
 
     def through(self, unknowns: FloatArray) -> "CurveMotion[CurveType]":
         """The motion through other keyframes, shape (K, p)."""
-        configurations = self.curve.configurations(self.curve.in_pieces(unknowns))
-        return replace(self, unknowns=unknowns, configurations=configurations)
+        return replace(self, unknowns=unknowns, configurations=self.curve.configurations(unknowns))
 
     def bent_to(self, end: FloatArray, along: FloatArray | None = None) -> Iterator["CurveMotion[CurveType]"]:
         """The motion with the difference to another end added, more and more towards it, and from ever later on.

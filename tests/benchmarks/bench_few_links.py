@@ -13,9 +13,9 @@ import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.errors import NoPlanFound
-from ccm_opt.planning.curve_planner import CurvePlanner
 from ccm_opt.planning.draws import Connecting
 from ccm_opt.planning.passage_widths import MARGINS
+from ccm_opt.planning.planner import MotionPlanner
 from ccm_opt.planning.sampled_check import SampledCheck
 from ccm_opt.planning.search_run import PlanarRun
 from ccm_opt.problem import JointPose, Problem
@@ -73,7 +73,7 @@ def compared(seed: int, *, always: bool) -> FewLinksRun:
         return FewLinksRun(seed, None, float("nan"), "not asked")
     before = _cpu()
     try:
-        path = CurvePlanner().plan(problem)
+        path = MotionPlanner().plan(problem)
     except NoPlanFound as error:
         return FewLinksRun(seed, plain, None, str(error).splitlines()[0])
     return FewLinksRun(seed, plain, _cpu() - before, path.candidate)

@@ -29,9 +29,9 @@ from ccm_opt.core.deadline import Deadline
 from ccm_opt.core.errors import NoPlanFound
 from ccm_opt.ik.goal_poses import GoalPoses
 from ccm_opt.ik.pose_solver import ArmPose
-from ccm_opt.planning.curve_planner import CurvePlanner
 from ccm_opt.planning.ends import resolve_ends
 from ccm_opt.planning.goal_pose import poses_at_goal
+from ccm_opt.planning.planner import MotionPlanner
 from ccm_opt.planning.strategies import find_motion
 from ccm_opt.problem import Problem, TipGoal
 from ccm_opt.robot.arm import Arm
@@ -77,7 +77,7 @@ def arrival(problem: Problem) -> FloatArray | None:
         return ()
 
     ends = resolve_ends(problem)
-    task = CurvePlanner().motion_task(problem, ends, Deadline.after(problem.planner.time_limit))
+    task = MotionPlanner().motion_task(problem, ends, Deadline.after(problem.planner.time_limit))
     try:
         find_motion(replace(task, end_poses=look_on))
     except NoPlanFound:

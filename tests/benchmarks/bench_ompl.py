@@ -20,7 +20,7 @@ import numpy as np
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.errors import NoPlanFound, RetimingError
 from ccm_opt.dynamics import retiming
-from ccm_opt.planning.curve_planner import CurvePlanner
+from ccm_opt.planning.planner import MotionPlanner
 from ccm_opt.problem import JointPose, Problem
 from ccm_opt.problem.solution import JointPath, JointStates
 from ccm_opt.robot.frames import joint_names, revolute_angles
@@ -61,7 +61,7 @@ def run_ours(problem: Problem, *, optimise: bool = False) -> OurRun:
     problem = replace(problem, planner=replace(problem.planner, optimiser=optimiser))
     begin = time.process_time()
     try:
-        path = CurvePlanner().plan(problem)
+        path = MotionPlanner().plan(problem)
     except NoPlanFound as failure:
         return OurRun(str(failure).splitlines()[0], time.process_time() - begin, np.nan, "", None)
     seconds = time.process_time() - begin

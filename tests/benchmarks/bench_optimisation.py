@@ -20,11 +20,11 @@ from ccm_opt.core.errors import NoPlanFound
 from ccm_opt.dynamics.retiming import retime
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics
 from ccm_opt.io.reading import load_problem
-from ccm_opt.planning.curve_planner import CurvePlanner
 from ccm_opt.planning.ends import resolve_ends
 from ccm_opt.planning.motion import Motion
 from ccm_opt.planning.motion_task import MotionTask
 from ccm_opt.planning.optimisation.optimise import optimise
+from ccm_opt.planning.planner import MotionPlanner
 from ccm_opt.planning.smooth_path import joint_path
 from ccm_opt.planning.strategies import find_motion
 from ccm_opt.problem import OptimiserName, Problem
@@ -47,7 +47,7 @@ def found(problem: Problem) -> tuple[MotionTask, Motion]:
     """The task and the motion that is found, not optimised."""
     wanted = problem.planner.optimiser
     plain = replace(problem, planner=replace(problem.planner, optimiser="none"))
-    task = CurvePlanner().motion_task(plain, resolve_ends(plain), later(problem.planner.time_limit))
+    task = MotionPlanner().motion_task(plain, resolve_ends(plain), later(problem.planner.time_limit))
     return replace(task, optimiser=wanted), find_motion(task)
 
 

@@ -22,9 +22,9 @@ import numpy as np
 from ccm_opt import load_problem
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.errors import NoPlanFound
-from ccm_opt.planning.curve_planner import CurvePlanner
 from ccm_opt.planning.ends import resolve_ends
 from ccm_opt.planning.goal_pose import poses_at_goal
+from ccm_opt.planning.planner import MotionPlanner
 from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import JointPath
 from ccm_opt.verification.verifier import verify
@@ -113,7 +113,7 @@ def planned(problem: Problem, gap: float) -> Plan:
     problem = replace(problem, planner=replace(problem.planner, wanted_gap=gap))
     begin = user_seconds()
     try:
-        path = CurvePlanner().plan(problem)
+        path = MotionPlanner().plan(problem)
     except NoPlanFound as failure:
         return Plan(user_seconds() - begin, refusal=in_one_line(failure))
     seconds = user_seconds() - begin

@@ -20,9 +20,9 @@ from ccm_opt.core.progress import Stages
 from ccm_opt.driver.legs import Planner, plan_legs
 from ccm_opt.driver.timed_plan import timed_and_verified
 from ccm_opt.planning.ends import refuse_ends
+from ccm_opt.planning.planner import MotionPlanner
 from ccm_opt.planning.settings import SpaceMotionSettings
 from ccm_opt.planning.smooth_path import joint_path
-from ccm_opt.planning.space_planner import SpacePlanner
 from ccm_opt.planning.space_search import find_motion
 from ccm_opt.planning.space_task import space_task
 from ccm_opt.problem import Problem
@@ -86,7 +86,7 @@ def main() -> None:
     parser.add_argument("--limit", type=float, default=8.0, help="CPU time of each plan [s]")
     parser.add_argument("--found", action="store_true", help="leave motions as they were found, not optimised")
     options = parser.parse_args()
-    planner = FoundAlone() if options.found else SpacePlanner()
+    planner = FoundAlone() if options.found else MotionPlanner()
     counts: dict[str, Counter[str]] = defaultdict(Counter)
     number = 0
     planned = 0

@@ -23,7 +23,7 @@ from ccm_opt.core.progress import Stages
 from ccm_opt.driver.legs import plan_legs
 from ccm_opt.driver.timed_plan import timed_and_verified
 from ccm_opt.driver.verified_plan import failed_checks
-from ccm_opt.planning.space_planner import SpacePlanner
+from ccm_opt.planning.planner import MotionPlanner
 from ccm_opt.problem import Problem
 from ccm_opt.scene.bodies import MeshBody
 from ccm_opt.verification.verifier import verify
@@ -53,7 +53,7 @@ def measure(job: str, seed: int, problem: Problem) -> None:
     stages = Stages()
     begun = user_time()
     try:
-        (leg,) = plan_legs(problem, SpacePlanner(stages))
+        (leg,) = plan_legs(problem, MotionPlanner(stages))
     except NoPlanFound as none:
         print(f"{job} {seed}, {triangles}: {none}")
         return

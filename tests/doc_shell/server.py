@@ -29,7 +29,7 @@ LOADED = (
     "ccm_opt.cli.examining",
     "ccm_opt.diagnosis.explain",
     "ccm_opt.viz.plan",
-    "ccm_opt.planning.curve_planner",
+    "ccm_opt.planning.planner",
     "ccm_opt.planning.baseline.schemas",
     "casadi",
     "matplotlib.figure",

@@ -1,52 +1,77 @@
-"""The planner of curves: configuration, motion, smooth path.
+"""The planner: ends, routes, motion and smooth path, in the plane and in space.
 
-The known motion is bent to where the goal is now, or, where a wall is in its way, tracked by steps that keep off the
-walls; then it is optimised like any other. There is no search, so this takes as long as an optimisation.
+In the plane there are routes through free space (section 4.1 of the paper), a goal configuration of the continuous
+curve by the NLP, tip paths, the certified motion on the links, and a smooth path through joint space; in space the
+search, the pose in which the motion ends, the optimisation and the smooth path.
 
-Free space and routes (section 4.1 of the paper), a goal configuration of the continuous curve by the NLP, tip paths,
-the certified motion on the links, and a smooth path through joint space.
+A known motion in the plane is bent to where the goal is now, or, where a wall is in its way, tracked by steps that keep
+off the walls; then it is optimised like any other. There is no search, so this takes as long as an optimisation.
+
+In space the default mount is as long as the arm's radius. Where such an arm stands square on a floor, the disc at the
+end of the mount just touches it, and any turn of the base would press its rim in. The first joints are left straight
+then; the arm bends beyond them.
 """
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import partial
+from typing import TypeAlias
 
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.deadline import Deadline
+from ccm_opt.core.errors import NoPlanFound
 from ccm_opt.core.progress import Stages
 from ccm_opt.ik.compiled_terms import UserTerms
+from ccm_opt.planning import space_optimise, space_search
 from ccm_opt.planning.continuation import Stalled, settle
 from ccm_opt.planning.curve_routes import find_guesses, find_routes, further_guesses, route_room, tip_paths_along
-from ccm_opt.planning.ending import optimised_to_end_pose
-from ccm_opt.planning.ends import Ends, clamped_arm, resolve_ends
+from ccm_opt.planning.ending import ended_by_nlp, optimised_to_end_pose
+from ccm_opt.planning.ends import Ends, clamped_arm, refuse_ends, resolve_ends
 from ccm_opt.planning.goal_pose import EndPoses
 from ccm_opt.planning.leader import travel_between_samples
 from ccm_opt.planning.led_strategies import fed_strategies
+from ccm_opt.planning.lifting import lifted_motion, nominal_task
 from ccm_opt.planning.limits.guide_tube import GuideTubeLimit
 from ccm_opt.planning.limits.user_limit import UserLimit
 from ccm_opt.planning.link_space import FedSpace, LinkSpace
-from ccm_opt.planning.motion import Motion
+from ccm_opt.planning.motion import Motion, SpaceMotion
 from ccm_opt.planning.motion_task import CachedItems, MotionTask
 from ccm_opt.planning.neighbourhood import neighbourhood
 from ccm_opt.planning.optimisation.objective import JointSlowness
 from ccm_opt.planning.own_units import in_own_units
 from ccm_opt.planning.passage_widths import MARGINS
-from ccm_opt.planning.settings import DEFAULT_CURVE_PLANNER, CurvePlannerSettings
+from ccm_opt.planning.settings import (
+    DEFAULT_CURVE_PLANNER,
+    CurvePlannerSettings,
+    SpaceCertificateSettings,
+    SpaceMotionSettings,
+)
 from ccm_opt.planning.smooth_path import joint_path
+from ccm_opt.planning.space_task import SpaceTask, coarse_problem, space_task
 from ccm_opt.planning.step import Stepper
 from ccm_opt.planning.strategies import STRATEGIES, find_motion
-from ccm_opt.planning.tracking import ReferenceMotion, follow_reference
+from ccm_opt.planning.tracking import ReferenceMotion, follow_reference, tracked
 from ccm_opt.problem import Problem
-from ccm_opt.problem.solution import JointPath
+from ccm_opt.problem.solution import GoalPoseRecord, JointPath
+from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
 from ccm_opt.scene.contact_finder import CertificateSettings
+from ccm_opt.scene.distances.surface_tree import SurfaceTree
 
-_PLANNING_SHARE = 0.9
+_SHARE_IN_THE_PLANE = 0.9
 """Share of the time limit that the search may use. Taste: timing and checks need the rest."""
-
+_SHARE_IN_SPACE = 0.8
+"""The same in space: the rest is for timing, simulation and reasons."""
 _CONTACT_SHARE = 0.5
-"""This half."""
+"""Share of the contact tolerance that planning uses. Taste."""
+_STRAIGHT = 1e-9
+"""Bends up to which joints count as straight [rad]."""
+_SQUARE = 1e-6
+"""One less the cosine of the angle to a wall's normal up to which the end of the mount stands square on it."""
+
+_Planned: TypeAlias = tuple[tuple[SpaceMotion, ...], GoalPoseRecord | None]
+"""Motions in space of which the first that has a smooth path is taken, and the record of the pose in which they end."""
 
 
 def resumed(known: Motion, task: MotionTask) -> Motion | None:
@@ -123,21 +148,23 @@ def _is_certified(motion: Motion, task: MotionTask) -> bool:
 
 
 @dataclass(frozen=True)
-class CurvePlanner:
-    """Plans by the continuous curve; satisfies the ``Planner`` protocol.
+class MotionPlanner:
+    """Plans certified motions; satisfies the ``Planner`` protocol.
 
     Attributes:
         stages: names and times the stages.
         terms: the user's constraints and costs, or None.
-        refuse: raises where it is proved that no way leads to the goal; asked where no route is found, and for goals of
-            the whole arm that are not reached at once.
-        settings: numbers of every stage.
+        refuse: raises where it is proved that no way leads to the goal; asked where no route or no way of the tip is
+            found, and for goals of the whole arm that are not reached at once.
+        plane: numbers of every stage in the plane.
+        space: the same in space.
     """
 
     stages: Stages = field(default_factory=Stages)
     terms: UserTerms | None = None
     refuse: Callable[[Problem], None] = field(default=lambda _: None)
-    settings: CurvePlannerSettings = DEFAULT_CURVE_PLANNER
+    plane: CurvePlannerSettings = DEFAULT_CURVE_PLANNER
+    space: SpaceMotionSettings = field(default_factory=SpaceMotionSettings)
 
     @property
     def user_limits(self) -> tuple[UserLimit, ...]:
@@ -145,17 +172,20 @@ class CurvePlanner:
         return () if self.terms is None else (UserLimit(self.terms),)
 
     def plan(self, problem: Problem) -> JointPath:
-        """Plan a certified motion.
+        """Plan a certified motion to the problem's goal.
 
         Raises:
+            ProblemError: the start breaks a limit.
             NoPlanFound: with the reason and what would help.
         """
+        if problem.dimension == 3:
+            return self._planned_in_space(problem)
         with in_own_units(problem) as units:
             path, _ = self.planned(units.scaled(problem))
         return units.path_in_metres(path, problem.arm)
 
     def planned(self, problem: Problem, known: Motion | None = None) -> tuple[JointPath, Motion]:
-        """Plan a certified motion, and keep it as the search knows it.
+        """Plan a certified motion in the plane, and keep it as the search knows it.
 
         Args:
             problem: what is asked, in units of its arm.
@@ -168,7 +198,7 @@ class CurvePlanner:
         Raises:
             NoPlanFound: with the reason and what would help.
         """
-        deadline = Deadline.after(_PLANNING_SHARE * problem.planner.time_limit)
+        deadline = Deadline.after(_SHARE_IN_THE_PLANE * problem.planner.time_limit)
         with self.stages("mapping"):
             ends = resolve_ends(problem)
             for limit in self.user_limits:
@@ -176,7 +206,7 @@ class CurvePlanner:
             near = neighbourhood(problem, ends)
 
         # Routes and guesses of goal poses, then the certified motion of the links, then the smooth path along it.
-        end_poses = EndPoses(near, ends, self.stages, self.terms, self.settings.goal_pose)
+        end_poses = EndPoses(near, ends, self.stages, self.terms, self.plane.goal_pose)
         if known is not None:
             with self.stages("motion"):
                 task = replace(self.task_without_routes(near, ends, deadline), end_poses=end_poses)
@@ -228,7 +258,7 @@ class CurvePlanner:
 
     def task_without_routes(self, problem: Problem, ends: Ends, deadline: Deadline) -> MotionTask:
         """The same for those who know a motion already, and need no routes; arguments as for ``motion_task``."""
-        settings = self.settings
+        settings = self.plane
         arm = clamped_arm(problem.arm) if ends.clamped else problem.arm
         return MotionTask(
             arm=arm,
@@ -256,7 +286,7 @@ class CurvePlanner:
         Raises:
             NoPlanFound: there is none.
         """
-        return find_motion(CurvePlanner(settings=self.settings).motion_task(problem, ends, deadline))
+        return find_motion(MotionPlanner(plane=self.plane).motion_task(problem, ends, deadline))
 
     def _in_stage(self, configurations: Iterator[FloatArray]) -> Iterator[FloatArray]:
         """Configurations, each made in the stage of that name when it is asked for."""
@@ -266,6 +296,51 @@ class CurvePlanner:
             if found is None:
                 return
             yield found
+
+    # ------------------------------------------------------------ in space
+    def _planned_in_space(self, problem: Problem) -> JointPath:
+        """Plan a certified motion in space; raises as ``plan`` does."""
+        deadline = Deadline.after(_SHARE_IN_SPACE * problem.planner.time_limit)
+        with self.stages("free space"):
+            tree = SurfaceTree.of(problem.workspace.soup)
+            problem = with_clamped_base(problem, tree)
+            task = space_task(problem, tree, deadline, self.space, self.terms)
+            refuse_ends(problem, task)
+            task = replace(task, refuse=partial(self.refuse, problem))
+        try:
+            motions, end = self._lifted(problem, task) or self._planned(problem, task)
+        except NoPlanFound as none:
+            raise told_of_clamped_base(none, problem) from none
+        with self.stages("smooth path"):
+            path = joint_path(task, *motions, legs=problem.planner.retiming == "paul")
+        return replace(path, goal_pose=end)
+
+    def _planned(self, problem: Problem, task: SpaceTask) -> _Planned:
+        """The optimised motion, and the one that was found, whose path may have room where the shorter one has none.
+
+        With them comes what the NLP said about where they end, or None.
+        """
+        with self.stages("motion"):
+            found = space_search.find_motion(task)
+        with self.stages("configuration"):
+            ending = ended_by_nlp(problem, task, found)
+            motion = tracked(task, ending.motion)
+        with self.stages("optimisation"):
+            motions = (space_optimise.optimise(motion, ending.task), found if motion.u is None else motion)
+        return motions, ending.record
+
+    def _lifted(self, problem: Problem, task: SpaceTask) -> _Planned | None:
+        """The motion of an arm of many links, planned for few; None where the arm has few, or that does not pass."""
+        few = nominal_task(task)
+        if few is None:
+            return None
+        try:
+            motions, end = self._planned(coarse_problem(problem, few), replace(few, refuse=lambda: None))
+        except NoPlanFound:
+            return None
+        with self.stages("lifting"):
+            lifted = lifted_motion(task, motions[0])
+        return None if lifted is None else ((lifted,), end)
 
 
 def _nothing_proved() -> None:
@@ -292,3 +367,49 @@ def turn_per_link(problem: Problem) -> float:
     """What the average joint turns while the base is carried by a link length [rad]."""
     speed = problem.limits.feed_velocity or 1.0
     return float(problem.limits.velocity[1::3].mean() * problem.arm.link_length / speed)
+
+
+def with_clamped_base(problem: Problem, tree: SurfaceTree) -> Problem:
+    """The problem for an arm whose first joints stay straight and belong to the mount, where it stands flush on a wall.
+
+    Args:
+        problem: with one goal.
+        tree: of its surfaces.
+    """
+    count = clamped_joints(problem, tree)
+    arm = problem.arm
+    clamped = replace(arm, mount_length=count * arm.link_length, clamped_joints=count)
+    return replace(problem, arm=clamped) if count else problem
+
+
+def clamped_joints(problem: Problem, tree: SurfaceTree) -> int:
+    """How many joints from the base a wall at the end of the mount holds straight; 0 where there is none."""
+    arm = problem.arm
+    first, share = arm.mount_end
+    count = max(1, int(np.ceil(first + share - _STRAIGHT)))
+    ends = [q for pose in (problem.start, problem.goal) if (q := pose.whole(arm)) is not None]
+    bent = np.any(np.abs(np.stack(ends)[:, : 2 * count]) >= _STRAIGHT)
+    if arm.base_axes or share >= 1.0 - _STRAIGHT or count >= arm.links or bent:
+        return 0
+    points = arm.joint_positions_at(problem.start.configuration(arm))
+    along = points[first + 1] - points[first]
+    end = points[first] + share * along
+    # What a motion has to spare beyond contact is not there: no certificate would let the base turn.
+    spare = SpaceCertificateSettings().spare * arm.length / NOMINAL_LINKS
+    reach = arm.radius + problem.workspace.clearance + spare
+    near = tree.nearest(np.stack((end, end))[None], reach)
+    if near.owner[0] < 0 or near.gap[0] >= reach:
+        return 0
+    # Held only by what lies square behind it.
+    away = end - near.point[0]
+    square = away @ along >= (1.0 - _SQUARE) * np.linalg.norm(along) * np.linalg.norm(away)
+    return count if square else 0
+
+
+def told_of_clamped_base(failure: NoPlanFound, problem: Problem) -> NoPlanFound:
+    """The failure with what would let the first joint bend among its advice, where the base is clamped."""
+    if not problem.arm.clamped_joints:
+        return failure
+    found = failure.diagnosis
+    own = "raise arm.mount_length: the arm stands flush on a wall, so that the base cannot turn"
+    return type(failure)(replace(found, advice=(own, *found.advice)))
