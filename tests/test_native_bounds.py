@@ -15,7 +15,7 @@ from hypothesis.extra.numpy import arrays
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.errors import CcmError, ProblemError
-from ccm_opt.dynamics.algorithms.arm_model import arm_model, with_rotor_code
+from ccm_opt.dynamics.algorithms.arm_model import arm_model
 from ccm_opt.dynamics.runtime.inverse_dynamics import ForwardDynamics, InverseDynamics
 from ccm_opt.dynamics.simulation.controller import CompiledLoop, LoopParameters
 from ccm_opt.planning import followable_ways
@@ -180,7 +180,7 @@ def test_dynamics(states: FloatArray, feed: float, computed: bool) -> None:
     gravity = np.array([0.0, 0.0, -9.81])
     InverseDynamics(arm, gravity).efforts(*states, feed)
     ForwardDynamics(arm, gravity).with_feed(*states, feed)
-    model = with_rotor_code(arm_model(arm, gravity))
+    model = arm_model(arm, gravity)
     by_joint = np.ones(3 * LINKS)
     loop = CompiledLoop(model, model, LoopParameters(1e-3, computed, by_joint, by_joint, 1.0, 1.0, by_joint, 1.0))
     width = 3 * LINKS + 1

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.dynamics.algorithms.arm_model import ArmModel, arm_model, in_plane_alone, with_rotor_code
+from ccm_opt.dynamics.algorithms.arm_model import ArmModel, arm_model, in_plane_alone
 from ccm_opt.dynamics.algorithms.in_plane import free, in_plane
 from ccm_opt.dynamics.runtime.inverse_dynamics import DynamicsFunction, DynamicsKind
 from ccm_opt.dynamics.simulation.controller import CompiledLoop, LoopParameters
@@ -68,8 +68,6 @@ def test_planar_loop_gives_the_same_bits(seed: int, computed: bool, rotors: bool
     random = np.random.default_rng(seed)
     plant = _model(random, rotors=rotors)
     believed = replace(plant, bodies=1.1 * plant.bodies)
-    if not computed:
-        plant, believed = with_rotor_code(plant), with_rotor_code(believed)
     joints = 3 * LINKS
     gains = (
         (np.full(joints, 900.0), np.full(joints, 60.0)) if computed else (np.full(joints, 2.0), np.full(joints, 0.02))

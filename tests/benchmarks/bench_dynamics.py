@@ -96,7 +96,6 @@ def compare_calls(links: int = 12, count: int = 1000) -> None:
     mj_data.qpos[:] = q
     mj_data.qvel[:] = v
     mj_data.qfrc_applied[:] = tau
-    geared = ForwardDynamics(replace(arm, rotor_inertia=1e-4), GRAVITY)
     many = [np.tile(x, (count, 1)) for x in (q, v, w)]
     times = interleaved(
         {
@@ -105,7 +104,6 @@ def compare_calls(links: int = 12, count: int = 1000) -> None:
             "RNEA, Pinocchio": (lambda: pin.rnea(model, data, q, v, w), 1),
             "ABA, one call": (lambda: forward(q, v, tau), 1),
             "ABA, per state of a batch": (lambda: forward(*many), count),
-            "ABA with rotors, one call": (lambda: geared(q, v, tau), 1),
             "ABA, Pinocchio": (lambda: pin.aba(model, data, q, v, tau), 1),
             "mj_forward, one call": (lambda: mujoco.mj_forward(mj_model, mj_data), 1),
         }
@@ -124,25 +122,24 @@ def compare_sines(count: int = 1000) -> None:
     with tempfile.TemporaryDirectory() as folder, pytest.MonkeyPatch.context() as patch:
         other = Path(folder) / native.LIBRARY.name
         build(other, Path(folder) / "objects", ("-DFAR=-1.0",))  # with -1 every angle is too far for our reduction
-        for name, made in (("", arm), (" with rotors", replace(arm, rotor_inertia=1e-4))):
-            model = arm_model(made, GRAVITY)
-            for kind in ("inverse_dynamics", "forward_dynamics"):
-                ours = DynamicsFunction(kind, model)
-                native.native_library.cache_clear()
-                patch.setattr(native, "LIBRARY", other)
-                theirs = DynamicsFunction(kind, model)
-                patch.undo()
-                native.native_library.cache_clear()
-                states = random_states(36, count)
-                times = interleaved(
-                    {
-                        "ours": (lambda f=ours, x=states: f.of_joints(*x), count),
-                        "theirs": (lambda f=theirs, x=states: f.of_joints(*x), count),
-                    }
-                )
-                ratio = median(b / a for a, b in zip(times["ours"], times["theirs"], strict=True))
-                figures = f"{median(times['theirs']):.2f} µs for {median(times['ours']):.2f}"
-                print(f"  {kind.replace('_', ' ')}{name}: {ratio:.2f} times as long ({figures})")
+        model = arm_model(arm, GRAVITY)
+        for kind in ("inverse_dynamics", "forward_dynamics"):
+            ours = DynamicsFunction(kind, model)
+            native.native_library.cache_clear()
+            patch.setattr(native, "LIBRARY", other)
+            theirs = DynamicsFunction(kind, model)
+            patch.undo()
+            native.native_library.cache_clear()
+            states = random_states(36, count)
+            times = interleaved(
+                {
+                    "ours": (lambda f=ours, x=states: f.of_joints(*x), count),
+                    "theirs": (lambda f=theirs, x=states: f.of_joints(*x), count),
+                }
+            )
+            ratio = median(b / a for a, b in zip(times["ours"], times["theirs"], strict=True))
+            figures = f"{median(times['theirs']):.2f} µs for {median(times['ours']):.2f}"
+            print(f"  {kind.replace('_', ' ')}: {ratio:.2f} times as long ({figures})")
 
 
 def batched(function: DynamicsFunction, links: int, count: int = 1000) -> float:

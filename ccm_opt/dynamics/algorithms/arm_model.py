@@ -15,19 +15,17 @@ class Structure:
     Attributes:
         links: number of links.
         axes: order of the three revolutes of a ball joint.
-        geared: whether drives have rotor inertia, for which forward dynamics carry moments from link to link too.
         planar: whether the arm never leaves its plane, where only the second revolutes move and most terms are zero.
     """
 
     links: int
     axes: Axes
-    geared: bool = False
     planar: bool = False
 
     @property
     def variant(self) -> str:
         """Name of the generated code."""
-        return f"{self.axes}_{'geared' if self.geared else 'free'}{'_planar' if self.planar else ''}"
+        return f"{self.axes}{'_planar' if self.planar else ''}"
 
     @property
     def joints(self) -> int:
@@ -70,13 +68,7 @@ def arm_model(arm: Arm, gravity: FloatArray) -> ArmModel:
     local_gravity = arm.base_rotation.T @ np.asarray(gravity, dtype=np.float64)
     slides = float(len(arm.base_axes))
     world = np.array([*local_gravity, arm.payload, slides])
-    structure = Structure(arm.links, arm.axes, geared=bool(np.any(drives[:, :3] > 0.0)))
-    return ArmModel(structure, bodies, drives, world)
-
-
-def with_rotor_code(model: ArmModel) -> ArmModel:
-    """The same model by the code that knows of rotors, be their inertia zero."""
-    return replace(model, structure=replace(model.structure, geared=True))
+    return ArmModel(Structure(arm.links, arm.axes), bodies, drives, world)
 
 
 def in_plane_alone(model: ArmModel) -> ArmModel:

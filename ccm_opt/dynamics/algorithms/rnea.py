@@ -13,14 +13,14 @@ with J and b the rotor inertia and the friction of the drives. A payload adds it
 base that is fed along x̂ of its frame starts the recursion at a = −g + a_feed x̂; f there is what moves the whole arm.
 """
 
+from functools import partial
 from typing import Any, NamedTuple
 
 import casadi as ca
 
 from ccm_opt.dynamics.algorithms.arm_model import Structure
 from ccm_opt.dynamics.algorithms.in_plane import OF_BALL, TRIG, WORLD, free, in_plane, swept_in_plane
-from ccm_opt.dynamics.algorithms.link_algebra import BALL_JOINTS, angles_of, centripetal
-from ccm_opt.robot.arm import Axes
+from ccm_opt.dynamics.algorithms.link_algebra import BALL_JOINTS, BallJoint, centripetal, link_function
 
 
 class RneaSteps(NamedTuple):
@@ -34,8 +34,13 @@ class RneaSteps(NamedTuple):
 
 def rnea_steps(structure: Structure) -> RneaSteps:
     """The recursion's functions for a structure."""
-    axes = structure.axes
-    steps = RneaSteps(_base_step(), _outward_step(axes), _tip_step(), _inward_step(axes))
+    joint = BALL_JOINTS[structure.axes]
+    steps = RneaSteps(
+        link_function("rnea_base", _base),
+        link_function("rnea_outward", partial(_outward, joint), state=9),
+        link_function("rnea_tip", _tip, state=9),
+        link_function("rnea_inward", partial(_inward, joint), state=6),
+    )
     return _in_plane(steps) if structure.planar else steps
 
 
@@ -49,46 +54,31 @@ def _in_plane(steps: RneaSteps) -> RneaSteps:
     return RneaSteps(base, outward_step, tip, inward_step)
 
 
-def _base_step() -> Any:
+def _base(world: Any, feed: Any) -> tuple[Any]:
     """(ω, ω̇, a) of the base: it does not turn, and gravity is an acceleration of the base the other way."""
-    world = ca.SX.sym("world", 5)
-    feed = ca.SX.sym("feed")
-    at_base = ca.vertcat(ca.DM.zeros(6), feed - world[0], -world[1], -world[2])
-    return ca.Function("rnea_base", [world, feed], [at_base])
+    return (ca.vertcat(ca.DM.zeros(6), feed - world[0], -world[1], -world[2]),)
 
 
-def _tip_step() -> Any:
+def _tip(state: Any, world: Any) -> tuple[Any]:
     """(f, n) at the tip: what the payload needs."""
-    state = ca.SX.sym("state", 9)
-    world = ca.SX.sym("world", 5)
-    at_tip = ca.vertcat(world[3] * state[6:], ca.DM.zeros(3))
-    return ca.Function("rnea_tip", [state, world], [at_tip])
+    return (ca.vertcat(world[3] * state[6:], ca.DM.zeros(3)),)
 
 
-def _outward_step(axes: Axes) -> Any:
+def _outward(joint: BallJoint, state: Any, trig: Any, qd: Any, qdd: Any, body: Any) -> tuple[Any, Any]:
     """Velocities and accelerations: (ω, ω̇, a_tip) of the parent to those of the link, and its load (F, N)."""
-    state = ca.SX.sym("state", 9)
-    trig = ca.SX.sym("trig", 6)
-    qd = ca.SX.sym("qd", 3)
-    qdd = ca.SX.sym("qdd", 3)
-    body = ca.SX.sym("body", 4)
-
-    joint = BALL_JOINTS[axes]
-    angles = angles_of(trig)
-    to_child = joint.rotation(angles).T
-    w = joint.angular_velocity(angles, qd)
+    to_child = joint.rotation(trig).T
+    w = joint.angular_velocity(trig, qd)
     carried = to_child @ state[:3]  # Rᵀ ω_p
     omega = carried + w
-    bias = ca.cross(carried, w) + joint.rate_bias(angles, qd)
-    omega_dot = to_child @ state[3:6] + bias + joint.angular_velocity(angles, qdd)
+    bias = ca.cross(carried, w) + joint.rate_bias(trig, qd)
+    omega_dot = to_child @ state[3:6] + bias + joint.angular_velocity(trig, qdd)
 
     a = to_child @ state[6:]
     length = body[3]
     # ω̇ × x̂ = (0, ω̇_z, −ω̇_y).
     e = centripetal(omega) + ca.vertcat(0, omega_dot[2], -omega_dot[1])
     load = _load(body, omega, omega_dot, a + 0.5 * length * e)
-    passed = ca.vertcat(omega, omega_dot, a + length * e)
-    return ca.Function("rnea_outward", [state, trig, qd, qdd, body], [passed, load])
+    return ca.vertcat(omega, omega_dot, a + length * e), load
 
 
 def _load(body: Any, omega: Any, omega_dot: Any, acceleration: Any) -> Any:
@@ -102,25 +92,14 @@ def _load(body: Any, omega: Any, omega_dot: Any, acceleration: Any) -> Any:
     return ca.vertcat(force, moment + ca.vertcat(0, -lever * force[2], lever * force[1]))
 
 
-def _inward_step(axes: Axes) -> Any:
+def _inward(
+    joint: BallJoint, state: Any, trig: Any, load: Any, qd: Any, qdd: Any, body: Any, drive: Any
+) -> tuple[Any, Any]:
     """Forces: (f, n) at the tip of a link to those at its parent's tip, and its torques."""
-    state = ca.SX.sym("state", 6)
-    trig = ca.SX.sym("trig", 6)
-    load = ca.SX.sym("load", 6)
-    qd = ca.SX.sym("qd", 3)
-    qdd = ca.SX.sym("qdd", 3)
-    body = ca.SX.sym("body", 4)
-    drive = ca.SX.sym("drive", 6)
-
-    joint = BALL_JOINTS[axes]
-    angles = angles_of(trig)
     length = body[3]
     # The step of the link beyond has turned f' and n' into this frame already; x̂ × f' = (0, −f'_z, f'_y).
     force = load[:3] + state[:3]
     moment = load[3:] + state[3:] + ca.vertcat(0, -length * state[2], length * state[1])
-    to_parent = joint.rotation(angles)
-    passed = ca.vertcat(to_parent @ force, to_parent @ moment)
-    rotor_inertia = drive[:3]
-    friction = drive[3:]
-    torques = joint.torques(angles, moment) + rotor_inertia * qdd + friction * qd
-    return ca.Function("rnea_inward", [state, trig, load, qd, qdd, body, drive], [passed, torques])
+    to_parent = joint.rotation(trig)
+    torques = joint.torques(trig, moment) + drive[:3] * qdd + drive[3:] * qd
+    return ca.vertcat(to_parent @ force, to_parent @ moment), torques

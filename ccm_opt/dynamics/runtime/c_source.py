@@ -1,8 +1,8 @@
 """The C source of the compiled dynamics: one link's functions as CasADi generates them, then the files beside this one.
 
 ``sines.c`` and ``recursion.c`` run those functions along the arm, ``simulation.c`` closes the loop. Masses, lengths,
-gravity, gains and the number of links are run-time inputs. There are six sources: two orders of axes, with rotor
-inertia or without, and for motions in the plane, where either order is the same arm, two more.
+gravity, gains and the number of links are run-time inputs. There are three sources: two orders of axes, and one for
+motions in the plane, where either order is the same arm.
 """
 
 from collections.abc import Sequence
@@ -25,9 +25,8 @@ PRIVATE = "#define CASADI_SYMBOL_EXPORT static ALWAYS_INLINE\n"
 
 def every_source() -> dict[str, str]:
     """C sources for all structures of arms, by the names of their files."""
-    in_space = [Structure(1, axes, geared) for axes in get_args(Axes) for geared in (False, True)]
-    planar = [Structure(1, "zyx", geared, planar=True) for geared in (False, True)]
-    return {f"dynamics_{structure.variant}.c": source_text(structure) for structure in (*in_space, *planar)}
+    structures = (*(Structure(1, axes) for axes in get_args(Axes)), Structure(1, "zyx", planar=True))
+    return {f"dynamics_{structure.variant}.c": source_text(structure) for structure in structures}
 
 
 def source_text(structure: Structure) -> str:
@@ -35,7 +34,7 @@ def source_text(structure: Structure) -> str:
     rnea = rnea_steps(structure)
     aba = aba_steps(structure)
     names = "".join(f"#define {name} {name}__{structure.variant}\n" for name in SYMBOLS)
-    # The two forms of ABA pass on states of different sizes; the loops written by hand are told which.
+    # The loops written by hand are told how many numbers ABA passes on and keeps.
     sizes = f"#define STATE {aba.inertia.size1_in(0)}\n#define SOLVED {aba.inertia.size1_out(1)}\n"
     by_hand = [Path(__file__).with_name(name).read_text(encoding="utf-8") for name in C_FILES]
     generated = _generated([*rnea, *aba], structure.variant)

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.dynamics.algorithms.arm_model import arm_model, in_plane_alone, with_rotor_code
+from ccm_opt.dynamics.algorithms.arm_model import arm_model, in_plane_alone
 from ccm_opt.dynamics.simulation.controller import (
     CompiledLoop,
     Noise,
@@ -319,10 +319,6 @@ def closed_loop(
     """
     plant_model = arm_model(plant, options.gravity)
     believed_model = arm_model(arm, options.gravity)
-    if options.controller == "pd":
-        # PD looks ahead on an arm with heavier rotors, and one library serves plant and controller alike.
-        plant_model = with_rotor_code(plant_model)
-        believed_model = with_rotor_code(believed_model)
     if planar:
         plant_model = in_plane_alone(plant_model)
         believed_model = in_plane_alone(believed_model)
