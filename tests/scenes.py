@@ -20,7 +20,7 @@ from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.core.deadline import Deadline
 from ccm_opt.planning.curve_routes import find_guesses, find_routes, route_room, tip_paths_along
 from ccm_opt.planning.ends import resolve_ends
-from ccm_opt.planning.limits.limit_stack import assembled_limits
+from ccm_opt.planning.limits.limit_stack import ContactLimit, limits_with
 from ccm_opt.planning.link_space import LinkSpace
 from ccm_opt.planning.motion_task import MotionTask
 from ccm_opt.planning.pose import Pose
@@ -108,7 +108,9 @@ def make_stepper(scene: Scene, margin: float = MARGIN) -> tuple[Stepper, Pose]:
     space, v = LinkSpace.through(scene.arm, scene.arm.bends(scene.start))
     walls = scene.workspace.flat_walls
     finder = ContactFinder(scene.arm, walls, scene.workspace.clearance, margin, 0.04)
-    limits = assembled_limits(finder, Certificate(scene.arm, scene.workspace), StepSettings())
+    settings = StepSettings()
+    contact = ContactLimit(finder, Certificate(scene.arm, scene.workspace), settings)
+    limits = limits_with(scene.arm, contact, settings)
     stepper = Stepper(space, limits, finder=finder)
     return stepper, stepper.pose(v)
 

@@ -185,7 +185,7 @@ def test_what_is_blended_in_costs_where_it_does_not_show() -> None:
     for stray in (1.0, -8.0):
         task, motion = fed_motion(stray)
         cost = Objective(motion.curve, len(motion.unknowns) - 1, scale=task.slowness)
-        costs.append(cost.value(SpaceSweep(task.stepper(motion.curve, 0.0), motion.unknowns)))
+        costs.append(cost.value(SpaceSweep(motion.curve, motion.unknowns)))
         dense = np.concatenate([np.linspace(a, b, 20) for a, b in pairwise(motion.unknowns)])
         swings.append(np.abs(np.diff(motion.curve.configurations(dense)[:, :40], axis=0)).sum(axis=0))
     swing = np.max(swings[1] - swings[0])

@@ -153,9 +153,7 @@ def polished(stepper: StepperOf[AnyUnknowns], goal: GoalPose, pose: Pose) -> Pos
     final = moved_onto(space, goal, pose)
     if not goal.on_goal(final) or not goal.limits_met(final):
         return None
-    # Backwards, as after a step: the check of contact costs most.
-    kept = all(limit.keeps_at_goal(space, pose, final) for limit in reversed(stepper.limits))
-    return final if kept else None
+    return final if stepper.leads_to(pose, final) else None
 
 
 @dataclass(frozen=True)

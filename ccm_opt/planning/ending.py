@@ -39,7 +39,6 @@ from ccm_opt.planning.optimisation.optimise import (
 )
 from ccm_opt.planning.passage_widths import MARGINS
 from ccm_opt.planning.pose import Pose
-from ccm_opt.planning.space_sweep import edge_is_safe, failing_edges
 from ccm_opt.planning.space_task import SpaceTask
 from ccm_opt.planning.step import SpaceStepper
 from ccm_opt.problem import Problem
@@ -125,7 +124,7 @@ def optimised_to_end_pose(motion: Motion, task: MotionTask, margin: float | None
         Certified. Where the task offers no other end, or that end cannot be reached, the motion ends where its
         optimisation with a free end liked best.
     """
-    if task.guide_tubes:
+    if task.arm.base_axes:
         task = _with_dense_keyframes(motion, task)
     settings = task.settings.optimisation
     if task.wanted_gap == 0.0:
@@ -257,8 +256,7 @@ def opened(task: SpaceTask, motion: SpaceMotion) -> list[Pose]:
         if float(np.max(moved)) < _OPENED * task.unit:
             break
     last = moved_onto(stepper.space, goal, pose)
-    met = goal.on_goal(last) and goal.limits_met(last) and stepper.within_limits(last.q)
-    if not met or not stepper.certificate.safe(pose.q, last.q):
+    if not (goal.on_goal(last) and goal.limits_met(last) and stepper.safe(pose.q, last.q)):
         return poses[:1]
     return [*poses, last]
 
@@ -344,13 +342,13 @@ def _bent_in_space(task: SpaceTask, stepper: SpaceStepper, motion: SpaceMotion, 
         return None  # it is tied to where along the motion, or where the tip, is: nothing can be added to it
     travelled = arc_lengths(motion.configurations * task.slowness)
     along = travelled / max(float(travelled[-1]), TINY)
-    return next((bent for bent in motion.bent_to(end.v, along) if not len(failing_edges(stepper, bent.unknowns))), None)
+    return next((bent for bent in motion.bent_to(end.v, along) if not len(stepper.failing_edges(bent.unknowns))), None)
 
 
 def _led_on_in_space(task: SpaceTask, stepper: SpaceStepper, motion: SpaceMotion, end: Pose) -> SpaceMotion | None:
     """The motion with a way from its end to another added, or None without one."""
     poses = _on_the_way(task, stepper, motion.unknowns[-1], end)
-    return motion.continued([*poses[1:], end]) if edge_is_safe(stepper, poses[-1].v, end.v) else None
+    return motion.continued([*poses[1:], end]) if stepper.edge_is_safe(poses[-1].v, end.v) else None
 
 
 def _opened_motion(asked: GoalPoses, task: SpaceTask, motion: SpaceMotion) -> SpaceMotion:
@@ -370,7 +368,7 @@ def _settled(task: SpaceTask, end: FloatArray) -> SpaceTask:
 def _on_the_way(task: SpaceTask, stepper: SpaceStepper, start: FloatArray, end: Pose) -> list[Pose]:
     """Poses from the end of a motion towards a better one, as far as there is a way; the first is where it ends."""
     first = stepper.pose(start)
-    if edge_is_safe(stepper, start, end.v):
+    if stepper.edge_is_safe(start, end.v):
         return [first]
     guide = PoseLed(stepper.space, start, end.v)
     try:

@@ -327,7 +327,7 @@ def contact_of(task: "SpaceTask", q: FloatArray, beyond: float = 0.0) -> str:
             )
     if arm.self_collision:
         kept = 2.0 * arm.radius + beyond
-        nearest = task.certificate.motion.nearest_pairs(points[None], kept)
+        nearest = task.contact_certificate.motion.nearest_pairs(points[None], kept)
         if nearest.first[0] >= 0:
             missing = short_length(kept - float(nearest.distance[0]))
             return f"link {nearest.first[0] + 1} and link {nearest.second[0] + 1}, {missing} too near"

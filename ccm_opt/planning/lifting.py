@@ -25,7 +25,6 @@ from ccm_opt.planning.pose import Term
 from ccm_opt.planning.search import Failure
 from ccm_opt.planning.search_run import PlanarRun
 from ccm_opt.planning.shortcuts import straightened
-from ccm_opt.planning.space_sweep import failing_edges
 from ccm_opt.planning.space_task import SpaceTask
 from ccm_opt.planning.step import SpaceStepper, Stepper
 from ccm_opt.robot.arm import Arm
@@ -197,7 +196,7 @@ def coarse_task(task: MotionTask) -> MotionTask | None:
     """The task with as few links as its passages let through; None where that does not pay, or is not possible."""
     # Narrow passages need short links.
     links = max(_DESIGN_LINKS, 2 * ceil(0.5 * task.nominal_links))
-    if task.arm.links <= _MANY_LINKS * links or task.user_limits or task.clamped or task.guide_tubes:
+    if task.arm.links <= _MANY_LINKS * links or task.user_limits or task.clamped or task.arm.base_axes:
         return None
     # What lies in the middle of a gate with few links lies beside it with many.
     if task.gates is not None:
@@ -284,7 +283,7 @@ def lifted_motion(task: SpaceTask, found: SpaceMotion) -> SpaceMotion | None:
     if not task.goal.on_goal(end):
         return None
     unknowns = np.vstack((unknowns[:-1], end.v))
-    if len(failing_edges(stepper, unknowns)) > 0:
+    if len(stepper.failing_edges(unknowns)) > 0:
         return None
     configurations = curve.configurations(stepper.space.in_pieces(unknowns))
     return SpaceMotion(curve, unknowns, configurations, f"{found.candidate}, lifted from {found.curve.arm.links} links")

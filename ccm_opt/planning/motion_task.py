@@ -11,9 +11,9 @@ import shapely
 from scipy.interpolate import BSpline
 
 from ccm_opt.core.arrays import TINY, FloatArray
-from ccm_opt.planning.limits.gate_rails import GateLines
+from ccm_opt.planning.limits.gate_rails import GateLines, GateRails
 from ccm_opt.planning.limits.limit import Limit
-from ccm_opt.planning.limits.limit_stack import assembled_limits
+from ccm_opt.planning.limits.limit_stack import ContactLimit, limits_with
 from ccm_opt.planning.limits.motion_certificate import MotionCertificate
 from ccm_opt.planning.limits.user_limit import UserLimit
 from ccm_opt.planning.link_space import FedSpace, LinkSpace, nearest_curves
@@ -43,6 +43,8 @@ EndPosesOffered: TypeAlias = Callable[[Arm, FloatArray], Iterable[FloatArray]]
 """Offers better poses at the goal than one in which a motion ends."""
 _REACH = 0.96
 """Contacts nearer than this make rows of the step, in nominal links. Taste: a step moves a link by less."""
+_PLAY = 0.5
+"""Distance from the middle line of a gate up to which joints are left alone, in planning margins. Taste."""
 _SPARE = 1e-4
 """Gap beyond contact that the certificate asks for, as a share of the arm's length. Taste."""
 
@@ -61,7 +63,6 @@ class MotionTask(SearchTask):
         user_limits: what the user asks of the motion; usually nothing.
         end_poses: better configurations at the goal than one in which a motion of an arm ends, the best first, all of
             shape (c,).
-        guide_tubes: limits of what carries the base; none where it is fixed.
         fed_space: in which an arm on a feed axis moves; None where the base is fixed, and the arm moves in the curves
             through its start.
         nominal_links: to the arm's length; more than usual where passages are narrow.
@@ -76,7 +77,6 @@ class MotionTask(SearchTask):
     slowness: JointSlowness | None = None
     user_limits: tuple[UserLimit, ...] = ()
     end_poses: EndPosesOffered = field(default=lambda _arm, _end: ())
-    guide_tubes: tuple[Limit, ...] = ()
     fed_space: FedSpace | None = None
     nominal_links: float = NOMINAL_LINKS
     settings: MotionSettings = field(default_factory=MotionSettings)
@@ -157,16 +157,11 @@ class MotionTask(SearchTask):
         self, finder: ContactFinder, wanted_gap: float = 0.0, certificate: Certificate | None = None
     ) -> tuple[Limit, ...]:
         """All limits of the motion, contact by a finder's margin and reach, and by a gap that is asked for [m]."""
-        return assembled_limits(
-            finder,
-            certificate or self.contact_certificate,
-            self.settings.step,
-            self.user_limits,
-            wanted_gap,
-            self._rails,
-            self.gates,
-            self.guide_tubes,
-        )
+        step = self.settings.step
+        contact = ContactLimit(finder, certificate or self.contact_certificate, step, wanted_gap, self.gates)
+        drawn = () if self.gates is None else (GateRails(self._rails, self.gates, _PLAY * finder.margin),)
+        # What a user's equations move has to be straight again in the guide tube.
+        return limits_with(self.arm, contact, step, (*drawn, *self.user_limits, *self.held))
 
     @cached_property
     def _rails(self) -> tuple[FloatArray, ...]:

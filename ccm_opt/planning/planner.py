@@ -274,7 +274,7 @@ class MotionPlanner:
             slowness=slowness(problem),
             user_limits=self.user_limits,
             wanted_gap=problem.wanted_gap,
-            guide_tubes=(GuideTubeLimit(arm, travel_between_samples(arm, problem.limits)),) if arm.base_axes else (),
+            held=(GuideTubeLimit(arm, travel_between_samples(arm, problem.limits)),) if arm.base_axes else (),
             # In it a way of the base counts by the time that it takes.
             fed_space=FedSpace.of_arm(arm, turn_per_link(problem)) if arm.base_axes else None,
             settings=replace(settings.motion, certificate=certificate_settings(problem, settings.motion.certificate)),

@@ -117,6 +117,10 @@ class CurveUnknowns(ABC):
     def pose(self, v: FloatArray) -> Pose:
         """The pose of unknowns, shape (p,)."""
 
+    def pieces(self, before: FloatArray, after: FloatArray) -> list[FloatArray]:
+        """Unknowns along an edge between which configurations change evenly, its ends among them."""
+        return [before, after]
+
     def along(self, spline: BSpline) -> BSpline:
         """The path of configurations along a spline in the unknowns."""
         return BSpline(spline.t, self.configurations(spline.c), spline.k)

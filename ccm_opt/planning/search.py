@@ -18,6 +18,7 @@ from ccm_opt.core.errors import Diagnosis, MotionNotFound, TimeLimitReached
 from ccm_opt.core.length_words import short_length
 from ccm_opt.core.progress import tell_candidate
 from ccm_opt.planning.goal import GoalPose
+from ccm_opt.planning.limits.limit import LimitOf
 from ccm_opt.planning.limits.motion_certificate import IntervalCertificate
 from ccm_opt.planning.limits.user_limit import UserLimit
 from ccm_opt.planning.settings import EngineSettings
@@ -96,6 +97,7 @@ class SearchTask(ABC):
         wanted_gap: room beyond radius and clearance that the motion keeps where there is so much [m].
         seed: of the random numbers.
         refuse: raises where it is proved that there is no motion; asked once, before what takes long.
+        held: limits of the motion beside contact, joints, turns and what the user asks; in the plane a guide tube.
         settings: numbers of every stage of the search.
     """
 
@@ -109,6 +111,7 @@ class SearchTask(ABC):
     wanted_gap: float = 0.0
     seed: int = 0
     refuse: Callable[[], None] = field(default=lambda: None)
+    held: tuple[LimitOf[Any], ...] = ()
     settings: EngineSettings = field(default_factory=EngineSettings)
 
     @property

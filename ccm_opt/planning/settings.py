@@ -63,6 +63,10 @@ class AnyStepSettings:
 
     Attributes:
         largest_turn: largest turn of a link in one step [rad], so that the linearised rows hold. Taste.
+        limit_share: share of a joint limit that planning uses: rows do not know that the shape of a fed arm changes
+            with its feed. Taste.
+        still: whether to keep the arm still where nothing else asks for more.
+        proof_depth: bisections of the proof of every step; None where whole motions alone are proved.
         ridge: keeps the step's Hessian definite where no term reaches. Taste.
         blend_ridge: the same on unknowns that blend a goal of the whole arm in, where that is more.
     """
@@ -70,6 +74,14 @@ class AnyStepSettings:
     largest_turn: float = 0.15
     ridge: float = 1e-8
     blend_ridge: float = 1e-8
+    limit_share: float = 0.995
+    still: bool = True
+    proof_depth: int | None = 5
+
+    @property
+    def accepted_share(self) -> float:
+        """Share of a joint limit that may come of a step: a QP is not more exact."""
+        return 1.0 - 1e-5
 
 
 @dataclass(frozen=True)
@@ -95,6 +107,8 @@ class StepSettings(AnyStepSettings):
     """
 
     limit_share: float = 0.98
+    still: bool = False
+    proof_depth: int | None = None
     full_limit_share: float = 0.9995
     keep_share: float = 0.4
     firm_share: float = 0.0
@@ -104,6 +118,11 @@ class StepSettings(AnyStepSettings):
     narrow_ridge: float = 1e-6
     blend_ridge: float = 1e-6
     narrow_margin: float = 0.024
+
+    @property
+    def accepted_share(self) -> float:
+        """Half-way between what planning uses and the limit."""
+        return 0.5 * (1.0 + self.limit_share)
 
     def narrowed(self, margin: float) -> "StepSettings":
         """The numbers for a planning margin, in nominal links: where it is small, so are the steps.
@@ -260,14 +279,12 @@ class SpaceCertificateSettings:
 
     Attributes:
         depth: how often an interval may be halved; taste: at twelve a step has been cut into four thousand.
-        step_depth: the same for a step of the search, of which a shorter one is tried instead; measured in clutter.
         spare: gap that is proved beyond contact, for the path between its samples [u].
         slack: share of a link's motion by which distances may be told too small at first; walks along finely meshed
             walls are shorter so, and where it does not prove enough they are made again without.
     """
 
     depth: int = 12
-    step_depth: int = 5
     spare: float = 0.002
     slack: float = 0.3
 

@@ -100,7 +100,7 @@ def straightened(motion: Motion, task: MotionTask) -> Motion:
         task: it was found for.
     """
     # Users' limits and tubes do not judge straight motions, few links do not say which curve they stand for.
-    fits = motion.u is None and not (task.user_limits or task.guide_tubes) and task.arm.links > FEW_LINKS
+    fits = motion.u is None and not (task.user_limits or task.arm.base_axes) and task.arm.links > FEW_LINKS
     if not fits or task.optimiser == "none" or task.deadline.passed():
         return motion
     intervals = len(thinned(motion, task.certificate)[0]) - 1

@@ -14,7 +14,6 @@ pair, so that few of them are looked at again.
 
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Protocol
 
 import numpy as np
 
@@ -193,14 +192,6 @@ class LinkMotion:
         )  # fmt: skip
 
 
-class EdgeCondition(Protocol):
-    """Something beside contact that a motion has to keep."""
-
-    def holds_between(self, before: FloatArray, after: FloatArray) -> bool:
-        """Whether it is kept on an edge that is linear between two configurations, each of shape (c,)."""
-        ...
-
-
 @dataclass(frozen=True, eq=False)
 class SpaceCertificate:
     """Proves that a motion whose coordinates are linear between keyframes touches nothing.
@@ -211,7 +202,6 @@ class SpaceCertificate:
         gap: from every wall that has to be left beyond the arm's radius [m].
         pair_gap: between links beyond two radii [m].
         settings: how often intervals are halved.
-        beside: what else every edge has to keep, at samples; None for nothing.
     """
 
     arm: Arm
@@ -219,12 +209,16 @@ class SpaceCertificate:
     gap: float = 0.0
     pair_gap: float = 0.0
     settings: SpaceCertificateSettings = field(default_factory=SpaceCertificateSettings)
-    beside: EdgeCondition | None = None
 
     @property
     def spare(self) -> float:
         """Gap beyond contact that is proved [m]."""
         return self.pair_gap
+
+    @property
+    def kept(self) -> float:
+        """Distance from the axes of the links that surfaces are proved to keep [m]."""
+        return self.arm.radius + self.gap
 
     @cached_property
     def motion(self) -> LinkMotion:
@@ -237,8 +231,6 @@ class SpaceCertificate:
 
     def safe(self, before: FloatArray, after: FloatArray, depth: int | None = None) -> bool:
         """Whether the motion between two configurations, each of shape (c,), is proved to touch nothing."""
-        if self.beside is not None and not self.beside.holds_between(before, after):
-            return False
         return self._proof.safe(before, after, self.settings.depth if depth is None else depth)
 
     def failures(self, keyframes: FloatArray, depth: int | None = None) -> IntArray:

@@ -18,7 +18,6 @@ from ccm_opt.planning.goal import GoalPose, moved_onto
 from ccm_opt.planning.guides import ArmTrack, PoseLed, TrackLed
 from ccm_opt.planning.pose import Pose
 from ccm_opt.planning.rrt_connect import ConnectSearch, PointTree
-from ccm_opt.planning.space_sweep import edge_is_safe, failing_edges
 from ccm_opt.planning.space_task import SpaceTask
 from ccm_opt.planning.step import SpaceStepper
 from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
@@ -83,7 +82,7 @@ def _brought_onto_goal(stepper: SpaceStepper, goal: GoalPose, pose: Pose) -> Pos
 
 def _free(stepper: SpaceStepper, pose: Pose) -> bool:
     """Whether a pose touches nothing and keeps the limits."""
-    return stepper.within_limits(pose.q) and stepper.certificate.safe(pose.q, pose.q)
+    return stepper.safe(pose.q, pose.q)
 
 
 _SWING_EXTENSIONS = 1000
@@ -166,7 +165,7 @@ class CurveDraws:
         shares = np.append(np.arange(0.0, 1.0, step), 1.0)
         places = self._unknowns(start + shares[:, None] * (end - start))
         for share, edge in zip(shares, pairwise(places), strict=False):
-            if not edge_is_safe(self.stepper, *edge, self.stepper.settings.certificate.step_depth):
+            if not self.stepper.edge_is_safe(*edge, self.stepper.settings.step.proof_depth):
                 return float(share) + 0.5 * step  # half an extension is none, and what was certified stays whole
         return 1.0
 
@@ -184,7 +183,7 @@ class CurveDraws:
 
     def _unproved(self, way: FloatArray) -> IntArray:
         """Edges of a way that are not certified between its exact ends."""
-        return failing_edges(self.stepper, self._between_ends(way))
+        return self.stepper.failing_edges(self._between_ends(way))
 
     def _between_ends(self, way: FloatArray) -> FloatArray:
         """Unknowns of a way, those of its ends exact, shape (K, p)."""
@@ -254,7 +253,7 @@ def withdrawn(stepper: SpaceStepper, start: FloatArray, deadline: Deadline) -> l
     for before, after in pairwise(stops):
         for v in stepper.space.pieces(before, after)[1:]:
             pose = stepper.pose(v)
-            if not (stepper.within_limits(pose.q) and stepper.certificate.safe(poses[-1].q, pose.q)):
+            if not stepper.safe(poses[-1].q, pose.q):
                 return [*poses[:-1], *_led_back(stepper, poses[-1], deadline)]
             poses.append(pose)
     return poses

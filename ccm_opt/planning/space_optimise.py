@@ -14,18 +14,12 @@ from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.planning.curve_map import CurveMap
 from ccm_opt.planning.goal import moved_onto
 from ccm_opt.planning.limits.limit import UNBOUNDED, KeyframeRows, LimitOf, restored_keyframes
-from ccm_opt.planning.limits.limit_stack import FeedLimit, JointLimit
+from ccm_opt.planning.limits.limit_stack import within_limits
 from ccm_opt.planning.motion import SpaceMotion
 from ccm_opt.planning.optimisation.objective import decimated, normalised, subdivided
 from ccm_opt.planning.optimisation.sequential_convex import MotionProgram, sequential_convex
 from ccm_opt.planning.passed_places import passings
-from ccm_opt.planning.space_sweep import (
-    RoomRows,
-    SpaceSweep,
-    failing_edges,
-    room_lacking,
-    room_lacking_on_the_way,
-)
+from ccm_opt.planning.space_sweep import SpaceSweep, room_lacking, room_lacking_on_the_way
 from ccm_opt.planning.space_task import SpaceTask
 from ccm_opt.planning.step import SpaceStepper
 
@@ -82,7 +76,7 @@ class PassingKeyframes(LimitOf[CurveMap]):
         del u
         moved = np.flatnonzero(self.keyframe > 0)
         keyframe = self.keyframe[moved]
-        unit = sweep.stepper.space.nominal_length
+        unit = sweep.space.nominal_length
         off = (sweep.joints[keyframe, -1] - self.places[moved]) / unit
         most = np.maximum(self.reach[moved, None] / (np.sqrt(3.0) * unit), np.abs(off))
         slopes = sweep.moving[keyframe, sweep.space.arm.links] / unit
@@ -115,16 +109,14 @@ def space_program(
         end_fixed: whether the last keyframe stays.
     """
     unit = stepper.space.nominal_length
-    always = (
-        RoomRows(task.wanted_gap, _MARGIN * unit, _SEEN * unit),
-        JointLimit(),
-        *((FeedLimit(),) if task.arm.base_axes else ()),
-    )
     return MotionProgram(
         curve=stepper.space,
-        sweep=partial(SpaceSweep, stepper),
-        limits=(*always, *task.user_limits, *(() if passing is None else (passing,))),
-        failures=lambda sweep: failing_edges(stepper, sweep.unknowns),
+        sweep=partial(SpaceSweep, stepper.space),
+        limits=(
+            *task.limits(_MARGIN * unit, task.wanted_gap, _SEEN * unit),
+            *(() if passing is None else (passing,)),
+        ),
+        failures=lambda sweep: stepper.failing_edges(sweep.unknowns),
         goal=task.limited_goal,
         end_fixed=end_fixed,
         u=u,
@@ -135,7 +127,7 @@ def space_program(
         groups=_GROUPS,
         steps=task.settings.optimisation.steps,
         scale=task.slowness,
-        lack=lambda sweep: float(np.sum(room_lacking(sweep, task.wanted_gap))) / unit,
+        lack=lambda sweep: float(np.sum(room_lacking(sweep, task.contact_certificate, task.wanted_gap))) / unit,
     )
 
 
@@ -164,8 +156,8 @@ def optimise(motion: SpaceMotion, task: SpaceTask) -> SpaceMotion:
 
 def _lacking(task: SpaceTask, motion: SpaceMotion) -> float:
     """By how much more of the wanted room a motion lacks on its way than at its ends [m]."""
-    sweep = SpaceSweep(task.stepper(motion.curve, 0.0), motion.unknowns)
-    return room_lacking_on_the_way(sweep, task.wanted_gap)
+    sweep = SpaceSweep(motion.curve, motion.unknowns)
+    return room_lacking_on_the_way(sweep, task.contact_certificate, task.wanted_gap)
 
 
 def _optimised(motion: SpaceMotion, task: SpaceTask) -> SpaceMotion:
@@ -198,13 +190,13 @@ def _optimised(motion: SpaceMotion, task: SpaceTask) -> SpaceMotion:
         unknowns = better
         if not many or stuck:
             break
-    if len(failing_edges(stepper, unknowns)) > 0:
+    if len(stepper.failing_edges(unknowns)) > 0:
         # Keyframes in between belong to pieces that are not those which were certified.
         return motion
     return SpaceMotion(
         motion.curve,
         unknowns,
-        motion.curve.configurations(stepper.space.in_pieces(unknowns)),
+        motion.curve.configurations(motion.curve.in_pieces(unknowns)),
         motion.candidate,
         None if motion.u is None else u,
     )
@@ -218,8 +210,8 @@ def _few_keyframes(
     if task.user is None:
         return keyframes, places
     keyframes = restored_keyframes(task.user_limits, stepper.space, keyframes, places)
-    sweep = SpaceSweep(stepper, keyframes)
-    if not task.user.holds(sweep, sweep, places) or len(failing_edges(stepper, keyframes)) > 0:
+    sweep = SpaceSweep(stepper.space, keyframes)
+    if not task.user.holds(sweep, sweep, places) or len(stepper.failing_edges(keyframes)) > 0:
         return None
     return keyframes, places
 
@@ -230,7 +222,7 @@ def _is_end_fixed(task: SpaceTask, stepper: SpaceStepper, end: FloatArray) -> bo
     if task.goal_pose is not None:
         return True
     exact = moved_onto(stepper.space, goal, stepper.pose(end))
-    return not (goal.on_goal(exact) and goal.limits_met(exact) and stepper.within_limits(exact.q))
+    return not (goal.on_goal(exact) and goal.limits_met(exact) and within_limits(task.arm, exact.q))
 
 
 def _with_passings(
@@ -260,7 +252,9 @@ def _passing(task: SpaceTask, stepper: SpaceStepper, keyframes: FloatArray, pass
     """Which keyframes, shape (K + 1, p), pass the places of a task: those with given unknowns, shape (m, p)."""
     away = np.max(np.abs(keyframes[None] - passed[:, None]), axis=2)
     wanted = _PASSING * task.via_reach
-    return PassingKeyframes.of(SpaceSweep(stepper, keyframes), np.argmin(away, axis=1), np.stack(task.via), wanted)
+    return PassingKeyframes.of(
+        SpaceSweep(stepper.space, keyframes), np.argmin(away, axis=1), np.stack(task.via), wanted
+    )
 
 
 def thinned(
@@ -284,7 +278,7 @@ def thinned(
     labelled = np.column_stack((unknowns, u))
 
     def failing(some: FloatArray) -> IntArray:
-        return failing_edges(stepper, some[:, :p], _LEG_DEPTH)
+        return stepper.failing_edges(some[:, :p], _LEG_DEPTH)
 
     def fewer(stride: int) -> FloatArray:
         ends = np.unique((0, *kept, len(labelled) - 1))
@@ -295,7 +289,7 @@ def thinned(
     configurations = motion.curve.configurations(few[:, :p])
     sizes = np.linalg.norm(np.diff(configurations * task.slowness, axis=0), axis=1)
     whole = subdivided(few, sizes, settings.intervals)
-    if len(failing_edges(stepper, whole[:, :p])) > 0:
+    if len(stepper.failing_edges(whole[:, :p])) > 0:
         # The bends of a fed arm are not linear along an edge: what lies in between is beyond a limit, and the motion's
         # own keyframes are not.
         whole = fewer(max(1, len(unknowns) // settings.intervals))

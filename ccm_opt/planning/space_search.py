@@ -22,7 +22,6 @@ from ccm_opt.planning.search import Failure, Strategy, first_found
 from ccm_opt.planning.search_run import SearchRun
 from ccm_opt.planning.space_candidates import SpaceTipWays, TipWay
 from ccm_opt.planning.space_goal_poses import CurveDraws, goal_poses, swung, withdrawn
-from ccm_opt.planning.space_sweep import edge_is_safe, failing_edges
 from ccm_opt.planning.space_task import SpaceTask
 from ccm_opt.planning.step import SpaceStepper
 
@@ -82,7 +81,7 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
         except Stalled as stalled:
             # Unknowns that hardly turn a joint may be the last that differ.
             poses = stalled.poses
-        if not edge_is_safe(self.stepper, poses[-1].v, end):
+        if not self.stepper.edge_is_safe(poses[-1].v, end):
             raise Stalled(guide.describe(poses[-1]), poses)
         return [*poses, *(self.stepper.pose(v) for v in self.stepper.space.pieces(poses[-1].v, end)[1:])]
 
@@ -90,7 +89,7 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
         """The nearest surface."""
         task = self.task
         first, segments = task.arm.exposed_links(pose.points)
-        near = task.tree.nearest(segments, self.stepper.kept + 0.5 * task.arm.length)
+        near = task.tree.nearest(segments, task.contact_certificate.kept + 0.5 * task.arm.length)
         k = int(np.argmin(near.gap))
         owner = int(near.owner[k])
         if owner < 0:
@@ -179,7 +178,7 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
         """Whether a motion keeps so much of the wanted gap that the optimisation can be expected to make the rest."""
         task = self.task
         roomy = replace(task, clearance=task.clearance + _GRAZING * task.wanted_gap)
-        return len(failing_edges(roomy.stepper(motion.curve, 0.0), motion.unknowns)) == 0
+        return len(roomy.stepper(motion.curve, 0.0).failing_edges(motion.unknowns)) == 0
 
     def _slid(self, way: TipWay, failures: list[Failure]) -> SpaceMotion | None:
         """From the start with all joints on a way, in a curve of the fewest knots that leave it half of its room."""
@@ -207,7 +206,7 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
             certified = replace(task, clearance=task.clearance + room)
             for knots in _KNOTS:
                 run, unknowns = fit(knots)
-                if len(failing_edges(certified.stepper(run.stepper.space, 0.0), unknowns)) == 0:
+                if len(certified.stepper(run.stepper.space, 0.0).failing_edges(unknowns)) == 0:
                     return run, unknowns
         return None
 

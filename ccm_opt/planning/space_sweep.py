@@ -7,17 +7,16 @@ is asked for beside, and so is how far it is off that mean at a time in between.
 
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import pairwise
 
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.planning.curve_map import CurveMap
-from ccm_opt.planning.limits.limit import LimitOf
 from ccm_opt.planning.optimisation.interval_rows import STILL, IntervalRows, Sweep, joined_rows
 from ccm_opt.planning.pose import Pose
 from ccm_opt.planning.room_lacking import distance_lacking
-from ccm_opt.planning.step import SpaceStepper
+from ccm_opt.planning.space_certificate import SpaceCertificate
+from ccm_opt.scene.distances.surface_tree import SurfaceTree
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,17 +24,12 @@ class SpaceSweep(Sweep):
     """A motion whose unknowns are linear between K + 1 keyframes.
 
     Attributes:
-        stepper: makes poses, and knows what certifies them.
+        space: the map of the unknowns.
         unknowns: at the keyframes, shape (K + 1, p).
     """
 
-    stepper: SpaceStepper
+    space: CurveMap
     unknowns: FloatArray
-
-    @property
-    def space(self) -> CurveMap:
-        """The map of the unknowns."""
-        return self.stepper.space
 
     @cached_property
     def poses(self) -> tuple[Pose, ...]:
@@ -91,28 +85,6 @@ class SpaceSweep(Sweep):
         return self.space.arm.joint_positions_at(self.space.configurations(between))
 
 
-def edge_is_safe(stepper: SpaceStepper, before: FloatArray, after: FloatArray, depth: int | None = None) -> bool:
-    """Whether an edge keeps all limits and is certified."""
-    return len(failing_edges(stepper, np.stack((before, after)), depth)) == 0
-
-
-def failing_edges(stepper: SpaceStepper, unknowns: FloatArray, depth: int | None = None) -> IntArray:
-    """Numbers of the edges of a motion, unknowns of shape (K + 1, p), that are not certified."""
-    edges = [stepper.space.pieces(before, after) for before, after in pairwise(unknowns)]
-    configurations = stepper.space.configurations(np.array([v for edge in edges for v in edge]))
-    kept = [stepper.within_limits(q) for q in configurations]
-    failing = []
-    first = 0
-    for k, edge in enumerate(edges):
-        places = range(first, first + len(edge))
-        first += len(edge)
-        if not all(kept[place] for place in places) or not all(
-            stepper.certificate.safe(configurations[place], configurations[place + 1], depth) for place in places[:-1]
-        ):
-            failing.append(k)
-    return np.array(failing, dtype=np.intp)
-
-
 _BEHIND = 0.06
 """By how much surfaces may stand out from one of them without getting one of their own [u]."""
 
@@ -126,53 +98,34 @@ _PLANES = 6
 """Most half-spaces about a link."""
 
 
-@dataclass(frozen=True)
-class RoomRows(LimitOf[CurveMap]):
-    """Asks the optimisation for room to surfaces and between links.
-
-    Attributes:
-        wanted: room beyond contact that is asked for [m].
-        margin: gap beyond contact that rows keep in any case [m].
-        seen: what is farther beyond that makes no rows [m].
-    """
-
-    wanted: float
-    margin: float
-    seen: float
-
-    def interval_rows(self, sweep: SpaceSweep) -> tuple[IntervalRows, ...]:
-        """All rows of a motion."""
-        return (motion_rows(sweep, self.wanted, self.margin, self.seen),)
-
-
-def motion_rows(sweep: SpaceSweep, wanted: float, margin: float, seen: float) -> IntervalRows:
+def motion_rows(sweep: SpaceSweep, proof: SpaceCertificate, room: float, seen: float) -> IntervalRows:
     """All rows of a motion.
 
     Args:
         sweep: the motion.
-        wanted: room beyond contact that is asked for [m].
-        margin: gap beyond contact that rows keep in any case [m].
+        proof: of contact.
+        room: that is asked for beyond what it proves [m].
         seen: what is farther beyond that makes no rows [m].
     """
-    parts = [_wall_rows(sweep, wanted + margin, seen)]
+    parts = [_wall_rows(sweep, proof, room, seen)]
     if sweep.space.arm.self_collision:
-        parts.append(_pair_rows(sweep, wanted + margin, seen))
+        parts.append(_pair_rows(sweep, proof, room, seen))
     rows = joined_rows(parts)
     # Rows at the given start can never be mended.
     return rows.take(rows.interval + rows.share > 0.0)
 
 
-def _wall_rows(sweep: SpaceSweep, room: float, seen: float) -> IntervalRows:
+def _wall_rows(sweep: SpaceSweep, proof: SpaceCertificate, room: float, seen: float) -> IntervalRows:
     """Rows of half-spaces about the links halfway through every interval, at every keyframe, and at times in between.
 
     A link that passes an edge within an interval lies on both sides of some plane about its middle. Such a plane says
     nothing of the way past the edge, and is left to the planes at the keyframes and in between.
     """
     chords = np.linalg.norm(np.diff(sweep.joints, axis=0), axis=2)
-    travel = min(0.5 * float(np.max(chords, initial=0.0)), _MOST_TRAVEL * sweep.stepper.space.nominal_length)
-    kept = sweep.stepper.kept + room
+    travel = min(0.5 * float(np.max(chords, initial=0.0)), _MOST_TRAVEL * sweep.space.nominal_length)
+    kept = proof.kept + room
     reach = kept + seen
-    interval, link, normal, foot = _half_spaces(sweep, sweep.middle_points, reach + travel)
+    interval, link, normal, foot = _half_spaces(sweep, proof.tree, sweep.middle_points, reach + travel)
     parts = []
     for side in (0, 1):
         for end in (0, 1):
@@ -181,24 +134,26 @@ def _wall_rows(sweep: SpaceSweep, room: float, seen: float) -> IntervalRows:
             bow = _lost(normal, sweep.halfway_off[interval, link + end])
             rows = _of_points(interval, float(side), link + end, normal, foot + kept + bow)
             parts.append(rows.take(np.intersect1d(fits, _free_points(sweep, link + end))))
-    parts.append(_rows_at(sweep, 1.0, reach, kept))
+    parts.append(_rows_at(sweep, proof.tree, 1.0, reach, kept))
     # In between only what lacks room is asked for.
-    parts.extend(_rows_at(sweep, share, kept + 0.1 * sweep.stepper.space.nominal_length, kept) for share in BETWEEN)
+    near = kept + 0.1 * sweep.space.nominal_length
+    parts.extend(_rows_at(sweep, proof.tree, share, near, kept) for share in BETWEEN)
     return joined_rows(parts)
 
 
-def _rows_at(sweep: SpaceSweep, share: float, reach: float, kept: float) -> IntervalRows:
+def _rows_at(sweep: SpaceSweep, tree: SurfaceTree, share: float, reach: float, kept: float) -> IntervalRows:
     """Rows of half-spaces about the links at one time of every interval.
 
     Args:
         sweep: the motion.
+        tree: of the surfaces.
         share: of the interval that has passed.
         reach: surfaces farther away are left out [m].
         kept: distance that the links' axes shall keep [m].
     """
     points = sweep.points_at(share)
     off = points - ((1.0 - share) * sweep.joints[:-1] + share * sweep.joints[1:])
-    interval, link, normal, foot = _half_spaces(sweep, points, reach)
+    interval, link, normal, foot = _half_spaces(sweep, tree, points, reach)
     parts = []
     for end in (0, 1):
         beside = np.einsum("md,md->m", normal, off[interval, link + end])
@@ -208,12 +163,13 @@ def _rows_at(sweep: SpaceSweep, share: float, reach: float, kept: float) -> Inte
 
 
 def _half_spaces(
-    sweep: SpaceSweep, points: FloatArray, reach: float
+    sweep: SpaceSweep, tree: SurfaceTree, points: FloatArray, reach: float
 ) -> tuple[IntArray, IntArray, FloatArray, FloatArray]:
     """Half-spaces n·x ≥ b about the links of several poses.
 
     Args:
         sweep: the motion.
+        tree: of the surfaces.
         points: joints and tip of the poses, shape (k, links + 1, 3) [m].
         reach: surfaces farther away are left out [m].
 
@@ -225,39 +181,41 @@ def _half_spaces(
     beyond = arm.links - first
     looked_at = points[:, first:]
     segments = np.stack((looked_at[:, :-1], looked_at[:, 1:]), axis=2).reshape(-1, 2, 3)
-    planes = sweep.stepper.tree.planes(segments, reach, _PLANES, _BEHIND * sweep.stepper.space.nominal_length)
+    planes = tree.planes(segments, reach, _PLANES, _BEHIND * sweep.space.nominal_length)
     foot = np.einsum("md,md->m", planes.normal, planes.point)
     return planes.link // beyond, planes.link % beyond + first, planes.normal, foot
 
 
-def room_lacking(sweep: SpaceSweep, wanted: float) -> FloatArray:
+def room_lacking(sweep: SpaceSweep, proof: SpaceCertificate, wanted: float) -> FloatArray:
     """By how much the least gap from surfaces lacks the wanted one in every interval, at least 0, shape (K,) [m].
 
     Args:
         sweep: the motion.
+        proof: of contact.
         wanted: room beyond contact that is asked for [m].
     """
     lacking = np.zeros(sweep.intervals)
     for share in (*BETWEEN, 0.5, 1.0):
         points = sweep.middle_points if share == 0.5 else sweep.points_at(share)
-        lacking = np.maximum(lacking, _lacking_at(sweep, points, wanted))
+        lacking = np.maximum(lacking, _lacking_at(sweep, proof, points, wanted))
     return lacking
 
 
-def room_lacking_on_the_way(sweep: SpaceSweep, wanted: float) -> float:
+def room_lacking_on_the_way(sweep: SpaceSweep, proof: SpaceCertificate, wanted: float) -> float:
     """By how much the least gap from surfaces lacks more of the wanted one than where a motion starts and ends [m].
 
     Args:
         sweep: the motion.
+        proof: of contact.
         wanted: room beyond contact that is asked for [m].
     """
-    at_ends = _lacking_at(sweep, sweep.joints[[0, -1]], wanted)
-    return float(np.max(room_lacking(sweep, wanted)) - np.max(at_ends))
+    at_ends = _lacking_at(sweep, proof, sweep.joints[[0, -1]], wanted)
+    return float(np.max(room_lacking(sweep, proof, wanted)) - np.max(at_ends))
 
 
-def _lacking_at(sweep: SpaceSweep, points: FloatArray, wanted: float) -> FloatArray:
+def _lacking_at(sweep: SpaceSweep, proof: SpaceCertificate, points: FloatArray, wanted: float) -> FloatArray:
     """By how much the least gap of poses, points of shape (k, links + 1, 3), lacks the wanted one, shape (k,) [m]."""
-    return distance_lacking(sweep.space.arm, sweep.stepper.tree, points, sweep.stepper.kept + wanted)
+    return distance_lacking(sweep.space.arm, proof.tree, points, proof.kept + wanted)
 
 
 def _of_points(interval: IntArray, share: float, point: IntArray, normal: FloatArray, need: FloatArray) -> IntervalRows:
@@ -271,14 +229,13 @@ def _free_points(sweep: SpaceSweep, point: IntArray) -> IntArray:
     return np.flatnonzero((point > 0) | bool(sweep.space.arm.base_axes))
 
 
-def _pair_rows(sweep: SpaceSweep, room: float, seen: float) -> IntervalRows:
+def _pair_rows(sweep: SpaceSweep, proof: SpaceCertificate, room: float, seen: float) -> IntervalRows:
     """Rows that keep distant links apart, along the direction in which they are nearest halfway."""
     arm = sweep.space.arm
-    motion = sweep.stepper.certificate.motion
     reach = 2.0 * arm.radius + room + seen
     columns: list[tuple[IntArray, IntArray, IntArray, FloatArray, FloatArray]] = []
     for k, points in enumerate(sweep.middle_points):
-        near = motion.near_pairs(points, reach)
+        near = proof.motion.near_pairs(points, reach)
         if len(near.first) == 0:
             continue
         kept = 2.0 * arm.radius + np.minimum(room, _PAIR_SHARE * _slack_between(sweep, near.second - near.first))

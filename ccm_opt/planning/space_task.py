@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from scipy.interpolate import BSpline
@@ -13,7 +14,9 @@ from ccm_opt.core.length_words import short_length
 from ccm_opt.ik.compiled_terms import UserTerms
 from ccm_opt.planning.curve_map import CurveMap
 from ccm_opt.planning.goal import GoalPose
-from ccm_opt.planning.limits.limit_stack import AtRest, FeedLimit, JointLimit, SurfaceLimit, TurnLimit
+from ccm_opt.planning.limits.limit import LimitOf
+from ccm_opt.planning.limits.limit_stack import FeedLimit, SurfaceLimit, limits_with
+from ccm_opt.planning.limits.motion_certificate import MotionCertificate
 from ccm_opt.planning.limits.user_limit import UserLimit
 from ccm_opt.planning.passed_places import first_missed
 from ccm_opt.planning.room_lacking import distance_lacking
@@ -88,10 +91,20 @@ class SpaceTask(SearchTask):
         return replace(self, deadline=self.deadline.within(seconds))
 
     @cached_property
-    def certificate(self) -> SpaceCertificate:
-        """Of the motion; it spares a little gap for what the path between samples may use."""
-        gap = self.clearance + self.spare
-        return SpaceCertificate(self.arm, self.tree, gap, self.spare, self.settings.certificate, self.user)
+    def contact_certificate(self) -> SpaceCertificate:
+        """Of contact; it spares a little gap for what the path between samples may use."""
+        return SpaceCertificate(self.arm, self.tree, self.clearance + self.spare, self.spare, self.settings.certificate)
+
+    @cached_property
+    def certificate(self) -> MotionCertificate:
+        """The certificate of all limits that motions must pass."""
+        return MotionCertificate(self.arm, self.spare, self.limits(0.0))
+
+    def limits(self, margin: float, wanted_gap: float = 0.0, seen: float = 0.0) -> tuple[LimitOf[Any], ...]:
+        """All limits, contact by a planning margin, by a gap that is asked for, and by how far is seen [m]."""
+        contact = SurfaceLimit(self.contact_certificate, margin, wanted_gap, seen)
+        feed = (FeedLimit(),) if self.arm.base_axes else ()
+        return limits_with(self.arm, contact, self.settings.step, (*feed, *self.user_limits, *self.held))
 
     @cached_property
     def spare(self) -> float:
@@ -163,19 +176,7 @@ class SpaceTask(SearchTask):
 
     def stepper(self, curve: CurveMap, share: float = 1.0) -> SpaceStepper:
         """Takes steps in the unknowns of a curve, with a share of the margin."""
-        margin = share * self.margin
-        settings = self.settings
-        limits = (
-            AtRest(still=True),
-            SurfaceLimit(self.tree, self.certificate, margin, settings),
-            TurnLimit(),
-            JointLimit(),
-            *((FeedLimit(),) if self.arm.base_axes else ()),
-            *(() if self.user is None else (self.user,)),
-        )
-        return SpaceStepper(
-            curve, limits, settings, tree=self.tree, certificate=self.certificate, margin=margin, user=self.user
-        )
+        return SpaceStepper(curve, self.limits(share * self.margin), self.settings)
 
 
 def reach_box(arm: Arm, bounds: FloatArray | None) -> FloatArray:

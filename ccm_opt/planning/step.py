@@ -2,22 +2,20 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Generic, Self, TypeVar
+from itertools import pairwise
+from typing import Generic, Self, TypeAlias, TypeVar
 
 import numpy as np
 
-from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.core.small_qp import solve_small_qp
 from ccm_opt.planning.curve_map import CurveMap
 from ccm_opt.planning.limits.limit import LimitOf, LimitRows, stacked_rows
-from ccm_opt.planning.limits.limit_stack import within_limits
-from ccm_opt.planning.limits.user_limit import UserLimit
+from ccm_opt.planning.limits.motion_certificate import failed_intervals
 from ccm_opt.planning.link_space import LinkSpace
 from ccm_opt.planning.pose import CurveUnknowns, Pose, Term, normal_equations
-from ccm_opt.planning.settings import EngineSettings, MotionSettings, SpaceMotionSettings
-from ccm_opt.planning.space_certificate import SpaceCertificate
+from ccm_opt.planning.settings import EngineSettings, MotionSettings
 from ccm_opt.scene.contact_finder import ContactFinder
-from ccm_opt.scene.distances.surface_tree import SurfaceTree
 
 _ITERATIONS_A_ROW = 8
 """Most iterations of the QP to a row: a jammed arm would go on in vain, but 192 links need more than 24 in all.
@@ -85,9 +83,37 @@ class StepperOf(Generic[AnyUnknowns]):
             for limit in self.limits:
                 trial = limit.restored(self.space, trial, turn)
             # The limits stand in the order of their rows; backwards the costly check of contact comes last.
-            if all(rows.keeps(trial) for rows in reversed(parts)):
+            if all(rows.keeps(trial) for rows in reversed(parts)) and self._proved(pose, trial):
                 return trial
         return pose
+
+    def _proved(self, pose: Pose, trial: Pose) -> bool:
+        """Whether the way of a step is proved, where steps are."""
+        depth = self.settings.step.proof_depth
+        return depth is None or self.safe(pose.q, trial.q, depth)
+
+    def leads_to(self, near: Pose, final: Pose) -> bool:
+        """Whether a pose that was put exactly onto the goal may follow a pose near it."""
+        # Backwards, as after a step: the check of contact costs most.
+        kept = all(limit.keeps_at_goal(self.space, near, final) for limit in reversed(self.limits))
+        return kept and (self.settings.step.proof_depth is None or self.safe(near.q, final.q))
+
+    # ------------------------------------------------------------ what is certified
+    def safe(self, before: FloatArray, after: FloatArray, depth: int | None = None) -> bool:
+        """Whether the motion between two configurations, each of shape (c,), keeps all limits for certain."""
+        edge = np.stack((before, after))
+        return not any(len(limit.failures(edge, depth)) for limit in reversed(self.limits))
+
+    def edge_is_safe(self, before: FloatArray, after: FloatArray, depth: int | None = None) -> bool:
+        """The same between two unknowns, each of shape (p,)."""
+        return len(self.failing_edges(np.stack((before, after)), depth)) == 0
+
+    def failing_edges(self, unknowns: FloatArray, depth: int | None = None) -> IntArray:
+        """Numbers of the edges of a motion, unknowns of shape (K + 1, p), that are not certified, sorted."""
+        edges = [self.space.pieces(before, after)[:-1] for before, after in pairwise(unknowns)]
+        owner = np.repeat(np.arange(len(edges)), [len(edge) for edge in edges])
+        places = np.array([*(v for edge in edges for v in edge), unknowns[-1]])
+        return np.unique(owner[failed_intervals(self.limits, self.space.configurations(places), depth)])
 
     def at(self, u: float) -> "Self":
         """The stepper at a path parameter of the motion."""
@@ -115,28 +141,5 @@ class Stepper(StepperOf[LinkSpace]):
         return len(self.finder.walls.names) > self.settings.many_walls
 
 
-@dataclass(frozen=True, eq=False)
-class SpaceStepper(StepperOf[CurveMap]):
-    """Takes certified steps in space.
-
-    Attributes:
-        tree: of the surfaces.
-        certificate: of steps.
-        margin: gap that steps keep beyond contact [m].
-        user: the user's constraints; None where there are none.
-    """
-
-    settings: SpaceMotionSettings = field(default_factory=SpaceMotionSettings)
-    tree: SurfaceTree = field(kw_only=True)
-    certificate: SpaceCertificate = field(kw_only=True)
-    margin: float = field(kw_only=True)
-    user: UserLimit | None = field(default=None, kw_only=True)
-
-    @property
-    def kept(self) -> float:
-        """Distance from the axes of the links that surfaces have to keep [m]."""
-        return self.space.arm.radius + self.certificate.gap
-
-    def within_limits(self, q: FloatArray) -> bool:
-        """Whether a configuration keeps the limits of its coordinates."""
-        return within_limits(self.space.arm, q)
+SpaceStepper: TypeAlias = StepperOf[CurveMap]
+"""Takes steps in space."""

@@ -460,4 +460,4 @@ def _finished(found: Motion, task: MotionTask) -> Motion:
             return found
     ended = optimised_to_end_pose(straightened(found, task), task)
     # In a guide tube a shorter motion may leave a smooth path no room.
-    return found if task.guide_tubes and smooth_path(ended, task) is None else ended
+    return found if task.arm.base_axes and smooth_path(ended, task) is None else ended

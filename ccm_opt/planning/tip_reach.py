@@ -20,7 +20,7 @@ from ccm_opt.planning.curve_map import CurveMap
 from ccm_opt.planning.draws import TargetDraws
 from ccm_opt.planning.ends import clamped_arm, resolve_ends
 from ccm_opt.planning.goal import GoalPose, moved_onto
-from ccm_opt.planning.limits.limit_stack import assembled_limits, within_limits
+from ccm_opt.planning.limits.limit_stack import ContactLimit, limits_with
 from ccm_opt.planning.link_space import KNOTS, LinkSpace, fit_coordinates
 from ccm_opt.planning.pose import Pose
 from ccm_opt.planning.settings import MotionSettings, SpaceMotionSettings
@@ -276,21 +276,22 @@ def _in_plane(problem: Problem, settings: ReachSettings) -> TipLooker:
     arm = clamped_arm(problem.arm) if ends.clamped else problem.arm
     workspace = problem.workspace
     motion = MotionSettings()
-    certificate = Certificate(arm, workspace)
     margin = settings.margin * arm.length / NOMINAL_LINKS
     finder = ContactFinder(arm, workspace.flat_walls, workspace.clearance, margin, settings.seen * arm.length)
     space, start = LinkSpace.through(arm, ends.start, clamped=ends.clamped)
     shapes = TargetDraws.within(space, [ends.start], KNOTS + 1, motion.step.limit_share)
 
+    contact = ContactLimit(finder, Certificate(arm, workspace), motion.step)
+    stepper = Stepper(space, limits_with(arm, contact, motion.step), motion, finder=finder)
+
     def free(pose: Pose) -> bool:
-        still = np.stack((pose.q, pose.q))
-        return within_limits(arm, pose.q) and len(certificate.failures(still)) == 0
+        return stepper.safe(pose.q, pose.q)
 
     def drawn(rng: np.random.Generator) -> FloatArray:
         return fit_coordinates(space.turns, shapes.shapes(rng, 1)[0] - arm.headings(space.offset), arm.length)
 
     return TipLooker(
-        Stepper(space, assembled_limits(finder, certificate, motion.step), motion, finder=finder),
+        stepper,
         start,
         free,
         lambda pose: float(finder.find(pose.points).gap.min(initial=finder.reach)),
@@ -313,7 +314,7 @@ def _in_space(problem: Problem, settings: ReachSettings) -> TipLooker:
         return float(np.min(task.tree.distances(segments, reach), initial=reach)) - kept
 
     def free(pose: Pose) -> bool:
-        return stepper.within_limits(pose.q) and stepper.certificate.safe(pose.q, pose.q)
+        return stepper.safe(pose.q, pose.q)
 
     return TipLooker(stepper, start, free, room, partial(drawn_unknowns, stepper), task.seed, task)
 

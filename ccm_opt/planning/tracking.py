@@ -23,7 +23,6 @@ from ccm_opt.planning.limits.user_limit import UserLimit
 from ccm_opt.planning.link_space import LinkSpace
 from ccm_opt.planning.motion import Motion, SpaceMotion
 from ccm_opt.planning.pose import CurveUnknowns, Pose, Term
-from ccm_opt.planning.space_sweep import edge_is_safe
 from ccm_opt.planning.space_task import SpaceTask
 from ccm_opt.planning.step import AnyUnknowns, SpaceStepper, Stepper, StepperOf
 from ccm_opt.robot.arm import Arm
@@ -329,7 +328,7 @@ def _ended(task: SpaceTask, stepper: SpaceStepper, pose: Pose, end: FloatArray) 
         poses = follow(stepper, guide, pose, task.deadline)
     except Stalled as stalled:
         poses = stalled.poses
-    if edge_is_safe(stepper, poses[-1].v, end):
+    if stepper.edge_is_safe(poses[-1].v, end):
         return [*poses[1:], *(stepper.pose(v) for v in stepper.space.pieces(poses[-1].v, end)[1:])]
     if task.goal_pose is not None:
         raise Stalled(why_missed(stepper, poses[-1], 1.0), poses)

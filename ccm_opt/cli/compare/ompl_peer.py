@@ -329,7 +329,7 @@ class _InSpace:
         self.start, self.deadline = self._task.start, self._task.deadline
         # The smooth path leaves the way at its corners, and needs some gap for that.
         beyond = settings.searched_gap * arm.length
-        certificate = self._task.certificate
+        certificate = self._task.contact_certificate
         self._searched = replace(certificate, gap=certificate.gap + beyond, pair_gap=certificate.pair_gap + beyond)
 
     def _task_within(self, share: float) -> SpaceTask:
@@ -374,7 +374,7 @@ class _InSpace:
     def smooth_path(self, keyframes: FloatArray) -> JointPath | None:
         """The certified smooth path near keyframes, shape (K, c) [rad, m]; None where there is none."""
         spline = path_near_configurations(keyframes, self._task)
-        return None if spline is None else JointPath(spline, keyframes, (), NAME, spare=self._task.certificate.pair_gap)
+        return None if spline is None else JointPath(spline, keyframes, (), NAME, spare=self._task.spare)
 
 
 _Query: TypeAlias = _InPlane | _InSpace

@@ -3,10 +3,11 @@
 In a step every near pair is a row; over an interval of a motion every link has half-planes and partners to keep from;
 between keyframes the certificate bounds how far links may stray.
 
-A new limit that always holds is one more line in ``assembled_limits``, for arms in space in ``SpaceTask.stepper`` and
-``space_program``; its rows, checks and words stand in a file of its own.
+A new limit that always holds is one more line in ``limits_with``, for the plane and for space; its rows, proofs, checks
+and words stand in a file of its own.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -15,24 +16,21 @@ import numpy as np
 from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.planning.curve_map import CurveMap, feed_to_next_stop
 from ccm_opt.planning.limits.clearance_rows import motion_rows
-from ccm_opt.planning.limits.gate_rails import GateLines, GateRails
+from ccm_opt.planning.limits.gate_rails import GateLines
 from ccm_opt.planning.limits.limit import UNBOUNDED, KeyframeRows, Limit, LimitOf, LimitRows
 from ccm_opt.planning.link_space import LinkSpace
 from ccm_opt.planning.optimisation.interval_rows import IntervalRows
 from ccm_opt.planning.pose import CurveUnknowns, Pose, Term, turn_rows
-from ccm_opt.planning.settings import SpaceMotionSettings, StepSettings
+from ccm_opt.planning.settings import AnyStepSettings, StepSettings
 from ccm_opt.planning.space_certificate import SpaceCertificate
+from ccm_opt.planning.space_sweep import SpaceSweep
+from ccm_opt.planning.space_sweep import motion_rows as surface_rows
 from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.certificate import Certificate
 from ccm_opt.scene.contact_finder import WALL, ContactFinder, Contacts
-from ccm_opt.scene.distances.surface_tree import SurfaceTree
 
 if TYPE_CHECKING:
-    from ccm_opt.planning.space_sweep import SpaceSweep
     from ccm_opt.planning.swept_motion import PlanarSweep
-
-_PLAY = 0.5
-"""That part, in planning margins. Taste."""
 
 _CLOSING_SHARE = 0.5
 """Share of its gap beyond the margin by which a near pair may close in one step. Derived: two links that move towards
@@ -60,10 +58,8 @@ _TRAVEL = 1.5
 """Farthest way of a joint in a step [u]."""
 _TRAVEL_NEAR_WALLS = 0.8
 """The same where walls or other links are within reach."""
-_JOINT_SHARE = 0.995
-"""Of a joint limit that planning in space uses: rows do not know that the shape of a fed arm changes with its feed."""
-_ACCEPTED_SHARE = 1.0 - 1e-5
-"""Of it that may come of a step. Derived: a QP is not more exact."""
+_BEYOND = 1e-9
+"""By how much rounding may carry a coordinate beyond its limits [rad, m]."""
 _SPARE_FEED = 0.004
 """What rows leave at either end of the range of the feed in the optimisation, at most [m]."""
 _SPARE_SHARE = 0.01
@@ -112,30 +108,30 @@ class AtRest(LimitOf[CurveUnknowns]):
 
 @dataclass(frozen=True, eq=False)
 class SurfaceLimit(LimitOf[CurveMap]):
-    """Keeps gaps to surfaces and between links open, and lets only certified steps pass.
+    """Keeps gaps to surfaces and between links open.
 
     Attributes:
-        tree: of the surfaces.
-        certificate: of steps.
-        margin: gap that steps keep beyond contact [m].
-        settings: numbers of the search.
+        certificate: of what lies between keyframes.
+        margin: gap that steps and rows keep beyond contact [m].
+        wanted: room beyond that which the optimisation of a motion asks for [m].
+        seen: what is farther beyond both makes no rows in it [m].
     """
 
-    tree: SurfaceTree
     certificate: SpaceCertificate
     margin: float
-    settings: SpaceMotionSettings
+    wanted: float = 0.0
+    seen: float = 0.0
 
     def linearised(self, space: CurveMap, pose: Pose, turn: float) -> LimitRows:
         """Rows n·δP ≥ −share (gap − margin) off walls and other links, and what pulls out of the margin."""
         del turn
         arm = space.arm
         unit = space.nominal_length
-        kept = arm.radius + self.certificate.gap
+        kept = self.certificate.kept
         reach = self.margin + _REACH * unit
         mounted, segments = arm.exposed_links(pose.points)
         begins = arm.mount_end[1]
-        planes = self.tree.planes(segments, kept + reach, _PLANES)
+        planes = self.certificate.tree.planes(segments, kept + reach, _PLANES)
         share = np.where(planes.link == 0, begins + (1.0 - begins) * planes.share, planes.share)
         at_plane = _point_jacobian(pose.moving, planes.link + mounted, share)
         rows = [np.einsum("rd,rdp->rp", planes.normal, at_plane)]
@@ -152,20 +148,20 @@ class SurfaceLimit(LimitOf[CurveMap]):
         pull = Term(matrix[missing], -spare[missing], _PULL / unit**2)
         most = _TRAVEL_NEAR_WALLS if len(spare) else _TRAVEL
 
-        def keeps(trial: Pose) -> bool:
-            return self.certificate.safe(pose.q, trial.q, self.settings.certificate.step_depth)
-
         def excess(delta: FloatArray) -> float:
             moves = np.linalg.norm(pose.moving @ delta, axis=1)
             return float(np.max(moves)) / (most * unit)
 
         lower = -_GAP_SHARE * np.maximum(spare, 0.0)
-        return LimitRows(matrix, lower, np.full(len(spare), UNBOUNDED), 0, (pull,), keeps, excess)
+        return LimitRows(matrix, lower, np.full(len(spare), UNBOUNDED), pulls=(pull,), excess=excess)
 
-    def keeps_at_goal(self, space: CurveMap, near: Pose, final: Pose) -> bool:
-        """Whether the way to the pose on the goal is certified."""
-        del space
-        return self.certificate.safe(near.q, final.q, self.settings.certificate.depth)
+    def interval_rows(self, sweep: SpaceSweep) -> tuple[IntervalRows, ...]:
+        """All rows of a motion."""
+        return (surface_rows(sweep, self.certificate, self.wanted + self.margin, self.seen),)
+
+    def failures(self, q: FloatArray, depth: int | None = None) -> IntArray:
+        """Intervals in which something may touch."""
+        return self.certificate.failures(q, depth)
 
 
 @dataclass(frozen=True)
@@ -193,7 +189,7 @@ class FeedLimit(LimitOf[CurveMap]):
         del near
         return within_limits(space.arm, final.q)
 
-    def keyframe_rows(self, sweep: "SpaceSweep", u: FloatArray) -> tuple[KeyframeRows, ...]:
+    def keyframe_rows(self, sweep: SpaceSweep, u: FloatArray) -> tuple[KeyframeRows, ...]:
         """The range of the feed, and the curvature at the knots.
 
         Between two keyframes the feed carries joints past knots at which no joint is at either of them.
@@ -215,7 +211,7 @@ class FeedLimit(LimitOf[CurveMap]):
             KeyframeRows(keyframe, sweep.slopes[1:, -1], low, high),
         )
 
-    def holds(self, sweep: "SpaceSweep", before: "SpaceSweep", u: FloatArray) -> bool:
+    def holds(self, sweep: SpaceSweep, before: SpaceSweep, u: FloatArray) -> bool:
         """Whether all keyframes are within the limits."""
         del before, u
         return within_limits(sweep.space.arm, sweep.configurations)
@@ -223,8 +219,7 @@ class FeedLimit(LimitOf[CurveMap]):
 
 def within_limits(arm: Arm, q: FloatArray) -> bool:
     """Whether configurations, shape (..., c) [rad, m], keep the limits of their coordinates."""
-    slack = 1e-9
-    return bool(np.all(q >= arm.lower_limits - slack) and np.all(q <= arm.upper_limits + slack))
+    return bool(np.all(q >= arm.lower_limits - _BEYOND) and np.all(q <= arm.upper_limits + _BEYOND))
 
 
 @dataclass(frozen=True, eq=False)
@@ -353,12 +348,14 @@ class JointLimit(LimitOf[CurveUnknowns]):
     exact, and a motion whose keyframes keep the limits keeps them throughout.
 
     Attributes:
+        arm: the arm.
         share: of every limit that rows leave to steps and keyframes.
         accepted: share of it that may come of them.
     """
 
-    share: float = _JOINT_SHARE
-    accepted: float = _ACCEPTED_SHARE
+    arm: Arm
+    share: float
+    accepted: float
 
     def linearised(self, space: CurveUnknowns, pose: Pose, turn: float) -> LimitRows:
         """Rows of the bends that the step could bring to their bound."""
@@ -404,6 +401,12 @@ class JointLimit(LimitOf[CurveUnknowns]):
         allowed = np.maximum(self._accepted(space), np.abs(space.bends(before.configurations)))
         return not np.any(np.abs(space.bends(sweep.configurations)) > np.minimum(allowed, space.bend_limits))
 
+    def failures(self, q: FloatArray, depth: int | None = None) -> IntArray:
+        """Intervals at an end of which a coordinate, that of the base too, is beyond its limits."""
+        del depth
+        beyond = np.any((q < self.arm.lower_limits - _BEYOND) | (q > self.arm.upper_limits + _BEYOND), axis=1)
+        return np.flatnonzero(beyond[:-1] | beyond[1:])
+
     def _accepted(self, space: CurveUnknowns) -> FloatArray:
         """Bends that are accepted after a step."""
         return self.accepted * space.bend_limits
@@ -443,39 +446,21 @@ class TurnLimit(LimitOf[CurveUnknowns]):
         return LimitRows(np.zeros((0, len(pose.v))), np.zeros(0), np.zeros(0), excess=excess)
 
 
-def assembled_limits(
-    finder: ContactFinder,
-    certificate: Certificate,
-    settings: StepSettings,
-    user_limits: tuple[Limit, ...] = (),
-    wanted_gap: float = 0.0,
-    rails: tuple[FloatArray, ...] = (),
-    gates: GateLines | None = None,
-    guide_tubes: tuple[Limit, ...] = (),
-) -> tuple[Limit, ...]:
+def limits_with(
+    arm: Arm,
+    contact: LimitOf[Any],
+    settings: AnyStepSettings,
+    further: Iterable[LimitOf[Any]] = (),
+) -> tuple[LimitOf[Any], ...]:
     """All limits of a motion, in the order of their rows; true checks run backwards, the costly one of contact last.
 
+    Whoever steps, optimises or certifies reads this list and no other.
+
     Args:
-        finder: of contacts, with the margin to keep.
-        certificate: of contact between keyframes.
+        arm: the arm.
+        contact: keeps gaps open.
         settings: of the step.
-        user_limits: what the user asks for; usually none.
-        wanted_gap: room that the optimisation of a motion asks for where there is so much [m].
-        rails: middle lines of narrow gates, each of shape (k, 2) [m].
-        gates: the lines across them; None where there are none.
-        guide_tubes: what holds a part of the arm straight; nothing where the base is fixed. Last, for what a user's
-            equations move has to be straight again.
+        further: what this motion has to keep besides.
     """
-    drawn: tuple[Limit, ...] = ()
-    if gates is not None:
-        drawn = (GateRails(rails, gates, _PLAY * finder.margin),)
-    return (
-        AtRest(),
-        ContactLimit(finder, certificate, settings, wanted_gap, gates),
-        TurnLimit(),
-        # Half-way between what planning uses and the limit.
-        JointLimit(settings.limit_share, 0.5 * (1.0 + settings.limit_share)),
-        *drawn,
-        *user_limits,
-        *guide_tubes,
-    )
+    joints = JointLimit(arm, settings.limit_share, settings.accepted_share)
+    return (AtRest(settings.still), contact, TurnLimit(), joints, *further)

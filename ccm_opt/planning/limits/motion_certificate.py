@@ -1,12 +1,12 @@
 """The certificate of a motion: every limit's own proof of what lies between keyframes, put together."""
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray, IntArray
-from ccm_opt.planning.limits.limit import Limit
+from ccm_opt.planning.limits.limit import LimitOf
 from ccm_opt.robot.arm import Arm
 
 
@@ -28,9 +28,9 @@ class IntervalCertificate(Protocol):
         ...
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class MotionCertificate:
-    """Certifies motions under several limits.
+    """Certifies motions under several limits, in the plane and in space.
 
     Attributes:
         arm: the arm.
@@ -40,7 +40,7 @@ class MotionCertificate:
 
     arm: Arm
     spare: float
-    limits: tuple[Limit, ...]
+    limits: tuple[LimitOf[Any], ...]
 
     def failures(self, q: FloatArray, depth: int | None = None) -> IntArray:
         """Intervals that cannot be certified.
@@ -54,12 +54,17 @@ class MotionCertificate:
         """
         return failed_intervals(self.limits, q, depth)
 
+    def safe(self, before: FloatArray, after: FloatArray, depth: int | None = None) -> bool:
+        """Whether the motion between two configurations, each of shape (c,), is certified."""
+        edge = np.stack((before, after))
+        return not any(len(limit.failures(edge, depth)) for limit in reversed(self.limits))
+
     def heading_failures(self, headings: FloatArray) -> IntArray:
         """The same of link headings at the keyframes, shape (K, links) [rad]."""
         return self.failures(self.arm.bends(headings))
 
 
-def failed_intervals(limits: tuple[Limit, ...], q: FloatArray, depth: int | None = None) -> IntArray:
+def failed_intervals(limits: tuple[LimitOf[Any], ...], q: FloatArray, depth: int | None = None) -> IntArray:
     """Intervals in which some limit cannot be certified, sorted; arguments as for ``MotionCertificate.failures``."""
     failing = np.zeros(0, dtype=np.intp)
     for limit in limits:

@@ -367,10 +367,6 @@ class UserLimit(LimitOf[CurveUnknowns]):
         # Negated, so that NaN counts as short.
         return np.flatnonzero(np.any(~(gaps >= floor[:, None]), axis=(1, 2)))
 
-    def holds_between(self, before: FloatArray, after: FloatArray) -> bool:
-        """Whether gaps are kept on an edge that is linear between two poses, shape (c,)."""
-        return len(self.failures(np.stack((before, after)))) == 0
-
     @property
     def _slack(self) -> float:
         """By how much a gap may be missed between keyframes, in the user's unit."""
