@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 import ccm_opt
 from ccm_opt.cli.compare.suites import clutter
-from ccm_opt.core.errors import NoPlanFound, ProblemError
+from ccm_opt.core.errors import NoPlanFound, ProblemError, UnreachableGoal
 from ccm_opt.driver.live_plan import LivePlan
 from ccm_opt.problem import JointPose, TipGoal
 
@@ -121,3 +121,13 @@ def test_nothing_to_begin_with_is_an_error(swan: ccm_opt.Problem) -> None:
     far = TipGoal(np.array([5.0, 5.0]))
     with pytest.raises(NoPlanFound):
         LivePlan(replace(swan, goal=far))
+
+
+@pytest.mark.parametrize("name", ["swan-neck", "space/elbow"])
+def test_a_start_in_contact_is_refused_as_by_a_solve(name: str) -> None:
+    """Whether a plan is to be followed or made once, there is no way from a start that is too near to a wall."""
+    problem = ccm_opt.load_problem(PROBLEMS / f"{name}.toml")
+    tight = replace(problem, workspace=replace(problem.workspace, clearance=0.3))
+    for asked in (ccm_opt.solve, LivePlan):
+        with pytest.raises(UnreachableGoal, match="start"):
+            asked(tight)

@@ -18,7 +18,7 @@ from ccm_opt import load_problem, pareto
 from ccm_opt.cli.commands import app
 from ccm_opt.core.errors import ProblemError, UnreachableGoal
 from ccm_opt.diagnosis.possible_gap import possible_gap
-from ccm_opt.driver.pareto import DEFAULT_PARETO, ParetoSettings, _Judgement
+from ccm_opt.driver.pareto import DEFAULT_PARETO, Judgement, ParetoSettings
 from ccm_opt.driver.room_over_time import room_over_time
 from ccm_opt.io.reading import parse_problem
 from ccm_opt.problem import Problem
@@ -46,7 +46,7 @@ def test_what_is_recommended_is_on_the_front_and_in_time(figures: list[tuple[flo
     """The fastest is never dominated but by an equally fast one, and the recommended plan is the roomiest in time."""
     problem = parse_problem(SMALL_PROBLEM, "small.toml")
     plans = [made_up(problem, duration, gap) for duration, gap in figures]
-    judgement = _Judgement(plans, 0.04, 1.0, DEFAULT_PARETO)
+    judgement = Judgement(plans, 0.04, 1.0, DEFAULT_PARETO)
     judged = [replace(plan, dominated_by=judgement.dominator(plan)) for plan in plans]
     for plan in judged:
         if plan.dominated_by:
@@ -64,7 +64,7 @@ def test_what_is_recommended_is_on_the_front_and_in_time(figures: list[tuple[flo
 def test_a_plan_that_is_slower_with_less_room_is_dominated(small_problem: Problem) -> None:
     """Of three plans the slow one with little room is dominated; equal ones do not dominate each other."""
     plans = [made_up(small_problem, *figures) for figures in ((1.0, 0.002), (1.1, 0.010), (1.3, 0.004), (1.0, 0.002))]
-    judgement = _Judgement(plans, 0.04, 1.0, DEFAULT_PARETO)
+    judgement = Judgement(plans, 0.04, 1.0, DEFAULT_PARETO)
     assert [judgement.dominator(plan) for plan in plans] == [0, 0, 2, 0]
     assert judgement.recommended() == 2
     assert replace(judgement, trade_off=ParetoSettings(most_time=0.05)).recommended() in {1, 4}

@@ -9,7 +9,6 @@ import numpy as np
 
 from ccm_opt.core.arguments import expect, expect_that, finite_array, is_number, refusal
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.core.deadline import Deadline
 from ccm_opt.core.errors import NoPlanFound, ProblemError, VerificationError
 from ccm_opt.core.length_words import words_in
 from ccm_opt.core.progress import Progress, Stages
@@ -17,19 +16,15 @@ from ccm_opt.core.threads import on_one_thread
 from ccm_opt.diagnosis.explain import refuse_closed, refuse_impossible
 from ccm_opt.driver.arguments import compiled_terms, expect_arguments, refuse_without_effect
 from ccm_opt.driver.kept_plan import as_it_stands, described
-from ccm_opt.driver.legs import Planner, plan_legs
+from ccm_opt.driver.legs import plan_legs
 from ccm_opt.driver.settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.driver.timed_plan import timed_and_verified
 from ccm_opt.driver.verified_plan import VerifiedPlan, failed_checks
 from ccm_opt.ik.terms import Constraint, Cost
-from ccm_opt.planning.ends import refuse_ends
 from ccm_opt.planning.motion import Motion
 from ccm_opt.planning.own_units import in_own_units
 from ccm_opt.planning.planner import MotionPlanner
-from ccm_opt.planning.pose_beginnings import any_motion
 from ccm_opt.planning.settings import CurvePlannerSettings
-from ccm_opt.planning.smooth_path import joint_path
-from ccm_opt.planning.space_task import space_task
 from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import Check, JointPath, Solution
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
@@ -37,9 +32,9 @@ from ccm_opt.verification.verifier import verify
 
 _PATIENCE = 0.6
 """CPU time for a plan in the plane after a change [s]. Taste: what a hand that drags bears."""
-_PATIENCE_IN_SPACE = 1.0
-"""CPU time for the search in space after a change [s]. Taste: three times what the elbow takes; timing and verification
-come on top."""
+_PATIENCE_IN_SPACE = 1.25
+"""CPU time in space after a change [s], of which the search may take four fifths. Taste: three times what the elbow
+takes; timing and verification come on top."""
 _FREE_ROUNDS = 4
 """Most steps of the optimisation before it is decided where the motion ends. Measured: with four and three, motions
 last as long as with the nine and five of ``solve`` to within 1 % after 25 drags, and take four fifths of the time
@@ -55,13 +50,13 @@ def _hurried(curve: CurvePlannerSettings) -> CurvePlannerSettings:
 
 
 @dataclass
-class _ResumingPlanner:
-    """Plans in the plane from the motion that it planned last.
+class _FollowingPlanner:
+    """Plans in the plane from the motion that it planned last, in space hastily while something is dragged.
 
     Attributes:
         thorough: plans what nothing is known of.
         quick: plans while something is dragged.
-        known: the last motion; None before the first.
+        known: the last motion in the plane; None before the first.
         hurried: whether something is dragged.
     """
 
@@ -70,64 +65,19 @@ class _ResumingPlanner:
     known: Motion | None = None
     hurried: bool = False
 
-    def anew(self) -> "_ResumingPlanner":
-        """The same, which knows no motion and takes its time."""
-        return replace(self, known=None, hurried=False)
-
-    def plan(self, problem: Problem) -> JointPath:
-        """Plan a certified motion.
-
-        Raises:
-            NoPlanFound: with the reason and what would help; the last motion stays known.
-        """
-        planner = self.quick if self.hurried else self.thorough
-        with in_own_units(problem) as units:
-            path, self.known = planner.planned(units.scaled(problem), self.known)
-        return units.path_in_metres(path, problem.arm)
-
-
-@dataclass
-class _FindingPlanner:
-    """Plans in space, while something is dragged the first motion that is found.
-
-    Attributes:
-        thorough: plans with the goal-pose NLP and the optimisation.
-        hurried: whether something is dragged.
-        scene: surfaces and tree of the last scene.
-    """
-
-    thorough: MotionPlanner
-    hurried: bool = False
-    scene: tuple[object, SurfaceTree] | None = None
-
-    def anew(self) -> "_FindingPlanner":
-        """The same, which takes its time."""
-        return replace(self, hurried=False)
-
-    def tree_of(self, problem: Problem) -> SurfaceTree:
-        """The tree of a problem's surfaces, made anew where they have moved.
-
-        Raises:
-            ProblemError: they are too far away.
-        """
-        soup = problem.workspace.soup
-        if self.scene is None or self.scene[0] is not soup:
-            self.scene = soup, SurfaceTree.of(soup)
-        return self.scene[1]
-
     def plan(self, problem: Problem) -> JointPath:
         """Plan a certified motion.
 
         Raises:
             ProblemError: the start is in contact.
-            NoPlanFound: with the reason and what would help.
+            NoPlanFound: with the reason and what would help; the last motion stays known.
         """
-        if not self.hurried:
-            return self.thorough.plan(problem)
-        deadline = Deadline.after(problem.planner.time_limit)
-        task = space_task(problem, self.tree_of(problem), deadline, self.thorough.space, self.thorough.terms)
-        refuse_ends(problem, task)
-        return joint_path(task, any_motion(task))
+        planner = self.quick if self.hurried else self.thorough
+        if problem.dimension == 3:
+            return planner.plan(problem)
+        with in_own_units(problem) as units:
+            path, self.known = planner.planned(units.scaled(problem), self.known)
+        return units.path_in_metres(path, problem.arm)
 
 
 @dataclass(frozen=True)
@@ -170,7 +120,7 @@ class LivePlan:
     Raises:
         ProblemError: the problem cannot be planned live: it has goals on the way, joint errors to survive, another
             planner, or in the plane a feed axis.
-        NoPlanFound: there is no plan to begin with.
+        NoPlanFound: there is no plan to begin with, or the start is in contact.
         VerificationError: the verifier refuses it.
     """
 
@@ -181,7 +131,7 @@ class LivePlan:
     plan: Solution = field(init=False, repr=False)
     current: bool = field(init=False, default=True)
     reason: str = field(init=False, default="")
-    _planner: _ResumingPlanner | _FindingPlanner = field(init=False, repr=False)
+    _planner: _FollowingPlanner = field(init=False, repr=False)
     _verified: VerifiedPlan = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -195,13 +145,15 @@ class LivePlan:
                 "other than nlp, or in the plane a feed axis; solve it anew after every change"
             )
         self._terms = compiled_terms(problem.arm, self.constraints, self.costs)
-        if problem.dimension == 3:
-            self._planner = _FindingPlanner(MotionPlanner(Stages(), self._terms, space=self.settings.space))
-        else:
-            thorough = MotionPlanner(Stages(), self._terms, refuse_closed, self.settings.curve)
-            quick = replace(thorough, plane=_hurried(self.settings.curve))
-            self._planner = _ResumingPlanner(thorough, quick)
+        thorough = MotionPlanner(Stages(), self._terms, plane=self.settings.curve, space=self.settings.space)
+        if problem.dimension == 2:
+            # In space to prove that there is no way takes longer than whoever drags waits.
+            thorough = replace(thorough, refuse=refuse_closed)
+        self._planner = _FollowingPlanner(
+            thorough, replace(thorough, plane=_hurried(self.settings.curve), first_found=True)
+        )
         with on_one_thread(), words_in(problem.length_unit):
+            refuse_impossible(problem)
             self._make(problem)
 
     @staticmethod
@@ -259,8 +211,7 @@ class LivePlan:
             raise ProblemError(f"there is no obstacle '{name}'; there are {known or 'none'}")
         shift = self._vector(by, "how far to move it, {} in metres")
         changed = replace(self.problem, workspace=workspace.with_moved(name, shift), source="")
-        if isinstance(self._planner, _FindingPlanner):
-            self._planner.tree_of(changed)  # what it refuses leaves all as it was
+        SurfaceTree.of(changed.workspace.soup)  # what it refuses leaves all as it was
         return self._changed(changed)
 
     def plan_anew(self, time_limit: float | None = None) -> LiveAnswer:
@@ -281,7 +232,7 @@ class LivePlan:
         plan = self.plan
         verified = self._verified
         planner = self._planner
-        self._planner = planner.anew()
+        self._planner = replace(planner, known=None, hurried=False)
         self._attempt(self._within(self.problem.planner.time_limit if time_limit is None else time_limit))
         shorter = self.current and self.plan.trajectory.duration < plan.trajectory.duration
         if followed and not shorter:
@@ -343,8 +294,7 @@ class LivePlan:
             VerificationError: the verifier refuses it.
         """
         stages = Stages()
-        planner: Planner = self._planner
-        legs = plan_legs(problem, planner)
+        legs = plan_legs(problem, self._planner)
         self._keep(timed_and_verified(problem, legs, stages, None, self._terms, self.settings), stages)
 
     @on_one_thread()

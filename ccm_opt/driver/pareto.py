@@ -14,7 +14,7 @@ from ccm_opt.driver.room_over_time import room_over_time
 from ccm_opt.driver.settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.ik.terms import Constraint, Cost
 from ccm_opt.problem import Problem
-from ccm_opt.problem.solution import ParetoPlan, ParetoPlans, PossibleGap, Solution
+from ccm_opt.problem.solution import ParetoPlan, ParetoPlans, Solution
 
 
 @dataclass(frozen=True)
@@ -88,28 +88,74 @@ def pareto(
     expect_arguments(progress=progress, settings=settings, explain=explain)
     expect(trade_off, ParetoSettings, "ParetoSettings for trade_off=")
     _refuse_planners_without_gaps(problem)
-    run = _Run(problem, progress, constraints, costs, settings or DEFAULT_SETTINGS)
+    numbers = settings or DEFAULT_SETTINGS
+
+    def solved(wanted_gap: float, number: int, *, explain: bool = False) -> Solution:
+        def numbered(told: Progress) -> None:
+            if progress is not None:
+                progress(replace(told, stage=f"plan {number}: {told.stage}"))
+
+        options = replace(problem.planner, wanted_gap=wanted_gap)
+        return solve(
+            replace(problem, planner=options, source=""),
+            progress=numbered,
+            constraints=constraints,
+            costs=costs,
+            explain=explain,
+            settings=numbers,
+        )
+
+    def tried(wanted_gap: float, number: int) -> ParetoPlan:
+        try:
+            solution = solved(wanted_gap, number)
+        except NoPlanFound as failure:
+            return ParetoPlan(wanted_gap, None, failure.diagnosis.reason)
+        except VerificationError as failure:
+            return ParetoPlan(wanted_gap, None, "the verifier refuses the plan: " + "; ".join(failure.failures))
+        return ParetoPlan(wanted_gap, solution, cpu=_planning_time(solution))
+
     with words_in(problem.length_unit):
-        plans, most = _plans(run, trade_off, explain=explain)
-    judgement = _Judgement(plans, most, problem.arm.length, trade_off)
+        first = solved(0.0, 1, explain=explain)
+        plans: list[ParetoPlan] = [ParetoPlan(0.0, first, cpu=_planning_time(first))]
+        try:
+            roomiest = _roomiest(first, tried, numbers, trade_off)
+            # What the fastest keeps unasked is no wish.
+            low = plans[0].gap if 0.0 < plans[0].gap < roomiest.wanted_gap else 0.0
+            for number, share in enumerate(trade_off.shares[:-1], start=2):
+                plans.append(tried(low + share * (roomiest.wanted_gap - low), number))
+        except KeyboardInterrupt as interrupt:
+            raise CancelledWithPlan(first) from interrupt
+    plans = [_priced(plan, first.trajectory.duration) for plan in (*plans, roomiest)]
+    judgement = Judgement(plans, roomiest.wanted_gap, problem.arm.length, trade_off)
     judged = tuple(replace(plan, dominated_by=judgement.dominator(plan)) for plan in plans)
     return ParetoPlans(problem, judged, judgement.recommended(), trade_off.most_time)
 
 
-def _plans(run: "_Run", trade_off: ParetoSettings, *, explain: bool) -> tuple[list[ParetoPlan], float]:
-    """All plans with their prices, in the order of their wanted gaps, and the largest of these [m]."""
-    first = run.solved(0.0, 1, explain=explain)
-    plans: list[ParetoPlan] = [ParetoPlan(0.0, first, cpu=_planning_time(first))]
-    try:
-        roomiest = run.roomiest(first, trade_off)
-        # What the fastest keeps unasked is no wish.
-        low = plans[0].gap if 0.0 < plans[0].gap < roomiest.wanted_gap else 0.0
-        for number, share in enumerate(trade_off.shares[:-1], start=2):
-            plans.append(run.tried(low + share * (roomiest.wanted_gap - low), number))
-    except KeyboardInterrupt as interrupt:
-        raise CancelledWithPlan(first) from interrupt
-    plans.append(roomiest)
-    return [_priced(plan, first.trajectory.duration) for plan in plans], roomiest.wanted_gap
+def _roomiest(
+    fastest: Solution, tried: Callable[[float, int], ParetoPlan], settings: Settings, trade_off: ParetoSettings
+) -> ParetoPlan:
+    """The plan for the largest wanted gap that the scene has.
+
+    That is some times the default, or what any motion can keep at most.
+    """
+    problem = fastest.problem
+    usual = problem.default_gap
+    top = trade_off.most * usual
+    room = room_over_time(problem, fastest.trajectory, top, fastest.checks, settings.room, settings.verification)
+    bound = possible_gap(problem, room)
+    if bound is not None and bound.value >= trade_off.least_top * usual:
+        top = min(top, bound.value)
+    number = len(trade_off.shares) + 1
+    plan = tried(top, number)
+    for _ in range(trade_off.narrowings):
+        if (
+            plan.solution is None
+            or not trade_off.least_top * usual <= plan.gap < trade_off.enough_of_top * plan.wanted_gap
+        ):
+            break
+        # No bound knew how narrow the scene is, but this plan does.
+        plan = tried(plan.gap, number)
+    return plan
 
 
 def _refuse_planners_without_gaps(problem: Problem) -> None:
@@ -121,81 +167,6 @@ def _refuse_planners_without_gaps(problem: Problem) -> None:
             f'{problem.name}: plans for several wanted gaps need a fixed base and planner.method "nlp"; '
             "other planners do not know wanted gaps"
         )
-
-
-@dataclass(frozen=True)
-class _Run:
-    """Solves one problem with different wanted gaps; attributes as for ``pareto``."""
-
-    problem: Problem
-    progress: Callable[[Progress], None] | None
-    constraints: Sequence[Constraint]
-    costs: Sequence[Cost]
-    settings: Settings
-
-    def solved(self, wanted_gap: float, number: int, *, explain: bool = False) -> Solution:
-        """The plan for a wanted gap [m]; raises as ``solve`` does."""
-        options = replace(self.problem.planner, wanted_gap=wanted_gap)
-
-        def numbered(told: Progress) -> None:
-            if self.progress is not None:
-                self.progress(replace(told, stage=f"plan {number}: {told.stage}"))
-
-        return solve(
-            replace(self.problem, planner=options, source=""),
-            progress=numbered,
-            constraints=self.constraints,
-            costs=self.costs,
-            explain=explain,
-            settings=self.settings,
-        )
-
-    def tried(self, wanted_gap: float, number: int) -> ParetoPlan:
-        """The plan for a wanted gap [m], or the reason why there is none."""
-        try:
-            solution = self.solved(wanted_gap, number)
-        except NoPlanFound as failure:
-            return ParetoPlan(wanted_gap, None, failure.diagnosis.reason)
-        except VerificationError as failure:
-            return ParetoPlan(wanted_gap, None, "the verifier refuses the plan: " + "; ".join(failure.failures))
-        return ParetoPlan(wanted_gap, solution, cpu=_planning_time(solution))
-
-    def roomiest(self, fastest: Solution, trade_off: ParetoSettings) -> ParetoPlan:
-        """The plan for the largest wanted gap that the scene has."""
-        number = len(trade_off.shares) + 1
-        top = largest_wanted_gap(fastest, self.settings, trade_off)
-        plan = self.tried(top, number)
-        least = trade_off.least_top * self.problem.default_gap
-        for _ in range(trade_off.narrowings):
-            if plan.solution is None or not least <= plan.gap < trade_off.enough_of_top * plan.wanted_gap:
-                break
-            # No bound knew how narrow the scene is, but this plan does.
-            plan = self.tried(plan.gap, number)
-        return plan
-
-
-def largest_wanted_gap(
-    plan: Solution, settings: Settings = DEFAULT_SETTINGS, trade_off: ParetoSettings = DEFAULT_PARETO
-) -> float:
-    """The largest gap that is worth asking for [m]: some times the default, or what any motion can keep at most.
-
-    Args:
-        plan: any plan for the problem.
-        settings: of all stages.
-        trade_off: how many times the default.
-    """
-    usual = plan.problem.default_gap
-    most = trade_off.most * usual
-    bound = _bound_below(most, plan, settings)
-    if bound is None or bound.value < trade_off.least_top * usual:
-        return most
-    return min(most, bound.value)
-
-
-def _bound_below(most: float, plan: Solution, settings: Settings) -> PossibleGap | None:
-    """What bounds the gap of every motion for a problem, as far as that is at most ``most`` [m]."""
-    room = room_over_time(plan.problem, plan.trajectory, most, plan.checks, settings.room, settings.verification)
-    return possible_gap(plan.problem, room)
 
 
 def _planning_time(solution: Solution) -> float:
@@ -213,7 +184,7 @@ def _priced(plan: ParetoPlan, fastest: float) -> ParetoPlan:
 
 
 @dataclass(frozen=True)
-class _Judgement:
+class Judgement:
     """Compares plans by their durations and gaps; room above the largest wanted gap is worth nothing.
 
     Attributes:

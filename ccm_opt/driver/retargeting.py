@@ -1,13 +1,13 @@
 """A new goal while the arm is moving: it comes to rest soonest along its path, and goes on to the goal from there."""
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from scipy.interpolate import make_interp_spline
 
 from ccm_opt.core.arguments import expect, expect_that, is_number
-from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.errors import CancelledWithPlan, MotionNotFound, ProblemError
 from ccm_opt.core.length_words import words_in
 from ccm_opt.core.progress import Progress, Stages
@@ -21,10 +21,10 @@ from ccm_opt.driver.verified_plan import VerifiedPlan, results_of_terms, verifie
 from ccm_opt.dynamics import retiming
 from ccm_opt.dynamics.retiming.braking import braked
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics, joint_states
+from ccm_opt.ik.compiled_terms import UserTerms
 from ccm_opt.ik.terms import Constraint, Cost
 from ccm_opt.problem import Goal, JointPose, Problem, Stop, TipGoal, Tolerances
-from ccm_opt.problem.solution import JointPath, JointStates, JointTrajectory, Solution
-from ccm_opt.robot.arm import Arm
+from ccm_opt.problem.solution import JointPath, JointTrajectory, Solution
 
 LATER = (0.15, 0.4, 1.0)
 """Shares of what is left of a motion after which a fed arm is braked, where it cannot go on from a sooner rest."""
@@ -71,144 +71,89 @@ def retarget(
     expect(tolerances, (Tolerances, type(None)), "ccm_opt.problem.Tolerances for tolerances=")
     _check(solution, time)
     expect(goal, (TipGoal, JointPose), "a goal", "for example ccm_opt.TipGoal.at(position)")
-    compiled_terms(solution.problem.arm, constraints, costs)  # terms that cannot be used are refused before all work
-    near = tolerances or solution.problem.tolerances
-    with on_one_thread(), words_in(solution.problem.length_unit):
-        return _retargeted(solution, time, _ChangedGoal(goal, near, planner, constraints, costs, progress, settings))
-
-
-def _retargeted(solution: Solution, time: float, changed: "_ChangedGoal") -> Solution:
-    """The whole motion with a new goal."""
-    try:
-        return _onward(solution.problem, _braked(solution, time, changed), changed)
-    except MotionNotFound:
-        # A fed arm may rest with a joint so little out of its guide tube that nothing leads on from there.
-        if not solution.problem.arm.base_axes:
-            raise
-        left = solution.trajectory.duration - time
-        for share in LATER:
+    problem = replace(
+        solution.problem, goal=goal, stops=(), tolerances=tolerances or solution.problem.tolerances, source=""
+    )
+    reached = partial(
+        solve, progress=progress, planner=planner, constraints=constraints, costs=costs, settings=settings
+    )
+    # A fed arm may rest with a joint so little out of its guide tube that nothing leads on from there.
+    left = solution.trajectory.duration - time
+    later = [time + share * left for share in LATER] if problem.arm.base_axes else []
+    numbers = settings or DEFAULT_SETTINGS
+    failures: list[MotionNotFound] = []
+    with on_one_thread(), words_in(problem.length_unit):
+        terms = compiled_terms(problem.arm, constraints, costs)
+        for begin in (time, *later):
+            stages = Stages(progress, problem.planner.time_limit)
             try:
-                return _onward(solution.problem, _braked(solution, time + share * left, changed), changed)
-            except MotionNotFound:
-                continue
-        raise
+                whole, plan = _retargeted(solution, begin, problem, reached, terms, stages, numbers)
+            except MotionNotFound as found:
+                failures.append(found)
+            else:
+                return described(whole, plan, stages, numbers)
+        raise failures[0]
 
 
-def _braked(solution: Solution, time: float, changed: "_ChangedGoal") -> "_UnderWay":
-    """The motion down to rest, along the path that the arm is on."""
-    problem = solution.problem
-    stages = Stages(changed.progress, problem.planner.time_limit)
-    dynamics = InverseDynamics(problem.arm, problem.simulation.gravity)
-    with stages("braking"):
-        first = braked(
-            solution.trajectory,
-            time,
-            problem.arm,
-            problem.limits,
-            dynamics,
-            share=problem.planner.effort_share,
-        )
-    return _UnderWay(first, f"retargeted at {time:.4g} s", dynamics, stages)
+def _retargeted(
+    solution: Solution,
+    time: float,
+    problem: Problem,
+    reached: Callable[[Problem], Solution],
+    terms: UserTerms | None,
+    stages: Stages,
+    settings: Settings,
+) -> tuple[Problem, VerifiedPlan]:
+    """The whole motion with a new goal, and the problem that it solves.
 
-
-@dataclass(frozen=True)
-class _ChangedGoal:
-    """What the way from rest is planned to, and with; attributes as the arguments of ``retarget``."""
-
-    goal: Goal
-    tolerances: Tolerances
-    planner: Planner | None
-    constraints: Sequence[Constraint]
-    costs: Sequence[Cost]
-    progress: Callable[[Progress], None] | None
-    settings: Settings | None
-
-    @property
-    def numbers(self) -> Settings:
-        return self.settings or DEFAULT_SETTINGS
-
-    def reached(self, onward: Problem) -> Solution:
-        """The way from rest to the new goal, a problem like any other.
-
-        Raises:
-            KeyboardInterrupt: on Ctrl-C; the way from rest alone is no plan for an arm that is still moving.
-        """
-        try:
-            return solve(
-                onward,
-                progress=self.progress,
-                planner=self.planner,
-                constraints=self.constraints,
-                costs=self.costs,
-                settings=self.settings,
-            )
-        except CancelledWithPlan as cancelled:
-            raise KeyboardInterrupt from cancelled
-
-
-@dataclass(frozen=True)
-class _UnderWay:
-    """The motion down to rest.
-
-    Attributes:
-        first: the motion.
-        name: of its path.
-        dynamics: of the arm.
+    Args:
+        solution: the plan that the arm follows.
+        time: when it begins to come to rest [s].
+        problem: the same with the new goal.
+        reached: plans the way from rest to it, a problem like any other.
+        terms: of the user, for the way from rest.
         stages: names and times the stages.
+        settings: of all stages.
+
+    Raises:
+        KeyboardInterrupt: on Ctrl-C; the way from rest alone is no plan for an arm that is still moving.
     """
-
-    first: JointTrajectory
-    name: str
-    dynamics: InverseDynamics
-    stages: Stages
-
-    @property
-    def rest(self) -> FloatArray:
-        """The configuration in which the arm comes to rest, shape (c,)."""
-        return np.array(self.first.positions[-1])
-
-    def whole(self, leg: JointTrajectory, arm: Arm) -> tuple[JointTrajectory, JointStates]:
-        """Both parts as one motion, and the same for all drives."""
-        trajectory = retiming.joined([self.first, leg])
-        return trajectory, joint_states(arm, trajectory, self.dynamics)
-
-    def path(self, onward: JointPath) -> JointPath:
-        """The path of the whole motion; keyframes and curves are those of the way from rest."""
-        values = self.first.positions
-        if len(values) <= onward.spline.k:
-            return onward
-
-        # The way to rest has samples, but no spline; both parts need the same degree to be put together.
-        driven = make_interp_spline(np.linspace(0.0, 1.0, len(values)), values, k=onward.spline.k)
-        spline = end_to_end((replace(onward, spline=driven), onward)).spline
-        return replace(onward, spline=spline, candidate=f"{self.name}: {onward.candidate}", spare=0.0)
-
-    def count(self, of_leg: Mapping[str, float]) -> None:
-        """Add the times of the way from rest: some stages run twice, for it and for the whole."""
-        for name, seconds in of_leg.items():
-            self.stages.timings[name] = self.stages.timings.get(name, 0.0) + seconds
-
-
-def _onward(problem: Problem, under_way: _UnderWay, changed: _ChangedGoal) -> Solution:
-    """The whole motion, from the motion down to rest."""
     arm = problem.arm
-    numbers = changed.numbers
-    rest = JointPose.from_configuration(under_way.rest, arm.coordinates)
-    onward = replace(problem, start=rest, goal=changed.goal, stops=(), tolerances=changed.tolerances, source="")
-    leg = changed.reached(onward)
+    dynamics = InverseDynamics(arm, problem.simulation.gravity)
+    with stages("braking"):
+        share = problem.planner.effort_share
+        first = braked(solution.trajectory, time, arm, problem.limits, dynamics, share=share)
+    rest = JointPose.from_configuration(np.array(first.positions[-1]), arm.coordinates)
+    try:
+        leg = reached(replace(problem, start=rest))
+    except CancelledWithPlan as cancelled:
+        raise KeyboardInterrupt from cancelled
 
     # Both as one motion, verified and simulated as a whole; the rest between them is a stop of its problem.
     # The arm stopped at its first goals on the way before it was braked; the others are dropped.
-    passed = problem.stops[: len(under_way.first.stops)]
-    whole = replace(onward, start=problem.start, stops=(*passed, Stop(rest, Tolerances())))
-    trajectory, joints = under_way.whole(leg.trajectory, arm)
-    with under_way.stages("verification"):
-        checks = verified(whole, trajectory, joints, numbers.verification)
-        terms = compiled_terms(arm, changed.constraints, changed.costs)
+    passed = solution.problem.stops[: len(first.stops)]
+    whole = replace(problem, stops=(*passed, Stop(rest, Tolerances())))
+    trajectory = retiming.joined([first, leg.trajectory])
+    joints = joint_states(arm, trajectory, dynamics)
+    with stages("verification"):
+        checks = verified(whole, trajectory, joints, settings.verification)
         of_terms = results_of_terms(terms, leg.path, leg.trajectory)
-    plan = VerifiedPlan(under_way.path(leg.path), trajectory, joints, checks, of_terms)
-    under_way.count(leg.timings)
-    return described(whole, plan, under_way.stages, numbers)
+    # Some stages run twice, for the way from rest and for the whole.
+    for name, seconds in leg.timings.items():
+        stages.timings[name] = stages.timings.get(name, 0.0) + seconds
+    return whole, VerifiedPlan(_path(first, leg.path, time), trajectory, joints, checks, of_terms)
+
+
+def _path(first: JointTrajectory, onward: JointPath, time: float) -> JointPath:
+    """The path of the whole motion; keyframes and curves are those of the way from rest."""
+    values = first.positions
+    if len(values) <= onward.spline.k:
+        return onward
+
+    # The way to rest has samples, but no spline; both parts need the same degree to be put together.
+    driven = make_interp_spline(np.linspace(0.0, 1.0, len(values)), values, k=onward.spline.k)
+    spline = end_to_end((replace(onward, spline=driven), onward)).spline
+    return replace(onward, spline=spline, candidate=f"retargeted at {time:.4g} s: {onward.candidate}", spare=0.0)
 
 
 def _check(solution: Solution, time: float) -> None:

@@ -42,6 +42,7 @@ from ccm_opt.planning.neighbourhood import neighbourhood
 from ccm_opt.planning.optimisation.objective import JointSlowness
 from ccm_opt.planning.own_units import in_own_units
 from ccm_opt.planning.passage_widths import MARGINS
+from ccm_opt.planning.pose_beginnings import any_motion
 from ccm_opt.planning.settings import (
     DEFAULT_CURVE_PLANNER,
     CurvePlannerSettings,
@@ -158,6 +159,7 @@ class MotionPlanner:
             found, and for goals of the whole arm that are not reached at once.
         plane: numbers of every stage in the plane.
         space: the same in space.
+        first_found: whether in space the first motion that is found is taken as it is.
     """
 
     stages: Stages = field(default_factory=Stages)
@@ -165,6 +167,7 @@ class MotionPlanner:
     refuse: Callable[[Problem], None] = field(default=lambda _: None)
     plane: CurvePlannerSettings = DEFAULT_CURVE_PLANNER
     space: SpaceMotionSettings = field(default_factory=SpaceMotionSettings)
+    first_found: bool = False
 
     @property
     def user_limits(self) -> tuple[UserLimit, ...]:
@@ -308,7 +311,8 @@ class MotionPlanner:
             refuse_ends(problem, task)
             task = replace(task, refuse=partial(self.refuse, problem))
         try:
-            motions, end = self._lifted(problem, task) or self._planned(problem, task)
+            found = ((any_motion(task),), None) if self.first_found else self._lifted(problem, task)
+            motions, end = found or self._planned(problem, task)
         except NoPlanFound as none:
             raise told_of_clamped_base(none, problem) from none
         with self.stages("smooth path"):
