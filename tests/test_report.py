@@ -116,7 +116,7 @@ def test_the_arm_of_the_page_is_that_of_the_plan(small_solution: Solution) -> No
     np.testing.assert_allclose(tips, small_solution.joint_positions[:, -1], atol=1e-3 * arm.length)
     drawn = data.scene["arm"]
     assert (drawn["links"], drawn["link"], drawn["radius"]) == (arm.links, arm.link_length, arm.radius)
-    assert data.goals[0]["place"] == pytest.approx([0.3, 0.1])
+    assert data.scene["goals"][0]["place"] == pytest.approx([0.3, 0.1])
 
 
 def test_the_page_shows_the_room_over_time(small_solution: Solution) -> None:

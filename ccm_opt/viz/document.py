@@ -199,10 +199,19 @@ def _attribute(key: str, value: str | float | bool) -> str:
 
 
 _FOLDER = "ccm_opt.viz"
-COMMON = ("elements", "numbers", "sampled", "arm", "timeline", "viewport", "scene", "marks", "theme", "controls")
-"""Scripts that every page with a scene has, in the order in which they are needed."""
-COMMON_IN_SPACE = ("elements", "numbers", "sampled", "timeline", "theme", "controls", "space_arm", "space_view")
-"""The same in space."""
+_SCENE = ("elements", "numbers", "sampled", "arm", "timeline", "theme")
+_VIEWS = {2: ("viewport", "plane_view"), 3: ("space_view",)}
+_CHARTS = ("axes", "chart", "joint_charts", "gap_chart", "phase_chart", "curvature_chart", "player")
+
+
+def scene_scripts(dimension: int, *, moves: bool) -> tuple[str, ...]:
+    """Scripts of a page with a scene, in the order in which they are needed.
+
+    Args:
+        dimension: of the scene.
+        moves: whether there is a motion, and charts of it.
+    """
+    return (*_SCENE, *_VIEWS[dimension], *(_CHARTS if moves else ()), "page")
 
 
 def html_document(title: str, body: Markup, data: Mapping[str, object], scripts: Sequence[str]) -> str:

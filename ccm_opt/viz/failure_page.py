@@ -8,10 +8,8 @@ import shapely
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.errors import Diagnosis, Finding, sentences
-from ccm_opt.problem import Goal, Problem
+from ccm_opt.problem import Problem
 from ccm_opt.viz.document import (
-    COMMON,
-    COMMON_IN_SPACE,
     Markup,
     PageUnits,
     badge,
@@ -19,30 +17,16 @@ from ccm_opt.viz.document import (
     html_document,
     joined,
     page_header,
+    scene_scripts,
     table,
 )
 from ccm_opt.viz.page_sections import problem_section, stage_section, timings_table
-from ccm_opt.viz.scene_data import goals_data, scene_data, space_scene_data
+from ccm_opt.viz.scene_data import scene_data
 
 Mark = dict[str, object]
 """A mark of the scene: its ``kind``, its places [m], and perhaps words with the place ``at`` which they stand."""
 _IN_A_WORD = {"contact": "in contact", "blocked": "no way leads through", "hemmed in": "hemmed in"}
 """Kinds of findings that say enough by their name and their place."""
-_CURVE_PLACES = 200
-"""Points by which a pose that is given as a curve is drawn."""
-
-
-def pose_points(problem: Problem, goal: Goal) -> FloatArray | None:
-    """Where a pose of the whole arm is, shape (m, 2) [m]: joints and tip, or points of its curve; None for a tip."""
-    arm = problem.arm
-    pose = goal.for_joints
-    if pose is None:
-        return None
-    curve = pose.curve
-    if curve is not None:
-        along = curve.positions_at(np.linspace(0.0, curve.length, _CURVE_PLACES))
-        return np.asarray(along + pose.feed * arm.direction if pose.feed else along)
-    return arm.joint_positions_at(pose.configuration(arm))
 
 
 def drawn_findings(problem: Problem, diagnosis: Diagnosis, units: PageUnits) -> list[Mark]:
@@ -59,6 +43,8 @@ def drawn_findings(problem: Problem, diagnosis: Diagnosis, units: PageUnits) -> 
             if number:
                 mark.pop("at", None)
             marks.append(mark)
+        if problem.dimension == 3 and finding.place is not None and finding.kind != "too thick":
+            marks.append({"kind": "place", "place": _listed(finding.place), "words": finding.reason})
     pose = best_attempt(problem, diagnosis)
     if pose is not None:
         marks.append({"kind": "arm", "points": pose.round(6).tolist()})
@@ -84,7 +70,7 @@ def _marks(problem: Problem, finding: Finding, units: PageUnits) -> Iterator[Mar
         yield from _too_short(problem, finding, units)
     elif finding.kind == "too thick":
         yield from _too_thick(problem, finding, units)
-    elif finding.kind == "too stiff":
+    elif finding.kind == "too stiff" and problem.dimension == 2:
         yield from _too_stiff(problem, finding, units)
     elif finding.place is not None:
         place = _listed(finding.place)
@@ -106,7 +92,7 @@ def _too_short(problem: Problem, finding: Finding, units: PageUnits) -> Iterator
     base = nearest_base(problem, finding.place)
     yield {"kind": "circle", "place": base, "radius": problem.arm.length}
     goal = np.array(finding.place)
-    towards = (goal - base) / np.hypot(*(goal - base))
+    towards = (goal - base) / np.linalg.norm(goal - base)
     edge = np.array(base) + problem.arm.length * towards
     yield {"kind": "gap", "points": [_listed(edge), _listed(goal)]}
     yield {"kind": "words", "at": _listed(0.5 * (edge + goal)), "words": missing}
@@ -124,6 +110,10 @@ def _too_thick(problem: Problem, finding: Finding, units: PageUnits) -> Iterator
     """The gap between the two walls beside it, and the arm with its clearance as a disc that does not fit."""
     if finding.place is None or finding.measured is None or finding.allowed is None:
         return
+    tight = {"radius": 0.5 * finding.allowed, "room": 0.5 * finding.measured}
+    yield {"kind": "disc", "place": _listed(finding.place), **tight}
+    if problem.dimension == 3:
+        return
     place = shapely.Point(finding.place)
     feet = []
     for wall in problem.workspace.walls:
@@ -133,7 +123,6 @@ def _too_thick(problem: Problem, finding: Finding, units: PageUnits) -> Iterator
         foot = ends[1] + (ends[0] - ends[1]) * min(wall.rounding / away, 1.0) if away > 0.0 else ends[1]
         feet.append((away - wall.rounding, _listed(foot)))
     feet.sort(key=lambda pair: pair[0])
-    yield {"kind": "disc", "place": _listed(finding.place), "radius": 0.5 * finding.allowed}
     yield {"kind": "gap", "points": [foot for _, foot in feet[:2]]}
     needed = "arm with clearance" if problem.workspace.clearance else "arm"
     words = f"gap {units.length(finding.measured)}, {needed} {units.length(finding.allowed)}"
@@ -160,12 +149,11 @@ def _too_stiff(problem: Problem, finding: Finding, units: PageUnits) -> Iterator
 
 
 def first_look(problem: Problem, diagnosis: Diagnosis) -> FloatArray:
-    """Points that the first look at the scene has to hold: start, goals, what stands in the way, shape (m, 2) [m]."""
+    """Points that the first look at the scene has to hold: start, goals, what stands in the way, shape (m, d) [m]."""
     arm = problem.arm
-    found = [arm.base[None]]
-    for pose in (problem.start, *(stop.goal for stop in problem.goals)):
-        points = pose_points(problem, pose)
-        found.append(pose.tip(arm)[None] if points is None else points)
+    poses = (problem.start.configuration(arm), *(stop.goal.whole(arm) for stop in problem.goals))
+    found = [arm.joint_positions_at(pose) for pose in poses if pose is not None]
+    found += [stop.goal.tip(arm)[None] for stop in problem.goals]
     found += [np.array(finding.place)[None] for finding in diagnosis.findings if finding.place is not None]
     found += [np.array(finding.way) for finding in diagnosis.findings if finding.way]
     attempt = best_attempt(problem, diagnosis)
@@ -177,13 +165,6 @@ def _listed(place: FloatArray | tuple[float, ...]) -> list[float]:
     return [float(value) for value in place]
 
 
-SCRIPTS = (*COMMON, "failure_page")
-"""Scripts of the page of a failure, in the order in which they are needed."""
-_IN_SPACE = (
-    *COMMON_IN_SPACE,
-    *("axes", "chart", "joint_charts", "gap_chart", "phase_chart", "player", "timed_page", "space_page"),
-)
-"""The same in space, where one script draws scenes with and without a motion."""
 STATUS = {
     "infeasible": "proved: there is no plan",
     "timed-out": "no plan within the time",
@@ -218,41 +199,20 @@ def failure_html(
         search_section(problem, diagnosis, timings or {}),
     )
     header = page_header(problem, [badge(STATUS.get(status, status), good=False)], (), units)
-    ended = ", where the best attempt ended," if in_space and data["attempt"] else ""
-    label = f", the arm at its start{ended} and what stands in the way" if in_space else ", and what stands in its way"
-    stage = stage_section(f"The problem {problem.name}{label}", moves=False, in_space=in_space)
+    label = f"The problem {problem.name}, the arm at its start and what stands in the way"
+    stage = stage_section(label, moves=False, in_space=in_space)
     body = joined((header, element("main", stage, element("div", *facts, cls="facts"))))
-    return html_document(f"{problem.name}: {status}", body, data, _IN_SPACE if in_space else SCRIPTS)
+    return html_document(f"{problem.name}: {status}", body, data, scene_scripts(problem.dimension, moves=False))
 
 
 def failure_data(problem: Problem, diagnosis: Diagnosis, units: PageUnits) -> dict[str, object]:
     """Everything that the scripts of a failure's page read."""
     blocking = [name for finding in diagnosis.findings[:1] for name in finding.obstacles]
-    common = {"unit": units.data(), "blocking": blocking}
-    if problem.dimension == 3:
-        return common | _space_failure_data(problem, diagnosis)
-    start = pose_points(problem, problem.start)
-    poses = [pose_points(problem, stop.goal) for stop in problem.goals]
     return {
-        **common,
+        "unit": units.data(),
+        "blocking": blocking,
         "scene": scene_data(problem, first_look(problem, diagnosis)),
-        "start": None if start is None else start.round(6).tolist(),
-        "goals": goals_data(problem, poses),
         "marks": drawn_findings(problem, diagnosis, units),
-    }
-
-
-def _space_failure_data(problem: Problem, diagnosis: Diagnosis) -> dict[str, object]:
-    arm = problem.arm
-    goals = [stop.goal.tip(arm) for stop in problem.goals]
-    places = [finding.place for finding in diagnosis.findings if finding.place is not None]
-    attempt = best_attempt(problem, diagnosis)
-    start = arm.joint_positions_at(problem.start.configuration(arm))
-    seen = np.concatenate((start, goals, np.reshape(places, (-1, 3)), *(() if attempt is None else (attempt,))))
-    return {
-        "scene": space_scene_data(problem, seen),
-        "findings": findings_in_space(diagnosis),
-        "attempt": None if attempt is None else attempt.round(6).tolist(),
     }
 
 
@@ -324,26 +284,3 @@ def search_section(problem: Problem, diagnosis: Diagnosis, timings: Mapping[str,
         evidence,
         element("p", link, ": what was asked, and all of this as data"),
     )
-
-
-def findings_in_space(diagnosis: Diagnosis) -> list[dict[str, object]]:
-    """What is drawn of every finding that has a place.
-
-    Args:
-        diagnosis: why there is no plan.
-
-    Returns:
-        For each its place; of a gap that is too narrow the radius of what would have to pass and of what passes [m],
-        else none; and places along its way.
-    """
-    found = [finding for finding in diagnosis.findings if finding.place is not None]
-    narrow = [each.kind == "too thick" and each.allowed is not None and each.measured is not None for each in found]
-    return [
-        {
-            "place": list(finding.place or ()),
-            "needed": 0.5 * (finding.allowed or 0.0) if tight else None,
-            "room": 0.5 * (finding.measured or 0.0) if tight else None,
-            "way": [list(place) for place in finding.way],
-        }
-        for finding, tight in zip(found, narrow, strict=True)
-    ]

@@ -14,8 +14,6 @@ from ccm_opt.robot.segment import segment_words
 from ccm_opt.scene.workspace import Workspace
 from ccm_opt.viz.checks_section import checks_section
 from ccm_opt.viz.document import (
-    COMMON,
-    COMMON_IN_SPACE,
     Markup,
     PageUnits,
     element,
@@ -24,6 +22,7 @@ from ccm_opt.viz.document import (
     page_header,
     plan_badges,
     plan_figures,
+    scene_scripts,
     table,
     three_digits,
 )
@@ -38,6 +37,7 @@ from ccm_opt.viz.page_sections import (
     stage_section,
 )
 from ccm_opt.viz.room_section import gap_data, nearest_mark, room_section, survived_in_words
+from ccm_opt.viz.scene_data import route_layers, scene_data
 from ccm_opt.viz.time_series import phase_data, series_data
 
 _POSE_MARGIN = 0.18
@@ -365,13 +365,6 @@ def simulation_section(groups: Collection[str]) -> Markup | None:
     )
 
 
-_TIMED = ("axes", "chart", "joint_charts", "gap_chart", "phase_chart")
-SCRIPTS = (*COMMON, *_TIMED, "curvature_chart", "player", "timed_page", "plan_page")
-"""Scripts of the page of a plan, in the order in which they are needed."""
-SPACE_SCRIPTS = (*COMMON_IN_SPACE, *_TIMED, "player", "timed_page", "space_page")
-"""The same in space."""
-
-
 def report_html(
     solution: Solution,
     *,
@@ -389,7 +382,7 @@ def report_html(
         A whole HTML page that loads nothing.
     """
     problem = solution.problem
-    in_space = solution.problem.dimension == 3
+    in_space = problem.dimension == 3
     units = PageUnits.of_page(problem)
     data = plan_data(solution, units)
     keys = {str(group["key"]) for group in data["groups"]}  # type: ignore[attr-defined]
@@ -400,7 +393,7 @@ def report_html(
         joints_section(keys, curvature=not in_space),
         simulation_section(keys),
         checks_section(solution, units),
-        None if solution.problem.dimension == 3 else goal_pose_section(solution, units),
+        None if in_space else goal_pose_section(solution, units),
         tolerance_section(solution.tolerance, units, in_space=in_space),
         problem_section(problem, units),
         making_section(solution),
@@ -411,7 +404,7 @@ def report_html(
     header = page_header(problem, [plan_badges(solution)], plan_figures(solution, units), units)
     body = joined((header, element("main", stage, element("div", *facts, cls="facts")), player_bar()))
     title = f"{problem.name}: {solution.trajectory.duration:.2f} s"
-    return html_document(title, body, data, SPACE_SCRIPTS if in_space else SCRIPTS)
+    return html_document(title, body, data, scene_scripts(problem.dimension, moves=True))
 
 
 def plan_data(solution: Solution, units: PageUnits) -> dict[str, object]:
@@ -421,26 +414,15 @@ def plan_data(solution: Solution, units: PageUnits) -> dict[str, object]:
         solution: the plan.
         units: of the page.
     """
-    points = solution.joint_positions
-    ends = points[[*solution.trajectory.stops, len(points) - 1]]
-    if solution.problem.dimension == 3:
-        from ccm_opt.viz.scene_data import space_scene_data  # noqa: PLC0415 - likewise
-
-        scene: dict[str, object] = {"scene": space_scene_data(solution.problem, points.reshape(-1, 3))}
-    else:
-        from ccm_opt.viz.scene_data import goals_data, route_layers, scene_data  # noqa: PLC0415 - likewise
-
-        scene = {
-            "scene": scene_data(solution.problem, points.reshape(-1, 2)),
-            "goals": goals_data(solution.problem, list(ends)),
-            "routes": route_layers(solution.problem, points[-1]),
-            "nearest": nearest_mark(solution, units),
-        }
-    return {
+    problem, points = solution.problem, solution.joint_positions
+    data = {
         "unit": units.data(),
-        **scene,
+        "scene": scene_data(problem, points.reshape(-1, problem.dimension)),
         "marks": goal_times(solution),
         "groups": series_data(solution),
         "gaps": None if solution.room is None else gap_data(solution.room),
         "phase": phase_data(solution),
     }
+    if problem.dimension == 2:
+        data |= {"routes": route_layers(problem, points[-1]), "nearest": nearest_mark(solution, units)}
+    return data

@@ -1,7 +1,6 @@
 """What the page draws of a problem: room, obstacles, arm, goals, and what is looked at first."""
 
 from base64 import b64encode
-from collections.abc import Iterable, Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -10,7 +9,7 @@ import shapely
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.errors import CcmError
 from ccm_opt.core.polyline import path_length
-from ccm_opt.problem import Goal, Problem
+from ccm_opt.problem import Problem, Stop
 from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.bodies import Body
 from ccm_opt.scene.corridor import Route
@@ -40,33 +39,68 @@ SceneData = dict[str, object]
 
 
 def scene_data(problem: Problem, shown: FloatArray) -> SceneData:
-    """Room, obstacles and arm of a problem.
+    """Arm, start, goals, room and obstacles of a problem, as the scripts of its page read them.
 
     Args:
         problem: whose scene it is.
-        shown: points that the first look at the scene has to hold, shape (m, 2) [m].
+        shown: points that the first look at the scene has to hold, shape (m, d) [m].
     """
     arm = problem.arm
-    bounds = problem.workspace.boundary.bounds
-    # Obstacles may stand out of the room by far, and points may lie outside of it: both are cut for the first look.
-    low = np.maximum(shown.min(axis=0), bounds[:2])
-    high = np.minimum(shown.max(axis=0), bounds[2:])
-    margin = 2.0 * arm.radius + 0.06 * float(np.max(high - low))
-    look = [*np.maximum(low - margin, bounds[:2]), *np.minimum(high + margin, bounds[2:])]
+    room = _room_in_space if problem.dimension == 3 else _room_in_plane
     return {
-        "bounds": [float(value) for value in bounds],
-        "look": [float(f"{value:.6g}") for value in look],
-        "named": len(problem.workspace.obstacles) <= _MOST_NAMED,
-        **_walls(problem.workspace),
         "arm": {
             "links": arm.links,
             "link": arm.link_length,
             "radius": arm.radius,
-            "base": [float(value) for value in arm.base],
-            "heading": arm.base_heading,
-            "bend": float(arm.bend_limits[-1]),
+            "base": arm.base.tolist(),
+            "direction": arm.direction.tolist(),
+            "up": arm.up.tolist(),
             "feed": None if arm.feed is None else [arm.feed.low, arm.feed.high, arm.feed.hole],
         },
+        "start": arm.joint_positions_at(problem.start.configuration(arm)).round(7).tolist(),
+        "goals": [_goal_data(number, stop, arm) for number, stop in enumerate(problem.goals, start=1)],
+        **room(problem, shown.min(axis=0), shown.max(axis=0)),
+    }
+
+
+def _goal_data(number: int, stop: Stop, arm: Arm) -> SceneData:
+    """Where a goal is marked, along which direction, and with what tolerances."""
+    goal = stop.goal
+    return {
+        "number": number,
+        "place": goal.tip(arm).tolist(),
+        "direction": None if goal.direction is None else goal.direction.tolist(),
+        "heading": goal.heading,
+        "near": stop.tolerances.position,
+        "turn": min(stop.tolerances.heading, float(np.pi)),
+        "via": [place.tolist() for place in goal.via],
+    }
+
+
+def _room_in_plane(problem: Problem, low: FloatArray, high: FloatArray) -> SceneData:
+    workspace = problem.workspace
+    bounds = np.reshape(workspace.boundary.bounds, (2, 2))
+    # Obstacles may stand out of the room by far, and points may lie outside of it: both are cut for the first look.
+    low, high = np.maximum(low, bounds[0]), np.minimum(high, bounds[1])
+    margin = 2.0 * problem.arm.radius + 0.06 * float(np.max(high - low))
+    return {
+        "extent": bounds.tolist(),
+        "look": [np.maximum(low - margin, bounds[0]).tolist(), np.minimum(high + margin, bounds[1]).tolist()],
+        "named": len(workspace.obstacles) <= _MOST_NAMED,
+        **_walls(workspace),
+    }
+
+
+def _room_in_space(problem: Problem, low: FloatArray, high: FloatArray) -> SceneData:
+    arm, workspace = problem.arm, problem.workspace
+    share = _MOST_TRIANGLES // max(len(workspace.obstacles), 1)
+    margin = 2.0 * max(arm.radius, 0.5 * arm.link_length)
+    extent = workspace.extent if len(workspace.soup) else np.stack((low, high))
+    return {
+        "extent": extent.tolist(),
+        "look": [(low - margin).tolist(), (high + margin).tolist()],
+        "bodies": [_body_data(each.name, each.body, share, extent) for each in workspace.obstacles],
+        "room": None if workspace.bounds is None else workspace.bounds.tolist(),
     }
 
 
@@ -109,7 +143,7 @@ def path_in_steps(geometry: shapely.Geometry, origin: FloatArray, step: float) -
     if isinstance(geometry, shapely.Polygon):
         rings = (geometry.exterior, *geometry.interiors)
         return "".join(f"{_line_in_steps(ring, origin, step)}z" for ring in rings)
-    parts: Iterable[shapely.Geometry] = getattr(geometry, "geoms", [geometry])
+    parts = getattr(geometry, "geoms", [geometry])
     if isinstance(geometry, shapely.MultiPolygon):
         return "".join(path_in_steps(part, origin, step) for part in parts)
     return "".join(_line_in_steps(part, origin, step) for part in parts)
@@ -119,27 +153,6 @@ def _line_in_steps(line: shapely.Geometry, origin: FloatArray, step: float) -> s
     whole = np.round((shapely.get_coordinates(line)[:, :2] - origin) / step).astype(np.int64)
     moves = " ".join(f"{x} {y}" for x, y in np.diff(whole, axis=0))
     return f"M{whole[0][0]} {whole[0][1]}l{moves}" if moves else f"M{whole[0][0]} {whole[0][1]}"
-
-
-def goals_data(problem: Problem, ends: Sequence[FloatArray | None]) -> list[SceneData]:
-    """All goals in order: where each is marked, along which heading, with what tolerances.
-
-    Args:
-        problem: whose goals they are.
-        ends: pose of the arm at each, joints and tip, shape (links + 1, 2) [m]; None where it is not known.
-    """
-    return [
-        {
-            "number": number,
-            "place": [float(value) for value in stop.goal.tip(problem.arm)],
-            "heading": stop.goal.heading,
-            "near": stop.tolerances.position,
-            "turn": min(stop.tolerances.heading, float(np.pi)),
-            "whole": stop.goal.whole(problem.arm) is not None,
-            "pose": None if end is None else np.round(end, 6).tolist(),
-        }
-        for number, (stop, end) in enumerate(zip(problem.goals, ends, strict=True), start=1)
-    ]
 
 
 _NO_WIDTH = 1e-6
@@ -175,36 +188,6 @@ _CORNER_STEPS = 65535
 """Corners of bodies are told apart to this part of the extent of their body."""
 
 
-def space_scene_data(problem: Problem, points: FloatArray) -> SceneData:
-    """Everything that the script of the view reads.
-
-    Args:
-        problem: bodies, room, arm and goals.
-        points: what is to be seen at first, shape (n, 3) [m].
-    """
-    arm = problem.arm
-    workspace = problem.workspace
-    share = _MOST_TRIANGLES // max(len(workspace.obstacles), 1)
-    margin = 2.0 * max(arm.radius, 0.5 * arm.link_length)
-    extent = workspace.extent if len(workspace.soup) else np.stack((points.min(axis=0), points.max(axis=0)))
-    return {
-        "arm": {
-            "links": arm.links,
-            "link": arm.link_length,
-            "radius": arm.radius,
-            "base": arm.base.tolist(),
-            "direction": arm.direction.tolist(),
-            "up": arm.up.tolist(),
-        },
-        "start": arm.joint_positions_at(problem.start.configuration(arm)).round(7).tolist(),
-        "bodies": [_body_data(each.name, each.body, share, extent) for each in workspace.obstacles],
-        "room": None if workspace.bounds is None else workspace.bounds.tolist(),
-        "goals": [_goal_in_space(stop.goal, arm) for stop in problem.goals],
-        "look": [(points.min(axis=0) - margin).tolist(), (points.max(axis=0) + margin).tolist()],
-        "extent": extent.tolist(),
-    }
-
-
 def _body_data(name: str, body: Body, share: int, extent: FloatArray) -> dict[str, object]:
     """A body: corners as whole numbers of 16 bits, faces and sharp edges as numbers of corners, in base 64."""
     surface = body.surface(_ROUND_SIDES)
@@ -223,11 +206,6 @@ def _body_data(name: str, body: Body, share: int, extent: FloatArray) -> dict[st
         "faces": _text(joined.astype("<u4")),
         "edges": _text(sharp_edges(places, joined, _SHARP).astype("<u4")),
     }
-
-
-def _goal_in_space(goal: Goal, arm: Arm) -> dict[str, object]:
-    direction = None if goal.direction is None else goal.direction.tolist()
-    return {"position": goal.tip(arm).tolist(), "direction": direction, "via": [each.tolist() for each in goal.via]}
 
 
 def _text(values: npt.NDArray[np.generic]) -> str:

@@ -1,15 +1,43 @@
-// The arm in the plane: joints and tip from bends, at any time of a motion.
+// The arm, in the plane and in space: joints and tip from bends, at any time of a motion.
 
-function armPoints(arm, bends, feed = 0) {
-  let heading = arm.heading;
-  let x = arm.base[0] + feed * Math.cos(heading);
-  let y = arm.base[1] + feed * Math.sin(heading);
-  const points = [[x, y]];
-  for (const bend of bends) {
-    heading += bend;
-    x += arm.link * Math.cos(heading);
-    y += arm.link * Math.sin(heading);
-    points.push([x, y]);
+function cross(a, b) {
+  return [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
+}
+
+function dot(a, b) {
+  return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+}
+
+// a + s b
+function plus(a, b, s = 1) {
+  return a.map((value, k) => value + s * b[k]);
+}
+
+function scaled(a, s) {
+  return a.map(value => s * value);
+}
+
+function norm(a) {
+  return Math.hypot(...a);
+}
+
+// A joint turns by a about z, in space then by b about the new y; its link lies along the new x.
+function armPoints(arm, bends, feed) {
+  const dimension = arm.base.length;
+  const spatial = vector => [vector[0], vector[1], vector[2] ?? 0];
+  let x = spatial(arm.direction);
+  let z = arm.up;
+  let y = cross(z, x);
+  let point = plus(spatial(arm.base), x, feed);
+  const points = [point.slice(0, dimension)];
+  for (let k = 0; k < bends.length; k += dimension - 1) {
+    const [a, b] = [bends[k], dimension === 3 ? bends[k + 1] : 0];
+    const turned = plus(scaled(x, Math.cos(a)), y, Math.sin(a));
+    y = plus(scaled(y, Math.cos(a)), x, -Math.sin(a));
+    x = plus(scaled(turned, Math.cos(b)), z, -Math.sin(b));
+    z = plus(scaled(z, Math.cos(b)), turned, Math.sin(b));
+    point = plus(point, x, arm.link);
+    points.push(point.slice(0, dimension));
   }
   return points;
 }
@@ -30,8 +58,7 @@ class Motion {
 
   feedAt(time) {
     if (!this.feed) return 0;
-    const inUnits = this.feed.columns.reduce((sum, column) => sum + valueAt(this.feed.time, column, time), 0);
-    return this.unit.metres * inUnits;
+    return this.unit.metres * this.feed.columns.reduce((sum, column) => sum + valueAt(this.feed.time, column, time), 0);
   }
 
   pointsAt(time) {
@@ -45,13 +72,17 @@ class Motion {
   }
 
   tipAt(time) {
-    const points = this.pointsAt(time);
-    return points[points.length - 1];
+    return this.pointsAt(time)[this.arm.links];
   }
 
-  headingAt(time) {
-    const heading = this.arm.heading + this.bendsAt(time).reduce((sum, bend) => sum + bend, 0);
-    return Math.atan2(Math.sin(heading), Math.cos(heading));
+  tips(count) {
+    return Array.from({ length: count }, (_, k) => this.tipAt((this.duration * k) / (count - 1)));
+  }
+
+  // Where the last link points, a unit vector.
+  pointingAt(time) {
+    const points = this.pointsAt(time);
+    return scaled(plus(points[this.arm.links], points[this.arm.links - 1], -1), 1 / this.arm.link);
   }
 
   // Times at which all joints have travelled about equally far, both ends among them.
@@ -62,7 +93,7 @@ class Motion {
     for (let k = 1; k <= 200; k++) {
       const time = (this.duration * k) / 200;
       const points = this.pointsAt(time);
-      const moved = points.reduce((sum, p, i) => sum + Math.hypot(p[0] - before[i][0], p[1] - before[i][1]), 0);
+      const moved = points.reduce((sum, p, i) => sum + norm(plus(p, before[i], -1)), 0);
       travelled.push(travelled[k - 1] + moved);
       times.push(time);
       before = points;

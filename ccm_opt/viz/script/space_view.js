@@ -99,22 +99,121 @@ function colourOf(name, opacity = 1) {
   return [r / 255, g / 255, b / 255, opacity];
 }
 
+function bytes(text) {
+  return Uint8Array.from(atob(text), letter => letter.charCodeAt(0)).buffer;
+}
+
+// Corners in steps of the extent of a body, as whole numbers of 16 bits.
+function bodyCorners(body) {
+  const whole = new Uint16Array(bytes(body.corners));
+  return Float32Array.from(whole, (value, k) => body.low[k % 3] + (value * body.span[k % 3]) / 65535);
+}
+
+function armRods(arm, points, colour, opacity) {
+  const radius = arm.radius || -1.5;
+  return points.slice(1).map((point, k) => [points[k], point, radius, radius, colour, opacity]);
+}
+
+function goalRods(goal, arm, reach) {
+  const size = 0.8 * (arm.radius || 0.01 * reach);
+  const rods = [[goal.place, goal.place, size, size, "good", 1]];
+  if (goal.direction) {
+    const tip = plus(goal.place, goal.direction, 3 * arm.link);
+    const neck = plus(goal.place, goal.direction, 2.2 * arm.link);
+    rods.push([goal.place, neck, 0.3 * size, 0.3 * size, "good", 1], [neck, tip, 0.9 * size, 0, "good", 1]);
+  }
+  for (const place of goal.via) rods.push([place, place, size, size, "amber", 1]);
+  return rods;
+}
+
+function linked(points, radius) {
+  return points.slice(1).map((point, k) => [points[k], point, radius, radius, "bad", 1]);
+}
+
+// What passes a gap stands inside of what would have to.
+const FINDING_RODS = {
+  place: ({ place }, arm, size) => [[place, place, size, size, "bad", 0.6]],
+  disc: ({ place, radius, room }) => [[place, place, room, room, "amber", 1], [place, place, radius, radius, "bad", 0.35]],
+  way: ({ points }) => linked(points, -1.4),
+  gap: ({ points }) => linked(points, -2.4),
+  arm: ({ points }, arm) => armRods(arm, points, "bad", 0.4),
+};
+
+function boxRods([low, high]) {
+  const corner = k => [0, 1, 2].map(axis => (k & (1 << axis) ? high : low)[axis]);
+  const rods = [];
+  for (let k = 0; k < 8; k++) {
+    for (const bit of [1, 2, 4]) if (!(k & bit)) rods.push([corner(k), corner(k | bit), -0.8, -0.8, "edge", 1]);
+  }
+  return rods;
+}
+
 class SpaceView {
-  constructor(host, label) {
-    this.canvas = html("canvas", { class: "space", tabindex: 0, role: "img", "aria-label": label });
+  constructor(host, { scene }) {
+    this.canvas = html("canvas", { class: "space", tabindex: 0, role: "img", "aria-label": host.dataset.label });
     host.append(this.canvas);
     this.gl = this.canvas.getContext("webgl2", { alpha: false, antialias: true, preserveDrawingBuffer: true });
-    this.rods = new Map();
+    this.layers = new Map();
     this.surfaces = [];
     this.hidden = new Set();
     this.camera = { target: [0, 0, 0], distance: 1, yaw: -0.9, pitch: 0.5 };
     this.clarity = 0.2;
     this.cut = null;
     this.waiting = false;
-    if (!this.gl) return;
+    const looks = { "look-x": [0, 0], "look-y": [-Math.PI / 2, 0], "look-z": [-Math.PI / 2, 1.55], "look-slant": [-0.9, 0.5] };
+    this.sides = Object.fromEntries(Object.entries(looks).map(([id, look]) => [id, () => this.look(...look)]));
+    this.listenToSliders(scene.extent);
+    if (!this.gl) {
+      host.append(html("p", { class: "soft" }, "This browser has no WebGL 2; see the picture plan.png."));
+      return;
+    }
     this.prepare();
     new ResizeObserver(() => this.redraw()).observe(this.canvas);
     this.listen();
+  }
+
+  draw(data, motion) {
+    const { arm, bodies, room, start, goals } = data.scene;
+    const reach = arm.links * arm.link;
+    for (const body of bodies) {
+      const faces = new Uint32Array(bytes(body.faces));
+      const colour = data.blocking?.includes(body.name) ? "bad" : "edge";
+      this.addSurface("bodies", bodyCorners(body), faces, new Uint32Array(bytes(body.edges)), colour);
+    }
+    if (room) this.setRods("room", boxRods(room));
+    this.setRods("goals", goals.flatMap(goal => goalRods(goal, arm, reach)));
+    if (!motion) {
+      this.setRods("start", armRods(arm, start, "arm", 1));
+      const size = 1.3 * (arm.radius || 0.01 * reach);
+      this.setRods("findings", data.marks.flatMap(mark => FINDING_RODS[mark.kind]?.(mark, arm, size) ?? []));
+      return null;
+    }
+    this.setRods("start", armRods(arm, start, "start", 0.4));
+    this.setRods("end", armRods(arm, motion.pointsAt(motion.duration), "good", 0.3));
+    const tips = motion.tips(300);
+    this.setRods("tip", tips.slice(1).map((tip, k) => [tips[k], tip, -1.1, -1.1, "tip", 1]));
+    const pose = time => {
+      this.setRods("arm", armRods(arm, motion.pointsAt(time), "arm", 1));
+      if (motion.tracking) this.setRods("simulated", armRods(arm, motion.simulatedPointsAt(time), "tip", 0.4));
+    };
+    pose(0);
+    return pose;
+  }
+
+  // How clear obstacles are, and a plane across the direction that is chosen, from beyond everything to before it.
+  listenToSliders([low, high]) {
+    byId("clarity").addEventListener("input", event => {
+      this.clarity = Number(event.target.value);
+      this.redraw();
+    });
+    const cut = () => {
+      const axis = Number(byId("cut-axis").value);
+      const share = Number(byId("cut").value);
+      const normal = [0, 1, 2].map(k => (k === axis ? 1 : 0));
+      this.cut = share >= 1 ? null : [...normal, low[axis] + share * (high[axis] - low[axis])];
+      this.redraw();
+    };
+    for (const id of ["cut", "cut-axis"]) byId(id).addEventListener("input", cut);
   }
 
   prepare() {
@@ -151,6 +250,7 @@ class SpaceView {
 
   // Corners [x, y, z, …], faces and sharp edges as numbers of corners.
   addSurface(layer, corners, faces, edges, colour) {
+    this.layers.set(layer, []);
     if (!this.gl) return;
     const gl = this.gl;
     const vertices = this.fill(gl.ARRAY_BUFFER, corners);
@@ -169,7 +269,7 @@ class SpaceView {
 
   // Rods of a layer: [begin, end, radius at the begin, radius at the end, colour name, opacity].
   setRods(layer, rods) {
-    this.rods.set(layer, rods);
+    this.layers.set(layer, rods);
     this.redraw();
   }
 
@@ -221,11 +321,11 @@ class SpaceView {
     this.waiting = true;
     requestAnimationFrame(() => {
       this.waiting = false;
-      this.draw();
+      this.paint();
     });
   }
 
-  draw() {
+  paint() {
     const gl = this.gl;
     const ratio = Math.min(window.devicePixelRatio || 1, 2);
     const [width, height] = [this.canvas.clientWidth, this.canvas.clientHeight].map(side => Math.round(ratio * side));
@@ -249,7 +349,7 @@ class SpaceView {
 
   drawRods(toScreen, eye, pixel, clear) {
     const gl = this.gl;
-    const shown = [...this.rods].filter(([layer]) => !this.hidden.has(layer)).flatMap(([, rods]) => rods);
+    const shown = [...this.layers].filter(([layer]) => !this.hidden.has(layer)).flatMap(([, rods]) => rods);
     const some = shown.filter(rod => rod[5] < 1 === clear);
     if (!some.length) return;
     const colours = new Map();

@@ -7,7 +7,7 @@ class Viewport {
     this.changed = changed;
     this.fingers = new Map();
     this.scale = 1;
-    this.middle = [(look[0] + look[2]) / 2, (look[1] + look[3]) / 2];
+    this.middle = [0, 1].map(k => (look[0][k] + look[1][k]) / 2);
     this.fitted = look;
     this.listen();
     new ResizeObserver(() => this.resize()).observe(node);
@@ -29,10 +29,9 @@ class Viewport {
 
   fit(box) {
     this.fitted = box;
-    const width = Math.max(box[2] - box[0], 1e-12);
-    const height = Math.max(box[3] - box[1], 1e-12);
+    const [width, height] = [0, 1].map(k => Math.max(box[1][k] - box[0][k], 1e-12));
     this.scale = Math.min((this.width - 24) / width, (this.height - 24) / height);
-    this.middle = [(box[0] + box[2]) / 2, (box[1] + box[3]) / 2];
+    this.middle = [0, 1].map(k => (box[0][k] + box[1][k]) / 2);
     this.changed();
   }
 
@@ -46,7 +45,8 @@ class Viewport {
 
   zoom(factor, pixel = [this.width / 2, this.height / 2]) {
     const kept = this.toPlane(pixel);
-    const widest = Math.max(this.first[2] - this.first[0], this.first[3] - this.first[1]);
+    const [low, high] = this.first;
+    const widest = Math.max(high[0] - low[0], high[1] - low[1]);
     this.fitted = null;
     this.scale = Math.min(Math.max(this.scale * factor, (0.02 * this.width) / widest), (1e4 * this.width) / widest);
     const moved = this.toPlane(pixel);

@@ -1,9 +1,10 @@
-// The scene: room, obstacles, goals and whatever layers a page adds; drawn in the plane, with labels in pixels on top.
+// A view of the plane: room, obstacles, goals, the arm and what stands in its way, with labels in pixels on top.
 
-class Scene {
-  constructor(host, data, unit) {
-    this.data = data;
+class PlaneView {
+  constructor(host, { scene, unit }) {
+    this.data = scene;
     this.unit = unit;
+    this.sides = {};
     this.pinned = [];
     this.world = svg("g");
     this.labels = svg("g");
@@ -14,7 +15,32 @@ class Scene {
     this.layers = new Map();
     this.drawRoom();
     this.drawBase();
-    this.view = new Viewport(this.drawing, data.look, () => this.refresh());
+    this.view = new Viewport(this.drawing, scene.look, () => this.redraw());
+    this.tellPlace(byId("place"));
+  }
+
+  draw(data, motion) {
+    const pose = motion ? drawMotion(this, data, motion) : drawFailure(this, data);
+    drawGoals(this, this.data.goals);
+    if (data.nearest) drawRing(this, "least", data.nearest.place, data.nearest.words);
+    return pose;
+  }
+
+  zoom(factor) {
+    this.view.zoom(factor);
+  }
+
+  fit(box) {
+    this.view.fit(box);
+  }
+
+  // The place under the mouse.
+  tellPlace(node) {
+    this.drawing.addEventListener("pointermove", event => {
+      const [x, y] = this.view.toPlane(this.view.pixelOf(event)).map(value => value / this.unit.metres);
+      node.textContent = `x ${threeDigits(x, 1)}, y ${threeDigits(y, 1)} ${this.unit.name}`;
+    });
+    this.drawing.addEventListener("pointerleave", () => { node.textContent = ""; });
   }
 
   // Places in the drawing are relative to the room's corner, so that rooms far from the origin keep their digits.
@@ -60,8 +86,8 @@ class Scene {
 
   // The base, and the axis along which a feed carries it.
   drawBase() {
-    const { base, heading, feed } = this.data.arm;
-    const along = way => [base[0] + way * Math.cos(heading), base[1] + way * Math.sin(heading)];
+    const { base, direction, feed } = this.data.arm;
+    const along = way => plus(base, direction, way);
     if (feed) this.polyline("feed", [along(feed[0]), along(feed[1])], "feed-line");
     const mark = svg("path", { d: "M-4 -4h8v8h-8Z", class: "base" }, svg("title", {}, "base"));
     if (feed) this.pin(along(feed[2]), svg("path", { d: "M0 -9V9", class: "hole" }, svg("title", {}, "end of the guide")));
@@ -142,7 +168,7 @@ class Scene {
     this.layer(name).append(svg("circle", { class: look, cx, cy, r: radius }));
   }
 
-  refresh() {
+  redraw() {
     const view = this.view;
     if (!view) return;
     const [left, top] = view.toScreen(this.data.origin);
@@ -166,4 +192,117 @@ class Scene {
       svg("text", { x: 16 + pixels / 2, y: foot - 8, "text-anchor": "middle" }, text),
     );
   }
+}
+
+function drawMotion(scene, data, motion) {
+  for (const region of data.routes.regions ?? []) scene.polygon("regions", region, "region");
+  const swept = scene.layer("swept");
+  swept.setAttribute("class", "swept");
+  for (const time of motion.evenTimes(80)) {
+    const points = scene.line(motion.pointsAt(time));
+    swept.append(svg("polyline", { points, "stroke-width": 2 * scene.data.arm.radius }));
+  }
+  scene.body("start", "start")(data.scene.start);
+  motion.evenTimes(9).slice(1, -1).forEach((time, k) => {
+    const line = svg("polyline", { points: scene.line(motion.pointsAt(time)), class: "way-line" });
+    line.style.stroke = jointColour(k, 7);
+    scene.layer("way").append(line);
+  });
+  if (data.routes.route) scene.polyline("route", data.routes.route, "route-line");
+  scene.body("end", "end")(motion.pointsAt(motion.duration));
+  scene.polyline("tip", motion.tips(400), "tip-line");
+  const arm = scene.body("arm", "arm");
+  const simulated = motion.tracking ? scene.body("simulated", "simulated") : () => {};
+  return time => {
+    arm(motion.pointsAt(time));
+    if (motion.tracking) simulated(motion.simulatedPointsAt(time));
+  };
+}
+
+const FINDINGS = {
+  circle: (scene, mark) => scene.circle("findings", mark.place, mark.radius, "reach"),
+  disc: (scene, mark) => scene.circle("findings", mark.place, mark.radius, "too-thick"),
+  way: (scene, mark) => scene.polyline("findings", mark.points, "long-way"),
+  gap: (scene, mark) => scene.polyline("findings", mark.points, "narrow-gap"),
+  arm: (scene, mark) => scene.body("findings", "curled")(mark.points),
+  place: (scene, mark) => drawRing(scene, "findings", mark.place, mark.words),
+  words: (scene, mark) => { if (mark.at) drawWords(scene, "findings", mark.at, mark.words, "bad", scene.data.goals); },
+};
+
+function drawFailure(scene, data) {
+  scene.body("start", "arm")(data.scene.start);
+  for (const name of data.blocking) scene.walls.get(name)?.classList.add("blocking");
+  for (const mark of data.marks) FINDINGS[mark.kind](scene, mark);
+}
+
+// Marks that keep their size: goals with their numbers, a place that is worth a look, a label on a line.
+
+function drawGoals(scene, goals) {
+  const marks = scene.layer("goals", scene.labels);
+  const discs = scene.layer("goals");
+  for (const goal of goals) {
+    const [cx, cy] = scene.local(goal.place);
+    discs.append(svg("circle", { class: "goal-disc", cx, cy, r: goal.near }));
+    const node = svg("g", { class: "goal" });
+    if (goal.heading !== null) node.append(...headingMarks(goal));
+    node.append(svg("circle", { r: 5 }));
+    if (goals.length > 1) node.append(...numberMark(goal));
+    node.append(svg("title", {}, goals.length > 1 ? `goal ${goal.number}` : "goal"));
+    scene.pin(goal.place, node, marks);
+    for (const place of goal.via) scene.pin(place, svg("circle", { r: 4, class: "via" }), marks);
+  }
+}
+
+function headingMarks(goal) {
+  const degrees = (-goal.heading * 180) / Math.PI;
+  const parts = [];
+  if (goal.turn > 0.05) parts.push(wedge(goal));
+  if (goal.turn < Math.PI) {
+    const arrow = svg("path", { d: "M5 0H30M24 -4.5L31 0L24 4.5", class: "arrow", transform: `rotate(${degrees})` });
+    parts.push(arrow);
+  }
+  return parts;
+}
+
+function wedge(goal) {
+  const [from, to] = [goal.heading - goal.turn, goal.heading + goal.turn];
+  if (goal.turn >= Math.PI) return svg("circle", { r: 28, class: "wedge" });
+  const [x0, y0, x1, y1] = [Math.cos(from), -Math.sin(from), Math.cos(to), -Math.sin(to)].map(v => 28 * v);
+  const large = goal.turn > Math.PI / 2 ? 1 : 0;
+  return svg("path", { d: `M0 0L${x0} ${y0}A28 28 0 ${large} 0 ${x1} ${y1}Z`, class: "wedge" });
+}
+
+// The number stands behind the goal, where its arrow does not point.
+function numberMark(goal) {
+  const away = goal.heading === null ? Math.PI / 2 : goal.heading + Math.PI;
+  const [x, y] = [15 * Math.cos(away), -15 * Math.sin(away)];
+  return [
+    svg("circle", { cx: x, cy: y, r: 8, class: "number" }),
+    svg("text", { x, y, dy: "0.35em", "text-anchor": "middle", class: "number" }, String(goal.number)),
+  ];
+}
+
+function drawRing(scene, name, place, words, look = "least") {
+  const ring = svg("g", { class: look }, svg("circle", { r: 9 }), svg("circle", { r: 1.5 }), svg("title", {}, words));
+  scene.pin(place, ring, scene.layer(name, scene.labels));
+}
+
+function drawWords(scene, name, place, words, look, goals = []) {
+  const text = svg("text", { class: `words ${look}`, "text-anchor": "middle" }, words);
+  scene.pin(place, svg("g", {}, text), scene.layer(name, scene.labels));
+  // The words stay inside the drawing where their place is near its edge, and off the goals.
+  scene.pinned[scene.pinned.length - 1].fit = (_, [x, y]) => {
+    const length = text.getComputedTextLength() || 8 * words.length;
+    const half = Math.min(length / 2 + 8, scene.view.width / 2 - 4);
+    const middle = Math.min(Math.max(x, half), scene.view.width - half);
+    const covers = foot => goals.some(goal => {
+      const [gx, gy] = scene.view.toScreen(goal.place);
+      return Math.abs(gx - middle) < half + 8 && Math.abs(gy - (y + foot - 5)) < 16;
+    });
+    const inside = foot => y + foot > 14 && y + foot < scene.view.height - 8;
+    const feet = [-18, 28, -40, 50];
+    const free = feet.find(foot => inside(foot) && !covers(foot)) ?? feet.find(inside) ?? -18;
+    text.setAttribute("x", middle - x);
+    text.setAttribute("y", free);
+  };
 }
