@@ -16,8 +16,88 @@ HEAD = """\
 
 <!-- This page is made by `python docs/write_references.py` from the parsers of the commands. -->
 
-`ccm-opt COMMAND --help` says the same in a terminal. How results are printed, for people and for programs, is told in
-[The command line](command-line.md); exit codes stand in [its table](command-line.md#exit-codes).
+`ccm-opt COMMAND --help` says the same in a terminal; `ccm-opt --install-completion` teaches your shell to complete it.
+
+## All commands
+
+### Which problem
+
+Commands that read problem files take several, and `-` for standard input. `--set` changes a key for one run without
+touching the file, as often as you like:
+
+```sh
+ccm-opt solve problems/swan-neck.toml --set arm.radius=0.02 --set "goal.position=[0.4, 0.1]"
+ccm-opt new own
+ccm-opt solve own.toml --set "workspace.obstacles[pump].circle.radius=70" --set goal.pause=2
+```
+
+An entry of a list is told by its number, from 0, or by its name. The value is what you would write in the file; what is
+no TOML value is taken as a text. The record of the plan holds the changed problem, and a wrong value is reported like
+one in the file. `solve` has short forms for three keys of the table `planner`: `--method`, `--time-limit` and `--seed`.
+
+### What is printed
+
+| option | standard output | standard error |
+|---|---|---|
+| none | tables for people | errors and warnings; how far the work has come |
+| `--quiet` | nothing | errors and warnings |
+| `--verbose` | tables, with every check of the verifier | also a line for every stage, and the package's log |
+| `--json` | one JSON document | as without it |
+
+On a terminal one line tells how far the work has come. Elsewhere there are plain lines, from the third second on:
+
+```text
+room: motion, 12.3 of 60 s, candidate 4 (tip-led, way 2), nearest so far 42.5 mm from the goal
+```
+
+From Python, `progress=` of `ccm_opt.solve` is called with the same news.
+
+### For programs
+
+The document of `--json` has the version `ccm_opt`, the name of the `command`, its `exit_code`, and `results`, one for
+every file or folder in the order in which they were given:
+
+| key | content |
+|---|---|
+| `item` | the file or folder |
+| `exit_code` | of this one |
+| `status` | that of [`solution.json`](output.md), or `"refused"`, `"bad input"`, `"cancelled"`, `"bug"` |
+| `folder` | where its output folder is |
+| `errors`, `warnings` | what people are told on standard error |
+| `defects` | of bad input: `line`, `key` and `message` of each |
+| `diagnosis` | [why there is no plan](no-plan.md), as in `solution.json` |
+
+The rest is the command's record: that of `solution.json` without the problem for `solve`, `checks`, `room` and
+`unchecked_constraints` for `check`, and so on. What is not finite stands as `null`.
+
+### Constraints of a written plan
+
+An output folder holds the names of your constraints, but not what they ask for. So `ccm-opt check` says which of them
+it did not check, and checks those that you give it:
+
+```sh
+ccm-opt check runs/swan-neck --constraint terms.py:camera_sees_valve
+```
+
+A constraint that depends on `q.path_parameter` cannot be checked in that way, as the folder does not hold it.
+
+### Where it runs
+
+- **Ctrl-C** ends a command with exit code 130 and one line.
+- **Streams** may be closed or full: the work is done, and its folder written.
+- **Memory**: loading takes about 300 MB of address space, solving 0.6 to 1 GB. With less, one line says so (exit code
+  1); a solver that spins without end is ended after three time limits and a minute.
+
+### Exit codes
+
+| exit code | meaning |
+|---|---|
+| 0 | solved, or every check holds |
+| 1 | a bug in ccm_opt |
+| 2 | bad input: all defects are listed with key path and line, nothing is written |
+| 3 | no plan, with [the reason and what would help](no-plan.md); or a plan that the verifier refuses |
+| 4 | a verified plan, written, that [the simulated arm did not follow](dynamics.md#the-verdict) |
+| 130 | cancelled |
 """
 SHARED = ("as_json", "quiet", "verbose")
 """Options of every command, which stand at the end of the page."""

@@ -17,8 +17,8 @@ DOCS = Path(__file__).parent
 
 def references() -> dict[Path, str]:
     """Every page that is made, or in which tables are, with its text."""
-    pages = (DOCS / "problem-file.md", DOCS / "space.md")
-    return {DOCS / "commands.md": command_page()} | {page: with_key_tables(page.read_text()) for page in pages}
+    page = DOCS / "problem-file.md"
+    return {DOCS / "commands.md": command_page(), page: with_key_tables(page.read_text())}
 
 
 if __name__ == "__main__":

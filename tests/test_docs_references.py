@@ -13,7 +13,7 @@ from ccm_opt.io import schema, schema_tables
 from ccm_opt.io.schema_tables import Table
 
 DOCS = Path(__file__).parent.parent / "docs"
-PAGE = (DOCS / "problem-file.md").read_text() + (DOCS / "space.md").read_text()
+PAGE = (DOCS / "problem-file.md").read_text()
 CLASSES = dict(inspect.getmembers(schema_tables, inspect.isclass)) | dict(inspect.getmembers(schema, inspect.isclass))
 TABLES = [table for table in CLASSES.values() if issubclass(table, Table)]
 WRITTEN_OUT = {

@@ -37,7 +37,9 @@ FED_TOUR = FED_TOUR.replace("links = 4", "links = 4\nfeed = { range = [0.0, 0.3]
 )
 """An arm on a feed axis that stops on its way."""
 PACKAGE = Path(ccm_opt.__file__).parent
-PAGE = PACKAGE.parent / "docs" / "scale.md"
+PAGE = (
+    (PACKAGE.parent / "docs" / "guarantees.md").read_text().split("\n## Size and tolerances")[1].split("\n## Which")[0]
+)
 
 
 def patient(problem: Problem) -> Problem:
@@ -188,22 +190,20 @@ def settings_classes() -> dict[str, type]:
 def test_every_tolerance_on_the_page_is_there_with_its_value() -> None:
     """The page of tolerances names fields that exist, with the values that they have."""
     classes = settings_classes()
-    page = PAGE.read_text()
-    rows = re.findall(r"^\| `(\w+)\.(\w+)`(?!:)[^|]*\| (\S*) ?\|", page, re.MULTILINE)
+    rows = re.findall(r"^\| `(\w+)\.(\w+)`(?!:)[^|]*\| (\S*) ?\|", PAGE, re.MULTILINE)
     assert len(rows) > 10
     for owner, name, value in rows:
         if owner in {"planner", "verification", "goal"}:
             continue
         default = {each.name: each.default for each in fields(classes[owner])}[name]
         assert not value or default == float(value), (owner, name)
-    for module, name, value in re.findall(r"^\| `(\w+\.\w+)`: `(\w+)` \| (\S+) \|", page, re.MULTILINE):
+    for module, name, value in re.findall(r"^\| `(\w+\.\w+)`: `(\w+)` \| (\S+) \|", PAGE, re.MULTILINE):
         assert getattr(import_module(f"ccm_opt.{module}"), name) == float(value), (module, name)
 
 
 def test_no_setting_in_metres_is_missing_on_the_page() -> None:
     """Whatever settings class documents a number in metres, the page names it."""
-    page = PAGE.read_text()
     for owner, each in settings_classes().items():
         if owner.endswith("Settings"):
             for name, line in re.findall(r"^ +(\w+): (.*)$", each.__doc__ or "", re.MULTILINE):
-                assert "[m]" not in line or name in page, (owner, name)
+                assert "[m]" not in line or name in PAGE, (owner, name)

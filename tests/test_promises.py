@@ -18,7 +18,7 @@ from .promises.in_space import SPACE_MUTATIONS, SPACE_UNHARMED
 from .promises.of_folders import FOLDER_MUTATIONS
 from .promises.of_motions import MUTATIONS, UNHARMED
 
-PAGE = (Path(__file__).parent.parent / "docs" / "promises.md").read_text(encoding="utf-8")
+PAGE = (Path(__file__).parent.parent / "docs" / "guarantees.md").read_text(encoding="utf-8")
 TABLES = {
     "": schema.RootTable,
     "workspace": schema.WorkspaceTable,

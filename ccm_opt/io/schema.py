@@ -296,7 +296,7 @@ class SpaceObstacleTable(Table):
         description=(
             "Of a mesh: `false` where its surface alone counts, such as that of a room or a tank about the "
             "arm, or of sheet metal; the arm may then begin and end inside. Default: [what it "
-            "encloses](space.md#insides) belongs to it."
+            "encloses](problem-file.md#insides) belongs to it."
         ),
     )
     sha256: Annotated[str, Field(pattern="^[0-9a-f]{64}$")] | None = Field(
@@ -450,7 +450,9 @@ class RootTable(Table):
     """The keys above the first table, and the tables themselves, each validated by itself."""
 
     schema_version: Literal[1] = Field(alias="schema", description="Version of the format.")
-    space: Literal[2, 3] = Field(default=2, description="3 for an arm that [leaves the plane](space.md).")
+    space: Literal[2, 3] = Field(
+        default=2, description="3 for an arm that [leaves the plane](problem-file.md#arms-in-space)."
+    )
     name: Annotated[str, AfterValidator(_folder_name)] = Field(
         description=("Also the name of the output folder: letters, digits, `-`, `_`, `+`, and `.` or blanks inside.")
     )

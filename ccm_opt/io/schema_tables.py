@@ -443,7 +443,9 @@ class PlannerTable(Table):
 
     method: MethodName = Field(
         default=PlannerOptions.method,
-        description=('`"nlp"`, this package\'s own planner, or `"hill-climbing"`, [the paper\'s](hill-climbing.md).'),
+        description=(
+            '`"nlp"`, this package\'s own planner, or `"hill-climbing"`, [the paper\'s](the-paper-claim-by-claim.md).'
+        ),
     )
     mapping: MappingName = Field(
         default=PlannerOptions.mapping, description='How a curve becomes joints; `"even-joints"` is the paper\'s.'
@@ -489,7 +491,7 @@ class PlannerTable(Table):
     wanted_gap: NonNegativeLength | None = Field(
         default=PlannerOptions.wanted_gap,
         description=(
-            "Room beyond radius and clearance that [the goal pose](goal-pose.md) and the motion keep where "
+            "Room beyond radius and clearance that [the goal pose](how-a-motion-is-found.md) and the motion keep where "
             "there is so much; where a passage has less, as much as it has. 0: no more than the clearance is "
             "asked for. What the motion kept is [in its record](room.md), and `solve --pareto` shows what "
             "other gaps would cost. Motions that follow a leader on a feed axis keep the room of its path, "
@@ -531,6 +533,6 @@ class VerificationTable(Table):
         description=(
             "Gap that may be missing before a motion is refused; motions that begin or end in contact may use "
             "half of it. It is there for rounding, a thousandth of the arm's length at most: a clearance "
-            "belongs into `workspace.clearance`. Default: [a millionth of the arm's length](scale.md)."
+            "belongs into `workspace.clearance`. Default: [a millionth of the arm's length](guarantees.md)."
         ),
     )

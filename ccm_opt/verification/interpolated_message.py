@@ -3,7 +3,8 @@
 ``joint_trajectory_controller`` of ROS joins two points by a cubic where both have velocities, by a quintic where both
 have accelerations too. Such a curve is looked at in short steps. In a step of length h a function f lies within
 h² / 8 · max|f''| of its chord, so the greatest |f| is that at the ends and this much more, unless f' keeps its sign;
-bounds on derivatives of a polynomial follow one from the other, and end with the last (``docs/theory.md``, theorem 10).
+bounds on derivatives of a polynomial follow one from the other, and end with the last (``docs/guarantees.md``,
+theorem 10).
 
 Proved is the motion whose coordinates are linear between samples. Whatever such a curve adds *along* the straight piece
 is another time on the same way; what it adds across it is bounded (likewise).

@@ -9,8 +9,9 @@ hat w that is highest at the sample and 0 at its neighbours. A moment is a produ
 mean differs from the product of the means; by how much at most is reckoned here. What is left over after that is a mean
 of efforts that *every* motion through the samples has to bear, so that some effort of it is at least as great.
 
-The theorems, their assumptions and their proofs stand in ``docs/theory.md``: theorem 9 for the plane, where the axes of
-all joints are one direction, and theorem 16 for space, where a torque is a product of three: axis, lever and force.
+The theorems, their assumptions and their proofs stand in ``docs/guarantees.md``: theorem 9 for the plane, where the
+axes of all joints are one direction, and theorem 16 for space, where a torque is a product of three: axis, lever and
+force.
 Everything is bounded by the samples beside it and by the limits on accelerations. Vectors leave what is linear between
 samples by at most an eighth of the square of the step times their second derivative.
 """
