@@ -19,7 +19,7 @@ from ccm_opt.dynamics.runtime.inverse_dynamics import (
     MassMatrix,
     joint_states,
 )
-from ccm_opt.dynamics.simulation.controller import CompiledLoop, LoopParameters
+from ccm_opt.dynamics.simulation.controller import CompiledLoop
 from ccm_opt.io.robot_models import mjcf_text, urdf_text
 from ccm_opt.robot.arm import Arm, Axes, Feed
 from ccm_opt.robot.pose_report import tip_jacobian
@@ -152,18 +152,18 @@ def test_both_back_ends_obey_the_same_control_law(seed: int, computed: bool, rot
     arm = geared(swan_neck(4, varied=True))
     plant = arm_model(arm if rotors else replace(arm, rotor_inertia=0.0), GRAVITY)
     believed = arm_model(replace(arm, payload=0.2, rotor_inertia=1e-4 if rotors else 0.0), GRAVITY)
-    joints = (900.0 * np.ones(12), 60.0 * np.ones(12)) if computed else (np.linspace(0.5, 5.0, 12), np.full(12, 0.02))
-    feed = (400.0, 40.0) if computed else (50.0, 5.0)
-    limits = {"limit": np.full(12, share), "feed_limit": 20.0 * share}
-    parameters = LoopParameters(1e-4, computed, *joints, *feed, **limits)
+    kp, kd = (900.0 * np.ones(12), 60.0 * np.ones(12)) if computed else (np.linspace(0.5, 5.0, 12), np.full(12, 0.02))
+    feed_kp, feed_kd = (400.0, 40.0) if computed else (50.0, 5.0)
+    numbers = {"step": 1e-4, "computed": computed, "kp": kp, "kd": kd, "feed_kp": feed_kp, "feed_kd": feed_kd}
+    numbers |= {"limit": np.full(12, share), "feed_limit": 20.0 * share}
 
     random = np.random.default_rng(seed)
     state = random.uniform(-1.0, 1.0, (2, 13))
     reference = random.uniform(-1.0, 1.0, (3, 3, 13))
     noise = random.normal(0.0, 1e-3, (3, 2, 12))
     held = int(random.integers(0, 2))
-    got = CompiledLoop(plant, believed, parameters).run(state, reference, noise, held)
-    expected = InterpretedLoop(plant, believed, parameters).run(state, reference, noise, held)
+    got = CompiledLoop(plant, believed, numbers).run(state, reference, noise, held)
+    expected = InterpretedLoop(plant, believed, numbers).run(state, reference, noise, held)
     assert not np.any(got[1][:held])
     assert np.all(np.abs(got[1][:, :12]) <= share)
     assert relative_error(got[1], expected[1]) < TOLERANCE

@@ -17,7 +17,7 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.errors import CcmError, ProblemError
 from ccm_opt.dynamics.algorithms.arm_model import arm_model
 from ccm_opt.dynamics.runtime.inverse_dynamics import ForwardDynamics, InverseDynamics
-from ccm_opt.dynamics.simulation.controller import CompiledLoop, LoopParameters
+from ccm_opt.dynamics.simulation.controller import CompiledLoop
 from ccm_opt.planning import followable_ways
 from ccm_opt.planning.curve_map import pose_with
 from ccm_opt.planning.followable_ways import FollowSearch, WayArcs, WayEnd
@@ -182,7 +182,8 @@ def test_dynamics(states: FloatArray, feed: float, computed: bool) -> None:
     ForwardDynamics(arm, gravity).with_feed(*states, feed)
     model = arm_model(arm, gravity)
     by_joint = np.ones(3 * LINKS)
-    loop = CompiledLoop(model, model, LoopParameters(1e-3, computed, by_joint, by_joint, 1.0, 1.0, by_joint, 1.0))
+    numbers = {"step": 1e-3, "computed": computed, "kp": by_joint, "kd": by_joint, "limit": by_joint}
+    loop = CompiledLoop(model, model, {**numbers, "feed_kp": 1.0, "feed_kd": 1.0, "feed_limit": 1.0})
     width = 3 * LINKS + 1
     reference = np.resize(states, (4, 3, width))
     noise = np.resize(states, (4, 2, width - 1))

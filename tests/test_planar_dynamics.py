@@ -11,7 +11,7 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.dynamics.algorithms.arm_model import ArmModel, arm_model, in_plane_alone
 from ccm_opt.dynamics.algorithms.in_plane import free, in_plane
 from ccm_opt.dynamics.runtime.inverse_dynamics import DynamicsFunction, DynamicsKind
-from ccm_opt.dynamics.simulation.controller import CompiledLoop, LoopParameters
+from ccm_opt.dynamics.simulation.controller import CompiledLoop
 from ccm_opt.robot.arm import Feed
 from tests.dynamics_arms import swan_neck
 from tests.oracles.interpreted_function import InterpretedFunction
@@ -69,19 +69,17 @@ def test_planar_loop_gives_the_same_bits(seed: int, computed: bool, rotors: bool
     plant = _model(random, rotors=rotors)
     believed = replace(plant, bodies=1.1 * plant.bodies)
     joints = 3 * LINKS
-    gains = (
-        (np.full(joints, 900.0), np.full(joints, 60.0)) if computed else (np.full(joints, 2.0), np.full(joints, 0.02))
-    )
-    limits = {"limit": np.full(joints, share), "feed_limit": 20.0 * share}
-    parameters = LoopParameters(1e-4, computed, *gains, 400.0, 40.0, **limits)
+    kp, kd = (900.0, 60.0) if computed else (2.0, 0.02)
+    numbers = {"step": 1e-4, "computed": computed, "kp": np.full(joints, kp), "kd": np.full(joints, kd)}
+    numbers |= {"feed_kp": 400.0, "feed_kd": 40.0, "limit": np.full(joints, share), "feed_limit": 20.0 * share}
     state, reference = (
         np.dstack((_planar(random, n, 2 + k), random.normal(size=(n, 2 + k)))) for k, n in ((0, 1), (1, 9))
     )
     noise = 1e-3 * _planar(random, 9, 2)
     arguments = (state[0], reference, noise, int(random.integers(0, 2)))
-    wanted = CompiledLoop(plant, believed, parameters).run(*arguments)
+    wanted = CompiledLoop(plant, believed, numbers).run(*arguments)
     plant, believed = in_plane_alone(plant), in_plane_alone(believed)
-    got = CompiledLoop(plant, believed, parameters).run(*arguments)
+    got = CompiledLoop(plant, believed, numbers).run(*arguments)
     assert np.array_equal(got[0], wanted[0])
     assert np.array_equal(got[1], wanted[1])
 

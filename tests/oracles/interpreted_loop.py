@@ -1,10 +1,13 @@
 """The closed loop step by step in numpy, the same as ``simulation.c``; ``controller`` says what both compute."""
 
+from collections.abc import Mapping
+from typing import Any
+
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.dynamics.algorithms.arm_model import ArmModel
-from ccm_opt.dynamics.simulation.controller import LoopParameters, stiffened
+from ccm_opt.dynamics.simulation.controller import stiffened
 
 from .interpreted_function import InterpretedFunction
 
@@ -15,20 +18,20 @@ class InterpretedLoop:
     Args:
         plant: what moves.
         model: what the controller believes.
-        parameters: gains, limits and step.
+        numbers: gains, limits and step, see ``controller.loop_numbers``.
     """
 
-    def __init__(self, plant: ArmModel, model: ArmModel, parameters: LoopParameters) -> None:
+    def __init__(self, plant: ArmModel, model: ArmModel, numbers: Mapping[str, Any]) -> None:
         self._forward = InterpretedFunction("forward_dynamics", plant)
         self._inverse = InterpretedFunction("inverse_dynamics", model)
-        self._step = parameters.step
-        self._computed = parameters.computed
-        self._limit = np.append(parameters.limit, parameters.feed_limit)
+        self._step = numbers["step"]
+        self._computed = numbers["computed"]
+        self._limit = np.append(numbers["limit"], numbers["feed_limit"])
         self._mass = float(np.sum(model.bodies[:, 0]) + model.world[3])
-        self._proportional = np.append(parameters.proportional, parameters.feed_proportional)
-        self._derivative = np.append(parameters.derivative, parameters.feed_derivative)
+        self._proportional = np.append(numbers["kp"], numbers["feed_kp"])
+        self._derivative = np.append(numbers["kd"], numbers["feed_kd"])
         if not self._computed:
-            self._predicted = InterpretedFunction("forward_dynamics", stiffened(model, parameters))
+            self._predicted = InterpretedFunction("forward_dynamics", stiffened(model, self._step, numbers["kd"]))
 
     def run(
         self, state: FloatArray, reference: FloatArray, noise: FloatArray, held: int

@@ -21,9 +21,8 @@ every place of the path, and the polygon lies in that plane.
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Self
+from typing import ClassVar
 
 import numpy as np
 from scipy.interpolate import BSpline
@@ -58,11 +57,6 @@ class SpeedRows:
 class MotionLimit(ABC):
     """A limit on motions along a path. What a limit does not say it leaves free."""
 
-    @classmethod
-    @abstractmethod
-    def from_path(cls, path: TimedPath, settings: ProfileSettings) -> Iterator[Self]:
-        """The limits of this kind that a path has; none when it is not limited so."""
-
     kept_by_legs: bool = False
     """Whether the straight legs and turns of Paul's transitions are made so that they keep the limit."""
 
@@ -88,116 +82,80 @@ class MotionLimit(ABC):
         """
 
 
-_JERK_SHARE = 0.7
-"""Share of the jerk limits that may go to the shape of the path, whose third derivative jumps at knots. Taste."""
+@dataclass(frozen=True)
+class CoordinateLimit(MotionLimit):
+    """A bound on one derivative of every coordinate.
 
-
-class CoordinateAcceleration(MotionLimit):
-    """Every coordinate's acceleration.
-
-    Args:
-        limit: of every coordinate, shape (n,) [rad/s², m/s²].
+    Attributes:
+        order: of the derivative.
+        limit: of every coordinate, shape (n,) [rad or m per s to the order], inf where there is none.
     """
 
+    order: ClassVar[int]
+    limit: FloatArray
+
+    def stretches(self, samples: MotionSamples) -> FloatArray:
+        """By the samples' own derivative, the differences of the one below it, and second differences of the next."""
+        values = (samples.place, samples.velocity, samples.acceleration)
+        found = of_samples(self._share(mean_rates(values[self.order - 1], samples.steps)))
+        if self.order < len(values):
+            found = np.maximum(found, self._share(values[self.order]))
+        if self.order > 1:
+            second = self._share(second_differences(values[self.order - 2], samples.steps))
+            if self.order > 2:
+                # At the ends velocity is no mirrored rest, so a second difference of it says nothing there.
+                second[[0, -1]] = 0.0
+            found = np.maximum(found, second)
+        return np.asarray((np.asarray, np.sqrt, np.cbrt)[self.order - 1](found))
+
+    def _share(self, values: FloatArray) -> FloatArray:
+        return np.asarray(np.max(np.abs(values) / self.limit, axis=1))
+
+
+class CoordinateVelocity(CoordinateLimit):
+    """Every coordinate's velocity."""
+
+    order = 1
     kept_by_legs = True
 
-    def __init__(self, limit: FloatArray) -> None:
-        self._limit = limit
+    def slowness(self, spline: BSpline, s: FloatArray) -> FloatArray:
+        """The greatest |q'| / v of all coordinates."""
+        return self._share(spline(s, 1))
 
-    @classmethod
-    def from_path(cls, path: TimedPath, settings: ProfileSettings) -> Iterator["CoordinateAcceleration"]:
-        """One limit for all coordinates."""
-        del settings
-        yield cls(path.bounds.acceleration)
+
+class CoordinateAcceleration(CoordinateLimit):
+    """Every coordinate's acceleration."""
+
+    order = 2
+    kept_by_legs = True
 
     def rows(self, spline: BSpline, s: FloatArray) -> SpeedRows:
         """A row a coordinate."""
         # q̈ = q' s̈ + q'' ṡ².
-        a = spline(s, 1) / self._limit
-        b = spline(s, 2) / self._limit
-        return SpeedRows(a, b, np.zeros_like(a))
-
-    def stretches(self, samples: MotionSamples) -> FloatArray:
-        """By the accelerations, the differences of velocities and the second differences of places."""
-        step = samples.steps
-        reported = np.max(np.abs(samples.acceleration) / self._limit, axis=1)
-        gained = np.max(np.abs(mean_rates(samples.velocity, step)) / self._limit, axis=1)
-        second = np.max(np.abs(second_differences(samples.place, step)) / self._limit, axis=1)
-        return np.asarray(np.sqrt(np.maximum.reduce([reported, of_samples(gained), second])))
+        a = spline(s, 1) / self.limit
+        return SpeedRows(a, spline(s, 2) / self.limit, np.zeros_like(a))
 
 
-class CoordinateVelocity(MotionLimit):
-    """Every coordinate's velocity.
-
-    Args:
-        limit: of every coordinate, shape (n,) [rad/s, m/s].
-    """
-
-    kept_by_legs = True
-
-    def __init__(self, limit: FloatArray) -> None:
-        self._limit = limit
-
-    @classmethod
-    def from_path(cls, path: TimedPath, settings: ProfileSettings) -> Iterator["CoordinateVelocity"]:
-        """One limit for all coordinates."""
-        del settings
-        yield cls(path.bounds.velocity)
-
-    def slowness(self, spline: BSpline, s: FloatArray) -> FloatArray:
-        """The greatest |q'| / v of all coordinates."""
-        return np.asarray(np.max(np.abs(spline(s, 1)) / self._limit, axis=1))
-
-    def stretches(self, samples: MotionSamples) -> FloatArray:
-        """By the velocities, and the mean velocities of the steps."""
-        reported = np.max(np.abs(samples.velocity) / self._limit, axis=1)
-        means = np.max(np.abs(mean_rates(samples.place, samples.steps)) / self._limit, axis=1)
-        return np.asarray(np.maximum(reported, of_samples(means)))
-
-
-BESIDE = 1e-10
+_JERK_SHARE = 0.7
+"""Share of the jerk limits that may go to the shape of the path, whose third derivative jumps at knots. Taste."""
+_BESIDE = 1e-10
 """Distance in s at which a jump of the third derivative is looked at from both sides; a guard against rounding."""
 
 
-class CoordinateJerk(MotionLimit):
-    """Every coordinate's jerk.
+class CoordinateJerk(CoordinateLimit):
+    """Every coordinate's jerk."""
 
-    Args:
-        limit: of every coordinate, shape (n,) [rad/s³, m/s³], inf where it is not limited.
-        share: of the limit that may go to the shape of the path.
-    """
-
-    def __init__(self, limit: FloatArray, share: float) -> None:
-        self._limit = limit
-        self._share = share
-
-    @classmethod
-    def from_path(cls, path: TimedPath, settings: ProfileSettings) -> Iterator["CoordinateJerk"]:
-        """One limit for all coordinates, where any of them has one."""
-        del settings
-        if path.smooth:
-            yield cls(path.bounds.jerk, _JERK_SHARE)
+    order = 3
 
     def slowness(self, spline: BSpline, s: FloatArray) -> FloatArray:
         """1/ṡ at which q''' ṡ³, due to the path's shape, takes its share of the limit."""
-        before, after = sides_of_third(spline, s)
-        third = np.maximum(np.abs(before), np.abs(after))
-        return np.asarray(np.cbrt(np.max(third / self._limit, axis=1) / self._share))
-
-    def stretches(self, samples: MotionSamples) -> FloatArray:
-        """By the differences of accelerations, and of mean accelerations."""
-        step = samples.steps
-        gained = np.max(np.abs(mean_rates(samples.acceleration, step)) / self._limit, axis=1)
-        second = np.max(np.abs(second_differences(samples.velocity, step)) / self._limit, axis=1)
-        # At the ends velocity is no mirrored rest, so a second difference says nothing there.
-        second[[0, -1]] = 0.0
-        return np.asarray(np.cbrt(np.maximum(of_samples(gained), second)))
+        return np.asarray(np.cbrt(np.maximum(*map(self._share, sides_of_third(spline, s))) / _JERK_SHARE))
 
 
 def sides_of_third(spline: BSpline, s: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Q''' just before and just after points of the path, where it may jump, each of shape (P, n)."""
-    before = np.asarray(spline(np.clip(s - BESIDE, 0.0, 1.0), 3))
-    after = np.asarray(spline(np.clip(s + BESIDE, 0.0, 1.0), 3))
+    before = np.asarray(spline(np.clip(s - _BESIDE, 0.0, 1.0), 3))
+    after = np.asarray(spline(np.clip(s + _BESIDE, 0.0, 1.0), 3))
     return before, after
 
 
@@ -254,13 +212,10 @@ class DriveEffort(MotionLimit):
         self._path = path
         self._efforts = Efforts(path.limits, path.inverse_dynamics, path.revolutes, path.coordinates)
 
-    @classmethod
-    def from_path(cls, path: TimedPath, settings: ProfileSettings) -> Iterator["DriveEffort"]:
-        """One limit for all drives, where any of them is limited."""
-        del settings
-        limit = cls(path)
-        if limit._efforts.limited:
-            yield limit
+    @property
+    def limited(self) -> bool:
+        """Whether any drive is."""
+        return self._efforts.limited
 
     def rows(self, spline: BSpline, s: FloatArray) -> SpeedRows:
         """A row a drive that does anything.
@@ -317,19 +272,6 @@ class PointSpeed(MotionLimit):
         # Half a turn is enough: a row bounds both its direction and the opposite one.
         angles = np.pi * np.arange(directions) / directions
         self._normals = np.stack((np.cos(angles), np.sin(angles)))
-
-    @classmethod
-    def from_path(cls, path: TimedPath, settings: ProfileSettings) -> Iterator["PointSpeed"]:
-        """One limit for every point that the problem names.
-
-        Raises:
-            ProblemError: points are limited, and there is no arm to say where they are.
-        """
-        for limit in path.limits.points:
-            if path.arm is None:
-                raise ProblemError("limits on points of the arm need the arm: hand it to the timing")
-            point = point_of(path.arm, limit.at)
-            yield cls(point, limit.velocity, limit.acceleration, settings.directions)
 
     def rows(self, spline: BSpline, s: FloatArray) -> SpeedRows:
         """A row for the speed, and one for each pair of opposite sides of the polygon around the disc.
@@ -396,16 +338,22 @@ def _length(vectors: FloatArray) -> FloatArray:
     return np.asarray(plane if vectors.shape[-1] == 2 else np.hypot(plane, vectors[..., 2]))
 
 
-KINDS: tuple[type[MotionLimit], ...] = (
-    CoordinateVelocity,
-    CoordinateAcceleration,
-    CoordinateJerk,
-    DriveEffort,
-    PointSpeed,
-)
-"""All kinds of limits."""
-
-
 def limits_along(path: TimedPath, settings: ProfileSettings = DEFAULT_TIMING.profile) -> tuple[MotionLimit, ...]:
-    """Every limit that motions along a path must keep."""
-    return tuple(limit for kind in KINDS for limit in kind.from_path(path, settings))
+    """Every limit that motions along a path must keep.
+
+    Raises:
+        ProblemError: points are limited, and there is no arm to say where they are.
+    """
+    bounds = path.bounds
+    limits: list[MotionLimit] = [CoordinateVelocity(bounds.velocity), CoordinateAcceleration(bounds.acceleration)]
+    if path.smooth:
+        limits.append(CoordinateJerk(bounds.jerk))
+    effort = DriveEffort(path)
+    if effort.limited:
+        limits.append(effort)
+    for limit in path.limits.points:
+        if path.arm is None:
+            raise ProblemError("limits on points of the arm need the arm: hand it to the timing")
+        point = point_of(path.arm, limit.at)
+        limits.append(PointSpeed(point, limit.velocity, limit.acceleration, settings.directions))
+    return tuple(limits)

@@ -17,7 +17,7 @@ from ccm_opt.dynamics.simulation.controller import (
     Noise,
     StepReference,
     disturbed_arm,
-    loop_parameters,
+    loop_numbers,
     step_reference,
 )
 from ccm_opt.dynamics.simulation.simulation_record import (
@@ -98,54 +98,41 @@ CONTROL_ADVICE = (
 )
 
 
-@dataclass(frozen=True)
-class RunFaults:
-    """All that went wrong in a run.
-
-    Attributes:
-        full: where an effort first met its limit; None when none did.
-        limit: of that effort [N m, N].
-        full_steps: number of steps in which some effort was at its limit.
-        strayed: where a joint was first far off its reference; None when none was.
-        largest_error: of a joint over the whole run [rad].
-        lost: where the run was stopped, since the arm had left its plan for good; None when it was not.
-        needs: what the plan takes of the drives of the simulated arm; None where no drive has a limit.
-    """
-
-    full: RunFault | None = None
-    limit: float = np.inf
-    full_steps: int = 0
-    strayed: RunFault | None = None
-    largest_error: float = 0.0
-    lost: RunFault | None = None
-    needs: PlanNeeds | None = None
-
-
-def verdict_of_run(faults: RunFaults, step: float, names: tuple[str, ...]) -> SimulationVerdict:
+def verdict_of_run(
+    record: SimulationRecord,
+    names: tuple[str, ...],
+    full: RunFault | None,
+    strayed: RunFault | None,
+    lost: RunFault | None,
+    needs: PlanNeeds | None,
+) -> SimulationVerdict:
     """The verdict on a run, as far as drives and errors decide it; what the arm touches is not known here.
 
     Args:
-        faults: of the run.
-        step: length of a step [s].
+        record: of the run.
         names: of all revolutes.
+        full: where an effort first met its limit; None when none did.
+        strayed: where a joint was first far off its reference; None when none was.
+        lost: where the run was stopped, since the arm had left its plan for good; None when it was not.
+        needs: what the plan takes of the drives of the simulated arm; None where no drive has a limit.
     """
-    full, needs = faults.full, faults.needs
-    fault = faults.lost or faults.strayed
+    step = record.step
+    fault = lost or strayed
     first = fault or full
     if first is None:
         return SimulationVerdict("followed", step)
     name = (*names, "the feed axis")[first.column]
     time = first.step * step
-    met = "" if full is None else _words_of_limit(full, faults, step, names)
+    met = "" if full is None else _words_of_limit(full, record, names)
     # Once a drive has nothing left the controller does not decide any more what the arm does: that is the cause.
     saturated = full is not None and full.step <= first.step
     status: SimulationOutcome = "saturated"
     if fault is not None:
-        status = "strayed" if faults.lost is None else "diverged"
+        status = "strayed" if lost is None else "diverged"
         far = f"is {fault.error:.3g} rad off the plan" if np.isfinite(fault.error) else "is not finite"
         off = f"the simulated {name} {far} at {time:.4g} s"
-        if faults.lost is None:
-            off = f"{off}, and joints are up to {faults.largest_error:.3g} rad off in all"
+        if lost is None:
+            off = f"{off}, and joints are up to {record.tracking_error:.3g} rad off in all"
         met = f"{off}; before that, {met}" if saturated else f"{off}, though no drive was at its limit before"
     # Drives that could follow the plan are not to blame for being full: the controller drove them there.
     too_weak = needs is not None and needs.share > 1.0
@@ -176,11 +163,12 @@ def _drive_advice(needs: PlanNeeds | None, names: tuple[str, ...]) -> tuple[str,
     return (f"a torque limit above {needs.effort:.4g} N m for {names[needs.column]}", *SATURATED_ADVICE)
 
 
-def _words_of_limit(full: RunFault, faults: RunFaults, step: float, names: tuple[str, ...]) -> str:
+def _words_of_limit(full: RunFault, record: SimulationRecord, names: tuple[str, ...]) -> str:
     axis = full.column == len(names)
-    limit = f"force limit of {faults.limit:.4g} N" if axis else f"torque limit of {faults.limit:.4g} N m"
-    met = f"the drive of {(*names, 'the feed axis')[full.column]} meets its {limit} at {full.step * step:.4g} s"
-    return f"{met}; in all, drives are at limits for {faults.full_steps * step:.3g} s"
+    limit = float(record.limit[full.column])
+    kind = f"force limit of {limit:.4g} N" if axis else f"torque limit of {limit:.4g} N m"
+    met = f"the drive of {(*names, 'the feed axis')[full.column]} meets its {kind} at {full.step * record.step:.4g} s"
+    return f"{met}; in all, drives are at limits for {record.full_steps * record.step:.3g} s"
 
 
 def simulate(
@@ -214,7 +202,7 @@ def simulate(
             tracking_error=0.0,
             saturated=False,
             base_positions=trajectory.base_positions,
-            verdict=verdict_of_run(RunFaults(), options.step, joints.names),
+            verdict=SimulationVerdict("followed", options.step),
         )
     run, state = _prepared(arm, trajectory, joints, options, limits)
     most = _most_efforts(limits, arm.coordinates)
@@ -230,13 +218,11 @@ def simulate(
         record.add(sound)
         if lost is not None:
             break
-    limit = np.inf if full is None else float(most[full.column])
     needs = None
     if full or strayed or lost:
         plant = disturbed_arm(arm, options.disturbances)
         needs = needs_of_plan(plant, trajectory, joints, options.gravity, most)
-    faults = RunFaults(full, limit, record.full_steps, strayed, record.tracking_error, lost, needs)
-    return record.motion(arm.coordinates, verdict_of_run(faults, options.step, joints.names))
+    return record.motion(arm.coordinates, verdict_of_run(record, joints.names, full, strayed, lost, needs))
 
 
 def simulated_states(
@@ -322,8 +308,7 @@ def closed_loop(
     if planar:
         plant_model = in_plane_alone(plant_model)
         believed_model = in_plane_alone(believed_model)
-    parameters = loop_parameters(arm, options, limits)
-    return CompiledLoop(plant_model, believed_model, parameters)
+    return CompiledLoop(plant_model, believed_model, loop_numbers(arm, options, limits))
 
 
 def _is_planar(arm: Arm, joints: JointStates, options: SimulationOptions) -> bool:

@@ -32,7 +32,9 @@ critically or more, and while the arm moves slowly against ωn no joint is off b
 links there are, and however light they are.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
@@ -45,35 +47,10 @@ from ccm_opt.problem import Disturbances, Limits, SimulationOptions
 from ccm_opt.robot.arm import Arm
 
 
-@dataclass(frozen=True)
-class LoopParameters:
-    """Numbers of a closed loop.
-
-    Attributes:
-        step: h [s].
-        computed: whether the law is computed torque, else PD.
-        proportional: Kp of every joint, shape (3 * links,), [1/s²] under computed torque, [N m/rad] under PD.
-        derivative: Kd of every joint, shape (3 * links,), [1/s] or [N m s/rad].
-        feed_proportional: Kp of the feed axis, [1/s²] or [N/m].
-        feed_derivative: Kd of the feed axis, [1/s] or [N s/m].
-        limit: bound on torques, shape (3 * links,) [N m].
-        feed_limit: bound on the thrust of the feed axis [N].
-    """
-
-    step: float
-    computed: bool
-    proportional: FloatArray
-    derivative: FloatArray
-    feed_proportional: float
-    feed_derivative: float
-    limit: FloatArray
-    feed_limit: float
-
-
-def stiffened(model: ArmModel, parameters: LoopParameters) -> ArmModel:
+def stiffened(model: ArmModel, step: float, kd: FloatArray) -> ArmModel:
     """The arm that a controller believes in, with rotors heavier by h Kd: what PD moves by the end of a step."""
     drives = model.drives.copy()
-    drives[:, :3] += parameters.step * parameters.derivative.reshape(-1, 3)
+    drives[:, :3] += step * kd.reshape(-1, 3)
     return replace(model, drives=drives)
 
 
@@ -85,21 +62,19 @@ class CompiledLoop:
     Args:
         plant: what moves.
         model: what the controller believes.
-        parameters: gains, limits and step.
+        numbers: gains, limits and step, see ``loop_numbers``.
     """
 
-    def __init__(self, plant: ArmModel, model: ArmModel, parameters: LoopParameters) -> None:
-        p = parameters
+    def __init__(self, plant: ArmModel, model: ArmModel, numbers: Mapping[str, Any]) -> None:
         believed = arm_for_c(model)
         self._width = plant.structure.joints + 1
         variant = plant.structure.variant
         self._call = NativeCall(
             f"simulate__{variant}",
             plant=arm_for_c(plant), model=believed,
-            stiffened=believed if p.computed else arm_for_c(stiffened(model, p)),
-            computed=p.computed, step=p.step, kp=p.proportional, kd=p.derivative, limit=p.limit,
-            feed_kp=p.feed_proportional, feed_kd=p.feed_derivative, feed_limit=p.feed_limit,
+            stiffened=believed if numbers["computed"] else arm_for_c(stiffened(model, numbers["step"], numbers["kd"])),
             work=np.zeros((native_constant(f"loop_rows__{variant}"), plant.structure.joints + 1)),
+            **numbers,
         )  # fmt: skip
 
     def run(
@@ -172,20 +147,25 @@ def feed_gains(arm: Arm, options: SimulationOptions) -> tuple[float, float]:
     return mass * options.bandwidth**2, 2.0 * mass * options.bandwidth
 
 
-def loop_parameters(arm: Arm, options: SimulationOptions, limits: Limits) -> LoopParameters:
-    """The numbers of the closed loop; efforts saturate at their limits when there are any."""
-    proportional, derivative = gains(arm, options)
-    feed_proportional, feed_derivative = feed_gains(arm, options)
-    return LoopParameters(
-        step=options.step,
-        computed=options.controller == "computed-torque",
-        proportional=proportional,
-        derivative=derivative,
-        feed_proportional=feed_proportional,
-        feed_derivative=feed_derivative,
-        limit=np.full(3 * arm.links, np.inf) if limits.torque is None else limits.torque,
-        feed_limit=np.inf if limits.feed_force is None else limits.feed_force,
-    )
+def loop_numbers(arm: Arm, options: SimulationOptions, limits: Limits) -> dict[str, Any]:
+    """The numbers of the closed loop as ``simulation.c`` calls them.
+
+    They are the step [s], whether the law is computed torque, else PD, Kp and Kd of every joint, shape (3 * links,),
+    and of the feed axis, see ``gains`` and ``feed_gains``, and bounds on the torques, shape (3 * links,) [N m], and on
+    the thrust of the feed axis [N], inf where there are none.
+    """
+    kp, kd = gains(arm, options)
+    feed_kp, feed_kd = feed_gains(arm, options)
+    return {
+        "step": options.step,
+        "computed": options.controller == "computed-torque",
+        "kp": kp,
+        "kd": kd,
+        "feed_kp": feed_kp,
+        "feed_kd": feed_kd,
+        "limit": np.full(3 * arm.links, np.inf) if limits.torque is None else limits.torque,
+        "feed_limit": np.inf if limits.feed_force is None else limits.feed_force,
+    }
 
 
 def disturbed_arm(arm: Arm, disturbances: Disturbances) -> Arm:
