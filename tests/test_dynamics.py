@@ -139,7 +139,7 @@ def test_both_back_ends_give_the_same(kind: DynamicsKind, rotors: bool, axes: Ax
     arm = geared(swan_neck(14, axes, varied=True))
     model = arm_model(arm if rotors else replace(arm, rotor_inertia=0.0), GRAVITY)
     states, feed = random_states(42), np.array([0.7, -0.2, 0.0, 3.0])
-    got = DynamicsFunction(kind, model)(*states, feed)
+    got = DynamicsFunction(kind, model).with_feed(*states, feed)
     expected = InterpretedFunction(kind, model).many(*states, feed)
     assert relative_error(got[0], expected[0]) < TOLERANCE
     assert relative_error(got[1], expected[1]) < TOLERANCE

@@ -50,8 +50,8 @@ def test_planar_code_gives_the_same_bits(seed: int, rotors: bool, kind: Dynamics
     assert planar.structure.planar
     states = [_planar(random, 5) for _ in range(3)]
     feed = random.normal(size=5)
-    wanted = DynamicsFunction(kind, full)(*states, feed)
-    got = DynamicsFunction(kind, planar)(*states, feed)
+    wanted = DynamicsFunction(kind, full).with_feed(*states, feed)
+    got = DynamicsFunction(kind, planar).with_feed(*states, feed)
     assert np.array_equal(got[0], wanted[0])
     assert np.array_equal(got[1], wanted[1])
     assert np.any(got[0][:, 1::3])

@@ -133,8 +133,8 @@ def compare_sines(count: int = 1000) -> None:
             states = random_states(36, count)
             times = interleaved(
                 {
-                    "ours": (lambda f=ours, x=states: f(*x), count),
-                    "theirs": (lambda f=theirs, x=states: f(*x), count),
+                    "ours": (lambda f=ours, x=states: f.of_joints(*x), count),
+                    "theirs": (lambda f=theirs, x=states: f.of_joints(*x), count),
                 }
             )
             ratio = median(b / a for a, b in zip(times["ours"], times["theirs"], strict=True))
@@ -145,7 +145,7 @@ def compare_sines(count: int = 1000) -> None:
 def batched(function: DynamicsFunction, links: int, count: int = 1000) -> float:
     """Time for a state of a batch [µs]."""
     states = (0.5 if links > 50 else 1.0) * random_states(3 * links, count)
-    return microseconds(lambda: function(*states), max(1, 1200 // links)) / count
+    return microseconds(lambda: function.with_feed(*states), max(1, 1200 // links)) / count
 
 
 def compare_lengths() -> None:

@@ -1,6 +1,7 @@
 """Inverse and forward dynamics by compiled functions."""
 
-from typing import Any, Literal
+from collections.abc import Callable
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
@@ -14,6 +15,10 @@ from ccm_opt.robot.frames import joint_names, revolute_angles
 
 DynamicsKind = Literal["inverse_dynamics", "forward_dynamics"]
 """From accelerations to torques, or from torques to accelerations."""
+JointsCall: TypeAlias = Callable[[FloatArray, FloatArray, FloatArray], FloatArray]
+"""Three joint states to one, shape (3 * links,) each."""
+FeedCall: TypeAlias = Callable[[FloatArray, FloatArray, FloatArray, FloatArray | float], tuple[FloatArray, FloatArray]]
+"""The same with a value of the feed axis, shape (), in and out."""
 
 
 def arm_for_c(model: ArmModel) -> dict[str, Any]:
@@ -23,10 +28,8 @@ def arm_for_c(model: ArmModel) -> dict[str, Any]:
     return {"links": links, "bodies": model.bodies, "drives": model.drives, "world": model.world, "work": work}
 
 
-class DynamicsFunction:
-    """A function of three joint states and one value of the feed axis, to a joint state and one value of the feed.
-
-    Not for use by two threads at once.
+class CompiledFunction:
+    """Inverse or forward dynamics of one arm. Not for use by two threads at once.
 
     Args:
         kind: which of the two.
@@ -34,10 +37,91 @@ class DynamicsFunction:
     """
 
     def __init__(self, kind: DynamicsKind, model: ArmModel) -> None:
-        self._call = NativeCall(f"{kind}__{model.structure.variant}", arm=arm_for_c(model))
+        self._many = NativeCall(f"{kind}__{model.structure.variant}", arm=arm_for_c(model))
+        self._one = NativeCall(f"{kind}__{model.structure.variant}", arm=arm_for_c(model), count=1)
+        self.one, self.one_with_feed = self._calls_of_one_state(model.structure.joints)
+
+    def _calls_of_one_state(self, joints: int) -> tuple[JointsCall, FeedCall]:
+        """The function at one state as closures over fixed memory, the shortest calls that Python allows.
+
+        Returns:
+            A function of three arrays of shape (3 * links,) to the joints' result, for a feed of 0, and one of these
+            and a feed to the results for joints and feed. Both raise ValueError, TypeError or NotImplementedError for
+            other arrays.
+        """
+        q, qd, third, out = np.zeros((4, joints))
+        feed, out_feed = np.zeros((2, 1))
+        self._one.set(q=q, qd=qd, third=third, feed=feed, out=out, out_feed=out_feed)
+        address = self._one.address
+        function = self._one.function
+        copy_of_out = out.copy
+
+        # Views refuse arrays of another shape, type or layout, and copy faster than numpy's assignment does; a slice
+        # made once saves its construction at every call. Both are measurable beside 0.4 µs for a recursion.
+        into_q = q.data
+        into_qd = qd.data
+        into_third = third.data
+        whole = slice(None)
+
+        def one(first: FloatArray, second: FloatArray, third: FloatArray) -> FloatArray:
+            into_q[whole] = first  # type: ignore[call-overload]  # memoryviews take any buffer
+            into_qd[whole] = second  # type: ignore[call-overload]
+            into_third[whole] = third  # type: ignore[call-overload]
+            function(address)
+            return copy_of_out()
+
+        def one_with_feed(
+            first: FloatArray, second: FloatArray, third: FloatArray, value: FloatArray | float
+        ) -> tuple[FloatArray, FloatArray]:
+            into_q[whole] = first  # type: ignore[call-overload]
+            into_qd[whole] = second  # type: ignore[call-overload]
+            into_third[whole] = third  # type: ignore[call-overload]
+            feed[0] = value
+            function(address)
+            feed[0] = 0.0  # what ``one`` expects
+            return copy_of_out(), out_feed[0]
+
+        return one, one_with_feed
+
+    def many(
+        self, first: FloatArray, second: FloatArray, third: FloatArray, feed: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """The function at N states, three arrays of shape (N, 3 * links), feed (N,)."""
+        out = np.empty(first.shape)
+        out_feed = np.empty(len(feed))
+        self._many.set(count=len(feed), q=first, qd=second, third=third, feed=feed, out=out, out_feed=out_feed)
+        self._many()
+        return out, out_feed
+
+
+MISFIT = (TypeError, ValueError, NotImplementedError)
+"""What memory views raise for anything but contiguous doubles of their own shape."""
+
+
+class DynamicsFunction:
+    """A function of three joint states and one value of the feed axis, to a joint state and one value of the feed.
+
+    Args:
+        kind: which of the two.
+        model: the arm's model.
+    """
+
+    def __init__(self, kind: DynamicsKind, model: ArmModel) -> None:
+        function = CompiledFunction(kind, model)
+        self._one = function.one
+        self._one_with_feed = function.one_with_feed
+        self._many = function.many
         self._joints = model.structure.joints
 
-    def __call__(
+    def of_joints(self, first: FloatArray, second: FloatArray, third: FloatArray) -> FloatArray:
+        """The result for the joints alone and for a feed of 0, of the states' shape; see ``with_feed``."""
+        # One state of contiguous doubles is tried first, as asking what was given would take longer than the dynamics.
+        try:
+            return self._one(first, second, third)
+        except MISFIT:
+            return self._general(first, second, third, 0.0)[0]
+
+    def with_feed(
         self, first: FloatArray, second: FloatArray, third: FloatArray, feed: FloatArray | float = 0.0
     ) -> tuple[FloatArray, FloatArray]:
         """Evaluate at states of shape (3 * links,) or (N, 3 * links), all three alike, and a feed of () or (N,).
@@ -48,18 +132,25 @@ class DynamicsFunction:
         Raises:
             ProblemError: when the shapes do not fit.
         """
+        try:
+            return self._one_with_feed(first, second, third, feed)
+        except MISFIT:
+            return self._general(first, second, third, feed)
+
+    def _general(
+        self, first: FloatArray, second: FloatArray, third: FloatArray, feed: FloatArray | float
+    ) -> tuple[FloatArray, FloatArray]:
+        """States of any number, type and layout, converted and checked."""
         shape = np.shape(first)
         fits = len(shape) in {1, 2} and shape[-1] == self._joints
         if not fits or np.shape(second) != shape or np.shape(third) != shape:
             shown = f"{shape}, {np.shape(second)}, {np.shape(third)}"
             raise ProblemError(f"joint states have shapes {shown}; expected three of (N, {self._joints})")
-        count = 1 if len(shape) == 1 else shape[0]
-        out = np.empty(shape)
-        out_feed = np.empty(count)
-        feeds = np.broadcast_to(feed, count)
-        self._call.set(count=count, q=first, qd=second, third=third, feed=feeds, out=out, out_feed=out_feed)
-        self._call()
-        return out, out_feed[0] if len(shape) == 1 else out_feed
+        q, qd, last = (np.atleast_2d(np.asarray(state, dtype=np.float64)) for state in (first, second, third))
+        out, out_feed = self._many(q, qd, last, np.broadcast_to(feed, q.shape[:1]))
+        if len(shape) == 1:
+            return out[0], out_feed[0]
+        return out, out_feed
 
 
 class InverseDynamics:
@@ -78,7 +169,7 @@ class InverseDynamics:
         angles: FloatArray,
         velocities: FloatArray,
         accelerations: FloatArray,
-        feed_accelerations: FloatArray | float = 0.0,
+        feed_accelerations: FloatArray | float | None = None,
     ) -> FloatArray:
         """Torques [N m], shape (N, 3 * links), for arrays of that shape, or (3 * links,) for one state.
 
@@ -86,19 +177,22 @@ class InverseDynamics:
             angles: [rad].
             velocities: [rad/s].
             accelerations: [rad/s²].
-            feed_accelerations: of the base along the base heading, shape (N,) or () [m/s²].
+            feed_accelerations: of the base along the base heading, shape (N,) or () [m/s²]; None: the base rests or
+                moves evenly.
 
         Raises:
             ProblemError: when the shapes do not fit the arm.
         """
-        return self.efforts(angles, velocities, accelerations, feed_accelerations)[0]
+        if feed_accelerations is None:
+            return self._rnea.of_joints(angles, velocities, accelerations)
+        return self._rnea.with_feed(angles, velocities, accelerations, feed_accelerations)[0]
 
     def feed_forces(
         self,
         angles: FloatArray,
         velocities: FloatArray,
         accelerations: FloatArray,
-        feed_accelerations: FloatArray | float = 0.0,
+        feed_accelerations: FloatArray | float | None = None,
     ) -> FloatArray:
         """Force on the feed axis [N], shape (N,), or () for one state; arguments as for the torques.
 
@@ -111,10 +205,11 @@ class InverseDynamics:
         angles: FloatArray,
         velocities: FloatArray,
         accelerations: FloatArray,
-        feed_accelerations: FloatArray | float = 0.0,
+        feed_accelerations: FloatArray | float | None = None,
     ) -> tuple[FloatArray, FloatArray]:
         """Torques and the force on the feed axis by one recursion; arguments as for the torques."""
-        return self._rnea(angles, velocities, accelerations, feed_accelerations)
+        feed = 0.0 if feed_accelerations is None else feed_accelerations
+        return self._rnea.with_feed(angles, velocities, accelerations, feed)
 
 
 class MassMatrix:
@@ -179,7 +274,7 @@ class ForwardDynamics:
         Raises:
             ProblemError: when the shapes do not fit the arm.
         """
-        return self._aba(angles, velocities, torques)[0]
+        return self._aba.of_joints(angles, velocities, torques)
 
     def with_feed(
         self, angles: FloatArray, velocities: FloatArray, torques: FloatArray, thrust: FloatArray | float
@@ -192,4 +287,4 @@ class ForwardDynamics:
             torques: [N m].
             thrust: on the base along the base heading, shape (N,) or () [N].
         """
-        return self._aba(angles, velocities, torques, thrust)
+        return self._aba.with_feed(angles, velocities, torques, thrust)
