@@ -16,7 +16,7 @@ from ccm_opt.planning.motion import Motion
 from ccm_opt.planning.motion_task import MotionTask
 from ccm_opt.planning.optimisation.interval_rows import IntervalRows, joined_rows, representatives
 from ccm_opt.planning.optimisation.objective import Objective, decimated, subdivided
-from ccm_opt.planning.optimisation.optimise import motion_program, optimise, thinned
+from ccm_opt.planning.optimisation.optimise import optimise, thinned
 from ccm_opt.planning.optimisation.program import KeyframeProgram, LinearMotion
 from ccm_opt.planning.strategies import find_motion
 from ccm_opt.planning.swept_motion import PlanarSweep
@@ -89,8 +89,8 @@ def test_interior_point_agrees_with_sequential_convex() -> None:
     """IPOPT on the same rows shortens a motion about as much, and its result is certified too."""
     _, task, motion = found(0)
     ours = optimise(motion, replace(task, optimiser=SEQUENTIAL))
-    keyframes, u = thinned(motion, task.certificate)
-    coordinates = interior_point(replace(motion_program(motion, task), u=u), keyframes)
+    keyframes, u = thinned(motion, task)
+    coordinates = interior_point(replace(task.program(motion), u=u), keyframes)
     reference = motion.through(coordinates)
     assert len(task.certificate.failures(reference.configurations)) == 0
     assert ours.travel == pytest.approx(reference.travel, rel=0.15)
@@ -214,7 +214,7 @@ def test_decimating_keeps_legs_that_pass() -> None:
 def test_thinned_motion_is_certified() -> None:
     """Few keyframes of a found motion still pass the certificate."""
     _, task, motion = found(0)
-    few, _ = thinned(motion, task.certificate)
+    few, _ = thinned(motion, task)
     assert len(few) < len(motion.unknowns)
     assert len(task.certificate.failures(motion.curve.configurations(few))) == 0
 

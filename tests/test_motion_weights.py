@@ -115,7 +115,7 @@ def test_duration_spares_slow_joints() -> None:
 def test_interior_point_weighs_the_same() -> None:
     """The cost of nearness that IPOPT sees has the value that the sequential programming sees."""
     _, task, motion = found()
-    sweep = PlanarSweep(motion.curve, thinned(motion, task.certificate)[0])
+    sweep = PlanarSweep(motion.curve, thinned(motion, task)[0])
     near = nearness(sweep)
     l = motion.curve.arm.link_length
     points = sweep.points[..., 0].T, sweep.points[..., 1].T
@@ -133,7 +133,7 @@ def nearness(sweep: PlanarSweep) -> WallNearness:
 def test_model_of_nearness_matches_differences() -> None:
     """The gradient of the cost of nearness agrees with central differences of its value."""
     _, task, motion = found()
-    sweep = PlanarSweep(motion.curve, thinned(motion, task.certificate)[0])
+    sweep = PlanarSweep(motion.curve, thinned(motion, task)[0])
     near = nearness(sweep)
     model = near.model(sweep)
     change = np.random.default_rng(3).normal(size=sweep.unknowns.shape)

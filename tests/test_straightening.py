@@ -27,7 +27,7 @@ def to_and_fro(seed: int, times: int) -> tuple[MotionTask, Motion]:
 def test_a_motion_to_and_fro_is_cut_short(seed: int) -> None:
     """What is left has the same ends, is certified, touches nothing in a dense sweep, and is much shorter."""
     task, long = to_and_fro(seed, 8)
-    assert len(thinned(long, task.certificate)[0]) - 1 > MANY_INTERVALS
+    assert len(thinned(long, task)[0]) - 1 > MANY_INTERVALS
     short = straightened(long, task)
     assert short.travel < 0.5 * long.travel
     assert np.array_equal(short.unknowns[[0, -1]], long.unknowns[[0, -1]])

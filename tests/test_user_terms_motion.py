@@ -17,7 +17,6 @@ from ccm_opt.planning.ends import resolve_ends
 from ccm_opt.planning.limits.user_limit import UserLimit
 from ccm_opt.planning.limits.user_motion_rows import UserCosts
 from ccm_opt.planning.link_space import LinkSpace
-from ccm_opt.planning.optimisation.objective import even_parameters
 from ccm_opt.planning.path_on_limits import moved_onto
 from ccm_opt.planning.swept_motion import PlanarSweep
 from ccm_opt.problem import Problem, TipGoal
@@ -233,12 +232,3 @@ def test_models_of_costs_are_those_of_differences() -> None:
     assert float(np.vdot(model.gradient, step)) == pytest.approx(0.5 * (after - before), rel=1e-5)
     assert at > 0.0
     assert costs.foreseen(sweeps[1], step) == pytest.approx(after, rel=1e-7)
-
-
-@pytest.mark.parametrize("breaks", [[], [0.3, 0.6], [1 / 7], [0.123, 0.87]])
-def test_keyframes_stand_where_intervals_end(breaks: list[float]) -> None:
-    """Even steps of the path parameter, with every given place among them."""
-    u = even_parameters(24, np.array(breaks))
-    assert set(breaks) <= set(u.tolist())
-    assert 24 < len(u) <= 37
-    assert np.diff(u).min() > 0.4 / len(u)

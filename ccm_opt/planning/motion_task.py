@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import count
 from typing import TypeAlias
 
@@ -17,10 +17,13 @@ from ccm_opt.planning.limits.limit_stack import ContactLimit, limits_with
 from ccm_opt.planning.limits.motion_certificate import MotionCertificate
 from ccm_opt.planning.limits.user_limit import UserLimit
 from ccm_opt.planning.link_space import FedSpace, LinkSpace, nearest_curves
-from ccm_opt.planning.optimisation.objective import JointSlowness
+from ccm_opt.planning.motion import Motion
+from ccm_opt.planning.optimisation.objective import JointSlowness, normalised
+from ccm_opt.planning.optimisation.sequential_convex import MotionProgram
 from ccm_opt.planning.search import SearchTask
 from ccm_opt.planning.settings import MotionSettings
 from ccm_opt.planning.step import Stepper
+from ccm_opt.planning.swept_motion import PlanarSweep
 from ccm_opt.planning.tip_paths import TipPath
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.configuration import Configuration
@@ -45,6 +48,16 @@ _REACH = 0.96
 """Contacts nearer than this make rows of the step, in nominal links. Taste: a step moves a link by less."""
 _PLAY = 0.5
 """Distance from the middle line of a gate up to which joints are left alone, in planning margins. Taste."""
+_LARGEST_LINK = 1.0 / 36.0
+"""Share of the arm's length that counts as a link of the optimisation at most. Taste."""
+_ROW_REACH = 2.5
+"""Walls and links farther apart than this many such links make no rows of it. Taste."""
+_ROW_MARGIN = 1e-3
+"""Gap that rows ask for beyond contact, as a share of the arm's length. Taste."""
+_ROW_SEEN = 1.1
+"""Rows nearer to their bound than this many such links enter the QP. Taste."""
+_GROUPS = 36
+"""Arms with more links than this have rows for groups of neighbouring joints. Taste."""
 _SPARE = 1e-4
 """Gap beyond contact that the certificate asks for, as a share of the arm's length. Taste."""
 
@@ -179,9 +192,35 @@ class MotionTask(SearchTask):
         contact = replace(self.contact_certificate, spare=max(spare, self.contact_certificate.spare))
         return MotionCertificate(self.arm, contact.spare, self.limits(self._end_finder, certificate=contact))
 
-    def least_gap(self, q: FloatArray) -> float:
-        """Least gap beyond contact of configurations, shape (K, c) [m], as far as the wanted gap sees."""
-        return float(self.wanted_gap - np.max(self.room_lacking(q)))
+    def program(self, motion: Motion, margin: float | None = None) -> MotionProgram[PlanarSweep]:
+        """The program of optimising a motion, its keyframes still to be chosen."""
+        margin = _ROW_MARGIN if margin is None else margin
+        length = self.arm.length
+        # Few, long links would otherwise reach for every wall of the room.
+        link = min(self.arm.link_length, _LARGEST_LINK * length)
+        end = motion.curve.pose(motion.unknowns[-1])
+        # Rows ask for the wanted gap and can buy slack where there is less; what is farther away has to be seen for it.
+        finder = self.finder(margin * length, _ROW_REACH * link + self.wanted_gap)
+        optimisation = self.settings.optimisation
+        return MotionProgram(
+            curve=motion.curve,
+            sweep=partial(PlanarSweep, motion.curve),
+            limits=self.limits(finder, self.wanted_gap),
+            failures=partial(self.failures, motion.curve),
+            # Of a goal that is a set the motion keeps the member to which it was found.
+            goal=self.limited_goal.nearest_member(end.tip, end.tip_direction),
+            end_fixed=self.goal_pose is not None,
+            u=np.zeros(0),
+            deadline=self.deadline,
+            weights=normalised(self.weights),
+            wanted_gap=self.wanted_gap,
+            seen=_ROW_SEEN * link + self.wanted_gap,
+            groups=_GROUPS,
+            steps=optimisation.steps,
+            slowness=self.slowness,
+            many=1.5 * optimisation.intervals,
+            yielding=self.gates is not None,
+        )
 
     def room_lacking(self, q: FloatArray) -> FloatArray:
         """By how much poses, shape (k, c), lack the wanted gap, shape (k,) [m]."""

@@ -1,10 +1,13 @@
 """Where a path of the tip passes the places that a goal names on the way, one after the other."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray, IntArray
+from ccm_opt.planning.limits.limit import KeyframeRows, LimitOf
+from ccm_opt.planning.pose import CurveUnknowns
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,18 +41,24 @@ def passings(tips: FloatArray, places: FloatArray) -> Passings:
     along = np.einsum("mkd,kd->mk", off, leg) / np.where(size > 0.0, size, 1.0)
     share = np.clip(along, 0.0, 1.0)
     away = np.sum((off - share[..., None] * leg) ** 2, axis=2)
-    # The least sum of places so far with the last of them passed on a leg or before it; then back from the end.
+    chosen = _in_order(away)
+    return Passings(chosen, share[np.arange(len(places)), chosen])
+
+
+def _in_order(away: FloatArray) -> IntArray:
+    """Columns of a table, shape (m, k), one for each row and none before the last, of the least sum; shape (m,)."""
+    # The least sum of rows so far with the last of them at a column or before it; then back from the end.
     sums = np.zeros_like(away)
-    best = np.zeros(len(leg))
-    for m in range(len(places)):
+    best = np.zeros(away.shape[1])
+    for m in range(len(away)):
         sums[m] = best + away[m]
         best = np.minimum.accumulate(sums[m])
-    chosen = np.zeros(len(places), dtype=np.intp)
-    last = len(leg) - 1
-    for m in reversed(range(len(places))):
-        chosen[m] = int(np.argmin(sums[m, : last + 1]))
-        last = int(chosen[m])
-    return Passings(chosen, share[np.arange(len(places)), chosen])
+    chosen = np.zeros(len(away), dtype=np.intp)
+    last = away.shape[1] - 1
+    for m in reversed(range(len(away))):
+        last = int(np.argmin(sums[m, : last + 1]))
+        chosen[m] = last
+    return chosen
 
 
 def first_missed(tips: FloatArray, places: FloatArray, reach: float) -> tuple[int, float] | None:
@@ -68,3 +77,43 @@ def first_missed(tips: FloatArray, places: FloatArray, reach: float) -> tuple[in
             return number, float(np.min(away))
         first += int(near[0])
     return None
+
+
+@dataclass(frozen=True, eq=False)
+class PassedPlaces(LimitOf[CurveUnknowns]):
+    """Places that the tip passes at keyframes of a motion, in their order.
+
+    Attributes:
+        places: shape (m, d) [m].
+        reach: how far off the tip may be, or else no farther than it was [m].
+    """
+
+    places: FloatArray
+    reach: float
+
+    def _passed(self, sweep: Any) -> tuple[IntArray, FloatArray]:
+        """The keyframes that pass the places, shape (m,), and from these to the tip, shape (m, d) [m]."""
+        off = sweep.points[:, sweep.space.arm.links] - self.places[:, None]
+        keyframe = _in_order(np.sum(off**2, axis=2))
+        return keyframe, off[np.arange(len(keyframe)), keyframe]
+
+    def keyframe_rows(self, sweep: Any, u: FloatArray) -> tuple[KeyframeRows, ...]:
+        """Two rows an axis: the tip stays in the cube that fits into the ball, or leaves it no farther."""
+        del u
+        keyframe, off = self._passed(sweep)
+        moved = np.flatnonzero(keyframe > 0)
+        keyframe, off = keyframe[moved], off[moved] / sweep.space.nominal_length
+        d = off.shape[1]
+        most = np.maximum(self.reach / (np.sqrt(d) * sweep.space.nominal_length), np.abs(off))
+        slopes = sweep.moving[keyframe, sweep.space.arm.links] / sweep.space.nominal_length
+        return (
+            KeyframeRows(
+                np.repeat(keyframe, d), slopes.reshape(len(off) * d, -1), (-most - off).ravel(), (most - off).ravel()
+            ),
+        )
+
+    def holds(self, sweep: Any, before: Any, u: FloatArray) -> bool:
+        """Whether the tip passes every place within reach, or as near as before."""
+        del u
+        away, was = (np.linalg.norm(self._passed(each)[1], axis=1) for each in (sweep, before))
+        return bool(np.all(away <= np.maximum(self.reach, was) * (1.0 + 1e-9)))

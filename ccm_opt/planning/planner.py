@@ -24,7 +24,7 @@ from ccm_opt.core.deadline import Deadline
 from ccm_opt.core.errors import NoPlanFound
 from ccm_opt.core.progress import Stages
 from ccm_opt.ik.compiled_terms import UserTerms
-from ccm_opt.planning import space_optimise, space_search
+from ccm_opt.planning import space_search
 from ccm_opt.planning.continuation import Stalled, settle
 from ccm_opt.planning.curve_routes import find_guesses, find_routes, further_guesses, route_room, tip_paths_along
 from ccm_opt.planning.ending import ended_by_nlp, optimised_to_end_pose
@@ -40,6 +40,7 @@ from ccm_opt.planning.motion import Motion, SpaceMotion
 from ccm_opt.planning.motion_task import CachedItems, MotionTask
 from ccm_opt.planning.neighbourhood import neighbourhood
 from ccm_opt.planning.optimisation.objective import JointSlowness
+from ccm_opt.planning.optimisation.optimise import optimise_with_room
 from ccm_opt.planning.own_units import in_own_units
 from ccm_opt.planning.passage_widths import MARGINS
 from ccm_opt.planning.pose_beginnings import any_motion
@@ -330,7 +331,7 @@ class MotionPlanner:
             ending = ended_by_nlp(problem, task, found)
             motion = tracked(task, ending.motion)
         with self.stages("optimisation"):
-            motions = (space_optimise.optimise(motion, ending.task), found if motion.u is None else motion)
+            motions = (optimise_with_room(motion, ending.task), found if motion.u is None else motion)
         return motions, ending.record
 
     def _lifted(self, problem: Problem, task: SpaceTask) -> _Planned | None:

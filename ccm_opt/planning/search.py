@@ -10,17 +10,20 @@ from dataclasses import asdict, dataclass, field, replace
 from math import inf
 from typing import Any, Generic, TypeVar
 
+import numpy as np
 from scipy.interpolate import BSpline
 
-from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.core.deadline import Deadline
 from ccm_opt.core.errors import Diagnosis, MotionNotFound, TimeLimitReached
 from ccm_opt.core.length_words import short_length
 from ccm_opt.core.progress import tell_candidate
 from ccm_opt.planning.goal import GoalPose
 from ccm_opt.planning.limits.limit import LimitOf
-from ccm_opt.planning.limits.motion_certificate import IntervalCertificate
+from ccm_opt.planning.limits.motion_certificate import MotionCertificate, failing_edges
 from ccm_opt.planning.limits.user_limit import UserLimit
+from ccm_opt.planning.motion import CurveMotion
+from ccm_opt.planning.optimisation.sequential_convex import MotionProgram
 from ccm_opt.planning.settings import EngineSettings
 from ccm_opt.problem import OptimiserName, Weights
 from ccm_opt.robot.arm import Arm
@@ -131,8 +134,41 @@ class SearchTask(ABC):
 
     @property
     @abstractmethod
-    def certificate(self) -> IntervalCertificate:
+    def certificate(self) -> MotionCertificate:
         """Of motions, and of paths between their samples."""
+
+    @abstractmethod
+    def program(self, motion: CurveMotion[Any], margin: float | None = None) -> MotionProgram[Any]:
+        """The program of optimising a motion, its keyframes still to be chosen.
+
+        Args:
+            motion: certified.
+            margin: gap that rows ask for beyond contact, as a share of the arm's length; the usual one when None.
+        """
+
+    def certificate_with(self, gap: float) -> MotionCertificate:
+        """The certificate of motions, with more gap beyond contact than they must have where that is told apart [m]."""
+        del gap
+        return self.certificate
+
+    def failures(self, curve: Any, unknowns: FloatArray, depth: int | None = None, gap: float = -np.inf) -> IntArray:
+        """Intervals of a motion that cannot be certified, sorted.
+
+        Args:
+            curve: the map of the unknowns.
+            unknowns: at the keyframes, shape (K, p).
+            depth: bisections of an interval that are allowed; as many as the settings say when None.
+            gap: beyond contact that is asked for, where that is more than anyway [m].
+        """
+        certificate = self.certificate if gap == -np.inf else self.certificate_with(gap)
+        return failing_edges(certificate.limits, curve, unknowns, depth)
+
+    def marks(self, motion: CurveMotion[Any]) -> FloatArray:
+        """Where along a motion, counted in keyframes, there have to be some, shape (m,)."""
+        if motion.u is None:
+            return np.zeros(0)
+        breaks = [u for limit in self.user_limits for u in limit.breaks]
+        return np.interp(breaks, motion.u, np.arange(len(motion.u)))
 
     @abstractmethod
     def free(self, q: FloatArray) -> FloatArray:
@@ -141,6 +177,10 @@ class SearchTask(ABC):
     @abstractmethod
     def room_lacking(self, q: FloatArray) -> FloatArray:
         """By how much configurations, shape (k, c), lack the wanted room, shape (k,) [m]."""
+
+    def least_gap(self, q: FloatArray) -> float:
+        """Least gap beyond contact of configurations, shape (K, c) [m], as far as the wanted gap sees."""
+        return float(self.wanted_gap - np.max(self.room_lacking(q)))
 
     @abstractmethod
     def keyframes_along(

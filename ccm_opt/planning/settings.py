@@ -43,6 +43,9 @@ class OptimisationSettings:
             twice as many shortened motions by 5 % at most.
         moved_intervals: numbers of intervals that are tried where keyframes have to be moved onto limits, until the
             motion through them is certified. Taste.
+        leg_depth: bisections that a leg of the thinned motion may need for its certificate. Taste.
+        first_stride: keyframes that such a leg skips at first. Taste.
+        first_rounds: steps at many keyframes, before the motion is thinned again. Taste.
         rounds: most steps that are taken. Taste.
         free_rounds: most steps before it is decided where the motion ends. Taste.
         end_rounds: most steps after that. Taste.
@@ -51,6 +54,9 @@ class OptimisationSettings:
 
     intervals: int = 20
     moved_intervals: tuple[int, ...] = (24, 48, 96)
+    leg_depth: int = 2
+    first_stride: int = 16
+    first_rounds: int = 5
     rounds: int = 14
     free_rounds: int = 9
     end_rounds: int = 5
@@ -234,12 +240,14 @@ class EngineSettings:
         continuation: of following a guide and settling on the goal.
         goal: of putting the tip onto the goal.
         tracking: of tracking a reference motion.
+        optimisation: of the optimisation of a motion.
     """
 
     step: AnyStepSettings = field(default_factory=AnyStepSettings)
     continuation: ContinuationSettings = field(default_factory=ContinuationSettings)
     goal: GoalSettings = field(default_factory=GoalSettings)
     tracking: TrackingSettings = field(default_factory=TrackingSettings)
+    optimisation: OptimisationSettings = field(default_factory=OptimisationSettings)
 
 
 @dataclass(frozen=True)
@@ -252,14 +260,12 @@ class MotionSettings(EngineSettings):
         many_walls: walls in the neighbourhood beyond which the tip is led along every path before poses at the goal are
             looked for. Taste: among a thousand, such poses take seconds.
         tip_walks: of leading the tip among many walls.
-        optimisation: of the optimisation of a motion.
     """
 
     certificate: CertificateSettings = field(default_factory=CertificateSettings)
     step: StepSettings = field(default_factory=StepSettings)
     many_walls: int = 150
     tip_walks: TipWalkSettings = field(default_factory=TipWalkSettings)
-    optimisation: OptimisationSettings = field(default_factory=OptimisationSettings)
 
 
 # ------------------------------------------------------------ in space
@@ -303,7 +309,9 @@ class SpaceMotionSettings(EngineSettings):
     certificate: SpaceCertificateSettings = field(default_factory=SpaceCertificateSettings)
     continuation: ContinuationSettings = ContinuationSettings(60, 10, 0.5, 0.0, 0.5, 0.2)
     goal: GoalSettings = GoalSettings(heading_weight=1.0, distance_step=1.0, turn_step=0.5)
-    optimisation: OptimisationSettings = OptimisationSettings(intervals=24, steps=_STEPS)
+    optimisation: OptimisationSettings = OptimisationSettings(
+        intervals=24, leg_depth=4, first_stride=8, first_rounds=2, rounds=24, steps=_STEPS
+    )
 
 
 # ------------------------------------------------------------ planners of curves and of feed

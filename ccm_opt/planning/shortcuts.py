@@ -103,7 +103,7 @@ def straightened(motion: Motion, task: MotionTask) -> Motion:
     fits = motion.u is None and not (task.user_limits or task.arm.base_axes) and task.arm.links > FEW_LINKS
     if not fits or task.optimiser == "none" or task.deadline.passed():
         return motion
-    intervals = len(thinned(motion, task.certificate)[0]) - 1
+    intervals = len(thinned(motion, task)[0]) - 1
     if intervals <= MANY_INTERVALS:
         return motion
     check = SampledCheck.of(task.arm, task.workspace)

@@ -1,7 +1,7 @@
 """The task of a motion in space."""
 
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -13,16 +13,20 @@ from ccm_opt.core.errors import Diagnosis
 from ccm_opt.core.length_words import short_length
 from ccm_opt.ik.compiled_terms import UserTerms
 from ccm_opt.planning.curve_map import CurveMap
-from ccm_opt.planning.goal import GoalPose
+from ccm_opt.planning.goal import GoalPose, moved_onto
 from ccm_opt.planning.limits.limit import LimitOf
-from ccm_opt.planning.limits.limit_stack import FeedLimit, SurfaceLimit, limits_with
+from ccm_opt.planning.limits.limit_stack import FeedLimit, SurfaceLimit, limits_with, within_limits
 from ccm_opt.planning.limits.motion_certificate import MotionCertificate
 from ccm_opt.planning.limits.user_limit import UserLimit
-from ccm_opt.planning.passed_places import first_missed
+from ccm_opt.planning.motion import CurveMotion, SpaceMotion
+from ccm_opt.planning.optimisation.objective import normalised
+from ccm_opt.planning.optimisation.sequential_convex import MotionProgram
+from ccm_opt.planning.passed_places import PassedPlaces, first_missed, passings
 from ccm_opt.planning.room_lacking import distance_lacking
 from ccm_opt.planning.search import SearchTask
 from ccm_opt.planning.settings import SpaceMotionSettings
 from ccm_opt.planning.space_certificate import LinkMotion, SpaceCertificate
+from ccm_opt.planning.space_sweep import SpaceSweep, room_lacking
 from ccm_opt.planning.step import SpaceStepper
 from ccm_opt.problem import JointPose, Problem
 from ccm_opt.robot.arm import Arm
@@ -34,6 +38,14 @@ _LEAD = 0.04
 """Of the path parameter, by which planning keeps a constraint before and behind its interval; taste."""
 _PATH_SAMPLES = 4
 """Of a span of a path at which it is looked whether the tip passes its places."""
+_PASSING = 0.5
+"""How near the tip stays to the places that it passes, as a share of what counts as passing."""
+_ROW_MARGIN = 0.02
+"""Gap that rows of the optimisation ask for beyond contact [u]."""
+_ROW_SEEN = 0.3
+"""Rows nearer to their bound than this enter its QP [u]."""
+_GROUPS = 24
+"""Arms with more links than this have rows for groups of neighbouring joints."""
 _MARGIN = 0.06
 """Gap that steps keep beyond contact [u]."""
 _LEAST_SPARE = 1.2e-5
@@ -135,6 +147,44 @@ class SpaceTask(SearchTask):
     def margin(self) -> float:
         """Gap that steps keep beyond the clearance [m]."""
         return _MARGIN * self.unit
+
+    def marks(self, motion: CurveMotion[Any]) -> FloatArray:
+        """Where there have to be keyframes, among them where the tip comes nearest to the places that it passes."""
+        marks = super().marks(motion)
+        if not self.via:
+            return marks
+        tips = self.arm.joint_positions_at(motion.curve.configurations(motion.unknowns))[:, -1]
+        return np.union1d(marks, passings(tips, np.stack(self.via)).along)
+
+    def program(self, motion: SpaceMotion, margin: float | None = None) -> MotionProgram[SpaceSweep]:
+        """The program of optimising a motion, its keyframes still to be chosen."""
+        kept = _ROW_MARGIN * self.unit if margin is None else margin * self.arm.length
+        goal = self.limited_goal
+        exact = moved_onto(motion.curve, goal, motion.curve.pose(motion.unknowns[-1]))
+        # The last keyframe stays where no tip counts, or limits keep it a little off its goal.
+        on_goal = goal.on_goal(exact) and goal.limits_met(exact) and within_limits(self.arm, exact.q)
+        passed = (PassedPlaces(np.stack(self.via), _PASSING * self.via_reach),) if self.via else ()
+        return MotionProgram(
+            curve=motion.curve,
+            sweep=partial(SpaceSweep, motion.curve),
+            limits=(*self.limits(kept, self.wanted_gap, _ROW_SEEN * self.unit), *passed),
+            failures=partial(self.failures, motion.curve),
+            goal=goal,
+            end_fixed=self.goal_pose is not None or not on_goal,
+            u=np.zeros(0),
+            deadline=self.deadline,
+            weights=normalised(self.weights),
+            wanted_gap=self.wanted_gap,
+            seen=_ROW_SEEN * self.unit,
+            groups=_GROUPS,
+            steps=self.settings.optimisation.steps,
+            scale=self.slowness,
+            lack=self._lack,
+        )
+
+    def _lack(self, sweep: SpaceSweep) -> float:
+        """Room that a motion lacks over all its intervals, in nominal links."""
+        return float(np.sum(room_lacking(sweep, self.contact_certificate, self.wanted_gap))) / self.unit
 
     @property
     def user_limits(self) -> tuple[UserLimit, ...]:

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from itertools import pairwise
 from typing import Generic, Self, TypeAlias, TypeVar
 
 import numpy as np
@@ -11,7 +10,7 @@ from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.core.small_qp import solve_small_qp
 from ccm_opt.planning.curve_map import CurveMap
 from ccm_opt.planning.limits.limit import LimitOf, LimitRows, stacked_rows
-from ccm_opt.planning.limits.motion_certificate import failed_intervals
+from ccm_opt.planning.limits.motion_certificate import failing_edges
 from ccm_opt.planning.link_space import LinkSpace
 from ccm_opt.planning.pose import CurveUnknowns, Pose, Term, normal_equations
 from ccm_opt.planning.settings import EngineSettings, MotionSettings
@@ -110,10 +109,7 @@ class StepperOf(Generic[AnyUnknowns]):
 
     def failing_edges(self, unknowns: FloatArray, depth: int | None = None) -> IntArray:
         """Numbers of the edges of a motion, unknowns of shape (K + 1, p), that are not certified, sorted."""
-        edges = [self.space.pieces(before, after)[:-1] for before, after in pairwise(unknowns)]
-        owner = np.repeat(np.arange(len(edges)), [len(edge) for edge in edges])
-        places = np.array([*(v for edge in edges for v in edge), unknowns[-1]])
-        return np.unique(owner[failed_intervals(self.limits, self.space.configurations(places), depth)])
+        return failing_edges(self.limits, self.space, unknowns, depth)
 
     def at(self, u: float) -> "Self":
         """The stepper at a path parameter of the motion."""

@@ -54,7 +54,7 @@ def _certified_part(program: MotionProgram[PlanarSweep], sweep: PlanarSweep, sol
     for share in _SHORTENINGS:
         ended = program.ended(sweep.unknowns + share * change)
         moved = sweep if ended is None else program.sweep(ended)
-        if program.feasible(moved, sweep) and len(program.failures(moved)) == 0:
+        if program.feasible(moved, sweep) and len(program.failures(moved.unknowns)) == 0:
             return moved.unknowns
     return sweep.unknowns
 

@@ -1,12 +1,14 @@
 """The certificate of a motion: every limit's own proof of what lies between keyframes, put together."""
 
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any, Protocol
 
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.planning.limits.limit import LimitOf
+from ccm_opt.planning.pose import CurveUnknowns
 from ccm_opt.robot.arm import Arm
 
 
@@ -70,3 +72,20 @@ def failed_intervals(limits: tuple[LimitOf[Any], ...], q: FloatArray, depth: int
     for limit in limits:
         failing = np.union1d(failing, limit.failures(q, depth))
     return failing
+
+
+def failing_edges(
+    limits: tuple[LimitOf[Any], ...], curve: CurveUnknowns, unknowns: FloatArray, depth: int | None = None
+) -> IntArray:
+    """Edges of a motion, linear in the unknowns of a curve, that are not certified, sorted.
+
+    Args:
+        limits: that have to hold between keyframes.
+        curve: says where edges have to be cut to be so.
+        unknowns: at the keyframes, shape (K + 1, p).
+        depth: bisections of an interval that are allowed; as many as the certificate's settings say when None.
+    """
+    edges = [curve.pieces(before, after)[:-1] for before, after in pairwise(unknowns)]
+    owner = np.repeat(np.arange(len(edges)), [len(edge) for edge in edges])
+    places = np.array([*(v for edge in edges for v in edge), unknowns[-1]])
+    return np.unique(owner[failed_intervals(limits, curve.configurations(places), depth)])

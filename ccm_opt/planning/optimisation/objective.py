@@ -322,22 +322,6 @@ def resampled(
     return None
 
 
-def even_parameters(least: int, breaks: FloatArray) -> FloatArray:
-    """Path parameters of keyframes, as even as may be, some of them at given places.
-
-    Args:
-        least: number of intervals; there may be up to half as many more when the places are met better so.
-        breaks: places that a keyframe has to be at, shape (m,).
-    """
-    counts = np.arange(least, 3 * least // 2)[:, None]
-    # Of all counts K the one on whose grid i/K the breaks lie best; rounding lets the smallest count win a tie.
-    misses = np.max(np.abs(breaks - np.round(breaks * counts) / counts), axis=1, initial=0.0)
-    count = least + int(np.argmin(np.round(misses, 9)))
-    u = np.linspace(0.0, 1.0, count + 1)
-    u[np.round(breaks * count).astype(np.intp)] = breaks
-    return u
-
-
 @dataclass(frozen=True)
 class WallNearness:
     """The cost of some wall rows; satisfies ``MotionCost``.

@@ -1,34 +1,28 @@
 """Optimises a found motion: shorter first, then with more clearance.
 
-A row keeps both ends of a link, over a whole interval, behind one half-plane. The farther the link goes in the
+A step that the certificate refuses is shortened, then damped, and what an interval lacks becomes dearer; so the motion
+stays in its homotopy class, and the last iterate is always fit for use.
+
+A row keeps both ends of a link, over a whole interval, behind one half-space. The farther the link goes in the
 interval, the more room that costs beside what there is; between near keyframes there is more to be had.
 """
 
 from dataclasses import dataclass, replace
-from functools import partial
-from typing import TypeAlias
+from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray, IntArray
-from ccm_opt.planning.limits.motion_certificate import IntervalCertificate, failed_intervals
-from ccm_opt.planning.motion import Motion
+from ccm_opt.planning.motion import CurveMotion, Motion
 from ccm_opt.planning.motion_task import MotionTask
-from ccm_opt.planning.optimisation.objective import decimated, even_parameters, normalised, resampled, subdivided
+from ccm_opt.planning.optimisation.objective import decimated, resampled, subdivided
 from ccm_opt.planning.optimisation.sequential_convex import MotionProgram, sequential_convex
-from ccm_opt.planning.settings import OptimisationSettings
+from ccm_opt.planning.search import SearchTask
 from ccm_opt.planning.spline_path import DEGREE, clamped_spline, places_along
 from ccm_opt.planning.swept_motion import PlanarSweep
 from ccm_opt.problem import Weights
 
-_LEG_DEPTH = 2
-"""Bisections that a leg of the thinned motion may need for its certificate. Taste."""
-_FIRST_STRIDE = 16
-"""Keyframes that a leg of the thinned motion skips at first. Taste."""
-_REACH = 2.5
-"""Walls and links farther apart than this many links make no rows. Taste."""
-_FIRST_ROUNDS = 5
-"""Steps at many keyframes, before the motion is thinned again. Taste."""
 _ROOM_SAMPLES = 5
 """Places beside each leg between keyframes at which the room of a smooth path is measured. Taste."""
 
@@ -36,8 +30,6 @@ _GATE_INTERVALS = (40, 60, 90, 135)
 """The same in gates with hardly any play. Taste: the play of a hundredth of a radius asks for about sixty."""
 _GATE_HALVINGS = 3
 """Times that legs which fail there may be halved. Taste."""
-_LARGEST_LINK = 1.0 / 36.0
-"""Share of the arm's length that counts as a link at most. Taste."""
 _WORTH_MANY = 0.05
 """Share of the way by which steps at many keyframes have to shorten it for more of them. Taste."""
 _COUNTED_ROUNDS = 2
@@ -47,8 +39,13 @@ _KEPT_SHARE = 0.8
 """Share of its gap that a motion keeps when it is thinned. Taste."""
 _ENOUGH_ROOM = 0.95
 """Share of the wanted gap, or of what the ends leave of it, that is enough. Taste."""
-_GROUPS = 36
-"""Arms with more links than this have rows for groups of neighbouring joints. Taste."""
+_FINER_LACK = 0.15
+"""A motion that lacks more than this share of the wanted gap is made again of more keyframes; in pipes and wing boxes
+with few links seven in ten of those come out with all the room that there is."""
+_FINER_INTERVALS = 32
+"""Least number of intervals then."""
+_FINER_PRICE = 400.0
+"""First price of slack then."""
 _MANY = 1.5
 """Keyframes that are many, as a multiple of the intervals wanted. Taste."""
 _FINER = 2.2
@@ -65,14 +62,6 @@ _ROOM_GROWTH = 1.02
 _ROOM_PATIENCE = 6
 """Steps without growth after which a pass ends. Taste."""
 
-PlanarProgram: TypeAlias = MotionProgram[PlanarSweep]
-"""The program of a motion in the plane."""
-NO_BREAKS = np.zeros(0)
-"""No path parameters."""
-_MARGIN = 1e-3
-"""Gap that rows ask for beyond contact, as a share of the arm's length. Taste."""
-_ACTIVE = 1.1
-"""Rows nearer to their bound than this many such links enter the QP. Taste."""
 _FINEST = 80
 """Intervals beyond which a motion is not cut finer for its room. Taste: the cost of a step."""
 _MOVED_ROUNDS = 24
@@ -81,11 +70,13 @@ MOST_INTERVALS = 60
 """Intervals of a motion beyond which none that lets nothing move is cut finer. Taste."""
 
 
-def optimise(motion: Motion, task: MotionTask, margin: float | None = None, rounds: int | None = None) -> Motion:
+def optimise(
+    motion: CurveMotion[Any], task: SearchTask, margin: float | None = None, rounds: int | None = None
+) -> CurveMotion[Any]:
     """Shorten a certified motion in its homotopy class.
 
     Args:
-        motion: piecewise linear in its link space, certified; its keyframes meet all equations.
+        motion: piecewise linear in its unknowns, certified; its keyframes meet all equations.
         task: arm, room, goal, limits and deadline.
         margin: gap that rows ask for beyond contact, as a share of the arm's length; the usual one when None.
         rounds: most steps; those of the settings when None.
@@ -96,33 +87,41 @@ def optimise(motion: Motion, task: MotionTask, margin: float | None = None, roun
     """
     if task.optimiser == "none" or len(motion.unknowns) < 2 or task.deadline.passed():
         return motion
-    whole = motion_program(motion, task, margin)
-    if task.user_limits:
-        return _optimised_on_limits(motion, task, whole, rounds)
-    optimised = _optimised(motion, task, whole, rounds)
+    whole = task.program(motion, margin)
+    optimised = (_optimised_on_limits if task.user_limits else _optimised)(motion, task, whole, rounds)
+    if not motion.curve.affine:
+        # The bends of a fed arm are not linear between keyframes: others may have come in between.
+        if len(whole.failures(optimised.unknowns)) > 0:
+            return motion
+        in_between = motion.curve.configurations(motion.curve.in_pieces(optimised.unknowns))
+        return replace(optimised, configurations=in_between)
     # With default weights the objective is close to the length but not the same; with others a longer path may be
     # what was asked for.
-    plain = task.weights == Weights() and task.wanted_gap == 0.0
+    plain = task.weights == Weights() and task.wanted_gap == 0.0 and not task.user_limits
     return optimised if not plain or optimised.travel < motion.travel else motion
 
 
-def _optimised_on_limits(motion: Motion, task: MotionTask, whole: PlanarProgram, rounds: int | None) -> Motion:
+def _optimised_on_limits(
+    motion: CurveMotion[Any], task: SearchTask, whole: MotionProgram[Any], rounds: int | None
+) -> CurveMotion[Any]:
     """The motion optimised through keyframes that limits have moved; the given one when none can be certified."""
     settings = task.settings.optimisation
     taken = _MOVED_ROUNDS if rounds is None else _MOVED_ROUNDS * rounds // settings.rounds
     # Between keyframes a motion leaves equations by the square of the step: where few keyframes fail, more may do.
     for intervals in settings.moved_intervals:
-        keyframes, u = thinned(motion, task.certificate, intervals, _breaks(task))
+        keyframes, u = thinned(motion, task, intervals)
         program = replace(whole, u=u)
         start = program.restored(keyframes)
         # Thinned keyframes are certified; those that a limit has moved have to be judged anew.
         if start is keyframes or _certified(program, start):
             # What is left is the best there is under the limits, even where the found motion was shorter.
-            return _with_keyframes(motion, sequential_convex(program, start, taken), u)
+            return replace(motion.through(sequential_convex(program, start, taken)), u=u)
     return motion
 
 
-def _optimised(motion: Motion, task: MotionTask, whole: PlanarProgram, rounds: int | None) -> Motion:
+def _optimised(
+    motion: CurveMotion[Any], task: SearchTask, whole: MotionProgram[Any], rounds: int | None
+) -> CurveMotion[Any]:
     """The motion optimised at few keyframes.
 
     A crooked motion needs many keyframes to be certified, and fewer once it has been straightened: after some rounds
@@ -132,12 +131,11 @@ def _optimised(motion: Motion, task: MotionTask, whole: PlanarProgram, rounds: i
     left = settings.rounds if rounds is None else rounds
     keyframes, u = _few_keyframes(motion, task, whole, 0.0)
     while left > 0:
-        program = replace(whole, u=u)
         many = len(keyframes) - 1 > _MANY * settings.intervals
-        taken = min(left, _FIRST_ROUNDS) if many else left
+        taken = min(left, settings.first_rounds) if many else left
         before = keyframes
         length = motion.travel
-        motion = _with_keyframes(motion, sequential_convex(program, keyframes, taken), motion.u)
+        motion = motion.through(sequential_convex(replace(whole, u=u), keyframes, taken))
         left -= _COUNTED_ROUNDS if many else taken
         if not many:
             continue
@@ -151,135 +149,119 @@ def _optimised(motion: Motion, task: MotionTask, whole: PlanarProgram, rounds: i
         slow = motion.travel > (1.0 - _WORTH_MANY) * length
         if slow and len(before) > (MOST_INTERVALS if stuck else 0):
             break
-        keyframes, u = finer(motion, _FINER if stuck else 1.0)
+        keyframes, u = finer(motion, whole, _FINER if stuck else 1.0)
     return motion
 
 
-def finer(motion: Motion, times: float) -> tuple[FloatArray, FloatArray]:
-    """The coordinates of the same motion at as many times the intervals, as even as may be, and their parameters."""
-    turns = np.linalg.norm(np.diff(motion.curve.drives(motion.configurations), axis=0), axis=1)
+def finer(motion: CurveMotion[Any], whole: MotionProgram[Any], times: float) -> tuple[FloatArray, FloatArray]:
+    """The unknowns of the same motion at as many times the intervals, as even as may be, and their parameters."""
+    ways = whole.ways(motion.unknowns)
     labelled = np.column_stack((motion.unknowns, motion.path_parameters))
-    keyframes = subdivided(labelled, turns, int(np.ceil(times * len(turns))))
+    keyframes = subdivided(labelled, ways, int(np.ceil(times * len(ways))))
     return np.ascontiguousarray(keyframes[:, :-1]), keyframes[:, -1]
 
 
 def _few_keyframes(
-    motion: Motion, task: MotionTask, whole: PlanarProgram, spare: float
+    motion: CurveMotion[Any], task: SearchTask, whole: MotionProgram[Any], gap: float
 ) -> tuple[FloatArray, FloatArray]:
     """Those of the motion when they are few, else fewer with a certified gap [m]; and their path parameters."""
     settings = task.settings.optimisation
     if settings.intervals <= len(motion.unknowns) - 1 <= _MANY * settings.intervals:
         return motion.unknowns, motion.path_parameters
-    if task.gates is not None:
+    if whole.yielding:
         return _few_in_gates(motion, whole)
-    return thinned(motion, task.certificate_with(spare), settings.intervals)
+    return thinned(motion, task, gap=gap)
 
 
-def _few_in_gates(motion: Motion, whole: PlanarProgram) -> tuple[FloatArray, FloatArray]:
+def _few_in_gates(motion: CurveMotion[Any], whole: MotionProgram[Any]) -> tuple[FloatArray, FloatArray]:
     """Few keyframes that lie in the middle of gates, certified, and their path parameters; those of the motion if none.
 
     Straight legs between poses in a gate leave it by the square of their turn: what is thinned has to be put back.
     """
-    space = motion.curve
     u = motion.path_parameters
-
-    def restored(coordinates: FloatArray) -> FloatArray:
-        return replace(whole, u=u).restored(coordinates)
-
-    def failures(coordinates: FloatArray) -> IntArray:
-        return whole.failures(PlanarSweep(space, coordinates))
-
+    restored = replace(whole, u=u).restored
     for intervals in _GATE_INTERVALS:
-        few = resampled(motion.unknowns, u, intervals, failures, restored, _GATE_HALVINGS)
+        few = resampled(motion.unknowns, u, intervals, whole.failures, restored, _GATE_HALVINGS)
         if few is not None and len(few[1]) < len(u):
             return few
     return motion.unknowns, u
 
 
-def keeps_limits(motion: Motion, task: MotionTask) -> bool:
+def keeps_limits(motion: CurveMotion[Any], task: SearchTask) -> bool:
     """Whether a motion's keyframes keep the limits that users set, and the motion is certified between them."""
     if not task.user_limits:
         return True  # every motion that is made here is certified
-    program = replace(motion_program(motion, task), u=motion.path_parameters)
-    return _certified(program, motion.unknowns)
+    return _certified(replace(task.program(motion), u=motion.path_parameters), motion.unknowns)
 
 
-def _breaks(task: MotionTask) -> FloatArray:
-    """Path parameters that keyframes have to be at, increasing."""
-    return np.array(sorted({u for limit in task.user_limits for u in limit.breaks}))
-
-
-def _certified(program: PlanarProgram, coordinates: FloatArray) -> bool:
+def _certified(program: MotionProgram[Any], unknowns: FloatArray) -> bool:
     """Whether keyframes, shape (K + 1, p), keep every limit, and so does the motion between them."""
-    sweep = program.sweep(coordinates)
-    return program.feasible(sweep, sweep) and len(program.failures(sweep)) == 0
-
-
-def _with_keyframes(motion: Motion, coordinates: FloatArray, u: FloatArray | None) -> Motion:
-    """A motion with other keyframes in the same link space."""
-    return replace(motion, unknowns=coordinates, configurations=motion.curve.configurations(coordinates), u=u)
+    sweep = program.sweep(unknowns)
+    return program.feasible(sweep, sweep) and len(program.failures(unknowns)) == 0
 
 
 def thinned(
-    motion: Motion,
-    certificate: IntervalCertificate,
-    intervals: int = OptimisationSettings.intervals,
-    breaks: FloatArray = NO_BREAKS,
+    motion: CurveMotion[Any], task: SearchTask, intervals: int | None = None, gap: float = -np.inf
 ) -> tuple[FloatArray, FloatArray]:
-    """Coordinates at few keyframes on certified legs, shape (K + 1, p), and their path parameters, shape (K + 1,).
+    """Unknowns at few keyframes on certified legs, shape (K + 1, p), and their path parameters, shape (K + 1,).
 
     Args:
-        motion: certified; where it knows its path parameter, the keyframes are at even steps of that.
-        certificate: of the legs.
-        intervals: least number of intervals.
-        breaks: path parameters that keyframes have to be at, where the motion knows its own.
+        motion: certified.
+        task: what it is for.
+        intervals: least number of intervals; that of the settings when None.
+        gap: beyond contact that legs have to keep, where that is more than they have to anyway [m].
     """
-    space = motion.curve
+    settings = task.settings.optimisation
+    intervals = settings.intervals if intervals is None else intervals
     labelled = np.column_stack((motion.unknowns, motion.path_parameters))
+    # Keyframes are put in where the task wants some.
+    along = np.union1d(np.arange(len(labelled)), task.marks(motion))
+    labelled = np.column_stack([np.interp(along, np.arange(len(labelled)), column) for column in labelled.T])
+    ends = np.unique((0, *np.searchsorted(along, task.marks(motion)), len(along) - 1))
 
-    # Such a motion was tracked under limits that depend on u: its keyframes may not be shifted against u.
-    if motion.u is not None:
-        u = even_parameters(intervals, breaks)
-        return np.column_stack([np.interp(u, motion.u, column) for column in motion.unknowns.T]), u
+    def failing(some: FloatArray) -> IntArray:
+        # A shallow certificate: a leg that needs many bisections leaves the rows, which know none, no room.
+        return task.failures(motion.curve, some[:, :-1], settings.leg_depth, gap)
 
-    # A shallow certificate: a leg that needs many bisections leaves the rows, which know none, no room.
-    judged = partial(certificate.failures, depth=_LEG_DEPTH)
-    few = decimated(labelled, lambda v: judged(space.configurations(v[:, :-1])), _FIRST_STRIDE)
+    def fewer(stride: int) -> FloatArray:
+        parts = [decimated(labelled[a : b + 1], failing, stride) for a, b in pairwise(ends)]
+        return np.vstack((labelled[:1], *(part[1:] for part in parts)))
 
-    turns = np.diff(space.drives(space.configurations(few[:, :-1])), axis=0)
-    keyframes = subdivided(few, np.linalg.norm(turns, axis=1), intervals)
+    few = fewer(settings.first_stride)
+    whole = task.program(motion)
+    keyframes = subdivided(few, whole.ways(few[:, :-1]), intervals)
+    if not motion.curve.affine and len(whole.failures(keyframes[:, :-1])) > 0:
+        # The bends of a fed arm are not linear along an edge: what lies in between is beyond a limit, and the motion's
+        # own keyframes are not.
+        keyframes = fewer(max(1, len(labelled) // intervals))
     return np.ascontiguousarray(keyframes[:, :-1]), keyframes[:, -1]
 
 
-def motion_program(motion: Motion, task: MotionTask, margin: float | None = None) -> PlanarProgram:
-    """The program of a motion, its keyframes still to be chosen; arguments as for ``optimise``."""
-    margin = _MARGIN if margin is None else margin
-    length = task.arm.length
-    # Few, long links would otherwise reach for every wall of the room.
-    link = min(task.arm.link_length, _LARGEST_LINK * length)
-    end = motion.curve.pose(motion.unknowns[-1])
-    optimisation = task.settings.optimisation
-    # Rows ask for the wanted gap and can buy slack where there is less; what is farther away has to be seen for it.
-    limits = task.limits(task.finder(margin * length, _REACH * link + task.wanted_gap), task.wanted_gap)
-    return MotionProgram(
-        curve=motion.curve,
-        sweep=partial(PlanarSweep, motion.curve),
-        limits=limits,
-        failures=lambda sweep: failed_intervals(limits, sweep.configurations),
-        # Of a goal that is a set the motion keeps the member to which it was found.
-        goal=task.limited_goal.nearest_member(end.tip, end.tip_direction),
-        end_fixed=task.goal_pose is not None,
-        u=np.zeros(0),
-        deadline=task.deadline,
-        weights=normalised(task.weights),
-        wanted_gap=task.wanted_gap,
-        seen=_ACTIVE * link + task.wanted_gap,
-        groups=_GROUPS,
-        steps=optimisation.steps,
-        slowness=task.slowness,
-        many=_MANY * optimisation.intervals,
-        yielding=task.gates is not None,
-    )
+def optimise_with_room(motion: CurveMotion[Any], task: SearchTask) -> CurveMotion[Any]:
+    """A motion that is optimised; where that lacks room, the roomier of it and of one of more and dearer keyframes.
+
+    Args:
+        motion: certified.
+        task: what it is for.
+    """
+    first = optimise(motion, task)
+    lacking = _lacking(first, task)
+    if task.optimiser == "none" or lacking <= _FINER_LACK * task.wanted_gap or task.deadline.passed():
+        return first
+    settings = task.settings.optimisation
+    steps = settings.steps
+    dearer = replace(steps, price=_FINER_PRICE, highest_price=steps.highest_price * _FINER_PRICE / steps.price)
+    finer = replace(settings, intervals=_FINER_INTERVALS, steps=dearer)
+    second = optimise(motion, replace(task, settings=replace(task.settings, optimisation=finer)))
+    return second if _lacking(second, task) < lacking else first
+
+
+def _lacking(motion: CurveMotion[Any], task: SearchTask) -> float:
+    """By how much more of the wanted room a motion lacks on its way than at its ends [m]."""
+    at = np.linspace(0.0, len(motion.unknowns) - 1.0, 4 * len(motion.unknowns) - 3)
+    unknowns = np.column_stack([np.interp(at, np.arange(len(motion.unknowns)), column) for column in motion.unknowns.T])
+    lacking = task.room_lacking(motion.curve.configurations(unknowns))
+    return float(np.max(lacking) - np.max(lacking[[0, -1]]))
 
 
 def room_of(motion: Motion, task: MotionTask) -> float:
@@ -311,12 +293,14 @@ def with_more_room(motion: Motion, task: MotionTask, margin: float | None = None
         return motion
     wanted = _enough_room(motion, task)
     most = room_of(motion, task)
-    roomier = _with_finer_keyframes(motion)
-    program = _program_to_end(roomier, task, margin)
+    program = _program_to_end(motion, task, margin)
+    # As even as may be; not beyond what is affordable.
+    keyframes, u = finer(motion, program, min(_FINER, max(1.0, _FINEST / (len(motion.unknowns) - 1))))
+    program = replace(program, u=u)
+    roomier = motion.through(keyframes)
     for _ in range(_ROOM_PASSES):
         growth = RoomGrowth(task, wanted)
-        coordinates = sequential_convex(program, roomier.unknowns, _ROOM_ROUNDS, growth.ended)
-        roomier = replace(roomier, unknowns=coordinates, configurations=motion.curve.configurations(coordinates))
+        roomier = motion.through(sequential_convex(program, roomier.unknowns, _ROOM_ROUNDS, growth.ended))
         room = room_of(roomier, task)
         worthwhile = room >= _ROOM_WORTH * most
         if room > most:
@@ -371,22 +355,14 @@ def shortened(motion: Motion, task: MotionTask, margin: float | None = None) -> 
     if motion.u is not None or room <= 0.0 or task.deadline.passed():
         return motion
     kept = replace(task, wanted_gap=room)
-    coordinates = sequential_convex(_program_to_end(motion, kept, margin), motion.unknowns, _ROOM_ROUNDS)
-    shorter = replace(motion, unknowns=coordinates, configurations=motion.curve.configurations(coordinates))
+    shorter = motion.through(sequential_convex(_program_to_end(motion, kept, margin), motion.unknowns, _ROOM_ROUNDS))
     return shorter if room_of(shorter, task) >= _ENOUGH_ROOM * room else motion
 
 
-def _program_to_end(motion: Motion, task: MotionTask, margin: float | None) -> PlanarProgram:
+def _program_to_end(motion: Motion, task: MotionTask, margin: float | None) -> MotionProgram[PlanarSweep]:
     """The program of a motion that keeps its keyframes' number and its last pose."""
     to_end = task.ending_at(motion.unknowns[-1], motion.configurations[-1])
-    return replace(motion_program(motion, to_end, margin), u=motion.path_parameters)
-
-
-def _with_finer_keyframes(motion: Motion) -> Motion:
-    """The same motion with as many times the intervals, as even as may be; not beyond what is affordable."""
-    now = len(motion.unknowns) - 1
-    coordinates, _ = finer(motion, min(_FINER, max(1.0, _FINEST / now)))
-    return replace(motion, unknowns=coordinates, configurations=motion.curve.configurations(coordinates))
+    return replace(to_end.program(motion, margin), u=motion.path_parameters)
 
 
 def _enough_room(motion: Motion, task: MotionTask) -> float:

@@ -79,7 +79,7 @@ class MotionProgram(Generic[SweepType]):
         curve: the map of its unknowns.
         sweep: makes the motion through keyframes, shape (K + 1, p).
         limits: all that it has to keep.
-        failures: intervals of a motion that are not certified.
+        failures: intervals of a motion that are not certified, by its keyframes, shape (K + 1, p).
         goal: where the tip has to stay; None where the last keyframe is fixed.
         end_fixed: whether it is.
         u: path parameters of the keyframes, shape (K + 1,).
@@ -99,7 +99,7 @@ class MotionProgram(Generic[SweepType]):
     curve: CurveUnknowns
     sweep: Callable[[FloatArray], SweepType]
     limits: tuple[LimitOf[Any], ...]
-    failures: Callable[[SweepType], IntArray]
+    failures: Callable[[FloatArray], IntArray]
     goal: GoalPose | None
     end_fixed: bool
     u: FloatArray
@@ -124,6 +124,12 @@ class MotionProgram(Generic[SweepType]):
     def unit(self) -> float:
         """Length of a nominal link, by which rows are scaled whatever curve the motion was planned in [m]."""
         return self.arm.length / NOMINAL_LINKS
+
+    def ways(self, unknowns: FloatArray) -> FloatArray:
+        """How far the drives move from keyframe to keyframe, shape (K + 1, p) to (K,)."""
+        drives = self.curve.drives(self.curve.configurations(unknowns))
+        steps = np.diff(drives if self.scale is None else drives * self.scale, axis=0)
+        return np.asarray(np.linalg.norm(steps, axis=1))
 
     # ------------------------------------------------------------ a motion
     def objective(self, intervals: int) -> Objective:
@@ -368,7 +374,7 @@ def _part_taken(iterate: _Iterate[SweepType], step: QuadraticStep) -> tuple[_Ite
         # Negated, so that a gain that is NaN, for a cost of the user that is not finite there, is refused.
         if not gain > _SUFFICIENT or not program.feasible(sweep, start):
             continue
-        failing = program.failures(sweep)
+        failing = program.failures(sweep.unknowns)
         if len(failing) == 0:
             # The multipliers with the tip's among them make the Hessian that of the Lagrangian; without the tip's,
             # steps reach a small part of what they promise.
@@ -396,7 +402,7 @@ def _yielding_shares(program: MotionProgram[SweepType], start: SweepType, change
     keyframes = np.arange(len(change))
     for _ in range(_YIELDINGS):
         taken = program.ended(start.unknowns + shares[:, None] * change)
-        failing = _NONE if taken is None else program.failures(program.sweep(taken))
+        failing = _NONE if taken is None else program.failures(taken)
         if len(failing) == 0:
             break
         # Keyframes beside those that give way follow them, or a kink would be left.
