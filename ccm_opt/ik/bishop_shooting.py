@@ -19,8 +19,7 @@ import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.ik.curve_frames import Bounds, CurveFrames, CurveNumbers, held_at
-from ccm_opt.ik.curve_program import RowBlock, equal_to_zero
-from ccm_opt.ik.row_program import Repeated, repeated_rows
+from ccm_opt.ik.row_program import RowBlock, equal_to_zero
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.bishop_curve import SpaceConfiguration
 from ccm_opt.robot.rigid_motions import exponential
@@ -121,54 +120,47 @@ class BishopFrames(CurveFrames):
     def link_rows(self) -> tuple[RowBlock, ...]:
         """Turns of the links from the curvatures' integrals, frames and links from joint to joint, and the tip's."""
         link_turns = (self._link_turns(index) for index in range(len(self.directions)))
-        return (*link_turns, *self._frame_gaps(), *self._turning(), self._mapping(), self._tip_parts())
+        return (*link_turns, self._frame_gaps(), self._turning(), self._mapping(), self._tip_parts())
 
     def _link_turns(self, index: int) -> RowBlock:
         """Ω_i = U(s_(j+1)) − U(s_j) and ψ_i = (1/h) ∫ U ds − U(s_j) of every link."""
-        part = self.parts[index]
-        turn, integral = self.joints.sums_over_pieces()
-        whole = turn[1:, :] - turn[:-1, :]
-        mean = self.links * (integral[1:, :] - integral[:-1, :]) - turn[:-1, :]
-        first = self.joints.first.tolist()
-        turned = part.headings[first]
-        integrals = part.integrals[first]
-        linear = ca.vertcat(
-            turned[1:] - turned[:-1] - self.further_symbols["turns"][index, :].T,
-            self.links * (integrals[1:] - integrals[:-1]) - turned[:-1] - self.further_symbols["means"][index, :].T,
+        turned, integrals = self.joints.at_joints(self.parts[index])
+        turns, means = (self.further_symbols[name][index, :].T for name in ("turns", "means"))
+        gaps = ca.vertcat(
+            turned[1:] - turned[:-1] - turns,
+            self.links * (integrals[1:] - integrals[:-1]) - turned[:-1] - means,
         )
         kinds = ("turn of link {}", "mean turn of link {}")
         direction = self.directions[index]
         names = tuple(f"mapping: {kind.format(j + 1)}, {direction}" for kind in kinds for j in range(self.links))
-        return repeated_rows(
-            equal_to_zero, names, self.joints.turns_and_integrals(part), ca.vertcat(whole, mean), linear
-        )
+        return equal_to_zero(names, gaps)
 
-    def _frame_gaps(self) -> tuple[RowBlock, RowBlock]:
+    def _frame_gaps(self) -> RowBlock:
         """The frame at a joint is that at the joint before, carried over the link between."""
         left, up = ca.vertsplit(self.further_symbols["base turn"])
         frames, turns, means = (self.further_symbols[name] for name in ("frames", "turns", "means"))
+        first = turned_by(ca.vertcat(0, -up, left))
+        left, up = ca.vertsplit(turns[:, :-1])
+        mean_left, mean_up = ca.vertsplit(means[:, :-1])
+        carried = product(frames[:, :-1], turned_by(ca.vertcat(mean_left * up - mean_up * left, -up, left)))
         names = tuple(f"link {link + 1}: gap in {part} of its frame" for link in range(self.links) for part in "wxyz")
-        columns = (frames[:, :-1], turns[:, :-1], means[:, :-1], frames[:, 1:])
-        return (
-            equal_to_zero(names[:4], frames[:, 0] - turned_by(ca.vertcat(0, -up, left))),
-            repeated_rows(equal_to_zero, names[4:], Repeated(_frame_gap, columns)),
-        )
+        return equal_to_zero(names, ca.vec(frames - ca.horzcat(first, carried)))
 
-    def _turning(self) -> tuple[RowBlock, RowBlock]:
-        """R_j = R_(j−1) Rz(a_j) Ry(b_j): the links turn by the bends of their joints; the first, and the others."""
+    def _turning(self) -> RowBlock:
+        """R_j = R_(j−1) Rz(a_j) Ry(b_j): the links turn by the bends of their joints."""
+        turns = _turns(self.bends)
+        turned = product(self.lies[:, :-1], turns[:, 1:])
         names = tuple(f"link {link + 1}: gap in {part} of its turn" for link in range(self.links) for part in "wxyz")
-        columns = (self.bends[:, 1:], self.lies[:, :-1], self.lies[:, 1:])
-        return (
-            equal_to_zero(names[:4], self.lies[:, 0] - _turns(self.bends[:, 0])),
-            repeated_rows(equal_to_zero, names[4:], Repeated(_turning, columns)),
-        )
+        return equal_to_zero(names, ca.vec(self.lies - ca.horzcat(turns[:, 0], turned)))
 
     def _mapping(self) -> RowBlock:
         """Every link points as the curve does in the mean over the link, but for a share of its offset."""
-        names = tuple(f"mapping of link {link + 1}, {side}" for link in range(self.links) for side in self.directions)
         means, frames, stray = (self.further_symbols[name] for name in ("means", "frames", "stray"))
-        columns = (means, frames, self.lies, ca.repmat(stray, 1, self.links))
-        return repeated_rows(equal_to_zero, names, Repeated(_off_curve, columns, (self.parameters["strays"],)))
+        directions = mean_direction(means)
+        along = sum((ca.repmat(directions[k, :], 3, 1) * axis(frames, k) for k in range(3)), ca.SX(0))
+        across = ca.vertcat(*(ca.sum1(axis(self.lies, k) * along) for k in (1, 2)))
+        names = tuple(f"mapping of link {link + 1}, {side}" for link in range(self.links) for side in self.directions)
+        return equal_to_zero(names, ca.vec(across - stray * self.parameters["strays"]))
 
     def _tip_parts(self) -> RowBlock:
         """What the last link has of the two axes across the goal's direction; bounds keep it within the tolerance."""
@@ -298,25 +290,3 @@ def _turns(bends: ca.SX) -> ca.SX:
         ca.cos(half_a) * ca.sin(half_b),
         ca.sin(half_a) * ca.cos(half_b),
     )
-
-
-def _turning(bends: ca.SX, before: ca.SX, link: ca.SX) -> ca.SX:
-    """What links lack of those before, turned by their joints, shape (4, n)."""
-    turned: ca.SX = product(before, _turns(bends))
-    return link - turned
-
-
-def _frame_gap(before: ca.SX, turns: ca.SX, means: ca.SX, frame: ca.SX) -> ca.SX:
-    """What frames lack of those before, carried over links with these Ω and ψ, column by column."""
-    left, up = ca.vertsplit(turns)
-    mean_left, mean_up = ca.vertsplit(means)
-    carried: ca.SX = product(before, turned_by(ca.vertcat(mean_left * up - mean_up * left, -up, left)))
-    return frame - carried
-
-
-def _off_curve(means: ca.SX, frame: ca.SX, link: ca.SX, stray: ca.SX, offsets: ca.SX) -> ca.SX:
-    """What the y and z axes of links have of the curve's mean direction beyond their offsets, shape (2, n)."""
-    directions = mean_direction(means)
-    along = sum((ca.repmat(directions[k, :], 3, 1) * axis(frame, k) for k in range(3)), ca.SX(0))
-    across = ca.vertcat(*(ca.sum1(axis(link, k) * along) for k in (1, 2)))
-    return across - ca.repmat(stray, 2, 1) * offsets

@@ -17,9 +17,8 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.ik.curve_program import RowBlock, equal_to_zero
 from ccm_opt.ik.lifted_curve import JointsAmongPieces, LiftedCurve
-from ccm_opt.ik.row_program import repeated_rows
+from ccm_opt.ik.row_program import RowBlock, equal_to_zero
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.configuration import Configuration, Curve
 from ccm_opt.robot.segment import PIECES, Knots, second_derivatives
@@ -270,15 +269,9 @@ class PlanarFrames(CurveFrames):
         """φ_j = φ_(j−1) + the bend, and φ_j l = Θ(s_(j+1)) − Θ(s_j)."""
         lack = self.lies - ca.horzcat(0, self.lies[:, :-1]) - self.bends
         turns = equal_to_zero(tuple(f"link {j + 1}: gap in its turn" for j in range(self.links)), ca.vec(lack))
-        _, integral = self.joints.sums_over_pieces()
-        integrals = self.parts[0].integrals[self.joints.first.tolist()]
-        mapped = repeated_rows(
-            equal_to_zero,
-            tuple(f"mapping of link {j + 1}" for j in range(self.links)),
-            self.joints.turns_and_integrals(self.parts[0]),
-            self.links * (integral[1:, :] - integral[:-1, :]),
-            self.links * (integrals[1:] - integrals[:-1]) - self.lies.T,
-        )
+        _, integrals = self.joints.at_joints(self.parts[0])
+        means = self.links * (integrals[1:] - integrals[:-1])
+        mapped = equal_to_zero(tuple(f"mapping of link {j + 1}" for j in range(self.links)), means - self.lies.T)
         return turns, mapped
 
     def direction(self, lies: ca.SX) -> ca.SX:

@@ -17,6 +17,7 @@ import casadi as ca
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
+from ccm_opt.ik.row_program import RowBlock, equal_to_zero, not_negative
 from ccm_opt.robot.segment import PIECES
 
 _KNOT_WEIGHT = 4.0
@@ -153,26 +154,6 @@ def segment_function() -> ca.Function:
     control = ca.SX.sym("U", CONTROLS)
     flow = segment_flow(state, control)
     return ca.Function("segment", [state, control], [flow.end, flow.points, flow.bernstein, flow.bending])
-
-
-@dataclass(frozen=True)
-class RowBlock:
-    """A block of constraint rows: ``lower <= expression <= upper``, one name a row."""
-
-    names: tuple[str, ...]
-    expression: ca.SX
-    lower: FloatArray
-    upper: FloatArray
-
-
-def equal_to_zero(names: tuple[str, ...], expression: ca.SX) -> RowBlock:
-    """Rows that must vanish."""
-    return RowBlock(names, expression, np.zeros(len(names)), np.zeros(len(names)))
-
-
-def not_negative(names: tuple[str, ...], expression: ca.SX) -> RowBlock:
-    """Rows that must be zero or more."""
-    return RowBlock(names, expression, np.zeros(len(names)), np.full(len(names), np.inf))
 
 
 def gap_closing(k: int, flow: SegmentFlow, following: ca.SX) -> RowBlock:

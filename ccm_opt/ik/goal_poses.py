@@ -10,13 +10,13 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.deadline import Deadline
 from ccm_opt.core.errors import ProblemError
 from ccm_opt.ik.compiled_terms import UserTerms
-from ccm_opt.ik.curve_program import RowBlock
 from ccm_opt.ik.functions import CompiledConstraint
 from ccm_opt.ik.pose_program import PoseProgram, PoseSize, pose_program
 from ccm_opt.ik.pose_regions import JointRegions, held_segments, regions_about
 from ccm_opt.ik.pose_settings import DEFAULT_POSES, TORQUE_SHARE, PoseSettings
 from ccm_opt.ik.pose_solver import ArmPose, PoseQuestion
 from ccm_opt.ik.pose_task import PoseTask
+from ccm_opt.ik.row_program import RowBlock
 from ccm_opt.problem import Problem, TipGoal
 from ccm_opt.scene.distances.enclosures import segment_distances
 from ccm_opt.scene.distances.surface_tree import SurfaceTree

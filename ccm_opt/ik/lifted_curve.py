@@ -17,14 +17,13 @@ the pieces about the joint, each with its share of s, which is smooth as often a
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import cached_property
 
 import casadi as ca
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray, IntArray
-from ccm_opt.ik.curve_program import RowBlock, equal_to_zero, not_negative
-from ccm_opt.ik.row_program import Repeated, selection
+from ccm_opt.ik.row_program import RowBlock, equal_to_zero, not_negative
 from ccm_opt.robot.segment import PIECES
 
 _WINDOW = 1
@@ -171,13 +170,6 @@ class LiftedCurve:
         )
 
     @cached_property
-    def bows_at_ends(self) -> ca.SX:
-        """Symbols of the bows at the start and the end of every piece, zero where segments meet, shape (2, 4 K)."""
-        inner = ca.reshape(self.bows, PIECES - 1, self.segments)
-        zero = ca.SX.zeros(1, self.segments)
-        return ca.horzcat(ca.vec(ca.vertcat(zero, inner)), ca.vec(ca.vertcat(inner, zero))).T
-
-    @cached_property
     def segment_lengths(self) -> ca.SX:
         """L_k, shape (1, K)."""
         return ca.sum1(ca.reshape(self.pieces.width, PIECES, self.segments))
@@ -250,33 +242,20 @@ class JointsAmongPieces:
         names += [f"joint {j}: knot {self.last[j] + 1} stays behind it" for j in before]
         return not_negative(tuple(names), rows)
 
-    def turns_and_integrals(self, curve: LiftedCurve) -> Repeated:
-        """∫ κ and ∫∫ κ over the part before the joint of every piece that is looked at for one, shape (2, pairs).
+    def at_joints(self, curve: LiftedCurve) -> tuple[ca.SX, ca.SX]:
+        """θ and Θ at every joint and the tip, each of shape (links + 1, 1).
 
         Args:
             curve: on the same knots.
         """
         joint, piece = self._pairs
-        knots = np.stack((piece, piece + 1)).ravel("F").tolist()
-        columns = (
-            ca.reshape(curve.arcs[knots], 2, -1),
-            ca.reshape(curve.curvatures[knots], 2, -1),
-            curve.bows_at_ends[:, piece.tolist()],
-            curve.headings[piece.tolist()].T,
-        )
-        form = partial(_before_joint, curve.moment_scale)
-        return Repeated(form, columns, (ca.SX(ca.DM(self.arcs[joint])).T,))
-
-    def sums_over_pieces(self) -> tuple[ca.DM, ca.DM]:
-        """What θ and Θ at every joint have of ``turns_and_integrals`` beside what is before the first piece.
-
-        Returns:
-            Sparse matrices, shape (links + 1, 2 pairs).
-        """
-        joint, _ = self._pairs
-        shape = (len(self.arcs), 2 * len(joint))
-        places = 2 * np.arange(len(joint))
-        return selection(*shape, joint, places), selection(*shape, joint, places + 1)
+        pieces = curve.pieces.take(piece.tolist())
+        inside = ca.fmin(ca.fmax(ca.DM(self.arcs[joint]) - pieces.start, 0), pieces.width)
+        places = np.arange(len(joint)).tolist()
+        sums = ca.DM.triplet(joint.tolist(), places, ca.DM.ones(len(joint)), len(self.arcs), len(joint))
+        first = self.first.tolist()
+        turned = curve.headings[first] + ca.mtimes(sums, pieces.turn_after(inside))
+        return turned, curve.integrals[first] + ca.mtimes(sums, pieces.integral_after(inside))
 
     @cached_property
     def _pairs(self) -> tuple[IntArray, IntArray]:
@@ -285,22 +264,3 @@ class JointsAmongPieces:
         joint = np.repeat(np.arange(len(self.first)), counts)
         piece = np.arange(len(joint)) - np.repeat(np.cumsum(counts) - counts, counts) + self.first[joint]
         return joint, piece
-
-
-def _before_joint(scale: float, arcs: ca.SX, curvatures: ca.SX, bows: ca.SX, heading: ca.SX, joint: ca.SX) -> ca.SX:
-    """Turn and integral of the heading over what of a piece lies before a joint, column by column, shape (2, e).
-
-    Args:
-        scale: of the bows.
-        arcs: where the piece begins and ends, shape (2, e).
-        curvatures: there, likewise.
-        bows: likewise.
-        heading: where it begins, shape (1, e) [rad].
-        joint: arc length of the joint, shape (1, e).
-    """
-    start, end = ca.vertsplit(arcs)
-    first, last = ca.vertsplit(curvatures)
-    first_moment, last_moment = ca.vertsplit(scale * bows)
-    piece = SplinePieces(start, end - start, heading, first, last, first_moment, last_moment)
-    inside = ca.fmin(ca.fmax(joint - start, 0), piece.width)
-    return ca.vertcat(piece.turn_after(inside), piece.integral_after(inside))

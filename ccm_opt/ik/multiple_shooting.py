@@ -9,10 +9,17 @@ import numpy as np
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.ipopt_call import ipopt_answer
 from ccm_opt.ik import curve_program as constraints
-from ccm_opt.ik.built_solver import IPOPT_SWITCHES, built_solver
 from ccm_opt.ik.configuration_task import END_TOLERANCE, ConfigurationTask
 from ccm_opt.ik.curve_program import CONTROLS, STATES, SegmentFlow, configuration_cost, nearness, segment_function
-from ccm_opt.ik.row_program import RowAnswer, RowProgram, RowReading, Symbols
+from ccm_opt.ik.row_program import (
+    IPOPT_SWITCHES,
+    RowAnswer,
+    RowBlock,
+    RowProgram,
+    Symbols,
+    built_solver,
+    row_answer,
+)
 from ccm_opt.robot.segment import PIECES
 from ccm_opt.scene.corridor import ConvexRegion
 
@@ -133,7 +140,7 @@ def symbolic_program(segments: int, half_planes: int, *, fixed_knots: bool = Fal
     weight = ca.SX.sym("bending")
 
     objective = ca.SX(0)
-    blocks: list[constraints.RowBlock] = []
+    blocks: list[RowBlock] = []
     for k in range(segments):
         flow = SegmentFlow(*segment_function()(states[k], controls[k]))
         objective += configuration_cost(states[k], controls[k], flow.bending, weight)
@@ -260,5 +267,6 @@ def solve_nlp(nlp: ConfigurationNLP, guess: FloatArray) -> ConfigurationAnswer:
     lower, upper = nlp.program.bounds
     bounds = {"lbx": nlp.lower, "ubx": nlp.upper, "lbg": lower, "ubg": upper}
     solver = partial(built_solver, nlp.program, _OPTIONS)
-    reading = RowReading(nlp.program, *ipopt_answer(solver, guess, p=nlp.parameters, **bounds))
-    return ConfigurationAnswer(reading.variables, reading.says({}, {}, binding=np.inf, feasible=_FEASIBILITY))
+    answer, statistics = ipopt_answer(solver, guess, p=nlp.parameters, **bounds)
+    variables = np.asarray(answer["x"], dtype=np.float64).ravel()
+    return ConfigurationAnswer(variables, row_answer(nlp.program, answer, statistics, feasible=_FEASIBILITY))

@@ -7,15 +7,14 @@ of the problem's ``[planner.weights]``.
 """
 
 from dataclasses import dataclass
-from functools import cached_property, lru_cache, partial
+from functools import cached_property, lru_cache
 
 import casadi as ca
 
 from ccm_opt.ik.bishop_shooting import BishopFrames
 from ccm_opt.ik.curve_frames import CurveFrames, PlanarFrames
-from ccm_opt.ik.curve_program import RowBlock, equal_to_zero, not_negative
 from ccm_opt.ik.lifted_curve import LiftedCurve
-from ccm_opt.ik.row_program import Repeated, RowProgram, Symbols, repeated_rows
+from ccm_opt.ik.row_program import RowBlock, RowProgram, Symbols, equal_to_zero, not_negative
 from ccm_opt.robot.segment import PIECES
 
 
@@ -146,16 +145,11 @@ def place_rows(frames: CurveFrames, points: ca.SX, feed: ca.SX) -> tuple[RowBloc
     d = points.shape[0]
     at_base = tuple(f"base: gap in {name}" for name in "xyz"[:d])
     of_links = tuple(f"link {link + 1}: gap in {name} of its end" for link in range(n) for name in "xyz"[:d])
-    ends = Repeated(partial(_end_gap, frames), (frames.lies, points[:, :-1], points[:, 1:]))
+    gaps = points[:, 1:] - points[:, :-1] - frames.direction(frames.lies) / n
     return (
         equal_to_zero(at_base, points[:, 0] - ca.vertcat(feed, ca.SX.zeros(d - 1))),
-        repeated_rows(equal_to_zero, of_links, ends),
+        equal_to_zero(of_links, ca.vec(gaps)),
     )
-
-
-def _end_gap(frames: CurveFrames, lies: ca.SX, start: ca.SX, end: ca.SX) -> ca.SX:
-    """What the ends of links lack of being a link's length from their starts along them, shape (d, e)."""
-    return end - start - frames.direction(lies) / frames.links
 
 
 def region_rows(points: ca.SX, gap: ca.SX, given: Symbols) -> RowBlock:
@@ -170,22 +164,11 @@ def region_rows(points: ca.SX, gap: ca.SX, given: Symbols) -> RowBlock:
     links = joints - 1
     ends = [*((j + 1, "start") for j in range(links)), (links, "end")]
     names = tuple(f"link {link}: side {k + 1} of its region, at its {end}" for link, end in ends for k in range(sides))
-    columns = (points, ca.horzcat(points[:, 1:], points[:, links]), ca.repmat(gap, 1, joints))
-    shares = ca.horzcat(given["first shares"].T, 0)
-    sides_of_joints = (shares, given["normals"], given["offsets"], given["gap shares"])
-    return repeated_rows(not_negative, names, Repeated(_inside, columns, sides_of_joints))
-
-
-def _inside(
-    start: ca.SX, end: ca.SX, gap: ca.SX, share: ca.SX, normals: ca.SX, offsets: ca.SX, gap_shares: ca.SX
-) -> ca.SX:
-    """How far points on links lie inside their regions, beyond the gap, shape (sides, e)."""
-    sides = offsets.shape[0]
-    d = start.shape[0]
-    held = start + ca.repmat(share, d, 1) * (end - start)
-    products = normals * ca.repmat(held, sides, 1)
-    inside = ca.vertcat(*(ca.sum1(products[d * side : d * (side + 1), :]) for side in range(sides)))
-    return inside - offsets - ca.repmat(gap, sides, 1) * gap_shares
+    shares = ca.repmat(given["first shares"].T, points.shape[0], 1)
+    held = ca.horzcat(points[:, :-1] + shares * (points[:, 1:] - points[:, :-1]), points[:, links])
+    products = given["normals"] * ca.repmat(held, sides, 1)
+    reached = ca.reshape(ca.sum1(ca.reshape(products, points.shape[0], sides * joints)), sides, joints)
+    return not_negative(names, ca.vec(reached - given["offsets"] - gap * given["gap shares"]))
 
 
 def goal_row(tip: ca.SX, goal: ca.SX, room: ca.SX) -> RowBlock:

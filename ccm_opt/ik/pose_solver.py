@@ -1,5 +1,6 @@
 """Solves the goal-pose program."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property, partial
 from typing import Any
@@ -9,12 +10,11 @@ import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.ipopt_call import ipopt_answer
-from ccm_opt.ik.built_solver import IPOPT_SWITCHES, built_solver
 from ccm_opt.ik.curve_frames import CurveNumbers
 from ccm_opt.ik.pose_program import PoseProgram
 from ccm_opt.ik.pose_settings import PoseSettings
 from ccm_opt.ik.pose_task import PoseTask
-from ccm_opt.ik.row_program import RowAnswer, RowReading
+from ccm_opt.ik.row_program import IPOPT_SWITCHES, RowAnswer, built_solver, row_answer
 from ccm_opt.robot.arm import Arm
 
 _LIMIT_SHARE = 0.98
@@ -102,7 +102,7 @@ class PoseQuestion:
         }
         solver = partial(built_solver, self.program, options)
         answer, statistics = ipopt_answer(solver, np.clip(self.start, lower, upper), p=self.parameters, **bounds)
-        return self._read(RowReading(self.program, answer, statistics))
+        return self._read(answer, statistics)
 
     @cached_property
     def _axes(self) -> FloatArray:
@@ -234,24 +234,30 @@ class PoseQuestion:
             numbers |= {name: np.asarray(each).T for name, each in zip(loads.symbols, values, strict=True)}
         return self.program.unknowns.filled(numbers)
 
-    def _read(self, reading: RowReading) -> ArmPose:
+    def _read(self, answer: Mapping[str, Any], statistics: Mapping[str, Any]) -> ArmPose:
         arm = self.task.arm
         settings = self.settings
         frames = self.program.frames
-        values = {name: reading.variables[place] for name, place in self.program.unknowns.places.items()}
+        variables = np.asarray(answer["x"], dtype=np.float64).ravel()
+        values = {name: variables[place] for name, place in self.program.unknowns.places.items()}
         feed = float(values["feed"][0]) * arm.length
-        costs = self.program.costs(reading.variables, self.parameters, self.weights)
         return ArmPose(
             arm=arm,
             q=np.clip(arm.configuration(values["bends"], feed), arm.lower_limits, arm.upper_limits),
             curve=frames.curve(arm, frames.numbers(values), feed),
             gap=float(values["gap"][0]) * arm.length,
-            answer=reading.says(
-                costs, self._bend_multipliers(reading), binding=settings.binding, feasible=settings.feasible
+            answer=row_answer(
+                self.program,
+                answer,
+                statistics,
+                feasible=settings.feasible,
+                costs=self.program.costs(variables, self.parameters, self.weights),
+                bounded=self._bend_multipliers(np.asarray(answer["lam_x"], dtype=np.float64).ravel()),
+                binding=settings.binding,
             ),
         )
 
-    def _bend_multipliers(self, reading: RowReading) -> dict[str, float]:
+    def _bend_multipliers(self, of_bounds: FloatArray) -> dict[str, float]:
         """What the limits of the bends cost, by the joint and the side that it bends to."""
         k = self.task.arm.bends_a_joint
         place = self.program.unknowns.places["bends"]
@@ -259,7 +265,7 @@ class PoseQuestion:
         free = lower[place] < upper[place]
         found = {}
         for bend in np.flatnonzero(free).tolist():
-            multiplier = reading.bound_multipliers[place][bend]
+            multiplier = of_bounds[place][bend]
             side = _SIDES[bend % k][int(multiplier < 0.0)]
             found[f"joint {bend // k + 1}: bend {side}"] = float(multiplier)
         return found

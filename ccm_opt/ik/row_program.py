@@ -1,20 +1,36 @@
-"""Programs of named rows, repeated along the arm, and what IPOPT made of them.
+"""Programs of named rows, and what IPOPT made of them."""
 
-An arm's NLP is partially separable (Griewank and Toint, 1982): almost every row depends on the few variables of one
-link. Where the row is known as such a function, its derivatives are taken of that function once, whatever the number of
-links; those of a whole program written out take most of the time in which a solver is built.
-"""
-
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, TypeAlias
+from types import MappingProxyType
+from typing import Any
+from weakref import WeakKeyDictionary
 
 import casadi as ca
 import numpy as np
 
-from ccm_opt.core.arrays import FloatArray, IntArray
-from ccm_opt.ik.curve_program import RowBlock
+from ccm_opt.core.arrays import FloatArray
+
+
+@dataclass(frozen=True)
+class RowBlock:
+    """A block of constraint rows: ``lower <= expression <= upper``, one name a row."""
+
+    names: tuple[str, ...]
+    expression: ca.SX
+    lower: FloatArray
+    upper: FloatArray
+
+
+def equal_to_zero(names: tuple[str, ...], expression: ca.SX) -> RowBlock:
+    """Rows that must vanish."""
+    return RowBlock(names, expression, np.zeros(len(names)), np.zeros(len(names)))
+
+
+def not_negative(names: tuple[str, ...], expression: ca.SX) -> RowBlock:
+    """Rows that must be zero or more."""
+    return RowBlock(names, expression, np.zeros(len(names)), np.full(len(names), np.inf))
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,118 +133,6 @@ class RowProgram:
         return dict(zip(self.parts, (amounts * np.append(weights, own)).tolist(), strict=True))
 
 
-ColumnForm: TypeAlias = Callable[..., ca.SX]
-"""Takes columns, shape (k, e) each, and returns a column of m values for each of these e, shape (m, e)."""
-
-
-@dataclass(frozen=True, eq=False)
-class Repeated:
-    """A function of columns and what it is repeated for.
-
-    Attributes:
-        form: what it says of a column; it must say the same of each, whatever their number.
-        variables: its first arguments, shape (k, e) each: symbols of the program's variables, or zeros.
-        given: the others, shape (p, e) each: of parameters or numbers.
-    """
-
-    form: ColumnForm
-    variables: tuple[ca.SX, ...]
-    given: tuple[ca.SX, ...] = ()
-
-    @property
-    def count(self) -> int:
-        """How often it is repeated, e."""
-        return int(self.variables[0].shape[1])
-
-    @cached_property
-    def values(self) -> ca.SX:
-        """All of them, shape (m, e)."""
-        return self.form(*self.variables, *self.given)
-
-    @cached_property
-    def template(self) -> "Template":
-        """It, once, with its derivatives."""
-        variables = [ca.SX.sym("variable", each.shape[0]) for each in self.variables]
-        given = [ca.SX.sym("given", each.shape[0]) for each in self.given]
-        return Template(ca.vertcat(*variables), ca.vertcat(ca.SX(0, 1), *given), self.form(*variables, *given))
-
-
-@dataclass(frozen=True, eq=False)
-class Template:
-    """A function of one column in symbols, and its derivatives.
-
-    Attributes:
-        variables: shape (k, 1).
-        given: shape (p, 1).
-        values: shape (m, 1).
-    """
-
-    variables: ca.SX
-    given: ca.SX
-    values: ca.SX
-
-    @cached_property
-    def jacobian(self) -> ca.SX:
-        """Of the values by the variables, sparse, shape (m, k)."""
-        return ca.jacobian(self.values, self.variables)
-
-    @cached_property
-    def multipliers(self) -> ca.SX:
-        """Symbols of what weighs the values, shape (m, 1)."""
-        return ca.SX.sym("multiplier", self.values.shape[0])
-
-    @cached_property
-    def hessian(self) -> ca.SX:
-        """Second derivatives of the weighted sum of the values, upper triangle, sparse, shape (k, k)."""
-        whole, _ = ca.hessian(ca.dot(self.multipliers, self.values), self.variables)
-        return ca.triu(whole)
-
-
-@dataclass(frozen=True, kw_only=True)
-class RepeatedRows(RowBlock):
-    """Rows that are sums of repeated values, and of what is linear in the variables.
-
-    Attributes:
-        repeated: the values.
-        sums: what each row has of each value, those of a column in a row, sparse, shape (rows, m · e).
-        linear: what is added, shape (rows, 1).
-    """
-
-    repeated: Repeated
-    sums: ca.DM
-    linear: ca.SX
-
-
-def repeated_rows(
-    block: Callable[[tuple[str, ...], ca.SX], RowBlock],
-    names: tuple[str, ...],
-    repeated: Repeated,
-    sums: ca.DM | None = None,
-    linear: ca.SX | None = None,
-) -> RepeatedRows:
-    """Rows of repeated values.
-
-    Args:
-        block: what is asked of them, ``equal_to_zero`` or ``not_negative``.
-        names: of the rows.
-        repeated: the values; all of one column before those of the next.
-        sums: how they are summed to rows; every value is a row when None.
-        linear: what is added, linear in the variables, shape (rows, 1).
-    """
-    values = ca.vec(repeated.values)
-    if sums is None:
-        sums = ca.DM.eye(values.numel())
-    if linear is None:
-        linear = ca.SX(len(names), 1)
-    asked = block(names, ca.mtimes(sums, values) + linear)
-    return RepeatedRows(names, asked.expression, asked.lower, asked.upper, repeated=repeated, sums=sums, linear=linear)
-
-
-def selection(rows: int, columns: int, row: IntArray, column: IntArray) -> ca.DM:
-    """A sparse matrix with ones at some places."""
-    return ca.DM.triplet(row.tolist(), column.tolist(), ca.DM.ones(len(row)), rows, columns)
-
-
 @dataclass(frozen=True, eq=False, kw_only=True)
 class RowAnswer:
     """How a program was answered, whatever its variables mean.
@@ -260,70 +164,49 @@ class RowAnswer:
         return float(sum(self.costs.values()))
 
 
-@dataclass(frozen=True, eq=False)
-class RowReading:
-    """Reads an answer of IPOPT to a program.
+def row_answer(
+    program: RowProgram,
+    answer: Mapping[str, Any],
+    statistics: Mapping[str, Any],
+    *,
+    feasible: float,
+    costs: Mapping[str, float] = MappingProxyType({}),
+    bounded: Mapping[str, float] = MappingProxyType({}),
+    binding: float = np.inf,
+) -> RowAnswer:
+    """How IPOPT answered a program.
 
-    Attributes:
+    Args:
         program: that was solved.
         answer: by CasADi's names.
         statistics: by CasADi's names.
+        feasible: violation up to which a row counts as kept.
+        costs: weighted parts of the objective by name.
+        bounded: multipliers of bounds that shape the pose as rows do, by name.
+        binding: multipliers from which on a row is said to shape the pose.
     """
-
-    program: RowProgram
-    answer: Mapping[str, Any]
-    statistics: Mapping[str, Any]
-
-    @property
-    def variables(self) -> FloatArray:
-        """Where IPOPT stopped, shape (variables,)."""
-        return np.asarray(self.answer["x"], dtype=np.float64).ravel()
-
-    @property
-    def bound_multipliers(self) -> FloatArray:
-        """Multipliers of the bounds of the variables, positive at an upper one, shape (variables,)."""
-        return np.asarray(self.answer["lam_x"], dtype=np.float64).ravel()
-
-    def says(
-        self, costs: Mapping[str, float], bounded: Mapping[str, float], *, binding: float, feasible: float
-    ) -> RowAnswer:
-        """How the program was answered.
-
-        Args:
-            costs: weighted parts of the objective by name.
-            bounded: multipliers of bounds that shape the pose as rows do, by name.
-            binding: multipliers from which on a row is said to shape the pose.
-            feasible: violation up to which a row counts as kept.
-        """
-        rows = np.asarray(self.answer["g"], dtype=np.float64).ravel()
-        multipliers = np.asarray(self.answer["lam_g"], dtype=np.float64).ravel()
-        lower, upper = self.program.bounds
-        violation = np.nan_to_num(np.maximum(lower - rows, rows - upper), nan=np.inf)
-        worst = int(np.argmax(violation))
-        names = self.program.row_names
-        return RowAnswer(
-            costs=costs,
-            multipliers=_shaping((*names, *bounded), np.append(multipliers, list(bounded.values())), binding),
-            status=str(self.statistics["return_status"]),
-            iterations=int(self.statistics["iter_count"]),
-            violation=max(float(violation[worst]), 0.0),
-            worst_row=names[worst],
-            size=(len(self.variables), len(rows)),
-            broken=_broken(names, violation, feasible),
-        )
-
-
-def _shaping(names: tuple[str, ...], multipliers: FloatArray, least: float) -> dict[str, float]:
-    """Multipliers of the rows that shape the pose, the largest first; those of equations that tie variables aside."""
-    order = np.argsort(-np.abs(multipliers), kind="stable")
-    shaping = [int(row) for row in order if abs(multipliers[row]) > least and not _is_tie(names[row])]
-    return {names[row]: float(abs(multipliers[row])) for row in shaping}
-
-
-def _broken(names: tuple[str, ...], violation: FloatArray, allowed: float) -> dict[str, float]:
-    """Rows that are violated by more than is allowed, the worst first."""
-    order = np.argsort(-violation, kind="stable")
-    return {names[row]: float(violation[row]) for row in order if violation[row] > allowed}
+    rows = np.asarray(answer["g"], dtype=np.float64).ravel()
+    multipliers = np.append(np.asarray(answer["lam_g"], dtype=np.float64), list(bounded.values()))
+    lower, upper = program.bounds
+    violation = np.nan_to_num(np.maximum(lower - rows, rows - upper), nan=np.inf)
+    worst_first = np.argsort(-violation, kind="stable").tolist()
+    names = program.row_names
+    shaping = (*names, *bounded)
+    strongest_first = np.argsort(-np.abs(multipliers), kind="stable").tolist()
+    return RowAnswer(
+        costs=costs,
+        multipliers={
+            shaping[row]: float(abs(multipliers[row]))
+            for row in strongest_first
+            if abs(multipliers[row]) > binding and not _is_tie(shaping[row])
+        },
+        status=str(statistics["return_status"]),
+        iterations=int(statistics["iter_count"]),
+        violation=max(float(violation[worst_first[0]]), 0.0),
+        worst_row=names[worst_first[0]],
+        size=(program.variables.numel(), len(rows)),
+        broken={names[row]: float(violation[row]) for row in worst_first if violation[row] > feasible},
+    )
 
 
 def _is_tie(name: str) -> bool:
@@ -331,3 +214,60 @@ def _is_tie(name: str) -> bool:
     if name.startswith("user: "):  # whatever its user calls it
         return False
     return any(tie in name for tie in ("mapping", "gap in", "spline at", "of its end"))
+
+
+_solvers: WeakKeyDictionary[RowProgram, dict[tuple[Any, ...], ca.Function]] = WeakKeyDictionary()
+
+
+def built_solver(program: RowProgram, options: Mapping[str, Any]) -> ca.Function:
+    """The solver of a program; built once for the same options, kept as long as the program lives."""
+    kept = _solvers.setdefault(program, {})
+    asked = tuple(options.items())
+    if asked not in kept:
+        symbols = {
+            "x": program.variables,
+            "p": program.parameters.column,
+            "f": program.objective,
+            "g": program.constraints,
+        }
+        kept[asked] = ca.nlpsol("goal_pose", "ipopt", symbols, {**options, **block_derivatives(program)})
+    return kept[asked]
+
+
+def block_derivatives(program: RowProgram) -> dict[str, ca.Function]:
+    """Jacobian of the rows and Hessian of the Lagrangian, block by block.
+
+    A block depends on few variables in the same way, and takes fewer sweeps than all blocks at once: CasADi's own
+    derivatives of a whole program in space take half as long again (measured).
+    """
+    variables, parameters = program.variables, program.parameters.column
+    weight = ca.SX.sym("weight")
+    multipliers = [ca.SX.sym("multiplier", len(block.names)) for block in program.rows]
+    terms = [ca.dot(each, block.expression) for each, block in zip(multipliers, program.rows, strict=True)]
+    slopes = ca.vertcat(*(ca.jacobian(block.expression, variables) for block in program.rows))
+    curvatures = sum(ca.triu(ca.hessian(term, variables)[0]) for term in (weight * program.objective, *terms))
+    arguments = [variables, parameters, weight, ca.vertcat(*multipliers)]
+    return {
+        "jac_g": ca.Function("nlp_jac_g", [variables, parameters], [program.constraints, slopes]),
+        "hess_lag": ca.Function("nlp_hess_l", arguments, [curvatures]),
+    }
+
+
+IPOPT_SWITCHES: MappingProxyType[str, Any] = MappingProxyType(
+    {
+        "print_time": False,
+        "error_on_fail": False,
+        "ipopt.print_level": 0,
+        "ipopt.sb": "yes",
+        "ipopt.acceptable_iter": 0,
+        "ipopt.mu_strategy": "adaptive",
+        "ipopt.nlp_scaling_method": "none",
+        # The matrices are small and well scaled by themselves: a fifth of the time goes, the iterates stay.
+        "ipopt.fast_step_computation": "yes",
+        "ipopt.min_refinement_steps": 0,
+        "ipopt.mumps_permuting_scaling": 0,
+        "ipopt.mumps_pivot_order": 0,
+        "ipopt.mumps_scaling": 0,
+    }
+)
+"""Silent, without an acceptable level of its own, and without scaling."""
