@@ -4,8 +4,7 @@ import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.robot.arm import Arm, Feed
-from ccm_opt.robot.bishop_curve import SpaceConfiguration
-from ccm_opt.robot.configuration import Configuration
+from ccm_opt.robot.configuration import Configuration, SpaceConfiguration
 from ccm_opt.robot.rigid_motions import turn_towards
 
 FEED_OF_TESTS = Feed(0.0, 0.5, 0.5)

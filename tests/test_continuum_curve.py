@@ -38,7 +38,7 @@ def test_curvature_is_the_natural_cubic_spline(values: FloatArray, widths: Float
     segment = CurvatureSegment(0.7, 0.0, values, knots_of(widths))
     arc = np.linspace(0.0, 0.7, 57)
     oracle = CubicSpline(segment.breakpoints, values, bc_type="natural")(arc)
-    np.testing.assert_allclose(segment.curvature_at(arc), oracle, atol=1e-10)
+    np.testing.assert_allclose(segment.spline(arc), oracle, atol=1e-10)
 
 
 @pytest.mark.parametrize("seed", range(5))

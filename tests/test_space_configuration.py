@@ -1,6 +1,6 @@
 """Curves in space: scipy's solution of the frame's equations, the plane's own curves, and no preferred direction."""
 
-from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -11,8 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.robot.biarc import biarc
-from ccm_opt.robot.bishop_curve import SpaceConfiguration, SpaceSegment
-from ccm_opt.robot.configuration import Configuration
+from ccm_opt.robot.configuration import Configuration, SpaceConfiguration
 from ccm_opt.robot.rigid_motions import exponential
 from ccm_opt.robot.segment import Knots
 from tests.space_arms import laid_into_space, random_rotation
@@ -43,18 +42,17 @@ def test_frames_solve_the_equations_of_bishop(seed: int) -> None:
     """T' = κ1 n1 + κ2 n2 and n_i' = −κ_i t, as scipy integrates them from the same splines."""
     random = np.random.default_rng(seed)
     curve = random_curve(random, 1)
-    segment = curve.segments[0]
 
     def slope(s: float, state: FloatArray) -> FloatArray:
         t, first, second = state[3:].reshape(3, 3)
-        one, two = segment.curvature_at(np.array(s))
+        one, two = curve.curvature_at(np.array(s))
         return np.concatenate((t, one * first + two * second, -one * t, -two * t))
 
-    arc = np.linspace(0.0, segment.length, 13)
-    start = np.concatenate((curve.base, segment.frame.T.ravel()))
+    arc = np.linspace(0.0, curve.length, 13)
+    start = np.concatenate((curve.base, curve.base_frame.T.ravel()))
     # The splines' third derivatives jump at knots, which large steps would smear.
-    most = segment.length / 100.0
-    solved = solve_ivp(slope, (0.0, segment.length), start, "DOP853", arc, rtol=1e-12, atol=1e-13, max_step=most).y
+    most = curve.length / 100.0
+    solved = solve_ivp(slope, (0.0, curve.length), start, "DOP853", arc, rtol=1e-12, atol=1e-13, max_step=most).y
     frames, places = curve.frames_at(arc)
     # The tolerances of the oracle add up over its steps.
     np.testing.assert_allclose(places, solved[:3].T, rtol=0.0, atol=1e-8)
@@ -136,15 +134,15 @@ def test_the_exponential_is_scipys(seed: int, magnitude: float) -> None:
 
 def test_what_is_no_segment_is_refused() -> None:
     """Wrong shapes, lengths and knots say so."""
-    good = SpaceSegment(1.0, np.eye(3), np.zeros((5, 2)))
+    chain = partial(SpaceConfiguration.chain, np.zeros(3))
     with pytest.raises(ValueError, match="five pairs"):
-        replace(good, curvature=np.zeros(5))
+        chain(np.eye(3), [1.0], [np.zeros(5)])
     with pytest.raises(ValueError, match="frame"):
-        replace(good, frame=np.zeros(3))
+        chain(np.zeros(3), [1.0], [np.zeros((5, 2))])
     with pytest.raises(ValueError, match="positive"):
-        replace(good, length=0.0)
+        chain(np.eye(3), [0.0], [np.zeros((5, 2))])
     with pytest.raises(ValueError, match="knots"):
-        replace(good, knots=(0.5, 0.4, 0.6))
+        chain(np.eye(3), [1.0], [np.zeros((5, 2))], [(0.5, 0.4, 0.6)])
 
 
 @given(SEEDS)

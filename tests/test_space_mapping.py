@@ -11,8 +11,7 @@ from scipy.optimize import minimize
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.errors import ProblemError
 from ccm_opt.robot.arm import Arm, MappingName
-from ccm_opt.robot.bishop_curve import SpaceConfiguration
-from ccm_opt.robot.configuration import Configuration
+from ccm_opt.robot.configuration import Configuration, SpaceConfiguration
 from ccm_opt.robot.inverse_kinematics import bends_from_directions, configuration_from_positions
 from ccm_opt.robot.link_bodies import DEFAULT_MAPPING
 from ccm_opt.robot.mapping import curve_points, map_curve, shape_error
@@ -51,7 +50,7 @@ def test_positions_that_are_no_pose_are_refused() -> None:
         configuration_from_positions(arm, points[:-1])
     with pytest.raises(ProblemError, match="base"):
         configuration_from_positions(arm, points + 0.1)
-    with pytest.raises(ProblemError, match="longer or shorter"):
+    with pytest.raises(ProblemError, match="every link is"):
         configuration_from_positions(arm, 1.1 * points)
 
 

@@ -3,6 +3,7 @@
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +18,7 @@ from ccm_opt.cli.output import output
 from ccm_opt.cli.solving import tell_where
 from ccm_opt.cli.stage_clock import STATUS_REFRESHES, StageClock, ended_when_silent, stage_display
 from ccm_opt.cli.tables import columned_table, report_console, stage_line, units_of, value_table
+from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.errors import Diagnosis, NoPlanFound
 from ccm_opt.core.executors import DaskWorkers, LocalWorkers, ThisProcess, Workers
 from ccm_opt.io.folder import POSE_RECORD, REACH_RECORD, check_target
@@ -24,7 +26,7 @@ from ccm_opt.io.records import pose_json
 from ccm_opt.io.result_folders import reach_json, write_pose, write_pose_failure, write_reach
 from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import ReachMap, StaticPose
-from ccm_opt.robot.bishop_curve import SpaceSegment
+from ccm_opt.robot.configuration import SpaceConfiguration
 from ccm_opt.robot.segment import segment_words
 
 ROWS_SHOWN = 5
@@ -147,14 +149,17 @@ def _add_base_and_roll(table: Table, found: StaticPose) -> None:
 
 def _segment_rows(found: StaticPose) -> list[tuple[float, str]]:
     """Length [m] of every segment of the curve, and its type, or in space where it turns, in words."""
-    if found.problem.dimension == 3:
-        return [(segment.length, _space_segment_words(segment)) for segment in found.curve.segments]
-    return [(segment.length, segment_words(segment)) for segment in found.curve.segments]
+    curve = found.curve
+    if isinstance(curve, SpaceConfiguration):
+        frames, _ = curve.frames_at(curve.boundaries)
+        words = [_turn_words(start.T @ end[:, 0]) for start, end in pairwise(frames)]
+    else:
+        words = [segment_words(segment) for segment in curve.segments]
+    return [(segment.length, said) for segment, said in zip(curve.segments, words, strict=True)]
 
 
-def _space_segment_words(segment: SpaceSegment) -> str:
-    """By how much a segment turns from its beginning to its end, and towards where."""
-    end = segment.frame.T @ segment.end[0][:, 0]
+def _turn_words(end: FloatArray) -> str:
+    """By how much a segment turns, and towards where, by its direction (3,) at its end in the frame at its start."""
     turn = np.rad2deg(np.arctan2(np.hypot(end[1], end[2]), end[0]))
     azimuth = np.rad2deg(np.arctan2(end[2], end[1]))
     return f"turns {turn:.3g}° towards azimuth {azimuth:.0f}°"

@@ -21,7 +21,7 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.ik.curve_frames import Bounds, CurveFrames, CurveNumbers, held_at
 from ccm_opt.ik.row_program import RowBlock, equal_to_zero
 from ccm_opt.robot.arm import Arm
-from ccm_opt.robot.bishop_curve import SpaceConfiguration
+from ccm_opt.robot.configuration import SpaceConfiguration
 from ccm_opt.robot.rigid_motions import exponential
 
 

@@ -21,7 +21,7 @@ from ccm_opt.ik.lifted_curve import JointsAmongPieces, LiftedCurve
 from ccm_opt.ik.row_program import RowBlock, equal_to_zero
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.configuration import Configuration, Curve
-from ccm_opt.robot.segment import PIECES, Knots, second_derivatives
+from ccm_opt.robot.segment import PIECES, Knots
 
 _RANK = 1e-9
 """Share of the largest singular value below which a combination of curvatures is taken to change no bend."""
@@ -212,18 +212,15 @@ class CurveFrames(ABC):
 
     def curve_values(self, curve: CurveNumbers) -> dict[str, FloatArray]:
         """Values of the curvatures' symbols on a curve."""
-        lengths, of_segments, shares = curve.parts()
-        widths = [length * np.diff([0.0, *inner, 1.0]) for length, inner in zip(lengths, shares, strict=True)]
         found = {"arcs": curve.arcs}
+        inner = curve.arcs[:-1].reshape(self.segments, PIECES)[:, 1:].ravel()
         for index, (name, part) in enumerate(zip(self.directions, self.parts, strict=True)):
             flat = self.turned(curve, index)
-            pairs = zip(widths, of_segments, strict=True)
-            moments = [second_derivatives(width, value[:, index])[1:-1] for width, value in pairs]
             found |= {
                 f"curvature {name}": curve.curvatures[index],
                 f"turned {name}": flat.heading_at(curve.arcs),
                 f"integral {name}": flat.heading_integral_at(curve.arcs),
-                f"bows {name}": np.concatenate(moments) / part.moment_scale,
+                f"bows {name}": flat.spline(inner, 2) / part.moment_scale,
             }
         return found
 

@@ -24,8 +24,7 @@ from ccm_opt.problem.solution import (
     StaticPose,
     SurvivedError,
 )
-from ccm_opt.robot.bishop_curve import SpaceConfiguration
-from ccm_opt.robot.configuration import Configuration, Curve
+from ccm_opt.robot.configuration import Configuration, Curve, SpaceConfiguration
 from ccm_opt.robot.coordinates import Coordinates
 from ccm_opt.robot.segment import segment_words
 

@@ -24,8 +24,7 @@ from ccm_opt.io.problem_data import kept_meshes, mesh_data, recorded_data
 from ccm_opt.io.records import SCHEMA, arrays_npz, curve_arrays, failure_json, place_data, pose_failure_json, pose_json
 from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import ParetoPlan, ParetoPlans, ReachMap, StaticPose
-from ccm_opt.robot.bishop_curve import SpaceConfiguration
-from ccm_opt.robot.configuration import Configuration
+from ccm_opt.robot.configuration import Configuration, SpaceConfiguration
 
 
 def write_pose(found: StaticPose, out: Path, pictures: Mapping[str, bytes] | None = None) -> Path:

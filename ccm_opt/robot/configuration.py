@@ -1,22 +1,37 @@
-"""A curve of segments from a base: its places and headings, and where it ends."""
+"""A curve of segments from a base: its places and directions, and where it ends.
+
+In space the curve is t' = κ1 n1 + κ2 n2, n_i' = −κ_i t in the frame (t, n1, n2) that does not turn about the curve
+(Bishop, "There is more than one way to frame a curve", 1975). It has no singularity where the curve is straight, where
+that of Frenet has one, and the plane of t and n1 is κ2 = 0: there it is the paper's (section 2.1).
+"""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
+from scipy.interpolate import PPoly
 
-from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.core.polyline import unit_vector
-from ccm_opt.robot.segment import EVEN_KNOTS, CurvatureSegment, Knots
+from ccm_opt.robot.rigid_motions import carried, chained
+from ccm_opt.robot.segment import EVEN_KNOTS, CurvatureSegment, Knots, curvature_spline
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(8)
-"""Gauss points of positions."""
-_CUBIC_NODES, _CUBIC_WEIGHTS = np.polynomial.legendre.leggauss(3)
-"""Gauss points of headings: three integrate a quintic exactly."""
+"""Gauss points of positions, and over a link; in space directions are smooth but for knots, where their third
+derivative jumps."""
+_MAGNUS_NODES = np.polynomial.legendre.leggauss(3)[0]
+"""Gauss points of a step of a curve in space."""
 MAX_TURN_STEP = 0.4
 """Largest total turn [rad] in a quadrature interval; 8 Gauss points then err by less than 1e-12 of its length."""
+MOST_TURN = 0.05
+"""Most that a curve in space turns in one step of its integration [rad]; the sixth order then errs by less than
+1e-12."""
+LEAST_STEPS = 40
+"""Steps to a segment in space at least, so that its curvature changes little within one."""
+_PROBES = 5
+"""Places between two knots at which the curvature is looked at for the size of steps."""
 
 
 def integrate_positions(
@@ -40,75 +55,50 @@ def integrate_positions(
     return positions[np.searchsorted(fine, arc)]
 
 
-def integrate_headings(
-    heading_at: Callable[[FloatArray], FloatArray], arc: FloatArray, knots: FloatArray
-) -> FloatArray:
-    """Integral of the heading from 0 to given arc lengths, shape (m,) [rad m].
-
-    Exact: θ is a quartic between knots, and three Gauss points integrate a quintic.
-
-    Args:
-        heading_at: exact heading over arc length [rad].
-        arc: increasing arc lengths, shape (m,) [m].
-        knots: arc lengths of the spline's knots, increasing, 0 first.
-    """
-    edges = np.unique(np.concatenate((knots, arc)))
-    half = 0.5 * np.diff(edges)
-    steps = half * (heading_at(half[:, None] * (_CUBIC_NODES + 1.0) + edges[:-1, None]) @ _CUBIC_WEIGHTS)
-    integral: FloatArray = np.concatenate(([0.0], np.cumsum(steps)))[np.searchsorted(edges, arc)]
-    return integral
-
-
 def _refine(heading_at: Callable[[FloatArray], FloatArray], edges: FloatArray) -> FloatArray:
     """Split the intervals between edges until none turns by more than ``MAX_TURN_STEP``."""
     probes = heading_at(np.linspace(0.0, 1.0, 9)[:, None] * np.diff(edges) + edges[:-1])
     # The heading is a quartic between knots: nine probes miss little of its total turn.
     turns = np.abs(np.diff(probes, axis=0)).sum(axis=0)
     pieces = np.maximum(1, np.ceil(turns / MAX_TURN_STEP)).astype(np.intp)
-    first = np.repeat(np.cumsum(pieces) - pieces, pieces)
-    fraction = (np.arange(pieces.sum()) - first) / np.repeat(pieces, pieces)
-    return np.append(np.repeat(edges[:-1], pieces) + fraction * np.repeat(np.diff(edges), pieces), edges[-1])
+    return _parted(edges, pieces)
 
 
-@dataclass(frozen=True)
-class Curve:
-    """Segments end to end, in the plane or in space.
+def _parted(edges: FloatArray, counts: IntArray) -> FloatArray:
+    """Arc lengths that cut every interval between edges into so many equal ones."""
+    first = np.repeat(np.cumsum(counts) - counts, counts)
+    share = (np.arange(counts.sum()) - first) / np.repeat(counts, counts)
+    return np.append(np.repeat(edges[:-1], counts) + share * np.repeat(np.diff(edges), counts), edges[-1])
 
-    Attributes:
-        base: position of the base, shape (d,) [m].
-        segments: at least one, with their lengths, knots and curvatures.
-    """
 
-    base: FloatArray
-    segments: tuple[Any, ...]
+class Curve(Protocol):
+    """Curvature segments end to end, in the plane or in space."""
 
-    @cached_property
+    @property
+    def base(self) -> FloatArray:
+        """Position of the base, shape (d,) [m]."""
+
+    @property
+    def segments(self) -> Sequence[Any]:
+        """At least one, with their lengths, knots and curvatures."""
+
+    @property
     def boundaries(self) -> FloatArray:
         """Arc lengths of the segment boundaries, 0 first and L last, shape (segments + 1,) [m]."""
-        return np.concatenate(([0.0], np.cumsum([segment.length for segment in self.segments])))
-
-    @cached_property
-    def breakpoints(self) -> FloatArray:
-        """Arc lengths of all spline knots and boundaries, increasing, 0 first and L last [m]."""
-        knots = [start + s.breakpoints[:-1] for start, s in zip(self.boundaries[:-1], self.segments, strict=True)]
-        return np.append(np.concatenate(knots), self.boundaries[-1])
 
     @property
     def length(self) -> float:
         """Total length L [m]."""
-        return float(self.boundaries[-1])
 
     def positions_at(self, arc: FloatArray) -> FloatArray:
         """Positions at increasing arc lengths in [0, L], shape (m,) to (m, d) [m]."""
-        raise NotImplementedError
 
     def mean_directions(self, links: int) -> FloatArray:
         """Mean direction over each of ``links`` equal lengths, shape (links, d)."""
-        raise NotImplementedError
 
 
 @dataclass(frozen=True)
-class Configuration(Curve):
+class Configuration:
     """Curvature segments end to end; position and heading are continuous across them.
 
     Attributes:
@@ -116,6 +106,7 @@ class Configuration(Curve):
         segments: at least one; each starts at the heading where the one before ends.
     """
 
+    base: FloatArray
     segments: tuple[CurvatureSegment, ...]
 
     @classmethod
@@ -150,21 +141,47 @@ class Configuration(Curve):
         """Heading at the base [rad]."""
         return self.segments[0].heading
 
+    @cached_property
+    def boundaries(self) -> FloatArray:
+        """Arc lengths of the segment boundaries, 0 first and L last, shape (segments + 1,) [m]."""
+        return np.concatenate(([0.0], np.cumsum([segment.length for segment in self.segments])))
+
+    @cached_property
+    def breakpoints(self) -> FloatArray:
+        """Arc lengths of all spline knots and boundaries, increasing, 0 first and L last [m]."""
+        knots = [start + s.breakpoints[:-1] for start, s in zip(self.boundaries[:-1], self.segments, strict=True)]
+        return np.append(np.concatenate(knots), self.boundaries[-1])
+
+    @property
+    def length(self) -> float:
+        """Total length L [m]."""
+        return float(self.boundaries[-1])
+
+    @cached_property
+    def spline(self) -> PPoly:
+        """Curvature over arc length [1/m]."""
+        return curvature_spline(np.concatenate([segment.coefficients for segment in self.segments]), self.breakpoints)
+
+    @cached_property
+    def _turns(self) -> PPoly:
+        """∫ κ from the base on [rad]."""
+        return self.spline.antiderivative()
+
     def curvature_at(self, arc: FloatArray) -> FloatArray:
         """Curvature at arc lengths in [0, L], shape of ``arc`` [1/m]."""
-        return self._evaluate("curvature_at", arc)
+        return np.asarray(self.spline(arc))
 
     def heading_at(self, arc: FloatArray) -> FloatArray:
         """Heading at arc lengths in [0, L], shape of ``arc`` [rad]; exact."""
-        return self._evaluate("heading_at", arc)
+        return np.asarray(self.base_heading + self._turns(arc))
 
     def positions_at(self, arc: FloatArray) -> FloatArray:
         """Positions at increasing arc lengths in [0, L], shape (len(arc), 2) [m]; Gauss-Legendre quadrature."""
         return self.base + integrate_positions(self.heading_at, np.asarray(arc, dtype=np.float64), self.breakpoints)
 
     def heading_integral_at(self, arc: FloatArray) -> FloatArray:
-        """Integral of the heading from the base to increasing arc lengths, shape of ``arc`` [rad m]; exact."""
-        return integrate_headings(self.heading_at, np.asarray(arc, dtype=np.float64), self.breakpoints)
+        """Integral of the heading from the base to arc lengths, shape of ``arc`` [rad m]; exact."""
+        return np.asarray(self.base_heading * arc + self._turns.antiderivative()(arc))
 
     def mean_headings(self, links: int) -> FloatArray:
         """Mean heading over each of ``links`` equal lengths, shape (links,) [rad]; exact."""
@@ -181,11 +198,147 @@ class Configuration(Curve):
         """Position (2,) [m] and heading [rad] of the tip."""
         return self.positions_at(np.array([self.length]))[0], self.segments[-1].end_heading
 
-    def _evaluate(self, method: str, arc: FloatArray) -> FloatArray:
-        arc = np.asarray(arc, dtype=np.float64)
-        index = np.clip(np.searchsorted(self.boundaries, arc, side="right") - 1, 0, len(self.segments) - 1)
-        result = np.empty_like(arc)
-        for k, segment in enumerate(self.segments):
-            mask = index == k
-            result[mask] = getattr(segment, method)(arc[mask] - self.boundaries[k])
-        return result
+
+class SpaceSegment(NamedTuple):
+    """A segment of a curve in space.
+
+    Attributes:
+        length: L, positive [m].
+        curvature: κ1 and κ2 at the five knots, shape (5, 2) [1/m].
+        knots: S_b, S_c, S_d with 0 < S_b < S_c < S_d < 1.
+    """
+
+    length: float
+    curvature: FloatArray
+    knots: Knots
+
+
+@dataclass(frozen=True)
+class SpaceConfiguration:
+    """Curvature segments end to end in space; place and frame are continuous across them.
+
+    Attributes:
+        base: position of the base, shape (3,) [m].
+        base_frame: (t, n1, n2) at the base as columns, a rotation, shape (3, 3).
+        turns: curves of the plane with one of both curvatures each; their headings are its turns ∫ κ ds.
+    """
+
+    base: FloatArray
+    base_frame: FloatArray
+    turns: tuple[Configuration, Configuration]
+
+    def __post_init__(self) -> None:
+        if np.shape(self.base_frame) != (3, 3):
+            raise ValueError(f"a curve in space starts with a frame of shape (3, 3), got {np.shape(self.base_frame)}")
+
+    @classmethod
+    def chain(
+        cls,
+        base: FloatArray,
+        frame: FloatArray,
+        lengths: Sequence[float],
+        curvatures: Sequence[FloatArray],
+        knots: Sequence[Knots] | None = None,
+    ) -> "SpaceConfiguration":
+        """Join segments end to end from a base frame.
+
+        Args:
+            base: shape (3,) [m].
+            frame: (t, n1, n2) at the base as columns, shape (3, 3).
+            lengths: of the segments [m].
+            curvatures: five pairs a segment, each of shape (5, 2) [1/m].
+            knots: three a segment; even knots when None.
+
+        Raises:
+            ValueError: what is given makes no segments.
+        """
+        for curvature in curvatures:
+            if np.shape(curvature) != (5, 2):
+                raise ValueError(f"a segment in space has five pairs of curvatures, got shape {np.shape(curvature)}")
+        first, second = (
+            Configuration.chain(np.zeros(2), 0.0, lengths, [np.asarray(each)[:, side] for each in curvatures], knots)
+            for side in (0, 1)
+        )
+        return cls(np.asarray(base, dtype=np.float64), frame, (first, second))
+
+    @cached_property
+    def segments(self) -> tuple[SpaceSegment, ...]:
+        """The segments, base first."""
+        pairs = zip(*(turn.segments for turn in self.turns), strict=True)
+        return tuple(
+            SpaceSegment(one.length, np.column_stack((one.curvature, other.curvature)), one.knots)
+            for one, other in pairs
+        )
+
+    @property
+    def boundaries(self) -> FloatArray:
+        """Arc lengths of the segment boundaries, 0 first and L last, shape (segments + 1,) [m]."""
+        return self.turns[0].boundaries
+
+    @property
+    def length(self) -> float:
+        """Total length L [m]."""
+        return self.turns[0].length
+
+    def curvature_at(self, arc: FloatArray) -> FloatArray:
+        """κ1 and κ2 at arc lengths in [0, L], shape (...) to (..., 2) [1/m]."""
+        return np.stack([turn.curvature_at(arc) for turn in self.turns], axis=-1)
+
+    def frames_at(self, arc: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Frames and positions at increasing arc lengths in [0, L], of shape (m,) [m].
+
+        Returns:
+            Rotations with columns t, n1, n2, shape (m, 3, 3), and positions, shape (m, 3) [m].
+        """
+        edges = self._steps(np.unique(np.concatenate((self.turns[0].breakpoints, arc))))
+        half = 0.5 * np.diff(edges)
+        curvature = self.curvature_at(edges[:-1, None] + half[:, None] * (_MAGNUS_NODES + 1.0))
+        twists = np.zeros((*curvature.shape[:-1], 6))
+        # κ1 turns t towards n1, that is about n2; κ2 turns t towards n2, that is about −n1. The frame goes along t.
+        twists[..., 1] = -curvature[..., 1]
+        twists[..., 2] = curvature[..., 0]
+        twists[..., 3] = 1.0
+        frames, places = chained(self.base_frame, *carried(twists, 2.0 * half))
+        at = np.searchsorted(edges, arc)
+        return frames[at], self.base + places[at]
+
+    def _steps(self, edges: FloatArray) -> FloatArray:
+        """Arc lengths so near to each other, the edges among them, that the curve hardly turns between two."""
+        probes = np.linspace(edges[:-1], edges[1:], _PROBES)
+        sharpest = np.linalg.norm(self.curvature_at(probes), axis=-1).max(axis=0)
+        # Where the curve is nearly straight its curvature may still change much on the way.
+        shortest = min(segment.length for segment in self.turns[0].segments)
+        per_step = np.maximum(sharpest / MOST_TURN, LEAST_STEPS / shortest)
+        return _parted(edges, np.maximum(1, np.ceil(np.diff(edges) * per_step)).astype(np.intp))
+
+    def positions_at(self, arc: FloatArray) -> FloatArray:
+        """Positions at increasing arc lengths in [0, L], shape (m, 3) [m]."""
+        return self.frames_at(arc)[1]
+
+    def mean_directions(self, links: int) -> FloatArray:
+        """Mean direction over each of ``links`` equal lengths, shape (links, 3).
+
+        The mean is that of the turns from the frame in the middle: in the plane that of the headings.
+        """
+        length = self.length / links
+        middles = length * (np.arange(links) + 0.5)
+        arcs = middles[:, None] + 0.5 * length * np.append(_NODES, 0.0)
+        order = np.argsort(arcs.ravel())
+        frames = np.empty((links * arcs.shape[1], 3, 3))
+        frames[order] = self.frames_at(arcs.ravel()[order])[0]
+        frames = frames.reshape(links, -1, 3, 3)
+        middle = frames[:, -1]
+        local = np.einsum("nij,nki->nkj", middle, frames[:, :-1, :, 0])
+        sideways = np.linalg.norm(local[..., 1:], axis=-1)
+        angle = np.arctan2(sideways, local[..., 0])
+        turns = local[..., 1:] * (angle / np.maximum(sideways, np.finfo(np.float64).tiny))[..., None]
+        mean = 0.5 * np.einsum("k,nkd->nd", _WEIGHTS, turns)
+        size = np.linalg.norm(mean, axis=1)
+        ahead = np.concatenate((np.cos(size)[:, None], np.sinc(size / np.pi)[:, None] * mean), axis=1)
+        return np.asarray(np.einsum("nij,nj->ni", middle, ahead))
+
+    @cached_property
+    def tip(self) -> tuple[FloatArray, FloatArray]:
+        """Position (3,) [m] and direction (3,) of the tip."""
+        frames, places = self.frames_at(np.array([self.length]))
+        return places[0], frames[0, :, 0]

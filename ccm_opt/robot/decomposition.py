@@ -186,11 +186,7 @@ class _Stretch:
         """Coefficients on finer breaks, shape (len(breaks) - 1, 4)."""
         piece = np.searchsorted(self.breaks[1:-1], 0.5 * (breaks[:-1] + breaks[1:]))
         t = breaks[:-1] - self.breaks[piece]
-        c = self.coefficients[piece]
-        # Taylor expansion of each cubic about the new break.
-        value = c[:, 0] + t * (c[:, 1] + t * (c[:, 2] + t * c[:, 3]))
-        slope = c[:, 1] + t * (2.0 * c[:, 2] + 3.0 * t * c[:, 3])
-        return np.stack((value, slope, c[:, 2] + 3.0 * t * c[:, 3], c[:, 3]), axis=1)
+        return _about(self.coefficients[piece], t)
 
     def part(self, first: float, last: float) -> "_Stretch":
         """The part between two arc lengths."""
@@ -210,18 +206,8 @@ class _Stretch:
         """At every inner break: jumps of C, C', C'' and C''', made comparable, shape (m - 1, 4) [1/m]."""
         widths = np.diff(self.breaks)
         powers = np.arange(PIECES)
-        ends = self.on(np.append(self.breaks[:-1], self.breaks[-1]))
-        t = widths[:-1]
-        c = self.coefficients[:-1]
-        left = np.stack(
-            (
-                c[:, 0] + t * (c[:, 1] + t * (c[:, 2] + t * c[:, 3])),
-                c[:, 1] + t * (2.0 * c[:, 2] + 3.0 * t * c[:, 3]),
-                c[:, 2] + 3.0 * t * c[:, 3],
-                c[:, 3],
-            ),
-            axis=1,
-        )
+        ends = self.on(self.breaks)
+        left = _about(self.coefficients[:-1], widths[:-1])
         # Powers of the length make derivatives comparable with the curvature itself.
         jumps: FloatArray = np.abs(ends[1:] - left) * self.length**powers
         return jumps
@@ -256,12 +242,10 @@ class _Stretch:
 
     def _on_knots(self, breaks: FloatArray) -> CurvatureSegment:
         c = self.on(breaks)
-        last = self.on(np.append(self.breaks[:-1], self.breaks[-1]))[-1]
-        t = self.breaks[-1] - self.breaks[-2]
         # The last knot is the end of the last piece, which no break begins.
-        end_value = last[0] + t * (last[1] + t * (last[2] + t * last[3]))
-        moments = (2.0 * float(c[0, 2]), 2.0 * float(last[2] + 3.0 * t * last[3]))
-        values = np.append(c[:, 0], end_value)
+        end = _about(self.coefficients[-1:], np.diff(self.breaks[-2:]))[0]
+        moments = (2.0 * float(c[0, 2]), 2.0 * float(end[2]))
+        values = np.append(c[:, 0], end[0])
         return CurvatureSegment(self.length, self.heading, values, _knots(breaks / self.length), moments)
 
     def segments(self, inner: FloatArray) -> tuple[CurvatureSegment, ...]:
@@ -304,6 +288,13 @@ class _Stretch:
         values = np.linalg.solve(normal, np.append(basis.T @ wanted, wanted[-1]))[:-1]
         error = float(np.abs(basis @ values - wanted).max())
         return CurvatureSegment(self.length, self.heading, values), error
+
+
+def _about(c: FloatArray, t: FloatArray) -> FloatArray:
+    """Coefficients of cubics, shape (m, 4), in powers of the offset from other places, their old offsets t (m,)."""
+    value = c[:, 0] + t * (c[:, 1] + t * (c[:, 2] + t * c[:, 3]))
+    slope = c[:, 1] + t * (2.0 * c[:, 2] + 3.0 * t * c[:, 3])
+    return np.stack((value, slope, c[:, 2] + 3.0 * t * c[:, 3], c[:, 3]), axis=1)
 
 
 def _with_idle(breaks: FloatArray) -> FloatArray:

@@ -28,17 +28,10 @@ def ball_angles(arm: Arm, positions: FloatArray, tolerance: float = DEFAULT_MAPP
     Raises:
         ProblemError: when the shape, the base or a link length does not fit the arm.
     """
-    points = _world_points(arm, positions)
-    directions = _link_directions(arm, points, tolerance * arm.link_length)
-    angles = np.zeros((*directions.shape[:-2], 3 * arm.links))
-    rotation = np.broadcast_to(arm.base_rotation, (*directions.shape[:-2], 3, 3))  # world <- ball base
-    for ball in range(arm.links):
-        local = np.einsum("...ij,...i->...j", rotation, directions[..., ball, :])
-        yaw, bend = aim(local)
-        angles[..., 3 * ball] = yaw
-        angles[..., 3 * ball + 1] = bend
-        rotation = rotation @ _yaw_bend_rotation(yaw, bend)
-    return angles
+    directions, _ = _link_directions(arm, _world_points(arm, positions), tolerance * arm.link_length)
+    bends = bends_from_directions(arm, directions)
+    angles = np.concatenate((bends, np.zeros((*bends.shape[:-1], 1))), axis=-1)
+    return angles.reshape(*bends.shape[:-2], -1)
 
 
 def aim(direction: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -49,39 +42,27 @@ def aim(direction: FloatArray) -> tuple[FloatArray, FloatArray]:
     return np.arctan2(side * y, np.abs(x)), np.arctan2(-z, side * np.hypot(x, y))
 
 
-def _yaw_bend_rotation(yaw: FloatArray, bend: FloatArray) -> FloatArray:
-    """Rz(θ1) Ry(θ2), shape (..., 3, 3)."""
-    c1 = np.cos(yaw)
-    s1 = np.sin(yaw)
-    c2 = np.cos(bend)
-    s2 = np.sin(bend)
-    zero = np.zeros_like(c1)
-    rows = ((c1 * c2, -s1, c1 * s2), (s1 * c2, c1, s1 * s2), (-s2, zero, c2))
-    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
-
-
 def _world_points(arm: Arm, positions: FloatArray) -> FloatArray:
     """Positions in the world, shape (..., links + 1, 3); checks the shape."""
-    expected = arm.links + 1
-    if positions.ndim < 2 or positions.shape[-2] != expected or positions.shape[-1] not in {2, 3}:
+    shape = (arm.links + 1, arm.dimension)
+    if positions.ndim < 2 or positions.shape[-2:] not in {shape, (arm.links + 1, 3)}:
         raise ProblemError(
-            f"positions have shape {positions.shape}; expected (..., {expected}, 2) or (..., {expected}, 3): "
-            f"the {arm.links} balls and the tip"
+            f"positions have shape {positions.shape}; expected (..., {shape[0]}, {shape[1]}), or 3 coordinates in the "
+            f"world: the {arm.links} joints and the tip"
         )
-    if positions.shape[-1] == 3:
-        return positions
-    x = positions[..., 0]
-    z = positions[..., 1]
-    return np.stack((x, np.zeros_like(x), z), axis=-1)
+    return positions if positions.shape[-1] == 3 else arm.embedded(positions)
 
 
-def _link_directions(arm: Arm, points: FloatArray, tolerance: float) -> FloatArray:
-    """Unit directions of the links in the world, shape (..., links, 3); checks base and lengths to a tolerance [m]."""
-    off = points[..., 0, :] - arm.base_position
+def _link_directions(arm: Arm, points: FloatArray, tolerance: float) -> tuple[FloatArray, FloatArray]:
+    """Directions of the links in the world, shape (..., links, 3), and how far the base is carried, shape (...) [m].
+
+    Checks that base and lengths fit the arm to a tolerance [m].
+    """
     axis = arm.base_rotation[:, 0]
+    off = points[..., 0, :] - arm.base_position
     # A carried base may be anywhere on its axis: only what is off the axis counts.
-    off = off - np.clip(off @ axis, *arm.base_range)[..., None] * axis  # the base may be carried along its heading
-    offset = float(np.max(np.abs(off), initial=0.0))
+    carried = np.clip(off @ axis, *arm.base_range)
+    offset = float(np.max(np.abs(off - carried[..., None] * axis), initial=0.0))
     if not offset <= tolerance:  # so written, a NaN is refused too
         raise ProblemError(f"the first position lies {offset:.3g} m off the arm's base; it must be the base itself")
     steps = np.diff(points, axis=-2)
@@ -93,7 +74,7 @@ def _link_directions(arm: Arm, points: FloatArray, tolerance: float) -> FloatArr
             f"link {worst[-1] + 1} would be {lengths[worst]:.6g} m long; every link is {arm.link_length:.6g} m: "
             "place the joints by a mapping that keeps link lengths"
         )
-    return np.asarray(steps / lengths[..., None], dtype=np.float64)
+    return np.asarray(steps / lengths[..., None]), np.asarray(carried)
 
 
 def bends_from_directions(arm: Arm, directions: FloatArray) -> FloatArray:
@@ -131,26 +112,7 @@ def configuration_from_positions(
     Raises:
         ProblemError: the shape, the base or a link length does not fit the arm.
     """
-    if positions.ndim < 2 or positions.shape[-2:] != (arm.links + 1, 3):
-        raise ProblemError(
-            f"positions have shape {positions.shape}; expected (..., {arm.links + 1}, 3): the {arm.links} joints "
-            "and the tip"
-        )
-    carried = np.clip((positions[..., 0, :] - arm.base) @ arm.direction, *arm.base_range)
-    off = positions[..., 0, :] - arm.base - carried[..., None] * arm.direction
-    allowed = tolerance * arm.link_length
-    if not float(np.max(np.abs(off), initial=0.0)) <= allowed:  # so written, a NaN is refused too
-        raise ProblemError(
-            f"the first position lies {float(np.max(np.abs(off))):.3g} m off the arm's base; it must be the base itself"
-        )
-    steps = np.diff(positions, axis=-2)
-    lengths = np.linalg.norm(steps, axis=-1)
-    worst = float(np.max(np.abs(lengths - arm.link_length), initial=0.0))
-    if not worst <= allowed:
-        raise ProblemError(
-            f"a link would be {worst:.3g} m longer or shorter than {arm.link_length:.6g} m: place the joints by a "
-            "mapping that keeps link lengths"
-        )
-    bends = bends_from_directions(arm, steps / lengths[..., None])
-    flat = bends.reshape(*bends.shape[:-2], 2 * arm.links)
+    directions, carried = _link_directions(arm, _world_points(arm, positions), tolerance * arm.link_length)
+    bends = bends_from_directions(arm, directions)
+    flat = bends.reshape(*bends.shape[:-2], -1)
     return np.concatenate((flat, carried[..., None] * np.ones(len(arm.base_axes))), axis=-1)

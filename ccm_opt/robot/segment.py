@@ -6,6 +6,7 @@ from functools import cached_property
 from typing import TypeAlias
 
 import numpy as np
+from scipy.interpolate import PPoly
 from scipy.optimize import brentq
 from scipy.special import j0
 
@@ -47,6 +48,11 @@ def piece_coefficients(widths: FloatArray, values: FloatArray, ends: tuple[float
     right = moments[1:]
     linear = np.diff(values, axis=0) / a - a * (2.0 * left + right) / 6.0
     return np.stack((values[:-1], linear, 0.5 * left, (right - left) / (6.0 * a)), axis=1)
+
+
+def curvature_spline(coefficients: FloatArray, breaks: FloatArray) -> PPoly:
+    """Piecewise cubics, by coefficients (pieces, 4 powers) over arc length from the start of each, on their breaks."""
+    return PPoly.construct_fast(np.ascontiguousarray(coefficients.T[::-1]), breaks)
 
 
 PIECES = 4
@@ -94,36 +100,19 @@ class CurvatureSegment:
         """Curvature's power coefficients on each piece over arc length from the piece's start, shape (4, 4)."""
         return piece_coefficients(np.diff(self.breakpoints), np.asarray(self.curvature, dtype=np.float64), self.moments)
 
-    def curvature_at(self, arc: FloatArray) -> FloatArray:
-        """C at arc lengths in [0, L], any shape [1/m]."""
-        piece, t = self._locate(arc)
-        c = self.coefficients[piece]
-        values: FloatArray = c[..., 0] + t * (c[..., 1] + t * (c[..., 2] + t * c[..., 3]))
-        return values
+    @cached_property
+    def spline(self) -> PPoly:
+        """Curvature over arc length [1/m]."""
+        return curvature_spline(self.coefficients, self.breakpoints)
 
     def heading_at(self, arc: FloatArray) -> FloatArray:
         """θ at arc lengths in [0, L], any shape [rad]; exact, a quartic on each piece."""
-        piece, t = self._locate(arc)
-        c = self.coefficients[piece]
-        turned = t * (c[..., 0] + t * (c[..., 1] / 2 + t * (c[..., 2] / 3 + t * c[..., 3] / 4)))
-        headings: FloatArray = self._piece_headings[piece] + turned
-        return headings
+        return np.asarray(self.heading + self.spline.antiderivative()(arc))
 
     @cached_property
     def end_heading(self) -> float:
         """θ at the segment's end [rad]."""
-        return float(self._piece_headings[-1])
-
-    def _locate(self, arc: FloatArray) -> tuple[np.ndarray, FloatArray]:
-        piece = np.clip(np.searchsorted(self.breakpoints, arc, side="right") - 1, 0, 3)
-        return piece, np.asarray(arc, dtype=np.float64) - self.breakpoints[piece]
-
-    @cached_property
-    def _piece_headings(self) -> FloatArray:
-        a = np.diff(self.breakpoints)
-        c = self.coefficients
-        turns = a * (c[:, 0] + a * (c[:, 1] / 2 + a * (c[:, 2] / 3 + a * c[:, 3] / 4)))
-        return self.heading + np.concatenate(([0.0], np.cumsum(turns)))
+        return float(self.heading_at(np.array(self.length)))
 
 
 _SIGN_SAMPLES = 32
