@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from ccm_opt.core.errors import ProblemError
-from ccm_opt.core.executors import DaskWorkers, ExecutorSettings, completed
+from ccm_opt.core.executors import DaskWorkers, completed
 from tests.comparison_tasks import double
 from tests.test_comparison_executors import address_in, dask_process
 
@@ -60,14 +60,14 @@ def test_with_certificates_the_cluster_works_and_without_nobody_is_let_in(
         assert address.startswith("tls://")
         worker = dask_process(tmp_path, "worker", "--nthreads", "1", "--no-nanny", *tls)
         with pytest.raises(ProblemError, match="no Dask scheduler answers"):
-            list(completed(DaskWorkers(address, ExecutorSettings(cluster_timeout=3.0)), double, [1]))
+            list(completed(DaskWorkers(address, timeout=3.0), double, [1]))
         monkeypatch.setenv("DASK_DISTRIBUTED__COMM__TLS__CA_FILE", str(tmp_path / "ca.pem"))
         monkeypatch.setenv("DASK_DISTRIBUTED__COMM__TLS__CLIENT__CERT", str(tmp_path / "one.pem"))
         monkeypatch.setenv("DASK_DISTRIBUTED__COMM__TLS__CLIENT__KEY", str(tmp_path / "one-key.pem"))
         monkeypatch.setenv("DASK_DISTRIBUTED__COMM__REQUIRE_ENCRYPTION", "true")
         # Dask reads the variables when it is loaded.
         with dask.config.set(dict(named(dask.config.collect_env()))):
-            found = dict(completed(DaskWorkers(address, ExecutorSettings(cluster_timeout=60.0)), double, [1, 2]))
+            found = dict(completed(DaskWorkers(address, timeout=60.0), double, [1, 2]))
         assert found == {1: 2, 2: 4}
     finally:
         for process in (scheduler, worker):

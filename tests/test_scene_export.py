@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.io.robot_models import mjcf_text, scene_meshes, triangles_stl, urdf_text
-from ccm_opt.io.scene_solids import Prism, SolidScene, convex_parts, prism_mesh, solid_scene
+from ccm_opt.io.scene_solids import SolidScene, convex_parts, prism_mesh, solid_scene
 from ccm_opt.robot.arm import Arm, Feed
 from ccm_opt.robot.frames import revolute_angles
 from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
@@ -91,7 +91,7 @@ def test_convex_parts_tile_a_polygon(polygon: shapely.Polygon) -> None:
 def test_meshes_of_parts_are_closed_and_turned_outwards(polygon: shapely.Polygon) -> None:
     """Every edge has its opposite, and the volume by the divergence theorem is area times depth."""
     for corners in convex_parts(polygon):
-        vertices, faces = prism_mesh(Prism(corners), 0.5)
+        vertices, faces = prism_mesh(corners, 0.5)
         edges = {(a, b) for face in faces.tolist() for a, b in zip(face, face[1:] + face[:1], strict=True)}
         assert all((b, a) in edges for a, b in edges)
         a, b, c = (vertices[faces[:, k]] for k in range(3))

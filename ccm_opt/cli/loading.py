@@ -100,7 +100,7 @@ def tell_of_meshes(problem: Problem) -> None:
             problem.name,
             [name for name, (low, high), r in boxes if np.any((low - r > bounds[1]) | (high + r < bounds[0]))],
         )
-    meshes = [(each.name, each.body) for each in problem.workspace.obstacles if isinstance(each.body, MeshBody)]
+    meshes = [(name, body) for _, name, body in problem.workspace.meshes]
     if not meshes:
         return
     if output().as_json:

@@ -12,53 +12,32 @@ import multiprocessing
 import os
 import signal
 import sys
-import time
 from collections import deque
-from collections.abc import Callable, Generator, Iterable, Iterator
+from collections.abc import Callable, Collection, Generator, Iterable, Iterator
+from concurrent import futures
 from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future, ProcessPoolExecutor
-from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import dataclass, field
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from functools import partial
 from importlib import import_module
 from multiprocessing.connection import wait
 from pathlib import Path
-from queue import Empty, SimpleQueue
 from threading import Thread
-from typing import Any, Generic, Protocol, TypeVar
+from typing import Any, Protocol, TypeVar
 
 from ccm_opt.core.errors import ProblemError
 from ccm_opt.core.threads import in_background
 
-
-@dataclass(frozen=True)
-class ExecutorSettings:
-    """How many tasks workers are handed at a time, and how long a cluster may take to answer; all of them are taste.
-
-    Attributes:
-        tasks_per_process: tasks handed over at a time for every process of this machine.
-        tasks_per_thread: the same for every thread of a cluster.
-        least_on_cluster: least number of tasks that a cluster has at a time: short ones must not wait for the network.
-        cluster_timeout: time to find a cluster's scheduler, and again to find its first worker [s].
-        return_timeout: time for which a cluster that was lost may take to come back [s].
-        most_losses: how often in a row a cluster may be lost without a single result between.
-        look_every: time between two looks whether a cluster is still there, while nothing comes back [s].
-        farewell: time that a cluster is given to be left in good order [s].
-    """
-
-    tasks_per_process: int = 2
-    tasks_per_thread: int = 4
-    least_on_cluster: int = 64
-    cluster_timeout: float = 20.0
-    return_timeout: float = 300.0
-    most_losses: int = 5
-    look_every: float = 0.5
-    farewell: float = 2.0
-
-
-EXECUTORS = ExecutorSettings()
-"""Used where no other settings are given."""
-
-
+_TASKS_PER_PROCESS = 2
+"""Tasks handed over at a time for every process of this machine. Taste."""
+_TASKS_PER_THREAD = 4
+"""The same for every thread of a cluster. Taste."""
+_LEAST_ON_CLUSTER = 64
+"""Least number of tasks that a cluster has at a time: short ones must not wait for the network. Taste."""
+_LOOK_EVERY = 0.5
+"""Time between two looks whether a cluster is still there, while nothing comes back [s]. Taste."""
+_FAREWELL = 2.0
+"""Time that a cluster is given to be left in good order [s]. Taste."""
 MESSAGES_KEPT = "distributed.admin.low-level-log-length"
 """Key of Dask's configuration."""
 RESULT = TypeVar("RESULT")
@@ -70,11 +49,11 @@ class DaskWorkers:
 
     Attributes:
         address: of the scheduler, for example ``tcp://host:8786``.
-        settings: tasks at a time, and how long to wait for an answer.
+        timeout: time to find the scheduler, and again to find its first worker [s].
     """
 
     address: str
-    settings: ExecutorSettings = EXECUTORS
+    timeout: float = 20.0
 
     @contextmanager
     def open(self) -> Iterator[tuple[Executor, int]]:
@@ -100,7 +79,7 @@ class DaskWorkers:
             finally:
                 # A scheduler that is gone does not answer any more.
                 with suppress(OSError, TimeoutError, CancelledError):
-                    client.close(timeout=self.settings.farewell)
+                    client.close(timeout=_FAREWELL)
 
     def _client_of(self, distributed: Any) -> Any:
         """A client that is connected.
@@ -108,7 +87,7 @@ class DaskWorkers:
         Raises:
             ProblemError: when there is no scheduler, or the client's thread is given no time to run in.
         """
-        limit = self.settings.cluster_timeout
+        limit = self.timeout
         connect = partial(distributed.Client, self.address, timeout=limit, set_as_default=False)
         for _ in range(2):
             # Dask has no words for a thread of its own that did not start within ten seconds.
@@ -122,18 +101,12 @@ class DaskWorkers:
         raise ProblemError("this machine is too busy for a client of Dask to start")
 
     def _executor_of(self, client: Any) -> tuple[Executor, int]:
-        limit = self.settings.cluster_timeout
         try:
-            in_background(partial(client.wait_for_workers, 1, timeout=limit)).result(limit)
-            threads = sum(in_background(client.nthreads).result(limit).values())
+            in_background(partial(client.wait_for_workers, 1, timeout=self.timeout)).result(self.timeout)
+            threads = sum(in_background(client.nthreads).result(self.timeout).values())
         except (OSError, TimeoutError) as error:
             raise ProblemError(f"the Dask cluster at {self.address} has no workers; start some") from error
-        return ClusterExecutor(client), max(self.settings.least_on_cluster, self.settings.tasks_per_thread * threads)
-
-    @property
-    def patience(self) -> float:
-        """Time for which to wait for a cluster that was lost [s]."""
-        return self.settings.return_timeout
+        return ClusterExecutor(client), max(_LEAST_ON_CLUSTER, _TASKS_PER_THREAD * threads)
 
 
 @contextmanager
@@ -168,8 +141,6 @@ class ClusterExecutor(Executor):
         """Whether the scheduler has been lost, be it for a moment: Dask forgets what it was at."""
         return bool(self._client.status != "running")
 
-
-logger = logging.getLogger(__name__)
 
 CLUSTER_IS_GONE = frozenset(("ClosedClientError", "CommClosedError"))
 """Names of Dask's errors, which is not loaded here, when nothing can be handed over any more."""
@@ -213,11 +184,9 @@ class LocalWorkers:
 
     Attributes:
         count: how many.
-        settings: tasks at a time.
     """
 
     count: int
-    settings: ExecutorSettings = EXECUTORS
 
     @contextmanager
     def open(self) -> Iterator[tuple[Executor, int]]:
@@ -242,7 +211,7 @@ class LocalWorkers:
                 f"fewer workers"
             ) from error
         try:
-            yield executor, self.settings.tasks_per_process * self.count
+            yield executor, _TASKS_PER_PROCESS * self.count
         except BaseException:
             # After Ctrl-C, or when nobody takes the results any more, nobody waits for what is still running.
             for process in set(multiprocessing.active_children()) - before:
@@ -250,10 +219,6 @@ class LocalWorkers:
             raise
         finally:
             executor.shutdown(wait=True, cancel_futures=True)
-
-
-class _LostError(Exception):
-    """The cluster is gone, or has given up the work."""
 
 
 def completed(
@@ -269,150 +234,81 @@ def completed(
         function: of a task; it and the tasks are pickled.
         tasks: taken one by one as there is room.
 
-    A cluster that is lost is waited for. What it was at is handed over again when it is back: a task may be run twice
-    then, but it is given back once.
-
     Raises:
-        ProblemError: when a cluster is not there, or does not come back.
+        ProblemError: when a cluster is not there, or is lost.
     """
-    supply = _Supply(iter(tasks))
-    losses = 0
+    source = iter(tasks)
+    suspects: deque[TASK] = deque()
     finished = False
     while not finished:
-        with _opened(workers, returning=losses > 0) as (executor, width):
-            results = _until_broken(executor, width, function, supply)
-            try:
-                while True:
-                    found = next(results)
-                    losses = 0
-                    yield found
-            except StopIteration as end:
-                finished = bool(end.value)
-            except _LostError as error:
-                losses += 1
-                if losses > EXECUTORS.most_losses:
-                    raise ProblemError("the cluster gives up whatever it is handed; run again to continue") from error
-                logger.warning("the cluster is gone, or has given up the work; it is waited for")
-
-
-@dataclass
-class _Supply(Generic[TASK]):
-    """Tasks to be handed over; it outlives the executors.
-
-    Attributes:
-        source: those that were handed to none yet.
-        again: those that a lost cluster was at.
-        suspects: those that may have broken their executor; they are handed over one at a time.
-    """
-
-    source: Iterator[TASK]
-    again: deque[TASK] = field(default_factory=deque)
-    suspects: deque[TASK] = field(default_factory=deque)
-
-    def take(self) -> TASK | None:
-        """The next task, suspects first, so that the next failure names its task; None when there are no more."""
-        for waiting in (self.suspects, self.again):
-            if waiting:
-                return waiting.popleft()
-        return next(self.source, None)
-
-
-@contextmanager
-def _opened(workers: Workers, *, returning: bool) -> Iterator[tuple[Executor, int]]:
-    """The executor of some workers; those that were lost are waited for.
-
-    Raises:
-        ProblemError: they are not there, or do not come back.
-    """
-    patience = getattr(workers, "patience", 0.0) if returning else 0.0
-    until = time.monotonic() + patience
-    with ExitStack() as stack:
-        while True:
-            try:
-                opened = stack.enter_context(workers.open())
-                break
-            except ProblemError as error:
-                if time.monotonic() < until:
-                    time.sleep(min(1.0, max(0.0, until - time.monotonic())))
-                    continue
-                if not returning:
-                    raise
-                raise ProblemError(f"the cluster was lost, and is not back after {patience:.3g} s: {error}") from error
-        yield opened
+        with workers.open() as (executor, width):
+            finished = yield from _until_broken(executor, width, function, source, suspects)
 
 
 def _until_broken(
-    executor: Executor, width: int, function: Callable[[TASK], RESULT], supply: _Supply[TASK]
+    executor: Executor, width: int, function: Callable[[TASK], RESULT], source: Iterator[TASK], suspects: deque[TASK]
 ) -> Generator[tuple[TASK, RESULT | BaseException], None, bool]:
     """Yield results; return whether all tasks are done, or else the executor is broken.
 
-    When it breaks, the tasks that it had become suspects: the next executor runs them one at a time.
+    When it breaks, the tasks that it had become suspects: the next executor runs them one at a time, so that the next
+    failure names its task.
 
     Raises:
-        _LostError: the cluster is gone; what it was at is to be handed over again.
+        ProblemError: the cluster is gone.
     """
     pending: dict[Future[RESULT], TASK] = {}
-    done: SimpleQueue[Future[RESULT]] = SimpleQueue()
     while True:
-        alone = bool(supply.suspects)
+        alone = bool(suspects)
         while len(pending) < (1 if alone else width):
-            task = supply.take()
+            task = suspects.popleft() if suspects else next(source, None)
             if task is None:
                 break
-            future = _submitted(executor, function, task)
-            pending[future] = task
-            future.add_done_callback(done.put)
+            pending[_submitted(executor, function, task)] = task
         if not pending:
             return True
-
-        over = _next_done(done, executor)
-        if over is None or over.cancelled():
-            # What has come back in spite of all is kept; all else is to be handed over again.
-            yield from _saved(pending, done)
-            supply.again.extend(pending.values())
-            raise _LostError
+        over = _next_done(pending, executor)
         task = pending.pop(over)
         error = over.exception()
         broken = isinstance(error, BrokenExecutor)
         if broken and not alone:
-            supply.suspects.append(task)
-            supply.suspects.extend(pending.values())
+            suspects.extend((task, *pending.values()))
             return False
         yield task, error if error is not None else over.result()
         if broken:  # it was alone, so this task is the one that killed its process
             return False
 
 
-def _next_done(done: "SimpleQueue[Future[RESULT]]", executor: Executor) -> "Future[RESULT] | None":
-    """The next future that is over; None when its cluster is gone, for Dask leaves some of its futures open then."""
-    while True:
-        with suppress(Empty):
-            return done.get(timeout=EXECUTORS.look_every)
+def _next_done(pending: Collection["Future[RESULT]"], executor: Executor) -> "Future[RESULT]":
+    """The next future that is over.
+
+    Raises:
+        ProblemError: the cluster is gone; Dask cancels its futures then, and leaves some of them open.
+    """
+    while not (over := futures.wait(pending, _LOOK_EVERY, futures.FIRST_COMPLETED).done):
         if isinstance(executor, ClusterExecutor) and executor.gone:
-            return None
+            raise ProblemError(_LOST)
+    done = next((future for future in over if not future.cancelled()), None)
+    if done is None:
+        raise ProblemError(_LOST)
+    return done
 
 
-def _saved(
-    pending: dict["Future[RESULT]", TASK], done: "SimpleQueue[Future[RESULT]]"
-) -> Iterator[tuple[TASK, RESULT | BaseException]]:
-    """Results that had come back before a cluster was lost; they are taken out of what is pending."""
-    with suppress(Empty):
-        while True:
-            future = done.get_nowait()
-            if not future.cancelled() and future.exception() is None:
-                yield pending.pop(future), future.result()
+_LOST = "the cluster was lost; start it anew, and give the same command again"
 
 
 def _submitted(executor: Executor, function: Callable[[TASK], RESULT], task: TASK) -> "Future[RESULT]":
-    """The future of a task; when it cannot be handed over, one that says why."""
+    """The future of a task; when it cannot be handed over, one that says why.
+
+    Raises:
+        ProblemError: the cluster is gone.
+    """
     try:
         return executor.submit(function, task)
-    except Exception as error:  # noqa: BLE001 - a task that cannot be pickled has itself to blame
-        future: Future[RESULT] = Future()
+    except Exception as error:  # a task that cannot be pickled has itself to blame
         if type(error).__name__ in CLUSTER_IS_GONE:
-            future.cancel()
-        else:
-            future.set_exception(error)
+            raise ProblemError(_LOST) from error
+        future: Future[RESULT] = Future()
+        future.set_exception(error)
         return future
 
 

@@ -21,7 +21,7 @@ from ccm_opt.core.errors import ProblemError
 from ccm_opt.io.issues import told_by
 from ccm_opt.io.raw_mesh import MeshSettings, RawMesh
 from ccm_opt.io.robot_models import visual_radius
-from ccm_opt.io.scene_solids import Drum, Prism, Solid, prism_mesh, solid_scene
+from ccm_opt.io.scene_solids import solid_scene
 from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import JointTrajectory
 from ccm_opt.robot.arm import Arm
@@ -176,7 +176,7 @@ def _obstacles(problem: Problem) -> Iterator[tuple[str, tuple[FloatArray, IntArr
     # What is outside the room comes behind its obstacles, and would hide them.
     for obstacle in scene.obstacles[: len(problem.workspace.obstacles)]:
         if obstacle.solids:
-            yield obstacle.name, _joined([_mesh(solid, scene.half_depth) for solid in obstacle.solids])
+            yield obstacle.name, _joined([solid.surface(_ROUND_SIDES) for solid in obstacle.solids])
 
 
 def _motions(arm: Arm, q: FloatArray) -> Iterator[tuple[FloatArray, FloatArray]]:
@@ -194,14 +194,6 @@ def film_times(time: FloatArray) -> tuple[FloatArray, IntArray]:
     wanted = np.linspace(time[0], time[-1], min(count, len(time)))
     samples = np.unique(np.clip(np.searchsorted(time, wanted), 0, len(time) - 1))
     return time[samples], samples
-
-
-def _mesh(solid: Solid, half_depth: float) -> tuple[FloatArray, IntArray]:
-    if isinstance(solid, Drum):
-        angles = np.linspace(0.0, 2.0 * np.pi, 2 * _ROUND_SIDES, endpoint=False)
-        ring = solid.center + solid.radius * np.column_stack((np.cos(angles), np.sin(angles)))
-        return prism_mesh(Prism(ring), half_depth)
-    return prism_mesh(solid, half_depth) if isinstance(solid, Prism) else solid.surface(_ROUND_SIDES)
 
 
 def _joined(meshes: list[tuple[FloatArray, IntArray]]) -> tuple[FloatArray, IntArray]:

@@ -30,7 +30,7 @@ from ccm_opt.problem import (
 )
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.configuration import Configuration
-from ccm_opt.scene.bodies import Body, BoxBody, CylinderBody, MeshBody, RigidPlacement, SphereBody
+from ccm_opt.scene.bodies import Body, MeshBody, RigidPlacement
 from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
 
 Table = dict[str, object]
@@ -300,7 +300,7 @@ def _lengths(values: npt.ArrayLike, unit: LengthUnit) -> list[Any]:
 
 def _body(body: Body, file: str, unit: LengthUnit) -> Table:
     """An obstacle without its name; bodies that are round stand where they are without being placed."""
-    if isinstance(body, MeshBody):
+    if body.kind == "mesh":
         surface: Table = {} if body.solid else {"solid": False}
         if not body.content:
             # Made in Python: written in metres, where it stands.
@@ -310,17 +310,17 @@ def _body(body: Body, file: str, unit: LengthUnit) -> Table:
         if body.up == "y" or body.file.lower().endswith(".glb"):
             table["up"] = body.up
         return table | _placement(body.placement, unit)
-    if isinstance(body, BoxBody):
+    if body.kind == "box":
         return {"box": [_lengths(body.low, unit), _lengths(body.high, unit)]} | _placement(body.placement, unit)
     radius = in_unit(body.radius, unit)
-    if isinstance(body, SphereBody):
+    if body.kind == "sphere":
         return {"sphere": {"center": _lengths(body.center, unit), "radius": radius}}
     bar = {
         "from": _lengths(body.start, unit),
         "to": _lengths(body.end, unit),
         "radius": radius,
     }
-    return {"cylinder" if isinstance(body, CylinderBody) else "capsule": bar}
+    return {body.kind: bar}
 
 
 def _placement(placement: RigidPlacement, unit: LengthUnit) -> Table:
@@ -338,18 +338,14 @@ def kept_names(problem: Problem) -> list[str]:
     """Where the mesh of each obstacle is kept, relative to the folder; of no matter where it is no mesh."""
     slugs = [slug for _, slug in told_apart(each.name for each in problem.workspace.obstacles)]
     # Meshes that have no file are written as STL.
-    bodies = [each.shape for each in problem.workspace.obstacles]
-    files = [body.file if isinstance(body, MeshBody) and body.content else "mesh.stl" for body in bodies]
-    return [
-        f"{KEPT_MESHES}/{slug}{PurePosixPath(file).suffix.lower()}" for slug, file in zip(slugs, files, strict=True)
-    ]
+    suffixes = {k: PurePosixPath(body.file).suffix.lower() for k, _, body in problem.workspace.meshes if body.content}
+    return [f"{KEPT_MESHES}/{slug}{suffixes.get(k, '.stl')}" for k, slug in enumerate(slugs)]
 
 
 def _meshes(problem: Problem) -> Iterator[tuple[str, str, MeshBody]]:
     """The meshes among the obstacles: name of the obstacle, where the file is kept, and the mesh."""
-    for obstacle, name in zip(problem.workspace.obstacles, kept_names(problem), strict=True):
-        if isinstance(obstacle.shape, MeshBody):
-            yield obstacle.name, name, obstacle.shape
+    kept = kept_names(problem)
+    yield from ((obstacle, kept[k], body) for k, obstacle, body in problem.workspace.meshes)
 
 
 def kept_meshes(problem: Problem) -> dict[str, bytes]:

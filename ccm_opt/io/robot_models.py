@@ -13,11 +13,11 @@ from xml.etree import ElementTree as ET
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.io.scene_solids import Drum, Prism, Solid, SolidObstacle, SolidScene, prism_mesh
+from ccm_opt.io.scene_solids import SolidObstacle, SolidScene
 from ccm_opt.problem import Limits
 from ccm_opt.robot.arm import Arm, Axes
 from ccm_opt.robot.frames import joint_names
-from ccm_opt.scene.bodies import BoxBody, CapsuleBody, CylinderBody, MeshBody, RigidPlacement, SphereBody, turned_to
+from ccm_opt.scene.bodies import Body, RigidPlacement, turned_to
 
 FEED = "feed"
 """Name of the prismatic joint of the feed axis, the first of all joints where there is one."""
@@ -124,8 +124,7 @@ MESHES = ".meshes"
 URDF_MESHES = f"arm.urdf{MESHES}"
 """That folder in an output folder."""
 _Z_ALONG_X = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])
-_Z_ALONG_Y = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
-"""Turns that lay what stands along z along another axis."""
+"""A turn that lays what stands along z along x."""
 
 
 @dataclass(frozen=True)
@@ -145,26 +144,17 @@ class _Shape:
     turn: FloatArray
 
 
-def _shape_of(solid: Solid, half_depth: float) -> _Shape:
-    if isinstance(solid, Drum):
-        x, z = solid.center
-        return _Shape("cylinder", (solid.radius, 2.0 * half_depth), np.array([x, 0.0, z]), _Z_ALONG_Y)
-    if isinstance(solid, Prism) and (box := solid.as_box()) is not None:
-        (x, z), heading, length, width = box
-        c, s = np.cos(heading), np.sin(heading)
-        turn = np.array([[c, 0.0, -s], [0.0, 1.0, 0.0], [s, 0.0, c]])
-        return _Shape("box", (length, 2.0 * half_depth, width), np.array([x, 0.0, z]), turn)
-    if isinstance(solid, BoxBody):
-        place = solid.placement.points(0.5 * (solid.low + solid.high))
-        return _Shape("box", tuple(solid.high - solid.low), place, solid.placement.rotation)
-    if isinstance(solid, SphereBody):
-        return _Shape("sphere", (solid.radius,), solid.center, np.eye(3))
-    if isinstance(solid, (CylinderBody, CapsuleBody)):
-        axis = solid.end - solid.start
-        kind = "capsule" if isinstance(solid, CapsuleBody) else "cylinder"
-        size = (solid.radius, float(np.linalg.norm(axis)))
-        return _Shape(kind, size, 0.5 * (solid.start + solid.end), np.roll(turned_to(axis), -1, axis=1))
-    return _Shape("mesh", (), np.zeros(3), np.eye(3))
+def _shape_of(body: Body) -> _Shape:
+    if body.kind == "mesh":
+        return _Shape("mesh", (), np.zeros(3), np.eye(3))
+    if body.kind == "box":
+        place = body.placement.points(0.5 * (body.low + body.high))
+        return _Shape("box", tuple(body.high - body.low), place, body.placement.rotation)
+    if body.kind == "sphere":
+        return _Shape("sphere", (body.radius,), body.center, np.eye(3))
+    axis = body.end - body.start
+    size = (body.radius, float(np.linalg.norm(axis)))
+    return _Shape(body.kind, size, 0.5 * (body.start + body.end), np.roll(turned_to(axis), -1, axis=1))
 
 
 def _capsule(arm: Arm, begin: float) -> _Shape:
@@ -180,22 +170,17 @@ def scene_meshes(scene: SolidScene, folder: str) -> dict[str, bytes]:
         scene: the obstacles.
         folder: in front of their names.
     """
-    found = {}
-    for obstacle in scene.obstacles:
-        for k, solid in enumerate(obstacle.solids):
-            name = f"{folder}/{mesh_file(obstacle, k)}"
-            if isinstance(solid, MeshBody):
-                found[name] = triangles_stl(solid.triangles)
-            elif isinstance(solid, Prism) and solid.as_box() is None:
-                vertices, faces = prism_mesh(solid, scene.half_depth)
-                found[name] = triangles_stl(vertices[faces])
-    return found
+    return {
+        f"{folder}/{mesh_file(scene, obstacle, k)}": triangles_stl(solid.triangles)
+        for obstacle in scene.obstacles
+        for k, solid in enumerate(obstacle.solids)
+        if solid.kind == "mesh"
+    }
 
 
-def mesh_file(obstacle: SolidObstacle, k: int) -> str:
+def mesh_file(scene: SolidScene, obstacle: SolidObstacle, k: int) -> str:
     """Name of the file of a solid's mesh; of no matter where it has none."""
-    extruded = isinstance(obstacle.solids[k], (Prism, Drum))
-    return f"{obstacle.slug}-{k + 1}.stl" if extruded else f"{obstacle.slug}.stl"
+    return f"{obstacle.slug}-{k + 1}.stl" if scene.extruded else f"{obstacle.slug}.stl"
 
 
 def triangles_stl(corners: FloatArray) -> bytes:
@@ -306,8 +291,7 @@ def _add_urdf_obstacles(robot: ET.Element, scene: SolidScene, folder: str) -> No
         link = ET.SubElement(robot, "link", name=link_name)
         for purpose in ("visual", "collision"):
             for k, solid in enumerate(obstacle.solids):
-                mesh = f"{folder}/{mesh_file(obstacle, k)}"
-                _add_urdf_shapes(link, purpose, _shape_of(solid, scene.half_depth), mesh)
+                _add_urdf_shapes(link, purpose, _shape_of(solid), f"{folder}/{mesh_file(scene, obstacle, k)}")
         joint = ET.SubElement(robot, "joint", name=f"{link_name}_mount", type="fixed")
         ET.SubElement(joint, "parent", link="world")
         ET.SubElement(joint, "child", link=link_name)
@@ -465,22 +449,23 @@ def _add_obstacle(
     """
     for k, solid in enumerate(obstacle.solids):
         name = obstacle.name if k == 0 else f"{obstacle.name}/{k + 1}"
-        if isinstance(solid, MeshBody):
+        if solid.kind == "mesh" and not scene.extruded:
             # A flex needs some radius, and a mass that is of no matter where nothing moves.
             radius = number(max(solid.rounding, 0.5 * scene.thinnest))
             given = {"name": name, "type": "mesh", "dim": "2", "rigid": "true", "mass": "1", "radius": radius}
-            flex = ET.SubElement(worldbody, "flexcomp", given, file=f"{folder}/{mesh_file(obstacle, k)}", rgba=_GLASS)
+            flex = ET.SubElement(
+                worldbody, "flexcomp", given, file=f"{folder}/{mesh_file(scene, obstacle, k)}", rgba=_GLASS
+            )
             ET.SubElement(flex, "contact", _CONTACT, selfcollide="none")
             continue
-        shape = _shape_of(solid, scene.half_depth)
-        colour = _COLOUR if isinstance(solid, (Drum, Prism)) else _GLASS
-        if isinstance(solid, Prism) and shape.kind == "mesh":
-            vertices = numbers(prism_mesh(solid, scene.half_depth)[0].reshape(-1))
+        colour = _COLOUR if scene.extruded else _GLASS
+        if solid.kind == "mesh":
+            vertices = numbers(solid.vertices.reshape(-1))
             # Any solid may be this thin, and nothing here has a mass.
             ET.SubElement(asset, "mesh", name=name, vertex=vertices, inertia="shell")
             ET.SubElement(worldbody, "geom", _CONTACT, name=name, rgba=colour, type="mesh", mesh=name)
         else:
-            _add_geom(worldbody, shape, name=name, rgba=colour, **_CONTACT)
+            _add_geom(worldbody, _shape_of(solid), name=name, rgba=colour, **_CONTACT)
 
 
 def _add_body(body: ET.Element, arm: Arm, k: int) -> None:

@@ -1,4 +1,4 @@
-"""Obstacles as solids: those of the plane extruded, those of space as they are.
+"""Obstacles as bodies in space: those of the plane extruded, those of space as they are.
 
 The plane is world x-z; every obstacle of it reaches as far before it as behind it. Engines know convex solids only, so
 that polygons are divided into convex parts, and what is outside the room is a solid of several parts too.
@@ -8,14 +8,13 @@ import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import TypeAlias
 
 import numpy as np
 import shapely
 
 from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.robot.arm import Arm
-from ccm_opt.scene.bodies import Body, BoxBody
+from ccm_opt.scene.bodies import Body, BoxBody, CylinderBody, MeshBody, RigidPlacement
 from ccm_opt.scene.workspace import BOUNDARY_NAME, ROOM_NAME, Obstacle, PlaneShape, Workspace
 
 
@@ -57,40 +56,6 @@ _SQUARE = 1e-9
 
 
 @dataclass(frozen=True)
-class Prism:
-    """A convex polygon, extruded.
-
-    Attributes:
-        corners: counter-clockwise in the (x, y) plane of the problem, shape (k, 2) [m].
-    """
-
-    corners: FloatArray
-
-    def as_box(self) -> tuple[FloatArray, float, float, float] | None:
-        """Centre, heading of the first side, its length and the other's; None for what is no rectangle."""
-        if len(self.corners) != 4:
-            return None
-        sides = np.roll(self.corners, -1, axis=0) - self.corners
-        lengths = np.hypot(*sides.T)
-        uneven = float(np.abs(sides[0] + sides[2]).max()) + abs(float(sides[0] @ sides[1])) / lengths.max()
-        if uneven > _SQUARE * lengths.max():
-            return None
-        return self.corners.mean(axis=0), float(np.arctan2(*sides[0][::-1])), float(lengths[0]), float(lengths[1])
-
-
-@dataclass(frozen=True)
-class Drum:
-    """A disc, extruded: its centre, shape (2,), and radius [m]."""
-
-    center: FloatArray
-    radius: float
-
-
-Solid: TypeAlias = Prism | Drum | Body
-"""Extruded from the plane, or a body of space."""
-
-
-@dataclass(frozen=True)
 class SolidObstacle:
     """An obstacle, or what is outside the room, as solids.
 
@@ -102,7 +67,7 @@ class SolidObstacle:
 
     name: str
     slug: str
-    solids: tuple[Solid, ...]
+    solids: tuple[Body, ...]
 
 
 @dataclass(frozen=True)
@@ -111,12 +76,12 @@ class SolidScene:
 
     Attributes:
         obstacles: in the order of the workspace; what is outside the room is the last.
-        half_depth: how far solids of the plane reach before and behind it [m].
+        extruded: whether they are of the plane, their meshes convex.
         thinnest: what has no thickness may be this thick [m].
     """
 
     obstacles: tuple[SolidObstacle, ...]
-    half_depth: float
+    extruded: bool
     thinnest: float
 
 
@@ -129,7 +94,8 @@ def solid_scene(workspace: Workspace, arm: Arm) -> SolidScene:
     """
     thickness = _ROOM_WALL * arm.length
     thinnest = _THIN_WALL * arm.length
-    everything: list[tuple[str, tuple[Solid, ...]]]
+    depth = max(_DEPTH * arm.radius, _LEAST_DEPTH * arm.length)
+    everything: list[tuple[str, tuple[Body, ...]]]
     if workspace.dimension == 3:
         everything = [(each.name, (each.body,)) for each in workspace.obstacles]
         everything += (
@@ -140,11 +106,11 @@ def solid_scene(workspace: Workspace, arm: Arm) -> SolidScene:
         walls = _frame(boundary.bounds, thickness)
         walls.append(shapely.difference(shapely.box(*boundary.bounds), boundary))
         outside = Obstacle(BOUNDARY_NAME, PlaneShape(shapely.GeometryCollection(walls)))
-        everything = [(each.name, tuple(_solids(each, 0.5 * thinnest))) for each in (*workspace.obstacles, outside)]
+        walled = (*workspace.obstacles, outside)
+        everything = [(each.name, tuple(_solids(each, 0.5 * thinnest, depth))) for each in walled]
     names = told_apart([name for name, _ in everything])
     obstacles = tuple(SolidObstacle(*name, solids) for name, (_, solids) in zip(names, everything, strict=True))
-    depth = max(_DEPTH * arm.radius, _LEAST_DEPTH * arm.length)
-    return SolidScene(obstacles, depth, thinnest)
+    return SolidScene(obstacles, workspace.dimension == 2, thinnest)
 
 
 def _slabs(bounds: FloatArray, thickness: float) -> Iterator[BoxBody]:
@@ -168,26 +134,40 @@ def _frame(bounds: tuple[float, float, float, float], wall: float) -> list[shape
     ]
 
 
-def _solids(obstacle: Obstacle, thinnest: float) -> Iterator[Solid]:
-    """Convex solids that together are an obstacle; round corners of walls are exact."""
+def _solids(obstacle: Obstacle, thinnest: float, half_depth: float) -> Iterator[Body]:
+    """Convex bodies that together are an obstacle of the plane; round corners of walls are exact."""
     core = obstacle.core
     rounding = obstacle.rounding
-    if isinstance(core, shapely.Point):
-        yield Drum(np.array([core.x, core.y]), rounding)
-    elif isinstance(core, shapely.LineString):
-        points = shapely.get_coordinates(core)
-        yield from (_leg(tail, head, max(rounding, thinnest)) for tail, head in pairwise(points))
-        if rounding > 0.0:
-            yield from (Drum(point, rounding) for point in points)
-    else:
-        yield from (Prism(corners) for corners in convex_parts(obstacle.outline()))
+    if not isinstance(core, (shapely.Point, shapely.LineString)):
+        yield from (_extruded(corners, half_depth) for corners in convex_parts(obstacle.outline()))
+        return
+    points = shapely.get_coordinates(core)
+    for tail, head in pairwise(points):
+        yield _extruded(_leg(tail, head, max(rounding, thinnest)), half_depth)
+    if rounding > 0.0:
+        for x, z in points:
+            yield CylinderBody(np.array([x, half_depth, z]), np.array([x, -half_depth, z]), rounding)
 
 
-def _leg(tail: FloatArray, head: FloatArray, half: float) -> Prism:
-    """A straight piece of a wall, without the round ends."""
+def _leg(tail: FloatArray, head: FloatArray, half: float) -> FloatArray:
+    """Corners of a straight piece of a wall, without the round ends, shape (4, 2)."""
     along = (head - tail) / max(float(np.hypot(*(head - tail))), 1e-300)
     across = half * np.array([-along[1], along[0]])
-    return Prism(np.array([tail - across, head - across, head + across, tail + across]))
+    return np.array([tail - across, head - across, head + across, tail + across])
+
+
+def _extruded(corners: FloatArray, half_depth: float) -> Body:
+    """A convex polygon, its corners counter-clockwise, of shape (k, 2), as a box where it is a rectangle."""
+    sides = np.roll(corners, -1, axis=0) - corners
+    lengths = np.hypot(*sides.T)
+    uneven = float(np.abs(sides[0] + sides[2]).max()) + abs(float(sides[0] @ sides[1])) / lengths.max()
+    if len(corners) != 4 or uneven > _SQUARE * lengths.max():
+        return MeshBody(*prism_mesh(corners, half_depth))
+    heading = np.arctan2(*sides[0][::-1])
+    c, s = np.cos(heading), np.sin(heading)
+    (x, z), turn = corners.mean(axis=0), np.array([[c, 0.0, -s], [0.0, 1.0, 0.0], [s, 0.0, c]])
+    half = np.array([0.5 * lengths[0], half_depth, 0.5 * lengths[1]])
+    return BoxBody(-half, half, RigidPlacement(np.array([x, 0.0, z]), turn))
 
 
 def convex_parts(geometry: shapely.Geometry) -> tuple[FloatArray, ...]:
@@ -216,10 +196,10 @@ def _without_straight(corners: FloatArray) -> FloatArray:
     return corners[kept] if kept.sum() >= 3 else corners
 
 
-def prism_mesh(prism: Prism, half_depth: float) -> tuple[FloatArray, IntArray]:
-    """The surface of a prism in the world: vertices, shape (2 k, 3) [m], and triangles, turned outwards."""
-    count = len(prism.corners)
-    x, z = prism.corners.T
+def prism_mesh(corners: FloatArray, half_depth: float) -> tuple[FloatArray, IntArray]:
+    """The surface of an extruded polygon, shape (k, 2): vertices, shape (2 k, 3) [m], and triangles turned outwards."""
+    count = len(corners)
+    x, z = corners.T
     vertices = np.vstack([np.column_stack((x, np.full(count, depth), z)) for depth in (-half_depth, half_depth)])
     # From before the plane, at negative world y, the corners run counter-clockwise.
     fan = np.arange(1, count - 1)

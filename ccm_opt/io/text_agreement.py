@@ -32,7 +32,6 @@ from ccm_opt.io.robot_models import URDF_MESHES, mesh_file
 from ccm_opt.io.scene_solids import solid_scene
 from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import Check, JointStates, JointTrajectory, RoomRecord, goal_errors
-from ccm_opt.scene.bodies import MeshBody
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION
 
 HEAD = 84
@@ -51,11 +50,10 @@ def mesh_defects(folder: Path, text: str, problem: Problem) -> Iterator[str]:
         text: of the description.
         problem: in space, whose meshes they are.
     """
-    if problem.dimension == 2:
-        return
-    for obstacle in solid_scene(problem.workspace, problem.arm).obstacles:
-        name = f"{URDF_MESHES}/{mesh_file(obstacle, 0)}"
-        if isinstance(body := obstacle.solids[0], MeshBody) and name in text:
+    scene = solid_scene(problem.workspace, problem.arm)
+    for k, _, body in problem.workspace.meshes:
+        name = f"{URDF_MESHES}/{mesh_file(scene, scene.obstacles[k], 0)}"
+        if name in text:
             yield from _defects_of_file(folder / name, name, body.triangles)
 
 

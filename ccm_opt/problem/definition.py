@@ -26,7 +26,7 @@ from ccm_opt.problem.options import (
 from ccm_opt.problem.poses import Goal, JointPose, Stop, Tolerances
 from ccm_opt.robot.arm import Arm, Axes, MappingName
 from ccm_opt.robot.coordinates import Limits
-from ccm_opt.scene.bodies import Body, BoxBody, MeshBody, SphereBody
+from ccm_opt.scene.bodies import Body
 from ccm_opt.scene.workspace import PlaneShape, Workspace
 
 UNIT_ROUNDING = 1e-9
@@ -102,25 +102,22 @@ def _workspace_defects(workspace: Workspace) -> Iterator[str]:
 
 
 def _body_defects(body: Body) -> Iterator[str]:
-    if isinstance(body, MeshBody):
+    if body.kind == "mesh":
         if not (body.faces.ndim == 2 and body.faces.shape[1] == 3 and len(body.faces)):
             yield f"faces must be rows of three vertices, got shape {body.faces.shape}"
         elif body.faces.min() < 0 or body.faces.max() >= len(body.vertices):
             yield "faces name a vertex that is not there"
         yield from array_defects("vertices", body.vertices, (len(body.vertices), 3), positive=False)
         return
-    if isinstance(body, BoxBody):
-        for name, corner in (("low", body.low), ("high", body.high)):
-            yield from array_defects(name, corner, (3,), positive=False)
+    for name in body.places:
+        yield from array_defects(name, getattr(body, name), (3,), positive=False)
+    if body.kind == "box":
         if not np.all(np.asarray(body.low) < np.asarray(body.high)):
             yield "low must be below high"
         return
     if not (is_number(body.radius) and body.radius > 0.0):
         yield f"radius must be a positive number, got {body.radius}"
-    ends = ("center",) if isinstance(body, SphereBody) else ("start", "end")
-    for name in ends:
-        yield from array_defects(name, getattr(body, name), (3,), positive=False)
-    if not isinstance(body, SphereBody) and np.array_equal(body.start, body.end):
+    if body.kind != "sphere" and np.array_equal(body.start, body.end):
         yield "start and end must differ"
 
 

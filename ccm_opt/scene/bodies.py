@@ -8,7 +8,7 @@ most, its ``error``. Bodies are solid, but for meshes of which the user says tha
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TypeAlias
+from typing import ClassVar, Literal, Self, TypeAlias
 
 import numpy as np
 
@@ -77,9 +77,9 @@ class RigidPlacement:
         """Whether nothing is moved at all."""
         return bool(np.all(self.position == 0.0) and np.array_equal(self.rotation, np.eye(3)))
 
-    def moved(self, by: FloatArray) -> "RigidPlacement":
-        """The placement that is so much elsewhere, shape (3,) [m]."""
-        return replace(self, position=self.position + by)
+    def placed(self, by: "RigidPlacement") -> "RigidPlacement":
+        """The placement that this one becomes where it is placed itself."""
+        return RigidPlacement(by.points(self.position), by.rotation @ self.rotation)
 
     def points(self, own: FloatArray) -> FloatArray:
         """Points of the body where they come to lie, shape (..., 3) [m]."""
@@ -178,8 +178,49 @@ def loose_triangles(triangles: FloatArray) -> tuple[FloatArray, IntArray]:
     return triangles.reshape(-1, 3), np.arange(3 * len(triangles)).reshape(-1, 3)
 
 
+class _Solid:
+    """What bodies have in common; where nothing else is said they are solid, closed, and met exactly."""
+
+    @property
+    def rounding(self) -> float:
+        """Radius by which the body reaches beyond its triangles [m]."""
+        return 0.0
+
+    @property
+    def error(self) -> float:
+        """How far what is met stands out of the body at most [m]."""
+        return 0.0
+
+    @property
+    def solid(self) -> bool:
+        """Whether what it encloses belongs to it."""
+        return True
+
+    @property
+    def closed(self) -> bool:
+        """Whether it has an inside beyond doubt."""
+        return True
+
+    @property
+    def triangles(self) -> FloatArray:
+        """Its triangles, shape (m, 3, 3) [m]."""
+        raise NotImplementedError
+
+    def placed(self, by: RigidPlacement) -> Self:
+        """The body turned and moved."""
+        raise NotImplementedError
+
+    def surface(self, _sides: int) -> tuple[FloatArray, IntArray]:
+        """Corners, shape (v, 3) [m], and faces, shape (m, 3); what is round has so many sides, a multiple of four."""
+        return loose_triangles(self.triangles)
+
+    def moved(self, by: FloatArray) -> Self:
+        """The body moved by so much, shape (3,) [m]."""
+        return self.placed(RigidPlacement(by))
+
+
 @dataclass(frozen=True)
-class BoxBody:
+class BoxBody(_Solid):
     """A box, its sides along the axes of its own coordinates.
 
     Attributes:
@@ -191,24 +232,17 @@ class BoxBody:
     low: FloatArray
     high: FloatArray
     placement: RigidPlacement = field(default_factory=RigidPlacement)
-
-    rounding = 0.0
-    error = 0.0
-    solid = True
-    closed = True
+    kind: ClassVar[Literal["box"]] = "box"
+    places: ClassVar[tuple[str, ...]] = ("low", "high")
 
     @property
     def corners(self) -> FloatArray:
         """Its corners in the room, shape (8, 3) [m]."""
         return self.placement.points(box_corners(self.low, self.high))
 
-    def surface(self, _sides: int) -> tuple[FloatArray, IntArray]:
-        """Corners, shape (v, 3) [m], and faces, shape (m, 3)."""
-        return loose_triangles(self.triangles)
-
-    def moved(self, by: FloatArray) -> "BoxBody":
-        """The box moved by so much, shape (3,) [m]."""
-        return replace(self, placement=self.placement.moved(by))
+    def placed(self, by: RigidPlacement) -> "BoxBody":
+        """The box turned and moved."""
+        return replace(self, placement=self.placement.placed(by))
 
     @property
     def triangles(self) -> FloatArray:
@@ -217,7 +251,7 @@ class BoxBody:
 
 
 @dataclass(frozen=True)
-class SphereBody:
+class SphereBody(_Solid):
     """A ball.
 
     Attributes:
@@ -227,10 +261,8 @@ class SphereBody:
 
     center: FloatArray
     radius: float
-
-    error = 0.0
-    solid = True
-    closed = True
+    kind: ClassVar[Literal["sphere"]] = "sphere"
+    places: ClassVar[tuple[str, ...]] = ("center",)
 
     @property
     def rounding(self) -> float:
@@ -242,9 +274,9 @@ class SphereBody:
         corners, faces = capsule_surface(0.0, self.radius, sides)
         return corners + self.center, faces
 
-    def moved(self, by: FloatArray) -> "SphereBody":
-        """The ball moved by so much, shape (3,) [m]."""
-        return replace(self, center=self.center + by)
+    def placed(self, by: RigidPlacement) -> "SphereBody":
+        """The ball turned and moved."""
+        return replace(self, center=by.points(self.center))
 
     @property
     def triangles(self) -> FloatArray:
@@ -253,7 +285,7 @@ class SphereBody:
 
 
 @dataclass(frozen=True)
-class CapsuleBody:
+class CapsuleBody(_Solid):
     """A round bar with round ends.
 
     Attributes:
@@ -265,10 +297,8 @@ class CapsuleBody:
     start: FloatArray
     end: FloatArray
     radius: float
-
-    error = 0.0
-    solid = True
-    closed = True
+    kind: ClassVar[Literal["capsule"]] = "capsule"
+    places: ClassVar[tuple[str, ...]] = ("start", "end")
 
     @property
     def rounding(self) -> float:
@@ -281,9 +311,9 @@ class CapsuleBody:
         corners, faces = capsule_surface(float(np.linalg.norm(axis)), self.radius, sides)
         return corners @ turned_to(axis).T + self.start, faces
 
-    def moved(self, by: FloatArray) -> "CapsuleBody":
-        """The bar moved by so much, shape (3,) [m]."""
-        return replace(self, start=self.start + by, end=self.end + by)
+    def placed(self, by: RigidPlacement) -> "CapsuleBody":
+        """The bar turned and moved."""
+        return replace(self, start=by.points(self.start), end=by.points(self.end))
 
     @property
     def triangles(self) -> FloatArray:
@@ -292,7 +322,7 @@ class CapsuleBody:
 
 
 @dataclass(frozen=True)
-class CylinderBody:
+class CylinderBody(_Solid):
     """A round bar with flat ends, met by the prism about it.
 
     Attributes:
@@ -306,23 +336,17 @@ class CylinderBody:
     end: FloatArray
     radius: float
     settings: SceneSettings = SCENE
-
-    rounding = 0.0
-    solid = True
-    closed = True
+    kind: ClassVar[Literal["cylinder"]] = "cylinder"
+    places: ClassVar[tuple[str, ...]] = ("start", "end")
 
     @property
     def error(self) -> float:
         """How far the prism stands out of the cylinder at most [m]."""
         return self.radius * self.settings.cylinder_error
 
-    def surface(self, _sides: int) -> tuple[FloatArray, IntArray]:
-        """Corners, shape (v, 3) [m], and faces, shape (m, 3), of the prism about it."""
-        return loose_triangles(self.triangles)
-
-    def moved(self, by: FloatArray) -> "CylinderBody":
-        """The bar moved by so much, shape (3,) [m]."""
-        return replace(self, start=self.start + by, end=self.end + by)
+    def placed(self, by: RigidPlacement) -> "CylinderBody":
+        """The bar turned and moved."""
+        return replace(self, start=by.points(self.start), end=by.points(self.end))
 
     @property
     def triangles(self) -> FloatArray:
@@ -354,7 +378,7 @@ class CylinderBody:
 
 
 @dataclass(frozen=True, eq=False)
-class MeshBody:
+class MeshBody(_Solid):
     """A mesh from a file, where it stands in the room.
 
     Attributes:
@@ -384,8 +408,7 @@ class MeshBody:
     triangles_read: int = 0
     mended: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
-    error = 0.0
-    rounding = 0.0
+    kind: ClassVar[Literal["mesh"]] = "mesh"
 
     @classmethod
     def of_arrays(cls, vertices: object, faces: object) -> "MeshBody":
@@ -418,9 +441,9 @@ class MeshBody:
         """Corners, shape (v, 3) [m], and faces, shape (m, 3)."""
         return self.vertices, self.faces
 
-    def moved(self, by: FloatArray) -> "MeshBody":
-        """The mesh moved by so much, shape (3,) [m]."""
-        return replace(self, vertices=self.vertices + by, placement=self.placement.moved(by))
+    def placed(self, by: RigidPlacement) -> "MeshBody":
+        """The mesh turned and moved."""
+        return replace(self, vertices=by.points(self.vertices), placement=self.placement.placed(by))
 
     @cached_property
     def triangles(self) -> FloatArray:

@@ -13,7 +13,7 @@ from ccm_opt.core.arguments import Arguments, in_words
 from ccm_opt.core.arrays import TINY, FloatArray, in_space
 from ccm_opt.core.errors import ProblemError
 from ccm_opt.core.length_words import LengthUnit
-from ccm_opt.scene.bodies import BOX_FACES, Body, box_corners
+from ccm_opt.scene.bodies import BOX_FACES, Body, MeshBody, box_corners
 from ccm_opt.scene.surfaces import SurfaceSoup, box_about
 from ccm_opt.scene.walls import Walls, WallSegments
 
@@ -149,6 +149,12 @@ class Workspace:
     def within(self, box: FloatArray) -> "Workspace":
         """The same in a room that is a box between two corners, shape (2, d) [m]."""
         return replace(self, bounds=box) if self.dimension == 3 else replace(self, boundary=shapely.box(*np.ravel(box)))
+
+    @property
+    def meshes(self) -> tuple[tuple[int, str, MeshBody], ...]:
+        """The meshes among the obstacles, each with its place among them and its name."""
+        found = [] if self.dimension == 2 else [(k, each.name, each.body) for k, each in enumerate(self.obstacles)]
+        return tuple((k, name, body) for k, name, body in found if body.kind == "mesh")
 
     def middle_of(self, name: str) -> FloatArray:
         """Middle of an obstacle of a name, shape (d,) [m]."""

@@ -8,7 +8,6 @@ import numpy as np
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import ParetoPlan, ParetoPlans, Solution
-from ccm_opt.scene.bodies import MeshBody
 from ccm_opt.viz.document import MINUS, NONE, Child, Markup, PageUnits, element, joined, table, three_digits
 
 _ZOOMS = (("zoom-in", "+", "zoom in (+)"), ("zoom-out", MINUS, "zoom out (-)"))
@@ -189,7 +188,7 @@ def _room_rows(problem: Problem, units: PageUnits) -> Iterable[Row]:
         sides = np.ptp(np.reshape(workspace.boundary.bounds, (2, 2)), axis=0)
     else:
         sides = None if workspace.bounds is None else np.ptp(workspace.bounds, axis=0)
-        faces = [len(each.body.faces) for each in workspace.obstacles if isinstance(each.body, MeshBody)]
+        faces = [len(body.faces) for _, _, body in workspace.meshes]
         meshes = f", {len(faces)} of them meshes with {sum(faces)} triangles" if faces else ""
     yield "room", "none" if sides is None else " by ".join(units.given(side, "m") for side in sides)
     yield "obstacles", f"{count}{meshes}"

@@ -22,7 +22,7 @@ from ccm_opt.core.errors import ProblemError
 from ccm_opt.core.files import put_file_or_refuse
 from ccm_opt.io.problem_data import problem_data, recorded_data
 from ccm_opt.problem import Problem
-from ccm_opt.scene.bodies import Body, MeshBody
+from ccm_opt.scene.bodies import Body
 
 JOURNAL = "journal.jsonl"
 TABLE = "runs.csv"
@@ -176,13 +176,12 @@ def problem_text(problem: Problem) -> str:
 
 def mesh_files(problem: Problem) -> dict[str, bytes]:
     """The meshes that a problem needs, by their paths beside its file; the same mesh has the same path everywhere."""
-    bodies = [each.body for each in problem.workspace.obstacles]
-    return {_mesh_name(body): body.content for body in bodies if isinstance(body, MeshBody)}
+    return {_mesh_name(body): body.content for _, _, body in problem.workspace.meshes}
 
 
 def _mesh_name(body: Body) -> str:
     """Path of a mesh; empty for other bodies."""
-    if not isinstance(body, MeshBody):
+    if body.kind != "mesh":
         return ""
     file = PurePosixPath(body.file)
     return f"{MESH_FOLDER}/{file.stem}-{body.digest[:_DIGITS]}{file.suffix}"

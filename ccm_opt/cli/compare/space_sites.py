@@ -36,7 +36,7 @@ from ccm_opt.problem import JointPose, Problem, TipGoal
 from ccm_opt.robot.arm import Arm, Feed
 from ccm_opt.robot.coordinates import Limits
 from ccm_opt.robot.inverse_kinematics import configuration_from_positions
-from ccm_opt.scene.bodies import Body, BoxBody, CapsuleBody, CylinderBody, RigidPlacement, SphereBody
+from ccm_opt.scene.bodies import BoxBody, CapsuleBody, CylinderBody, RigidPlacement
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from ccm_opt.scene.workspace import Obstacle, Workspace
 
@@ -392,7 +392,7 @@ def _turned(problem: Problem, by: RigidPlacement) -> Problem:
     """The problem with everything in it moved."""
     arm = problem.arm
     turned = by.rotation
-    obstacles = tuple(Obstacle(each.name, _moved(each.body, by)) for each in problem.workspace.obstacles)
+    obstacles = tuple(Obstacle(each.name, each.body.placed(by)) for each in problem.workspace.obstacles)
     goal = problem.goal
     if goal.whole(arm) is None:
         direction = None if goal.direction is None else turned @ goal.direction
@@ -401,16 +401,3 @@ def _turned(problem: Problem, by: RigidPlacement) -> Problem:
     base = by.points(arm.base[None])[0]
     moved = replace(arm, base=base, direction=turned @ arm.direction, up=turned @ arm.up)
     return replace(problem, workspace=replace(problem.workspace, obstacles=obstacles), arm=moved, goal=goal)
-
-
-def _moved(body: Body, by: RigidPlacement) -> Body:
-    """A body moved."""
-    if isinstance(body, SphereBody):
-        return replace(body, center=by.points(body.center[None])[0])
-    if isinstance(body, BoxBody):
-        own = body.placement
-        return replace(body, placement=RigidPlacement(by.points(own.position[None])[0], by.rotation @ own.rotation))
-    if isinstance(body, (CapsuleBody, CylinderBody)):
-        start, end = by.points(np.stack((body.start, body.end)))
-        return replace(body, start=start, end=end)
-    return replace(body, vertices=by.points(body.vertices), placement=by)
