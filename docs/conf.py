@@ -15,6 +15,7 @@ from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective
 from sphinx.writers.html5 import HTML5Translator
 
+import ccm_opt
 from ccm_opt import __version__
 
 sys.path.insert(0, str(Path(__file__).parent))
@@ -58,7 +59,7 @@ nitpick_ignore_regex = [
     ("py:class", r"ccm_opt\.viz\.(views\.SeenScene|arm_drawing\.Side)"),
     ("py:class", r"ccm_opt\.scene\.workspace\.Shape"),
     ("py:class", r"ccm_opt\.io\.reading_back\.SavedMotion"),
-    ("py:class", r"ccm_opt\.robot\.configuration\.Curve"),
+    ("py:class", r"ccm_opt\.robot\.configuration\.(Curve|SpaceSegment)"),
     ("py:class", r"Solution"),
     # Python's own.
     ("py:(class|exc)", r"(Exception|str|int|float|bool|None|object|tuple|dict|optional)"),
@@ -87,7 +88,12 @@ def class_lines(module: str, name: str) -> Iterator[str]:
     described = getattr(import_module(module), name)
     summary, _, attributes = inspect.getdoc(described).partition("\nAttributes:\n")
     meanings = dict(re.findall(r"^    (\w+): ((?:.+\n?)(?:     .*\n?)*)", attributes, re.MULTILINE))
-    yield from (f".. py:class:: {module}.{name}", "", *(f"   {line}" for line in summary.splitlines()), "")
+    yield from (
+        f".. py:class:: {described.__module__}.{name}",
+        "",
+        *(f"   {line}" for line in summary.splitlines()),
+        "",
+    )
     yield from ("   .. list-table::", "      :header-rows: 1", "      :widths: 20 20 60", "")
     yield from ("      * - field", "        - default", "        - meaning")
     for field in fields(described):
@@ -124,8 +130,17 @@ def draw_math(translator: HTML5Translator, node: nodes.Element) -> None:
     raise nodes.SkipNode
 
 
+def use_public_names() -> None:
+    """Describe what the package exports under the names by which users import it."""
+    for name in ccm_opt.__all__:
+        exported = getattr(ccm_opt, name)
+        if inspect.isclass(exported) or inspect.isfunction(exported):
+            exported.__module__ = "ccm_opt"
+
+
 def setup(app: Sphinx) -> None:
     """Make the directive and the reader of notebooks known."""
+    use_public_names()
     app.add_source_suffix(".ipynb", "notebook")
     app.add_source_parser(NotebookParser)
     app.add_html_math_renderer("mathml", (draw_math, None), (draw_math, None))
