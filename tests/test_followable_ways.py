@@ -11,7 +11,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ccm_opt.cli.compare.space_clutter import disturbed_job
-from ccm_opt.cli.compare.space_sites import SITES, site_problem
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.deadline import Deadline
 from ccm_opt.planning import followable_ways
@@ -29,6 +28,8 @@ from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from tests.oracles.followable_ways import SearchByPython
 from tests.snakes_in_space import boxes, least_gaps, tip_grid
 from tests.space_arms import space_arm
+
+from .space_sites import SITES, site_problem
 
 UNIT = 0.0375
 RADIUS = 2.0 * UNIT

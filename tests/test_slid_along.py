@@ -6,7 +6,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import ccm_opt
-from ccm_opt.cli.compare.space_sites import site_problem
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.planning.followable_ways import feeds_to_end, slid_along
 from ccm_opt.planning.guides import ArmTrack
@@ -14,6 +13,8 @@ from ccm_opt.robot.arm import Arm, Feed
 from ccm_opt.robot.biarc import FREE_AFTER
 from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
 from tests.space_arms import space_arm
+
+from .space_sites import site_problem
 
 LENGTH = 0.9
 

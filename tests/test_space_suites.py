@@ -12,6 +12,8 @@ from ccm_opt.io.reading import load_problem
 from ccm_opt.problem import Problem, TipGoal
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 
+from .space_sites import SITES
+
 
 def made(case: Case) -> Problem:
     """The problem of a case."""
@@ -27,27 +29,20 @@ def tip_of(problem: Problem) -> TipGoal:
     return TipGoal(problem.arm.joint_positions_at(problem.goal.configuration(problem.arm))[-1])
 
 
-LONG_MADE = {"space-other-hole", "space-other-branch", "space-blades", "space-reach-in"}
-"""Suites whose starts are planned, which is quicker for few links."""
-
-
 @pytest.mark.planning
 @pytest.mark.parametrize(
     "suite",
     [
-        *(suite for suite in SPACE_SUITES if suite not in LONG_MADE),
-        *(f"{suite}-12-links" for suite in sorted(LONG_MADE)),
+        *SPACE_SUITES,
+        *(f"tests.site_suites:{family.replace('-', '_')}_12" for family in SITES),
         *("space-clutter-3", "space-elbow-96-links", "space-clutter-20-8-links"),
     ],
 )
 def test_a_seed_gives_the_same_problem_in_space(suite: str) -> None:
-    """Two makings of one case agree in every number, another seed differs, and no end touches anything.
-
-    Where starts are planned there is no third making: suites that are quick show that the seed counts.
-    """
+    """Two makings of one case agree in every number, another seed differs, and no end touches anything."""
     cases = (*cases_of_suite(suite, 1, 7), *cases_of_suite(suite, 2, 7))
-    one, again, *others = (made(case) for case in (cases if suite[:-9] not in LONG_MADE else cases[:2]))
-    assert one.name == f"{suite}-7"
+    one, again, *others = map(made, cases)
+    assert one.name == f"{suite.partition(':')[2] or suite}-7"
     assert np.array_equal(one.start.configuration(one.arm), again.start.configuration(again.arm))
     assert np.array_equal(one.workspace.soup.triangles, again.workspace.soup.triangles)
     # Of fewer links, an arm is as long as in the suite whose arm has its own number.
@@ -87,7 +82,7 @@ def test_what_is_no_suite_in_space_is_refused(suite: str) -> None:
 
 
 @pytest.mark.planning
-@pytest.mark.parametrize("suite", ["space-clutter-20", "space-wing-box-48-links", "space-tank", "space-pipe-two-bends"])
+@pytest.mark.parametrize("suite", ["space-clutter-20", "space-wing-box-48-links", "tests.site_suites:tank_12"])
 def test_problems_in_space_are_written_as_files_that_say_the_same(tmp_path: Path, suite: str) -> None:
     """A written problem is read back with the same bodies, meshes, arm and ends, to rounding."""
     cases = cases_of_suite(suite, 1)

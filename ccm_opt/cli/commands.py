@@ -359,7 +359,7 @@ def compare_command(
         list[str] | None,
         typer.Option(
             help="Suite of problems: shared, open-space, clutter-N or duct; in space space-clutter-N, space-elbow, "
-            "space-wing-box, space-blade-row, space-tank and others. May be repeated."
+            "space-wing-box or space-blade-row; or module:attribute. May be repeated."
         ),
     ] = None,
     count: Annotated[

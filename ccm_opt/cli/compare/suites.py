@@ -9,12 +9,14 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
 import shapely
 from scipy.optimize import brentq
 
+from ccm_opt.cli.compare.methods import code_of
 from ccm_opt.cli.compare.space_clutter import (
     ACCELERATION,
     BEND,
@@ -29,7 +31,6 @@ from ccm_opt.cli.compare.space_clutter import (
     random_bends,
     space_clutter,
 )
-from ccm_opt.cli.compare.space_sites import SITES, site_problem
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.errors import ProblemError
 from ccm_opt.core.files import strict_text
@@ -45,13 +46,9 @@ SPACE = "space-"
 SPACE_SUITES = (
     *(f"{SPACE}clutter-{count}" for count in (20, 40, 80, 160, 320)),
     *(f"{SPACE}{job}" for job in JOBS),
-    *(f"{SPACE}{site}" for site in SITES),
 )
 """The suites with as many links as usual; any other even number follows as ``-8-links``."""
-_NAME = re.compile(
-    rf"{SPACE}(clutter-(?P<count>\d{{1,4}})|(?P<job>{'|'.join(JOBS)})|(?P<site>{'|'.join(SITES)}))"
-    r"(-(?P<links>\d{1,3})-links)?"
-)
+_NAME = re.compile(rf"{SPACE}(clutter-(?P<count>\d{{1,4}})|(?P<job>{'|'.join(JOBS)}))(-(?P<links>\d{{1,3}})-links)?")
 
 
 ROOM = shapely.box(-1.3, -1.3, 1.3, 1.3)
@@ -234,9 +231,19 @@ class Case:
 def problem_maker(suite: str) -> Callable[[int, str], Problem]:
     """What makes the problems of a random suite from seeds and names.
 
+    Args:
+        suite: its name, or a function of a seed and a name as ``module:attribute``.
+
     Raises:
         ProblemError: when there is no such suite.
     """
+    if ":" in suite:
+        module, _, attribute = suite.partition(":")
+        try:
+            maker: Callable[[int, str], Problem] = getattr(import_module(module), attribute)
+        except (ImportError, AttributeError) as error:
+            raise ProblemError(f"the suite '{suite}' cannot be loaded: {error}") from error
+        return maker
     if polygons := _CLUTTER.fullmatch(suite):
         return lambda seed, name: clutter(seed, int(polygons[1])).problem(name=name)
     if suite in SUITES:
@@ -247,12 +254,10 @@ def problem_maker(suite: str) -> Callable[[int, str], Problem]:
         names = ", ".join(SPACE_SUITES if suite.startswith(SPACE) else (SHARED, *SUITES, *SPACE_SUITES))
         raise ProblemError(
             f"there is no suite '{suite}'; expected one of {names}, or clutter-N with a number of polygons, in space "
-            "bodies; in space each may end in -L-links, with an even number of links"
+            "bodies; in space each may end in -L-links, with an even number of links; or module:attribute"
         )
     if found["job"]:
         return lambda seed, name: disturbed_job(seed, found["job"], links, shared_folder() / "space", name)
-    if found["site"]:
-        return lambda seed, name: site_problem(found["site"], seed, links, name)
     return lambda seed, name: space_clutter(seed, int(found["count"]), links, name)
 
 
@@ -277,10 +282,9 @@ def cases_of_suite(suite: str, count: int | None = None, first_seed: int = 0) ->
     # No scene is made yet: workers make their own from the seed, so that only the seed travels.
     wanted = DEFAULT_COUNT if count is None else count
     seeds = range(first_seed, first_seed + wanted)
-    return tuple(
-        Case(name=f"{suite}-{seed}", suite=suite, seed=seed, fingerprint=f"{GENERATOR}:{suite}:{seed}")
-        for seed in seeds
-    )
+    code = f"{GENERATOR}" if ":" not in suite else code_of(suite)
+    name = suite.rpartition(":")[2]
+    return tuple(Case(f"{name}-{seed}", suite, seed, fingerprint=f"{code}:{suite}:{seed}") for seed in seeds)
 
 
 def cases_of_files(files: Sequence[Path], *, allow_outside: bool = False) -> tuple[Case, ...]:

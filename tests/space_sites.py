@@ -12,7 +12,17 @@ from functools import partial
 import numpy as np
 
 from ccm_opt.cli.compare.space_clutter import arm_of_links, axes_of, links_apart
-from ccm_opt.cli.compare.space_ducts import (
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.errors import ProblemError
+from ccm_opt.problem import JointPose, Problem, TipGoal
+from ccm_opt.robot.arm import Arm, Feed
+from ccm_opt.robot.coordinates import Limits
+from ccm_opt.robot.inverse_kinematics import configuration_from_positions
+from ccm_opt.scene.bodies import BoxBody, CapsuleBody, CylinderBody, RigidPlacement
+from ccm_opt.scene.distances.surface_tree import SurfaceTree
+from ccm_opt.scene.workspace import Obstacle, Workspace
+
+from .space_ducts import (
     ORIGIN,
     Bodies,
     Route,
@@ -30,15 +40,6 @@ from ccm_opt.cli.compare.space_ducts import (
     tee,
     unit,
 )
-from ccm_opt.core.arrays import FloatArray
-from ccm_opt.core.errors import ProblemError
-from ccm_opt.problem import JointPose, Problem, TipGoal
-from ccm_opt.robot.arm import Arm, Feed
-from ccm_opt.robot.coordinates import Limits
-from ccm_opt.robot.inverse_kinematics import configuration_from_positions
-from ccm_opt.scene.bodies import BoxBody, CapsuleBody, CylinderBody, RigidPlacement
-from ccm_opt.scene.distances.surface_tree import SurfaceTree
-from ccm_opt.scene.workspace import Obstacle, Workspace
 
 LENGTH = 0.9
 """Of the arms [m]."""
