@@ -80,7 +80,7 @@ def test_random_problems_have_the_same_plan_at_every_size(seed: int, factor: flo
 
 @pytest.mark.planning
 @pytest.mark.parametrize(
-    ("name", "factor"), [("swan-neck", 1e-5), ("swan-neck", 1e6), ("s-duct", 1e6), ("", 1e-5)], ids=str
+    ("name", "factor"), [("swan-neck", 1e-5), ("swan-neck", 1e6), ("s-duct", 1e6), ("", 1e-5), ("", 1e6)], ids=str
 )
 def test_problems_of_the_package_have_the_same_plan_at_every_size(name: str, factor: float) -> None:
     """With torque limits, with a start along a curve, with a feed axis and stops: all of it scales."""

@@ -14,7 +14,7 @@ from ccm_opt.core.errors import RetimingError
 from ccm_opt.core.progress import Stages
 from ccm_opt.driver.legs import Leg
 from ccm_opt.driver.pipeline import solve
-from ccm_opt.driver.timed_plan import timed_and_verified
+from ccm_opt.driver.verified_plan import timed_and_verified
 from ccm_opt.dynamics import retiming
 from ccm_opt.dynamics.retiming.paul import WINDOWS, Legs, fastest_legs, retime_paul
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics

@@ -18,8 +18,7 @@ from ccm_opt.driver.arguments import compiled_terms, expect_arguments, refuse_wi
 from ccm_opt.driver.kept_plan import as_it_stands, described
 from ccm_opt.driver.legs import plan_legs
 from ccm_opt.driver.settings import DEFAULT_SETTINGS, Settings
-from ccm_opt.driver.timed_plan import timed_and_verified
-from ccm_opt.driver.verified_plan import VerifiedPlan, failed_checks
+from ccm_opt.driver.verified_plan import VerifiedPlan, failed_checks, timed_and_verified
 from ccm_opt.ik.terms import Constraint, Cost
 from ccm_opt.planning.motion import Motion
 from ccm_opt.planning.own_units import in_own_units

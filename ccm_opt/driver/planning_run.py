@@ -16,8 +16,7 @@ from ccm_opt.diagnosis.relaxation import Trials
 from ccm_opt.driver.arguments import compiled_terms, expect_arguments, named_terms
 from ccm_opt.driver.legs import Leg, Planner, Retimer, plan_legs
 from ccm_opt.driver.settings import DEFAULT_SETTINGS, Settings
-from ccm_opt.driver.timed_plan import timed_and_verified
-from ccm_opt.driver.verified_plan import VerifiedPlan
+from ccm_opt.driver.verified_plan import VerifiedPlan, timed_and_verified
 from ccm_opt.ik.compiled_terms import UserTerms
 from ccm_opt.ik.terms import Constraint, Cost
 from ccm_opt.planning.planner import MotionPlanner

@@ -1,15 +1,23 @@
-"""A verified plan, and the checks that it passes."""
+"""Lays time along the paths of all legs, and verifies the motion that they are."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ccm_opt.core.errors import VerificationError
+from ccm_opt.core.errors import Diagnosis, MotionNotFound, RetimingError, VerificationError
 from ccm_opt.core.length_words import file_length
-from ccm_opt.problem import Problem
+from ccm_opt.core.progress import Stages
+from ccm_opt.driver.legs import Leg, Retimer, whole_path
+from ccm_opt.driver.settings import DEFAULT_SETTINGS, Settings
+from ccm_opt.dynamics import retiming
+from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics, joint_states
+from ccm_opt.planning.leader import feed_limits
+from ccm_opt.problem import JointPose, Problem
 from ccm_opt.problem.solution import Check, JointPath, JointStates, JointTrajectory, TryRecord
+from ccm_opt.robot.frames import revolute_angles
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
 from ccm_opt.verification.verifier import verify
 
@@ -101,3 +109,113 @@ def verified(
     if failures := failed_checks(checks):
         raise VerificationError(failures)
     return checks
+
+
+def timed_and_verified(
+    problem: Problem,
+    legs: Sequence[Leg],
+    stages: Stages,
+    retimer: Retimer | None = None,
+    terms: "UserTerms | None" = None,
+    settings: Settings = DEFAULT_SETTINGS,
+) -> VerifiedPlan:
+    """Time the paths of all legs, and verify them as one motion.
+
+    Args:
+        problem: what they solve.
+        legs: one to each goal.
+        stages: names and times the stages.
+        retimer: another way to time a leg; the one that the problem names when None.
+        terms: the user's constraints and costs; they hold for every leg by itself.
+        settings: of all stages.
+
+    Raises:
+        NoPlanFound: a path cannot be timed within the limits, or the motion does not keep a constraint.
+        VerificationError: the verifier refuses the plan.
+    """
+    # Made once for all legs: the first call may have to wait for the compiler.
+    with stages("dynamics model"):
+        dynamics = InverseDynamics(problem.arm, problem.simulation.gravity)
+    with stages("retiming"):
+        timed = [_leg_in_time(leg, dynamics, retimer, terms, settings) for leg in legs]
+        trajectory = retiming.joined(timed, [stop.pause for stop in problem.stops]) if len(timed) > 1 else timed[0]
+        joints = joint_states(problem.arm, trajectory, dynamics)
+    with stages("verification"):
+        checks = verified(problem, trajectory, joints, settings.verification)
+        # A leg's constraints hold for the leg by itself: its path parameter runs from 0 to 1.
+        found = [results_of_terms(terms, leg.path, motion) for leg, motion in zip(legs, timed, strict=True)]
+        of_terms = worst_of_legs(found) if len(found) > 1 else found[0]
+        if broken := failed_checks(of_terms.checks):
+            raise MotionNotFound(_not_kept(broken))
+    return VerifiedPlan(whole_path(legs), trajectory, joints, checks, of_terms)
+
+
+def _leg_in_time(
+    leg: Leg,
+    dynamics: InverseDynamics,
+    retimer: Retimer | None,
+    terms: "UserTerms | None",
+    settings: Settings,
+) -> JointTrajectory:
+    """The motion of a leg; where its path has corners, as one back over several legs has, it rests in them."""
+    parts = leg.path.parts
+    if not parts:
+        return _timed(leg, dynamics, retimer, terms, settings)
+    ends = [JointPose.from_configuration(part.spline(1.0), leg.problem.arm.coordinates) for part in parts]
+    starts = [leg.problem.start, *ends[:-1]]
+    timed = [
+        _timed(Leg(replace(leg.problem, start=start, goal=end), part), dynamics, retimer, None, settings)
+        for part, start, end in zip(parts, starts, (*ends[:-1], leg.problem.goal), strict=True)
+    ]
+    # The stops of a motion are the goals on its way, which corners are not.
+    return replace(retiming.joined(timed), stops=())
+
+
+def _timed(
+    leg: Leg,
+    dynamics: InverseDynamics,
+    retimer: Retimer | None,
+    terms: "UserTerms | None",
+    settings: Settings,
+) -> JointTrajectory:
+    """The first timing of a leg that may be taken.
+
+    Raises:
+        RetimingError: there is none within the limits.
+    """
+    problem = leg.problem
+    if retimer is not None:
+        return retimer.retime(problem, leg.path)
+    failures: list[str] = []
+    sampling = replace(settings.timing.sampling, hair=0.5 * problem.contact_tolerance)
+    # Timings are made one by one, so that what is not needed is never computed.
+    for trajectory in retiming.timings(
+        leg.path,
+        feed_limits(problem.arm, problem.limits),
+        dynamics,
+        revolutes=partial(revolute_angles, problem.arm),
+        method=problem.planner.retiming,
+        link_length=problem.arm.link_length,
+        coordinates=problem.arm.coordinates,
+        arm=problem.arm,
+        share=problem.planner.effort_share,
+        settings=replace(settings.timing, sampling=sampling),
+    ):
+        # Paul's transitions leave the path, so the first of them may be refused for walls; TOPP-RA's only one is not.
+        if problem.planner.retiming == "toppra":
+            return trajectory
+        checks = verify(problem, trajectory, joint_states(problem.arm, trajectory, dynamics), settings.verification)
+        of_terms = results_of_terms(terms, leg.path, trajectory)
+        failures = failed_checks((*checks, *of_terms.checks))
+        if not failures:
+            return trajectory
+    reason = f"even with its narrowest turns a motion of legs and turns fails; the first that does: {failures[0]}"
+    advice = ('use planner.retiming = "toppra", which stays on the path',)
+    raise RetimingError(Diagnosis(reason, "retiming", advice, {"failures": failures}))
+
+
+def _not_kept(broken: list[str]) -> Diagnosis:
+    """Why a motion is none that breaks a constraint of the user."""
+    reason = f"the motion that was found does not keep every constraint; the first that fails: {broken[0]}"
+    advice = ("widen the constraint, or make it soft", "move the goal")
+    return Diagnosis(reason, "constraints", advice, {"failures": broken})

@@ -29,7 +29,7 @@ from ccm_opt.problem import (
     Tolerances,
     VerificationOptions,
 )
-from ccm_opt.problem.solution import GoalPoseRecord, JointPath, JointTrajectory
+from ccm_opt.problem.solution import GoalPoseRecord, JointPath
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.configuration import Configuration
 from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
@@ -90,29 +90,6 @@ class OwnUnits:
             curves=tuple(self._in_metres(curve) for curve in path.curves),
             spare=self.metres * path.spare,
             goal_pose=None if path.goal_pose is None else self.record_in_metres(path.goal_pose),
-        )
-
-    def path_in_units(self, path: JointPath, arm: Arm) -> JointPath:
-        """A path in metres in these units, as far as timing looks at it: its spline, its keyframes and its spare."""
-        per_unit = np.ones(path.keyframes.shape[-1])
-        per_unit[arm.links :] = self.metres
-        spline = path.spline
-        return replace(
-            path,
-            spline=type(spline)(spline.t, _rounded(spline.c / per_unit), spline.k),
-            keyframes=_rounded(path.keyframes / per_unit),
-            spare=float(_rounded(path.spare / self.metres)),
-        )
-
-    def trajectory_in_metres(self, trajectory: JointTrajectory, arm: Arm) -> JointTrajectory:
-        """A motion that was timed in these units, for the arm as it is in metres."""
-        units = np.ones(trajectory.positions.shape[-1])
-        units[arm.links :] = self.metres
-        return replace(
-            trajectory,
-            positions=self._coordinates(trajectory.positions, arm),
-            velocities=units * trajectory.velocities,
-            accelerations=units * trajectory.accelerations,
         )
 
     def diagnosis_in_metres(self, diagnosis: Diagnosis) -> Diagnosis:

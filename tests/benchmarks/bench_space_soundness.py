@@ -18,7 +18,7 @@ from ccm_opt.core.deadline import Deadline
 from ccm_opt.core.errors import NoPlanFound, ProblemError, VerificationError
 from ccm_opt.core.progress import Stages
 from ccm_opt.driver.legs import Planner, plan_legs
-from ccm_opt.driver.timed_plan import timed_and_verified
+from ccm_opt.driver.verified_plan import timed_and_verified
 from ccm_opt.planning.ends import refuse_ends
 from ccm_opt.planning.planner import MotionPlanner
 from ccm_opt.planning.settings import SpaceMotionSettings

@@ -21,8 +21,7 @@ from ccm_opt.core.progress import Stages
 from ccm_opt.driver.closed_loop import WALLS, simulate_and_check
 from ccm_opt.driver.legs import Leg, plan_legs
 from ccm_opt.driver.planning_run import default_planner
-from ccm_opt.driver.timed_plan import timed_and_verified
-from ccm_opt.driver.verified_plan import VerifiedPlan
+from ccm_opt.driver.verified_plan import VerifiedPlan, timed_and_verified
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics
 from ccm_opt.problem import Disturbances, Problem
 from ccm_opt.robot.frames import revolute_angles

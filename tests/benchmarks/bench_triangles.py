@@ -21,8 +21,7 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.errors import NoPlanFound
 from ccm_opt.core.progress import Stages
 from ccm_opt.driver.legs import plan_legs
-from ccm_opt.driver.timed_plan import timed_and_verified
-from ccm_opt.driver.verified_plan import failed_checks
+from ccm_opt.driver.verified_plan import failed_checks, timed_and_verified
 from ccm_opt.planning.planner import MotionPlanner
 from ccm_opt.problem import Problem
 from ccm_opt.scene.bodies import MeshBody

@@ -167,6 +167,14 @@ class TimedPath:
         return found
 
     @property
+    def weighed(self) -> BSpline:
+        """The path with ways of the base in lengths of the arm, where it is given: they weigh alike at every size."""
+        weights = np.ones(len(self.coordinates))
+        if self.arm is not None:
+            weights[self.coordinates.base] = 1.0 / self.arm.length
+        return BSpline(self.spline.t, weights * self.spline.c, self.spline.k)
+
+    @property
     def smooth(self) -> bool:
         """Whether jerk is limited."""
         return bool(np.any(np.isfinite(self.bounds.jerk)))

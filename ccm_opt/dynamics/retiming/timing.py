@@ -368,7 +368,7 @@ def retime(
     largest = settings.sampling.step if step is None else step
 
     # A path that goes nowhere has no grid; its rows are still asked whether the arm can be held there.
-    if np.sum(span_lengths(path.spline, np.linspace(0.0, 1.0, 33))) < _STANDING:
+    if np.sum(span_lengths(timed.weighed, np.linspace(0.0, 1.0, 33))) < _STANDING:
         timing.rows(np.linspace(0.0, 1.0, 2))
         return _standing(path.spline, largest).trajectory(columns, "rest")
 
@@ -399,7 +399,7 @@ class _Timing:
 
     @cached_property
     def _grid(self) -> FloatArray:
-        return path_grid(self.path.spline, self.settings.grid)
+        return path_grid(self.path.weighed, self.settings.grid)
 
     def rows(self, s: FloatArray) -> PathRows:
         """The limits at points of the path, at which every drive can hold the arm still, or it is an error."""
