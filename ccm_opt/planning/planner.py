@@ -35,7 +35,7 @@ from ccm_opt.planning.led_strategies import fed_strategies
 from ccm_opt.planning.lifting import lifted_motion, nominal_task
 from ccm_opt.planning.limits.guide_tube import GuideTubeLimit
 from ccm_opt.planning.limits.user_limit import UserLimit
-from ccm_opt.planning.link_space import FedSpace, LinkSpace
+from ccm_opt.planning.link_space import FedSpace
 from ccm_opt.planning.motion import Motion, SpaceMotion
 from ccm_opt.planning.motion_task import CachedItems, MotionTask
 from ccm_opt.planning.neighbourhood import neighbourhood
@@ -80,40 +80,39 @@ def resumed(known: Motion, task: MotionTask) -> Motion | None:
     """A certified, optimised motion near a known one.
 
     Args:
-        known: a motion to another goal or among other walls.
+        known: a motion from the same start to another goal or among other walls.
         task: the arm, the room, the goal and the limits as they are now.
 
     Returns:
-        None where the known motion leads to none, or begins elsewhere; that says nothing of the task.
+        None where the known motion leads to none; that says nothing of the task.
     """
-    same_start = known.configurations.shape[1] == len(task.start) and np.allclose(
-        known.configurations[0], task.start, rtol=0.0, atol=task.settings.certificate.rounding
-    )
-    if not same_start:
-        return None
     if task.goal_pose is not None or task.user_limits:
         return None
-    stepper = _stepper(known, task)
-    moved = _bent(known, stepper, task) or _tracked(known, stepper, task)
+    # The space through the start that holds the end of the known motion too.
+    space, start = task.space_through(task.start)
+    space, _ = space.blended_to(known.configurations[-1])
+    stepper = task.stepper(space, MARGINS[0])
+    wanted = space.arm.poses(known.configurations) - space.arm.poses(space.offset)
+    coordinates = np.array(np.linalg.lstsq(space.turns, wanted.T, rcond=None)[0].T, dtype=np.float64)
+    coordinates[0] = np.append(start, 0.0)
+    moved = _bent(known, coordinates, stepper, task) or _tracked(known, coordinates[0], stepper, task)
     return None if moved is None else optimised_to_end_pose(moved, task)
 
 
-def _stepper(known: Motion, task: MotionTask) -> Stepper:
-    """Steps in the space through the start that holds the end of the known motion too."""
-    space, _ = LinkSpace.through(task.arm, task.start, task.nominal_links, clamped=task.clamped)
-    space, _ = space.blended_to(known.configurations[-1])
-    return task.stepper(space, MARGINS[0])
+def _bent(known: Motion, coordinates: FloatArray, stepper: Stepper, task: MotionTask) -> Motion | None:
+    """The known motion with the way of its end onto the goal added, more and more towards the end.
 
-
-def _bent(known: Motion, stepper: Stepper, task: MotionTask) -> Motion | None:
-    """The known motion with the way of its end onto the goal added, more and more towards the end."""
-    space = stepper.space
-    coordinates = _coordinates(space, known, task.start)
+    Args:
+        known: the motion.
+        coordinates: of its keyframes in the space of the steps, shape (K, p).
+        stepper: takes steps.
+        task: with the goal.
+    """
     try:
         settled = settle(stepper, task.limited_goal, stepper.pose(coordinates[-1]), task.deadline)
     except Stalled:
         return None
-    begun = replace(known, curve=space, unknowns=coordinates, u=None, end_pose=None)
+    begun = replace(known, curve=stepper.space, unknowns=coordinates, u=None, end_pose=None)
     for bent in begun.bent_to(settled[-1].v, known.path_parameters):
         if _is_certified(bent, task):
             return bent
@@ -122,25 +121,16 @@ def _bent(known: Motion, stepper: Stepper, task: MotionTask) -> Motion | None:
     return led_on if _is_certified(led_on, task) else None
 
 
-def _tracked(known: Motion, stepper: Stepper, task: MotionTask) -> Motion | None:
-    """The known motion tracked by steps that keep off the walls as they are now, then settled on the goal."""
-    start = stepper.pose(_coordinates(stepper.space, known, task.start)[0])
-    reference = ReferenceMotion.of(known)
+def _tracked(known: Motion, start: FloatArray, stepper: Stepper, task: MotionTask) -> Motion | None:
+    """The known motion tracked from its start by steps that keep off the walls as they are now, then settled."""
     try:
-        way = follow_reference(stepper, reference, task.limited_goal, start, task.deadline)
+        way = follow_reference(
+            stepper, ReferenceMotion.of(known), task.limited_goal, stepper.pose(start), task.deadline
+        )
     except Stalled:
         return None
     motion = Motion.of(stepper.space, way.poses, known.candidate)
     return motion if _is_certified(motion, task) else None
-
-
-def _coordinates(space: LinkSpace, known: Motion, start: FloatArray) -> FloatArray:
-    """Coordinates nearest to the keyframes of the known motion, shape (K, p); those of the start are exact."""
-    wanted = space.arm.poses(known.configurations) - space.arm.poses(space.offset)
-    coordinates = np.array(np.linalg.lstsq(space.turns, wanted.T, rcond=None)[0].T, dtype=np.float64)
-    exact = LinkSpace.through(space.arm, start, space.nominal_links, clamped=space.clamped)[1]
-    coordinates[0] = np.append(exact, 0.0)
-    return coordinates
 
 
 def _is_certified(motion: Motion, task: MotionTask) -> bool:
@@ -182,11 +172,25 @@ class MotionPlanner:
             ProblemError: the start breaks a limit.
             NoPlanFound: with the reason and what would help.
         """
-        if problem.dimension == 3:
-            return self._planned_in_space(problem)
-        with in_own_units(problem) as units:
-            path, _ = self.planned(units.scaled(problem))
-        return units.path_in_metres(path, problem.arm)
+        if problem.dimension == 2:
+            with in_own_units(problem) as units:
+                path, _ = self.planned(units.scaled(problem))
+            return units.path_in_metres(path, problem.arm)
+        deadline = Deadline.after(_SHARE_IN_SPACE * problem.planner.time_limit)
+        with self.stages("free space"):
+            tree = SurfaceTree.of(problem.workspace.soup)
+            problem = with_clamped_base(problem, tree)
+            task = space_task(problem, tree, deadline, self.space, self.terms)
+            refuse_ends(problem, task)
+            task = replace(task, refuse=partial(self.refuse, problem))
+        try:
+            found = ((any_motion(task),), None) if self.first_found else self._lifted(problem, task)
+            motions, end = found or self._planned(problem, task)
+        except NoPlanFound as none:
+            raise told_of_clamped_base(none, problem) from none
+        with self.stages("smooth path"):
+            path = joint_path(task, *motions, legs=problem.planner.retiming == "paul")
+        return replace(path, goal_pose=end)
 
     def planned(self, problem: Problem, known: Motion | None = None) -> tuple[JointPath, Motion]:
         """Plan a certified motion in the plane, and keep it as the search knows it.
@@ -302,24 +306,6 @@ class MotionPlanner:
             yield found
 
     # ------------------------------------------------------------ in space
-    def _planned_in_space(self, problem: Problem) -> JointPath:
-        """Plan a certified motion in space; raises as ``plan`` does."""
-        deadline = Deadline.after(_SHARE_IN_SPACE * problem.planner.time_limit)
-        with self.stages("free space"):
-            tree = SurfaceTree.of(problem.workspace.soup)
-            problem = with_clamped_base(problem, tree)
-            task = space_task(problem, tree, deadline, self.space, self.terms)
-            refuse_ends(problem, task)
-            task = replace(task, refuse=partial(self.refuse, problem))
-        try:
-            found = ((any_motion(task),), None) if self.first_found else self._lifted(problem, task)
-            motions, end = found or self._planned(problem, task)
-        except NoPlanFound as none:
-            raise told_of_clamped_base(none, problem) from none
-        with self.stages("smooth path"):
-            path = joint_path(task, *motions, legs=problem.planner.retiming == "paul")
-        return replace(path, goal_pose=end)
-
     def _planned(self, problem: Problem, task: SpaceTask) -> _Planned:
         """The optimised motion, and the one that was found, whose path may have room where the shorter one has none.
 
