@@ -24,7 +24,6 @@ from ccm_opt.cli.output import (
     FigureName,
     MethodChoice,
     Output,
-    outside_files,
     printing,
 )
 from ccm_opt.cli.surroundings import no_search_for_cycles
@@ -91,7 +90,7 @@ def command(name: str, examples: Sequence[str] = ()) -> Callable[[Callable[..., 
     def decorated(function: Callable[..., int]) -> Callable[..., int]:
         @wraps(function)
         def run(*, as_json: bool, quiet: bool, verbose: bool, allow_outside: bool = False, **options: Any) -> None:
-            with printing(Output(name, as_json, quiet, verbose)) as out, outside_files(allowed=allow_outside):
+            with printing(Output(name, as_json, quiet, verbose, allow_outside)) as out:
                 if verbose:
                     logging.basicConfig(level=logging.INFO, format="%(name)s: %(message)s")
                 code = function(**options)

@@ -40,7 +40,7 @@ from ccm_opt.cli.compare.running import Comparison, Pair, compare, outdated
 from ccm_opt.cli.compare.runs import QUANTITIES, Run, open_journal
 from ccm_opt.cli.compare.suites import SHARED, Case, cases_of_files, cases_of_suite, distinct
 from ccm_opt.cli.outcome import BUG, SOLVED, complain, print_result, run_all, warn
-from ccm_opt.cli.output import output, outside_allowed
+from ccm_opt.cli.output import output
 from ccm_opt.cli.tables import columned_table, report_console
 from ccm_opt.core.executors import DaskWorkers, LocalWorkers, Workers
 
@@ -157,7 +157,7 @@ def compare_methods(
         with suppress(FileNotFoundError):  # a working directory that was removed has no planners
             if str(Path.cwd()) not in sys.path:
                 sys.path.append(str(Path.cwd()))  # planners beside the user, as with python -m
-        cases = list(cases_of_files(files, allow_outside=outside_allowed()))
+        cases = list(cases_of_files(files, allow_outside=output().allow_outside))
         for suite in suites if suites or files else (SHARED,):
             cases += cases_of_suite(suite, count, seed)
         chosen = check_methods((*(methods or DEFAULT), *planners))

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from ccm_opt.cli.cancelling import interrupt_met, leave_at_once
 from ccm_opt.cli.outcome import SOLVED, print_result, run_all
-from ccm_opt.cli.output import FigureKind, FigureName, output, outside_allowed
+from ccm_opt.cli.output import FigureKind, FigureName, output
 from ccm_opt.cli.stage_clock import stage_display
 from ccm_opt.cli.surroundings import no_search_for_cycles
 from ccm_opt.core.errors import ProblemError
@@ -188,7 +188,7 @@ def viewer_of(item: Path, port: int) -> "ViewerApp":
             f"the viewer needs the package {missing.name}; install it with: pip install viser"
         ) from missing
 
-    problem = load_any_problem(item) if item.is_dir() else load_problem(item, allow_outside=outside_allowed())
+    problem = load_any_problem(item) if item.is_dir() else load_problem(item, allow_outside=output().allow_outside)
     door = claim_port(port)
     try:
         return _viewer_at(door, item, problem)

@@ -11,7 +11,7 @@ from rich.table import Table
 
 from ccm_opt.cli.loading import tell_of_drawing, tell_of_meshes, tell_of_odd_rates
 from ccm_opt.cli.outcome import SOLVED, code_of_simulation, print_result, run_all
-from ccm_opt.cli.output import outside_allowed
+from ccm_opt.cli.output import output
 from ccm_opt.cli.tables import columned_table, peak_torque, report_console, units_of, value_table, verdict_cells
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.errors import ProblemError, VerificationError
@@ -46,7 +46,7 @@ def describe_files(files: Sequence[Path], changes: Sequence[str] = ()) -> int:
     """
 
     def describe(file: Path) -> int:
-        return _describe(load_problem(file, changes=changes, allow_outside=outside_allowed()))
+        return _describe(load_problem(file, changes=changes, allow_outside=output().allow_outside))
 
     return run_all(files, describe)
 

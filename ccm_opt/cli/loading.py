@@ -11,7 +11,7 @@ import numpy as np
 import shapely
 
 from ccm_opt.cli.outcome import warn
-from ccm_opt.cli.output import output, outside_allowed
+from ccm_opt.cli.output import output
 from ccm_opt.cli.tables import report_console, units_of
 from ccm_opt.core.errors import ProblemError
 from ccm_opt.core.length_words import METRES, LengthUnit, in_unit, words_in
@@ -237,7 +237,7 @@ class NamedProblems:
         if len(self.files) > 1 and not self.warned:
             self.warned = True
             self._warn_of_doubles()
-        problem = load_problem(file, changes=self.changes, allow_outside=outside_allowed())
+        problem = load_problem(file, changes=self.changes, allow_outside=output().allow_outside)
         first = self.taken.setdefault(problem.name, file)
         if first is not file:
             raise ProblemError(f"{file} has the same name '{problem.name}' as {first}; their folders would be one")

@@ -1,4 +1,4 @@
-"""For whom a command prints: tables for people, one JSON document for programs, or nothing; and how much.
+"""For whom a command prints: tables for people, one JSON document for programs, or nothing; how much; what it reads.
 
 And what options accept, known without loading what they choose between.
 """
@@ -22,6 +22,7 @@ class Output:
         as_json: whether standard output gets one JSON document in place of tables.
         quiet: whether standard output gets no tables and standard error no progress; errors and warnings are told.
         verbose: whether every stage is told, with the package's own log, and every check in closing tables.
+        allow_outside: whether drawings outside the folder of a problem file are read.
         results: one for every item so far, a file or a folder as a rule; the last may be under way.
         told: lines that were printed so far of why the item under way has no plan.
     """
@@ -30,6 +31,7 @@ class Output:
     as_json: bool = False
     quiet: bool = False
     verbose: bool = False
+    allow_outside: bool = False
     results: list[dict[str, object]] = field(default_factory=list)
     told: list[str] = field(default_factory=list)
 
@@ -96,24 +98,6 @@ def printing(way: Output) -> Iterator[Output]:
         yield way
     finally:
         _CURRENT.reset(token)
-
-
-_ALLOWED: ContextVar[bool] = ContextVar("drawings outside the folder of the problem", default=False)
-
-
-def outside_allowed() -> bool:
-    """Whether drawings outside the folder of a problem file are read; not unless somebody says so."""
-    return _ALLOWED.get()
-
-
-@contextmanager
-def outside_files(*, allowed: bool) -> Iterator[None]:
-    """Say so, until the block ends."""
-    token = _ALLOWED.set(allowed)
-    try:
-        yield
-    finally:
-        _ALLOWED.reset(token)
 
 
 MethodChoice: TypeAlias = Literal["nlp", "hill-climbing"]

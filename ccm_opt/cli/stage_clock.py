@@ -22,7 +22,7 @@ from rich.markup import escape
 
 from ccm_opt.cli.outcome import tell_reason
 from ccm_opt.cli.output import output
-from ccm_opt.cli.surroundings import MORE_MEMORY, used_up
+from ccm_opt.cli.surroundings import MORE_MEMORY, address_space
 from ccm_opt.core.errors import Diagnosis, NoPlanFound, TimeLimitReached
 from ccm_opt.core.progress import Progress
 from ccm_opt.problem import PlannerOptions
@@ -202,21 +202,12 @@ def _ended_by_signal() -> Iterator[None]:
 
     The handler is the C library's own ``_exit``: where a solver spins, none of Python's would ever be called.
     """
-    try:
-        usual = signal.getsignal(ENDING)
-        library = ctypes.CDLL(None)
-        library.signal.argtypes = (ctypes.c_int, ctypes.c_void_p)
-        library.signal.restype = ctypes.c_void_p
-        if usual is signal.SIG_DFL:
-            library.signal(ENDING, ctypes.cast(library._exit, ctypes.c_void_p))  # noqa: SLF001 - its name in C
-    except (OSError, AttributeError, TypeError, ValueError):
-        usual = None  # then the process is killed
+    library = ctypes.CDLL(None)
+    library.signal(ENDING, library._exit)  # noqa: SLF001 - its name in C
     try:
         yield
     finally:
-        if usual is signal.SIG_DFL:
-            with suppress(ValueError):  # not in the main thread
-                signal.signal(ENDING, usual)
+        signal.signal(ENDING, signal.SIG_DFL)
 
 
 def _listen(
@@ -254,11 +245,8 @@ def _end(
     """
     what = "planning" if known is None else "the search for changes that would help"
     reason = f"nothing was heard of {what} for {silence:g} s, so it was ended"
-    advice: tuple[str, ...] = ("report it, with the problem file",)
-    if used_up(command):
-        reason += "; memory ran out"
-        advice = (MORE_MEMORY,)
-    known = known or Diagnosis(reason, "planning", advice)
+    advice = "report it, with the problem file" if address_space() is None else MORE_MEMORY
+    known = known or Diagnosis(reason, "planning", (advice,))
     status = NoPlanFound(known).status if known.proved else TimeLimitReached.unproved_status
     with suppress(OSError):  # whoever read it may have gone, and the command is to end all the same
         os.write(2, f"error: {name}: {reason}\n".encode(sys.stderr.encoding, "replace"))
@@ -266,18 +254,7 @@ def _end(
         if record is not None:
             record(status, known)
     finally:
-        for ending in (ENDING, signal.SIGKILL):
-            with suppress(ProcessLookupError):
-                os.kill(command, ending)
-            if _has_ended(command):
-                break
-
-
-def _has_ended(command: int) -> bool:
-    """Whether a process, whose child this is, has ended within the time for that."""
-    until = time.monotonic() + PATIENCE
-    while os.getppid() == command:
-        if time.monotonic() > until:
-            return False
-        time.sleep(0.01)
-    return True
+        os.kill(command, ENDING)
+        time.sleep(PATIENCE)
+        if os.getppid() == command:
+            os.kill(command, signal.SIGKILL)

@@ -4,8 +4,8 @@ import gc
 import os
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
-from pathlib import Path
+from contextlib import contextmanager
+from io import TextIOWrapper
 
 LEAST_ADDRESS_SPACE = 300_000_000
 """Address space below which libraries cannot even be loaded [bytes]; some of them would try without end. Measured:
@@ -20,35 +20,21 @@ def use_sound_streams() -> None:
 
     A stream that is closed is a number that the next file gets, which then receives whatever is printed.
     """
-    for number in range(3):
-        try:
-            os.fstat(number)
-        except OSError:
-            _fill_up_to(number)
+    while (opened := os.open(os.devnull, os.O_RDWR)) <= 2:  # the lowest number that is free
+        # Python's own files are closed where another program begins, whose next file would get the number then.
+        os.set_inheritable(opened, True)  # noqa: FBT003 - it has no name
+    os.close(opened)
     for name, number, mode in (("stdin", 0, "r"), ("stdout", 1, "w"), ("stderr", 2, "w")):
         if getattr(sys, name) is None:
             setattr(sys, name, os.fdopen(os.dup(number), mode, encoding="utf-8"))
     for stream in (sys.stdout, sys.stderr):
-        reconfigure = getattr(stream, "reconfigure", None)
-        if reconfigure is not None:
-            with suppress(OSError, ValueError):
-                reconfigure(errors="backslashreplace")
-
-
-def _fill_up_to(number: int) -> None:
-    """Open nothing until a number is taken, for this process and for those that it starts; the lower ones are."""
-    with suppress(OSError):
-        opened = os.open(os.devnull, os.O_RDWR)
-        if opened != number:
-            os.dup2(opened, number)
-            os.close(opened)
-        # Python's own files are closed where another program begins, whose next file would get the number then.
-        os.set_inheritable(number, True)  # noqa: FBT003 - it has no name
+        if isinstance(stream, TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
 
 
 def too_little_memory() -> str:
     """Why nothing can be loaded, in a line; empty where it can."""
-    allowed = _address_space()
+    allowed = address_space()
     if allowed is None or allowed >= LEAST_ADDRESS_SPACE:
         return ""
     return (
@@ -57,7 +43,7 @@ def too_little_memory() -> str:
     )
 
 
-def _address_space() -> int | None:
+def address_space() -> int | None:
     """Return how much address space this process is allowed [bytes]; None where that is not limited."""
     try:
         import resource  # noqa: PLC0415 - not on every system
@@ -65,19 +51,6 @@ def _address_space() -> int | None:
         return None
     allowed, _ = resource.getrlimit(resource.RLIMIT_AS)
     return None if allowed in {-1, resource.RLIM_INFINITY} else allowed
-
-
-def used_up(process: int) -> bool:
-    """Return whether a process, allowed as much as this one, has taken all but a tenth of its address space."""
-    allowed = _address_space()
-    if allowed is None:
-        return False
-    try:
-        status = Path(f"/proc/{process}/status").read_text(encoding="ascii", errors="replace")
-    except OSError:
-        return False
-    peak = next((int(line.split()[1]) for line in status.splitlines() if line.startswith("VmPeak:")), 0)
-    return 1024 * peak > 0.9 * allowed
 
 
 def out_of_memory(error: BaseException | None) -> bool:
@@ -88,7 +61,7 @@ def out_of_memory(error: BaseException | None) -> bool:
         if isinstance(error, MemoryError) or (said and "permitted" not in str(error)):
             return True
         # The system refuses threads for want of address space, or because a user has too many of them.
-        if "can't start new thread" in str(error) and _address_space() is not None:
+        if "can't start new thread" in str(error) and address_space() is not None:
             return True
         error = error.__cause__ or error.__context__
         seen += 1

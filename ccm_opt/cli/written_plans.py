@@ -153,24 +153,14 @@ BINARY = ("npz", "glb")
 """Formats that are no text, and have to go into a file."""
 
 
-def export_folder(
-    folder: Path,
-    kind: ExportFormat,
-    out: Path | None = None,
-    *,
-    bends_only: bool = False,
-    scene: bool = True,
-    effort: bool = False,
-) -> int:
+def export_folder(folder: Path, kind: ExportFormat, out: Path | None = None, **choices: bool) -> int:
     """Write one format of a written plan.
 
     Args:
         folder: an output folder of ``ccm-opt solve``.
         kind: the format.
         out: the file; standard output when None, for texts alone.
-        bends_only: whether the revolutes that a plane motion leaves alone are left out.
-        scene: whether obstacles are written with the arm.
-        effort: whether a ROS message has efforts.
+        choices: of ``exported_files``.
 
     Returns:
         The exit code.
@@ -179,13 +169,12 @@ def export_folder(
     def export(item: Path) -> int:
         if out is None and kind in BINARY:
             raise ProblemError(f"{kind} is no text; name the file to write with --out")
-        files = exported_files(item, kind, out, bends_only=bends_only, scene=scene, effort=effort)
+        files = exported_files(item, kind, out, **choices)
         if out is None:
             text = files[""].decode()
             return print_result(lambda: sys.stdout.write(text), SOLVED, lambda: {"status": "exported", "text": text})
         for name, content in files.items():
-            place = out.parent / name if name else out
-            put_file_or_refuse(place, content, "choose another --out")
+            put_file_or_refuse(out.parent / name if name else out, content, "choose another --out")
         output().note({"status": "exported", "file": str(out)})
         return SOLVED
 
