@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import shapely
@@ -20,16 +21,19 @@ from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.core.deadline import Deadline
 from ccm_opt.planning.curve_routes import find_guesses, find_routes, route_room, tip_paths_along
 from ccm_opt.planning.ends import resolve_ends
+from ccm_opt.planning.limits.clearance_rows import motion_rows
 from ccm_opt.planning.limits.limit_stack import ContactLimit, limits_with
 from ccm_opt.planning.link_space import LinkSpace
 from ccm_opt.planning.motion_task import MotionTask
+from ccm_opt.planning.optimisation.interval_rows import IntervalRows
 from ccm_opt.planning.pose import Pose
 from ccm_opt.planning.settings import StepSettings
 from ccm_opt.planning.step import Stepper
+from ccm_opt.planning.swept_motion import PlanarSweep
 from ccm_opt.problem import Problem
 from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.certificate import Certificate
-from ccm_opt.scene.contact_finder import ContactFinder
+from ccm_opt.scene.contact_finder import WallFinder
 from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
 
 MARGIN = 2.5e-3
@@ -107,12 +111,22 @@ def make_stepper(scene: Scene, margin: float = MARGIN) -> tuple[Stepper, Pose]:
     """A stepper in the link space through the scene's start, and the pose there."""
     space, v = LinkSpace.through(scene.arm, scene.arm.bends(scene.start))
     walls = scene.workspace.flat_walls
-    finder = ContactFinder(scene.arm, walls, scene.workspace.clearance, margin, 0.04)
+    finder = WallFinder(scene.arm, walls, scene.workspace.clearance, margin, 0.04)
     settings = StepSettings()
-    contact = ContactLimit(finder, Certificate(scene.arm, scene.workspace), settings)
+    rows = partial(motion_rows, workspace=scene.workspace)
+    contact = ContactLimit(finder, Certificate(scene.arm, scene.workspace), settings, rows)
     limits = limits_with(scene.arm, contact, settings)
     stepper = Stepper(space, limits, finder=finder)
     return stepper, stepper.pose(v)
+
+
+def rows_of(sweep: PlanarSweep, workspace: Workspace, margin: float, reach: float, wanted: float = 0.0) -> IntervalRows:
+    """The rows that keep a motion clear, with a planning margin, a reach and a wanted gap [m]."""
+    arm = sweep.space.arm
+    finder = WallFinder(arm, workspace.flat_walls, workspace.clearance, margin, reach)
+    rows = partial(motion_rows, workspace=workspace)
+    contact = ContactLimit(finder, Certificate(arm, workspace), StepSettings(), rows, wanted)
+    return motion_rows(sweep, contact, workspace)
 
 
 def open_scene(seed: int, links: int = 24) -> Scene:

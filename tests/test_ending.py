@@ -13,7 +13,6 @@ from ccm_opt import solve
 from ccm_opt.planning.ending import bent_to, weighing_bottlenecks
 from ccm_opt.planning.ends import resolve_ends
 from ccm_opt.planning.goal_pose import poses_at_goal
-from ccm_opt.planning.limits.clearance_rows import motion_rows
 from ccm_opt.planning.link_space import LinkSpace
 from ccm_opt.planning.motion import Motion
 from ccm_opt.planning.motion_task import MotionTask
@@ -22,7 +21,7 @@ from ccm_opt.planning.spline_path import clamped_spline, smoothing_matrix
 from ccm_opt.planning.strategies import find_motion
 from ccm_opt.planning.swept_motion import PlanarSweep
 from ccm_opt.problem import Problem
-from tests.scenes import clutter, make_arm, mixed_walls, motion_task, sweep_gaps, swept
+from tests.scenes import clutter, make_arm, mixed_walls, motion_task, rows_of, sweep_gaps, swept
 
 MARGIN = 1e-3
 WANTED = 8e-3
@@ -61,9 +60,8 @@ def test_rows_ask_for_the_room_of_the_smooth_path(seed: int, intervals: int) -> 
     sweep = PlanarSweep(space, np.vstack((start, start + np.cumsum(steps, axis=0))))
     smooth = PlanarSweep(space, smoothing_matrix(intervals + 1) @ sweep.unknowns)
     workspace = mixed_walls()
-    segments = workspace.wall_segments
-    contact = motion_rows(sweep, workspace, segments, MARGIN, 0.3)
-    room = motion_rows(sweep, workspace, segments, MARGIN, 0.3, wanted=WANTED)
+    contact = rows_of(sweep, workspace, MARGIN, 0.3)
+    room = rows_of(sweep, workspace, MARGIN, 0.3, wanted=WANTED)
     assert np.array_equal(room.normal, contact.normal)
     asked = room.values(sweep)
     known = contact.values(sweep)

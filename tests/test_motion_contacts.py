@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.length_words import short_length
 from ccm_opt.robot.arm import Arm
-from ccm_opt.scene.contact_finder import WALL, ContactFinder, Contacts, closest_on_segments
+from ccm_opt.scene.contact_finder import WALL, Contacts, WallFinder, closest_on_segments
 from ccm_opt.scene.workspace import Workspace
 
 from .scenes import ROOM, clutter, distant_pairs, free_axis, make_arm, mixed_walls, random_headings, self_gap, wall_gaps
@@ -22,9 +22,9 @@ MOUNTS = (0.0, 0.3, 1.0, 1.6, 3.0)
 seeds = st.integers(0, 2**32 - 1)
 
 
-def make_finder(arm: Arm, workspace: Workspace, reach: float = REACH) -> ContactFinder:
+def make_finder(arm: Arm, workspace: Workspace, reach: float = REACH) -> WallFinder:
     """A finder with the workspace's clearance and a margin of 2.5 mm."""
-    return ContactFinder(arm, workspace.flat_walls, workspace.clearance, 2.5e-3, reach)
+    return WallFinder(arm, workspace.flat_walls, workspace.clearance, 2.5e-3, reach)
 
 
 def random_points(seed: int, arm: Arm, bend: float = 5.0) -> FloatArray:

@@ -10,7 +10,7 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ccm_opt.planning.limits.clearance_rows import motion_rows, sweep_regions
+from ccm_opt.planning.limits.clearance_rows import sweep_regions
 from ccm_opt.planning.link_space import LinkSpace
 from ccm_opt.planning.motion import Motion
 from ccm_opt.planning.motion_task import MotionTask
@@ -22,7 +22,7 @@ from ccm_opt.planning.strategies import find_motion
 from ccm_opt.planning.swept_motion import PlanarSweep
 from ccm_opt.problem import JointPose, OptimiserName
 from tests.oracles.interior_point import interior_point
-from tests.scenes import Scene, clutter, later, make_arm, mixed_walls, motion_task, sweep_gaps, swept
+from tests.scenes import Scene, clutter, later, make_arm, mixed_walls, motion_task, rows_of, sweep_gaps, swept
 
 SEEDS = (0, 5, 14)
 SEQUENTIAL: OptimiserName = "sequential-convex"
@@ -39,7 +39,7 @@ def random_sweep(seed: int, intervals: int = 3, size: float = 0.3) -> PlanarSwee
 def some_rows(sweep: PlanarSweep) -> IntervalRows:
     """Rows of a sweep among walls of every kind."""
     workspace = mixed_walls()
-    return motion_rows(sweep, workspace, workspace.wall_segments, 1e-3, 0.3)
+    return rows_of(sweep, workspace, 1e-3, 0.3)
 
 
 @cache

@@ -10,7 +10,7 @@ from ccm_opt.planning.limits.limit_stack import allowed_shortfall, contact_rows,
 from ccm_opt.planning.pose import Pose, Term, normal_equations
 from ccm_opt.planning.settings import StepSettings
 from ccm_opt.planning.step import Stepper
-from ccm_opt.scene.contact_finder import WALL, ContactFinder
+from ccm_opt.scene.contact_finder import WALL, WallFinder
 from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
 
 from .scenes import MARGIN, Scene, clutter, corridor, make_arm, make_stepper, open_scene, self_gap, wall_gaps
@@ -52,7 +52,7 @@ def test_clearance_keeps_its_promised_share(scene: Scene) -> None:
     assert wall_gaps(scene.arm, scene.workspace, points).min() >= SETTINGS.keep_share * MARGIN - 1e-9
     assert self_gap(scene.arm, points) > 0.0
     for pose in poses[::10]:
-        fresh = ContactFinder(scene.arm, scene.workspace.flat_walls, 0.0, MARGIN, 0.04)
+        fresh = WallFinder(scene.arm, scene.workspace.flat_walls, 0.0, MARGIN, 0.04)
         assert keeps_clear(fresh.find(pose.points), 1e-9, SETTINGS.keep_share)
         assert not fresh.crosses(pose.points)
 

@@ -13,7 +13,6 @@ from ccm_opt.core.errors import ProblemError
 from ccm_opt.ik.find_configuration import find_configuration
 from ccm_opt.planning.curve_routes import configuration_task, find_routes, route_room
 from ccm_opt.planning.ends import resolve_ends
-from ccm_opt.planning.limits.clearance_rows import motion_rows
 from ccm_opt.planning.motion import Motion
 from ccm_opt.planning.motion_task import MotionTask
 from ccm_opt.planning.optimisation.objective import JointSlowness, WallNearness
@@ -24,7 +23,7 @@ from ccm_opt.problem import TipGoal, Weights
 from ccm_opt.scene.free_space import FreeSpace
 from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
 from tests.oracles.interior_point import nearness_cost
-from tests.scenes import ROOM, Scene, clutter, later, make_arm, motion_task, sweep_gaps, wall_gaps
+from tests.scenes import ROOM, Scene, clutter, later, make_arm, motion_task, rows_of, sweep_gaps, wall_gaps
 
 SEED = 50_019
 INTERVALS = 20
@@ -126,7 +125,7 @@ def test_interior_point_weighs_the_same() -> None:
 def nearness(sweep: PlanarSweep) -> WallNearness:
     """What nearness to walls costs along a motion."""
     workspace = found()[0].workspace
-    rows = motion_rows(sweep, workspace, workspace.wall_segments, 1e-3, 0.08)
+    rows = rows_of(sweep, workspace, 1e-3, 0.08)
     return WallNearness(rows.take(rows.against_walls), 2.0, 0.04, 1.0)
 
 

@@ -24,13 +24,16 @@ from ccm_opt.planning.followable_ways import FollowSearch, WayArcs, WayEnd
 from ccm_opt.planning.grid_ways import TipGrid
 from ccm_opt.planning.limits.clearance_rows import free_half_planes
 from ccm_opt.planning.sampled_check import SampledCheck
-from ccm_opt.planning.space_certificate import LinkMotion, SpaceCertificate
+from ccm_opt.planning.space_certificate import SpaceCertificate
+from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.bodies import MeshBody
 from ccm_opt.scene.certificate import Certificate
-from ccm_opt.scene.contact_finder import ContactFinder
+from ccm_opt.scene.contact_finder import SurfaceFinder, WallFinder, nearest_links
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
+from ccm_opt.scene.surfaces import SurfaceSoup
 from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
 from tests.dynamics_arms import swan_neck
+from tests.oracles.space_certificate import bows
 from tests.scenes import ROOM, make_arm, mixed_walls
 from tests.snakes_in_space import snake
 from tests.surface_scenes import random_segments, random_triangles, soup
@@ -82,6 +85,11 @@ def test_places_beyond_are_refused_in_words(far: float) -> None:
         SurfaceTree.of(replace(scene, triangles=scene.triangles + far))
 
 
+def links_finder(arm: Arm) -> SurfaceFinder:
+    """Finds the links of an arm that are near each other."""
+    return SurfaceFinder(arm, SurfaceTree.of(SurfaceSoup.joined([])), (), 0.0, 0.01, 0.1)
+
+
 @attack
 @given(q=table(2 * LINKS), other=table(2 * LINKS), depth=st.integers(-3, 10**9))
 def test_arms_in_space(q: FloatArray, other: FloatArray, depth: int) -> None:
@@ -89,12 +97,12 @@ def test_arms_in_space(q: FloatArray, other: FloatArray, depth: int) -> None:
     arm = snake(LINKS)
     arm.joint_positions_at(q)
     chain = pose_with(arm, other[:2], q, np.outer(other, [1.0, 2.0]))
-    motion = LinkMotion(arm)
-    motion.bows(arm.link_rotations(other), q)
-    motion.near_pairs(chain.points, 0.1)
-    motion.nearest_pairs(np.stack((chain.points, chain.points)), np.inf)
+    bows(arm, arm.link_rotations(other), q)
+    finder = links_finder(arm)
+    finder.near_links(chain.points, 0.1)
+    nearest_links(arm, np.stack((chain.points, chain.points)), np.inf)
     for points in (np.outer(np.arange(LINKS + 1), q[:3]), np.resize(other, (LINKS + 1, 3))):
-        motion.near_pairs(points, 0.3)
+        finder.near_links(points, 0.3)
     certificate = SpaceCertificate(arm, SurfaceTree.of(random_triangles(np.random.default_rng(3), 20)))
     safe = certificate.safe(q, other, min(depth, 12))
     assert not safe or np.all(np.isfinite(q) & np.isfinite(other))
@@ -103,15 +111,13 @@ def test_arms_in_space(q: FloatArray, other: FloatArray, depth: int) -> None:
 def test_arrays_of_another_shape_are_refused() -> None:
     """What C would read beyond is told with the shape that it must have."""
     arm = snake(LINKS)
-    motion = LinkMotion(arm)
     tree = SurfaceTree.of(random_triangles(np.random.default_rng(3), 20))
     refused = (
         lambda: arm.joint_positions_at(np.zeros(2 * LINKS - 1)),
         lambda: arm.link_rotations(np.zeros((3, 2))),
         lambda: pose_with(arm, np.zeros(1), np.zeros(3), np.zeros((3, 1))),
-        lambda: motion.bows(np.zeros((LINKS - 1, 3, 3)), np.zeros(2 * LINKS)),
-        lambda: motion.near_pairs(np.zeros((LINKS, 3)), 1.0),
-        lambda: motion.nearest_pairs(np.zeros((2, LINKS, 3)), 1.0),
+        lambda: links_finder(arm).near_links(np.zeros((LINKS, 3)), 1.0),
+        lambda: nearest_links(arm, np.zeros((2, LINKS, 3)), 1.0),
         lambda: tree.distances(np.zeros((4, 3)), 1.0),
         lambda: tree.nearest(np.zeros((5, 2, 3)), 1.0, 2),
         lambda: Certificate(make_arm(LINKS, 0.01), Workspace(ROOM)).failures(np.zeros((3, LINKS - 1))),
@@ -130,7 +136,7 @@ def test_arms_in_the_plane(headings: FloatArray, reach: float) -> None:
     failures = Certificate(arm, room).failures(arm.bends(headings), depth=3)
     still = np.isfinite(headings).all(axis=1)
     assert set(np.flatnonzero(~(still[:-1] & still[1:]))) <= set(failures.tolist())
-    finder = ContactFinder(arm, room.flat_walls, 0.0, 0.0, min(abs(reach), 1e3))
+    finder = WallFinder(arm, room.flat_walls, 0.0, 0.0, min(abs(reach), 1e3))
     finder.find(arm.joint_positions(headings[0]))
     finder.find(np.resize(headings, (LINKS + 1, 2)))
     shares = SampledCheck.of(arm, room).free_shares(headings[:2], headings[1:])
@@ -147,7 +153,7 @@ def test_obstacles_in_the_plane(corner: FloatArray, size: float) -> None:
     with suppress(CcmError, ValueError, shapely.errors.GEOSException):
         room = Workspace(ROOM, (Obstacle("far", PlaneShape(shapely.box(*corner, *(corner + size)))),))
         Certificate(arm, room).failures(np.zeros((2, LINKS)), depth=2)
-        ContactFinder(arm, room.flat_walls, 0.0, 0.0, 0.1).find(arm.joint_positions(np.zeros(LINKS)))
+        WallFinder(arm, room.flat_walls, 0.0, 0.0, 0.1).find(arm.joint_positions(np.zeros(LINKS)))
 
 
 @attack
@@ -203,6 +209,6 @@ def test_nothing_is_asked_of_nothing() -> None:
     tree = SurfaceTree.of(random_triangles(np.random.default_rng(3), 20))
     assert len(tree.distances(np.zeros((0, 2, 3)), 1.0)) == 0
     assert len(tree.planes(np.zeros((0, 2, 3)), 1.0).gap) == 0
-    assert len(LinkMotion(arm).nearest_pairs(np.zeros((0, LINKS + 1, 3)), 1.0).distance) == 0
+    assert len(nearest_links(arm, np.zeros((0, LINKS + 1, 3)), 1.0).distance) == 0
     assert len(Certificate(make_arm(LINKS, 0.01), Workspace(ROOM)).failures(np.zeros((1, LINKS)))) == 0
     assert len(random_segments(np.random.default_rng(1), 0)) == 0

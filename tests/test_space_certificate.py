@@ -8,12 +8,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ccm_opt.planning.settings import SpaceCertificateSettings
-from ccm_opt.planning.space_certificate import LinkMotion, SpaceCertificate
+from ccm_opt.planning.space_certificate import SpaceCertificate
 from ccm_opt.robot.arm import Feed
+from ccm_opt.scene.contact_finder import SurfaceFinder, nearest_links
 from ccm_opt.scene.distances.enclosures import segment_distances
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from ccm_opt.scene.surfaces import SurfaceSoup
-from tests.oracles.space_certificate import SpaceCertificateByNumpy, bows_by_numpy, near_pairs_by_numpy
+from tests.oracles.space_certificate import SpaceCertificateByNumpy, bows, bows_by_numpy, near_pairs_by_numpy
 from tests.snakes_in_space import balls, boxes, least_gaps, snake
 
 seeds = st.integers(0, 2**32 - 1)
@@ -27,15 +28,15 @@ def test_no_point_moves_faster_than_its_bound(seed: int, links: int, size: float
     arm = snake(links)
     before = rng.normal(size=2 * links) * 0.5
     after = before + rng.normal(size=2 * links) * size / np.sqrt(links)
-    bows = LinkMotion(arm).bows(arm.link_rotations(0.5 * (before + after)), after - before)
+    most = bows(arm, arm.link_rotations(0.5 * (before + after)), after - before)
     t = np.linspace(0.0, 1.0, 400)[:, None]
     points = arm.joint_positions_at(before + t * (after - before))
     speeds = np.linalg.norm(np.diff(points, axis=0), axis=2) * 399.0
     chords = np.linalg.norm(points[-1] - points[0], axis=1)
-    assert np.all(speeds.max(axis=0) <= chords + 0.5 * bows + 1e-9)
+    assert np.all(speeds.max(axis=0) <= chords + 0.5 * most + 1e-9)
     # And the second derivative itself.
     bends = np.diff(points, 2, axis=0) * 399.0**2
-    assert np.all(np.linalg.norm(bends, axis=2).max(axis=0) <= bows * (1.0 + 1e-6) + 1e-6)
+    assert np.all(np.linalg.norm(bends, axis=2).max(axis=0) <= most * (1.0 + 1e-6) + 1e-6)
 
 
 @given(seeds, st.integers(4, 20))
@@ -45,24 +46,25 @@ def test_c_and_numpy_agree_on_bounds_and_pairs(seed: int, links: int) -> None:
     rng = np.random.default_rng(seed)
     arm = snake(links)
     q = rng.normal(size=2 * links) * 0.6
-    compiled = LinkMotion(arm)
+    compiled = SurfaceFinder(arm, SurfaceTree.of(balls(np.zeros((0, 3)), 0.0)), (), 0.0, 0.01, 0.0)
     turns = rng.normal(size=2 * links) * 0.2
     rotations = arm.link_rotations(q)
-    assert compiled.bows(rotations, turns) == pytest.approx(bows_by_numpy(arm, rotations, turns), abs=1e-12)
+    assert bows(arm, rotations, turns) == pytest.approx(bows_by_numpy(arm, rotations, turns), abs=1e-12)
     points = arm.joint_positions_at(q)
-    one = compiled.near_pairs(points, 0.3)
-    other = near_pairs_by_numpy(arm, points, 0.3)
-    assert sorted(zip(one.first, one.second, strict=True)) == sorted(zip(other.first, other.second, strict=True))
-    nearest = compiled.nearest_pairs(np.stack((points, points + 1.0)), 0.3)
-    least = one.distance.min(initial=0.3)
+    one = compiled.near_links(points, 0.3 - 2.0 * arm.radius)
+    distance = one.gap + 2.0 * arm.radius
+    first, second, apart = near_pairs_by_numpy(arm, points, 0.3)
+    assert sorted(zip(one.first, one.second, strict=True)) == sorted(zip(first, second, strict=True))
+    nearest = nearest_links(arm, np.stack((points, points + 1.0)), 0.3)
+    least = distance.min(initial=0.3)
     assert nearest.distance == pytest.approx(least, abs=1e-12)
     assert np.all((nearest.first >= 0) == (len(one.first) > 0))
     for pose in (0, 1):
         if len(one.first):
             pair = (one.first == nearest.first[pose]) & (one.second == nearest.second[pose])
-            assert one.distance[pair] == pytest.approx([least], abs=1e-12)
+            assert distance[pair] == pytest.approx([least], abs=1e-12)
     order = np.lexsort((one.second, one.first))
-    assert one.distance[order] == pytest.approx(other.distance[np.lexsort((other.second, other.first))], abs=1e-12)
+    assert distance[order] == pytest.approx(apart[np.lexsort((second, first))], abs=1e-12)
 
 
 @given(seeds)

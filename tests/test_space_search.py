@@ -15,12 +15,12 @@ from ccm_opt.planning.goal import GoalPose
 from ccm_opt.planning.grid_ways import shortened
 from ccm_opt.planning.lifting import lifted_motion, nominal_task
 from ccm_opt.planning.motion import SpaceMotion
+from ccm_opt.planning.optimisation.interval_rows import Sweep
 from ccm_opt.planning.optimisation.objective import Objective
 from ccm_opt.planning.optimisation.optimise import optimise_with_room
 from ccm_opt.planning.smooth_path import smooth_path
 from ccm_opt.planning.space_goal_poses import CurveDraws, goal_poses
 from ccm_opt.planning.space_search import find_motion
-from ccm_opt.planning.space_sweep import SpaceSweep
 from ccm_opt.planning.space_task import SpaceTask
 from ccm_opt.problem import Weights
 from ccm_opt.robot.arm import Feed
@@ -185,7 +185,7 @@ def test_what_is_blended_in_costs_where_it_does_not_show() -> None:
     for stray in (1.0, -8.0):
         task, motion = fed_motion(stray)
         cost = Objective(motion.curve, len(motion.unknowns) - 1, scale=task.slowness)
-        costs.append(cost.value(SpaceSweep(motion.curve, motion.unknowns)))
+        costs.append(cost.value(Sweep(motion.curve, motion.unknowns)))
         dense = np.concatenate([np.linspace(a, b, 20) for a, b in pairwise(motion.unknowns)])
         swings.append(np.abs(np.diff(motion.curve.configurations(dense)[:, :40], axis=0)).sum(axis=0))
     swing = np.max(swings[1] - swings[0])

@@ -11,11 +11,10 @@ from ccm_opt.core.errors import Diagnosis, ProblemError, UnreachableGoal
 from ccm_opt.core.length_words import place, short_length
 from ccm_opt.core.polyline import unit_vector
 from ccm_opt.planning.goal import GoalPose
-from ccm_opt.planning.space_certificate import LinkMotion
 from ccm_opt.problem import JointPose, Problem, TipGoal
 from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.bad_pose import refuse_bad_pose, room_advice
-from ccm_opt.scene.contact_finder import WALL, ContactFinder
+from ccm_opt.scene.contact_finder import WALL, WallFinder, nearest_links
 from ccm_opt.scene.distances.enclosures import Enclosure, deepest_enclosure, ways_out
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from ccm_opt.scene.workspace import ROOM_NAME
@@ -177,7 +176,7 @@ def stands_flush(problem: Problem, q: FloatArray) -> bool:
     points = arm.joint_positions_at(q)
     reach = _REACH * arm.length
     near = problem.workspace.near(shapely.LineString(points), arm.radius + problem.workspace.clearance + reach)
-    contacts = ContactFinder(arm, near.flat_walls, near.clearance, 0.0, reach).find(points)
+    contacts = WallFinder(arm, near.flat_walls, near.clearance, 0.0, reach).find(points)
     at_mount = (contacts.first == 0) & np.isclose(contacts.first_at * arm.link_length, arm.mount_length)
     flush = at_mount & (contacts.second == WALL) & (np.abs(contacts.gap) <= _FLUSH * arm.length)
 
@@ -327,7 +326,7 @@ def contact_of(task: "SpaceTask", q: FloatArray, beyond: float = 0.0) -> str:
             )
     if arm.self_collision:
         kept = 2.0 * arm.radius + beyond
-        nearest = task.contact_certificate.motion.nearest_pairs(points[None], kept)
+        nearest = nearest_links(arm, points[None], kept)
         if nearest.first[0] >= 0:
             missing = short_length(kept - float(nearest.distance[0]))
             return f"link {nearest.first[0] + 1} and link {nearest.second[0] + 1}, {missing} too near"
@@ -418,7 +417,7 @@ def _itself(problem: Problem, points: FloatArray, reach: float) -> NearestOfSamp
     arm = problem.arm
     if not arm.self_collision:
         return _nothing(len(points), reach)
-    nearest = LinkMotion(arm).nearest_pairs(in_space(points), reach + 2.0 * arm.radius)
+    nearest = nearest_links(arm, in_space(points), reach + 2.0 * arm.radius)
     found = nearest.first >= 0
     gap = np.where(found, nearest.distance - 2.0 * arm.radius, reach)
     return NearestOfSamples(gap, nearest.first + 1, np.where(found, nearest.second + 1, -1))

@@ -11,6 +11,7 @@ import shapely
 from scipy.interpolate import BSpline
 
 from ccm_opt.core.arrays import TINY, FloatArray
+from ccm_opt.planning.limits.clearance_rows import motion_rows
 from ccm_opt.planning.limits.gate_rails import GateLines, GateRails
 from ccm_opt.planning.limits.limit import Limit
 from ccm_opt.planning.limits.limit_stack import ContactLimit, limits_with
@@ -29,7 +30,7 @@ from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.configuration import Configuration
 from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
 from ccm_opt.scene.certificate import Certificate, allowed_contact
-from ccm_opt.scene.contact_finder import ContactFinder
+from ccm_opt.scene.contact_finder import WallFinder
 from ccm_opt.scene.workspace import Workspace
 
 _SPARE_AT_ENDS = 0.5
@@ -151,14 +152,14 @@ class MotionTask(SearchTask):
         return self.certificate_with(-np.inf)
 
     @cached_property
-    def _end_finder(self) -> ContactFinder:
+    def _end_finder(self) -> WallFinder:
         """Of gaps at the ends of the motion."""
         return self.finder(0.0, _END_REACH * _SPARE * self.arm.length)
 
-    def finder(self, margin: float, reach: float) -> ContactFinder:
+    def finder(self, margin: float, reach: float) -> WallFinder:
         """A finder of contacts with a planning margin and a reach [m]."""
         walls = self.workspace.flat_walls
-        return ContactFinder(self.arm, walls, self.workspace.clearance, margin, reach)
+        return WallFinder(self.arm, walls, self.workspace.clearance, margin, reach)
 
     def stepper(self, space: LinkSpace, margin: float) -> Stepper:
         """Takes steps in a space that keep a planning margin, in nominal links."""
@@ -167,11 +168,12 @@ class MotionTask(SearchTask):
         return Stepper(space, self.limits(finder), self.settings, finder=finder)
 
     def limits(
-        self, finder: ContactFinder, wanted_gap: float = 0.0, certificate: Certificate | None = None
+        self, finder: WallFinder, wanted_gap: float = 0.0, certificate: Certificate | None = None
     ) -> tuple[Limit, ...]:
         """All limits of the motion, contact by a finder's margin and reach, and by a gap that is asked for [m]."""
         step = self.settings.step
-        contact = ContactLimit(finder, certificate or self.contact_certificate, step, wanted_gap, self.gates)
+        rows = partial(motion_rows, workspace=self.workspace)
+        contact = ContactLimit(finder, certificate or self.contact_certificate, step, rows, wanted_gap, self.gates)
         drawn = () if self.gates is None else (GateRails(self._rails, self.gates, _PLAY * finder.margin),)
         # What a user's equations move has to be straight again in the guide tube.
         return limits_with(self.arm, contact, step, (*drawn, *self.user_limits, *self.held))

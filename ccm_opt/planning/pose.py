@@ -117,6 +117,10 @@ class CurveUnknowns(ABC):
     def pose(self, v: FloatArray) -> Pose:
         """The pose of unknowns, shape (p,)."""
 
+    def poses(self, unknowns: FloatArray) -> tuple[Pose, ...]:
+        """The poses of several unknowns, shape (m, p)."""
+        return tuple(self.pose(v) for v in unknowns)
+
     def pieces(self, before: FloatArray, after: FloatArray) -> list[FloatArray]:
         """Unknowns along an edge between which configurations change evenly, its ends among them."""
         return [before, after]

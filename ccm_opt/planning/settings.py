@@ -71,6 +71,12 @@ class AnyStepSettings:
         largest_turn: largest turn of a link in one step [rad], so that the linearised rows hold. Taste.
         limit_share: share of a joint limit that planning uses: rows do not know that the shape of a fed arm changes
             with its feed. Taste.
+        firm_share: of what a gap lacks to its margin that rows ask for, where there is such a step; usually nothing.
+            Taste.
+        mending_share: the same that a step is drawn to mend. Taste.
+        push_weight: weight on that, against a nominal link's distance. Taste.
+        keep_share: share of the planning margin that every accepted pose keeps, where steps are not proved. Taste.
+        travel: farthest way of a joint in a step, and the same where walls or links are within reach [u].
         still: whether to keep the arm still where nothing else asks for more.
         proof_depth: bisections of the proof of every step; None where whole motions alone are proved.
         ridge: keeps the step's Hessian definite where no term reaches. Taste.
@@ -81,6 +87,11 @@ class AnyStepSettings:
     ridge: float = 1e-8
     blend_ridge: float = 1e-8
     limit_share: float = 0.995
+    firm_share: float = 0.0
+    mending_share: float = 1.0
+    push_weight: float = 30.0
+    keep_share: float = 0.0
+    travel: tuple[float, float] = (1.5, 0.8)
     still: bool = True
     proof_depth: int | None = 5
 
@@ -99,10 +110,7 @@ class StepSettings(AnyStepSettings):
             the limit. Taste.
         full_limit_share: the same where the ends, or what keeps the arm off its goal, ask for more. Derived: what rows
             and polishing may err by is a hundredth of a degree at most.
-        keep_share: share of the planning margin that every accepted pose keeps. Taste.
-        firm_share: the same that rows ask for, where there is such a step; usually nothing. Taste.
         narrow_firm_share: the same where margins are narrow. Taste.
-        push_weight: weight on mending gaps inside their margin, against a nominal link's distance. Taste.
         ridge: as of any step.
         narrow_ridge: the same where margins are narrow. Measured: beside the heavy weights there the solver does not
             tell a Hessian with the usual ridge definite, and takes 600 iterations where 10 do.
@@ -117,9 +125,9 @@ class StepSettings(AnyStepSettings):
     proof_depth: int | None = None
     full_limit_share: float = 0.9995
     keep_share: float = 0.4
-    firm_share: float = 0.0
+    mending_share: float = 0.5
+    travel: tuple[float, float] = (np.inf, np.inf)
     narrow_firm_share: float = 0.5
-    push_weight: float = 30.0
     ridge: float = 1e-9
     narrow_ridge: float = 1e-6
     blend_ridge: float = 1e-6

@@ -15,23 +15,25 @@ from ccm_opt.ik.compiled_terms import UserTerms
 from ccm_opt.planning.curve_map import CurveMap
 from ccm_opt.planning.goal import GoalPose, moved_onto
 from ccm_opt.planning.limits.limit import LimitOf
-from ccm_opt.planning.limits.limit_stack import FeedLimit, SurfaceLimit, limits_with, within_limits
+from ccm_opt.planning.limits.limit_stack import ContactLimit, FeedLimit, limits_with, within_limits
 from ccm_opt.planning.limits.motion_certificate import MotionCertificate
+from ccm_opt.planning.limits.surface_rows import motion_rows, room_lacking
 from ccm_opt.planning.limits.user_limit import UserLimit
 from ccm_opt.planning.motion import CurveMotion, SpaceMotion
+from ccm_opt.planning.optimisation.interval_rows import Sweep
 from ccm_opt.planning.optimisation.objective import normalised
 from ccm_opt.planning.optimisation.sequential_convex import MotionProgram
 from ccm_opt.planning.passed_places import PassedPlaces, first_missed, passings
 from ccm_opt.planning.room_lacking import distance_lacking
 from ccm_opt.planning.search import SearchTask
 from ccm_opt.planning.settings import SpaceMotionSettings
-from ccm_opt.planning.space_certificate import LinkMotion, SpaceCertificate
-from ccm_opt.planning.space_sweep import SpaceSweep, room_lacking
+from ccm_opt.planning.space_certificate import SpaceCertificate
 from ccm_opt.planning.step import SpaceStepper
 from ccm_opt.problem import JointPose, Problem
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.configuration import Configuration
 from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
+from ccm_opt.scene.contact_finder import SurfaceFinder, nearest_links
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 
 _LEAD = 0.04
@@ -46,6 +48,8 @@ _ROW_SEEN = 0.3
 """Rows nearer to their bound than this enter its QP [u]."""
 _GROUPS = 24
 """Arms with more links than this have rows for groups of neighbouring joints."""
+_REACH = 0.35
+"""Gap beyond that from which on surfaces, and links from each other, are left out of a step [u]."""
 _MARGIN = 0.06
 """Gap that steps keep beyond contact [u]."""
 _LEAST_SPARE = 1.2e-5
@@ -110,11 +114,16 @@ class SpaceTask(SearchTask):
     @cached_property
     def certificate(self) -> MotionCertificate:
         """The certificate of all limits that motions must pass."""
-        return MotionCertificate(self.arm, self.spare, self.limits(0.0))
+        return MotionCertificate(self.arm, self.spare, self.limits(self.finder(0.0, 0.0)))
 
-    def limits(self, margin: float, wanted_gap: float = 0.0, seen: float = 0.0) -> tuple[LimitOf[Any], ...]:
-        """All limits, contact by a planning margin, by a gap that is asked for, and by how far is seen [m]."""
-        contact = SurfaceLimit(self.contact_certificate, margin, wanted_gap, seen)
+    def finder(self, margin: float, reach: float) -> SurfaceFinder:
+        """A finder of contacts, beyond what is proved, with a planning margin and a reach [m]."""
+        return SurfaceFinder(self.arm, self.tree, self.names, self.contact_certificate.gap, margin, reach)
+
+    def limits(self, finder: SurfaceFinder, wanted_gap: float = 0.0) -> tuple[LimitOf[Any], ...]:
+        """All limits of the motion, contact by a finder's margin and reach, and by a gap that is asked for [m]."""
+        rows = partial(motion_rows, finder=finder)
+        contact = ContactLimit(finder, self.contact_certificate, self.settings.step, rows, wanted_gap)
         feed = (FeedLimit(),) if self.arm.base_axes else ()
         return limits_with(self.arm, contact, self.settings.step, (*feed, *self.user_limits, *self.held))
 
@@ -139,7 +148,7 @@ class SpaceTask(SearchTask):
         reach = self.kept + most
         room = float(np.min(self.tree.distances(axes, reach), initial=reach)) - self.kept
         if arm.self_collision:
-            nearest = LinkMotion(arm).nearest_pairs(points[None], 2.0 * arm.radius + most)
+            nearest = nearest_links(arm, points[None], 2.0 * arm.radius + most)
             room = min(room, float(nearest.distance[0]) - 2.0 * arm.radius)
         return room
 
@@ -156,7 +165,7 @@ class SpaceTask(SearchTask):
         tips = self.arm.joint_positions_at(motion.curve.configurations(motion.unknowns))[:, -1]
         return np.union1d(marks, passings(tips, np.stack(self.via)).along)
 
-    def program(self, motion: SpaceMotion, margin: float | None = None) -> MotionProgram[SpaceSweep]:
+    def program(self, motion: SpaceMotion, margin: float | None = None) -> MotionProgram[Sweep]:
         """The program of optimising a motion, its keyframes still to be chosen."""
         kept = _ROW_MARGIN * self.unit if margin is None else margin * self.arm.length
         goal = self.limited_goal
@@ -166,8 +175,8 @@ class SpaceTask(SearchTask):
         passed = (PassedPlaces(np.stack(self.via), _PASSING * self.via_reach),) if self.via else ()
         return MotionProgram(
             curve=motion.curve,
-            sweep=partial(SpaceSweep, motion.curve),
-            limits=(*self.limits(kept, self.wanted_gap, _ROW_SEEN * self.unit), *passed),
+            sweep=partial(Sweep, motion.curve),
+            limits=(*self.limits(self.finder(kept, _ROW_SEEN * self.unit), self.wanted_gap), *passed),
             failures=partial(self.failures, motion.curve),
             goal=goal,
             end_fixed=self.goal_pose is not None or not on_goal,
@@ -182,9 +191,9 @@ class SpaceTask(SearchTask):
             lack=self._lack,
         )
 
-    def _lack(self, sweep: SpaceSweep) -> float:
+    def _lack(self, sweep: Sweep) -> float:
         """Room that a motion lacks over all its intervals, in nominal links."""
-        return float(np.sum(room_lacking(sweep, self.contact_certificate, self.wanted_gap))) / self.unit
+        return float(np.sum(room_lacking(sweep, self.finder(0.0, 0.0), self.wanted_gap))) / self.unit
 
     @property
     def user_limits(self) -> tuple[UserLimit, ...]:
@@ -226,7 +235,9 @@ class SpaceTask(SearchTask):
 
     def stepper(self, curve: CurveMap, share: float = 1.0) -> SpaceStepper:
         """Takes steps in the unknowns of a curve, with a share of the margin."""
-        return SpaceStepper(curve, self.limits(share * self.margin), self.settings)
+        margin = share * self.margin
+        finder = self.finder(margin, margin + _REACH * curve.nominal_length)
+        return SpaceStepper(curve, self.limits(finder), self.settings)
 
 
 def reach_box(arm: Arm, bounds: FloatArray | None) -> FloatArray:

@@ -14,7 +14,7 @@ from ccm_opt.planning.limits.motion_certificate import failing_edges
 from ccm_opt.planning.link_space import LinkSpace
 from ccm_opt.planning.pose import CurveUnknowns, Pose, Term, normal_equations
 from ccm_opt.planning.settings import EngineSettings, MotionSettings
-from ccm_opt.scene.contact_finder import ContactFinder
+from ccm_opt.scene.contact_finder import WallFinder
 
 _ITERATIONS_A_ROW = 8
 """Most iterations of the QP to a row: a jammed arm would go on in vain, but 192 links need more than 24 in all.
@@ -129,7 +129,7 @@ class Stepper(StepperOf[LinkSpace]):
     """
 
     settings: MotionSettings = field(default_factory=MotionSettings)
-    finder: ContactFinder = field(kw_only=True)
+    finder: WallFinder = field(kw_only=True)
 
     @property
     def among_many_walls(self) -> bool:

@@ -1,4 +1,4 @@
-"""Configurations, joint positions, Jacobians and sag bounds of all keyframes of a motion at once."""
+"""What motions in the plane know more than others: by how much joints leave their chords, and how rows are curved."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -10,7 +10,7 @@ from ccm_opt.planning.link_space import LinkSpace
 from ccm_opt.planning.optimisation.interval_rows import IntervalRows, RowCurvature, Sweep
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class PlanarSweep(Sweep):
     """A piecewise-linear motion with what the rows need of it; K intervals, n links, p coordinates.
 
@@ -23,30 +23,9 @@ class PlanarSweep(Sweep):
     unknowns: FloatArray
 
     @cached_property
-    def configurations(self) -> FloatArray:
-        """At the keyframes, shape (K + 1, c) [rad, m]."""
-        return self.space.configurations(self.unknowns)
-
-    @cached_property
     def headings(self) -> FloatArray:
         """Link headings, shape (K + 1, links) [rad]."""
         return self.space.arm.headings(self.configurations)
-
-    @cached_property
-    def points(self) -> FloatArray:
-        """Joint and tip positions, the mount's end, and last what stands still, shape (K + 1, n + 3, 2) [m]."""
-        return self._with_marks(self.space.arm.joint_positions_at(self.configurations), self.space.arm.base)
-
-    @cached_property
-    def middles(self) -> FloatArray:
-        """Joint and tip positions half-way through the intervals, shape (K, n + 1, 2) [m]."""
-        # Of the mean bends, not the mean of the positions: links keep their length on the way.
-        return self.space.arm.joint_positions_at(0.5 * (self.configurations[:-1] + self.configurations[1:]))
-
-    @cached_property
-    def middle_points(self) -> FloatArray:
-        """As ``points``, half-way through the intervals, shape (K, n + 3, 2) [m]."""
-        return self._with_marks(self.middles, self.space.arm.base)
 
     @cached_property
     def turns(self) -> FloatArray:
@@ -68,23 +47,6 @@ class PlanarSweep(Sweep):
         slopes = np.zeros((self.intervals, self.space.arm.links + 1, self.space.dimension))
         np.cumsum(steps, axis=-2, out=slopes[:, 1:])
         return slopes
-
-    @cached_property
-    def moving(self) -> FloatArray:
-        """Derivatives of ``points`` by the coordinates, shape (K + 1, n + 3, 2, p) [m per unit]."""
-        return self._with_marks(self.space.jacobians(self.headings), np.zeros((2, 1)))
-
-    @property
-    def slopes(self) -> FloatArray:
-        """Derivatives of the configurations by the coordinates, shape (K + 1, c, p)."""
-        slopes = self.space.slopes
-        return np.broadcast_to(slopes, (len(self.unknowns), *slopes.shape))
-
-    @property
-    def turn_metrics(self) -> FloatArray:
-        """Squared turns of the links by the coordinates, shape (K + 1, p, p)."""
-        metric = self.space.heading_metric
-        return np.broadcast_to(metric, (len(self.unknowns), *metric.shape))
 
     # ------------------------------------------------------------ what rows need
     def deviation(self, rows: IntervalRows) -> FloatArray:
@@ -150,10 +112,3 @@ class PlanarSweep(Sweep):
         carried = np.cumsum(forces[:, :links], axis=1)
         bent = np.cos(self.headings) * carried[..., 0] + np.sin(self.headings) * carried[..., 1]
         return -l * bent, 0.25 * l * np.cumsum(sag, axis=1)[:, :links]
-
-    def _with_marks(self, joints: FloatArray, standing: FloatArray) -> FloatArray:
-        """Values at the joints, at the mount's end, linear between the joints of its link, and at what stands still."""
-        link, share = self.space.arm.mount_end
-        at_mount = (1.0 - share) * joints[:, link : link + 1] + share * joints[:, link + 1 : link + 2]
-        still = np.broadcast_to(standing, at_mount.shape)
-        return np.concatenate((joints, at_mount, still), axis=1)

@@ -20,6 +20,7 @@ from ccm_opt.planning.curve_map import CurveMap
 from ccm_opt.planning.draws import TargetDraws
 from ccm_opt.planning.ends import clamped_arm, resolve_ends
 from ccm_opt.planning.goal import GoalPose, moved_onto
+from ccm_opt.planning.limits.clearance_rows import motion_rows
 from ccm_opt.planning.limits.limit_stack import ContactLimit, limits_with
 from ccm_opt.planning.link_space import KNOTS, LinkSpace, fit_coordinates
 from ccm_opt.planning.pose import Pose
@@ -30,7 +31,7 @@ from ccm_opt.planning.step import Stepper, StepperOf
 from ccm_opt.problem import Problem, TipGoal
 from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
 from ccm_opt.scene.certificate import Certificate
-from ccm_opt.scene.contact_finder import ContactFinder
+from ccm_opt.scene.contact_finder import WallFinder
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 
 _STEPS = 40
@@ -277,11 +278,12 @@ def _in_plane(problem: Problem, settings: ReachSettings) -> TipLooker:
     workspace = problem.workspace
     motion = MotionSettings()
     margin = settings.margin * arm.length / NOMINAL_LINKS
-    finder = ContactFinder(arm, workspace.flat_walls, workspace.clearance, margin, settings.seen * arm.length)
+    finder = WallFinder(arm, workspace.flat_walls, workspace.clearance, margin, settings.seen * arm.length)
     space, start = LinkSpace.through(arm, ends.start, clamped=ends.clamped)
     shapes = TargetDraws.within(space, [ends.start], KNOTS + 1, motion.step.limit_share)
 
-    contact = ContactLimit(finder, Certificate(arm, workspace), motion.step)
+    rows = partial(motion_rows, workspace=workspace)
+    contact = ContactLimit(finder, Certificate(arm, workspace), motion.step, rows)
     stepper = Stepper(space, limits_with(arm, contact, motion.step), motion, finder=finder)
 
     def free(pose: Pose) -> bool:

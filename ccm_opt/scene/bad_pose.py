@@ -8,7 +8,7 @@ from ccm_opt.core.errors import Diagnosis, UnreachableGoal
 from ccm_opt.core.length_words import place, short_length
 from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.certificate import Certificate, allowed_contact
-from ccm_opt.scene.contact_finder import DEFAULT_CERTIFICATE, ContactFinder
+from ccm_opt.scene.contact_finder import DEFAULT_CERTIFICATE, WallFinder
 from ccm_opt.scene.workspace import Workspace
 
 
@@ -69,7 +69,7 @@ def refuse_bad_pose(arm: Arm, workspace: Workspace, q: FloatArray, which: str, r
     # Walls farther away can neither be touched nor hold the arm inside.
     farthest = arm.radius + workspace.clearance + reach * arm.length
     workspace = workspace.near(shapely.LineString(points), farthest)
-    finder = ContactFinder(arm, workspace.flat_walls, workspace.clearance, 0.0, reach * arm.length)
+    finder = WallFinder(arm, workspace.flat_walls, workspace.clearance, 0.0, reach * arm.length)
     contacts = finder.find(points)
     # An axis without width that touched a wall could not be told from one that crosses it.
     may_touch = allowed_contact(arm, workspace) > 0.0

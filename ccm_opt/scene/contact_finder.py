@@ -1,5 +1,7 @@
 """Contacts of links with walls and with each other."""
 
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 
 import numpy as np
@@ -8,6 +10,7 @@ from ccm_opt.core.arrays import BoolArray, FloatArray, IntArray
 from ccm_opt.core.length_words import short_length
 from ccm_opt.core.native import NativeCall
 from ccm_opt.robot.arm import Arm
+from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from ccm_opt.scene.walls import Walls
 
 WALL = -1
@@ -75,12 +78,61 @@ DEFAULT_CERTIFICATE = CertificateSettings()
 """The numbers that are used unless others are given."""
 
 
+_PLANES = 14
+"""Most half-spaces that a link in space is given."""
 _RUN = 8
 """``RUN`` of near_pairs.c."""
 
 
-class ContactFinder:
-    """Finds the contacts of poses of one arm among fixed walls; not for use by two threads at once.
+class ContactFinder(ABC):
+    """Finds the contacts of poses of one arm; not for use by two threads at once.
+
+    Args:
+        arm: the arm.
+        names: of what it may touch.
+        margin: planning margin beyond contact [m].
+        reach: pairs with a gap below this are reported [m].
+    """
+
+    def __init__(self, arm: Arm, names: Sequence[str], margin: float, reach: float) -> None:
+        self.arm = arm
+        self.names = names
+        self.margin = margin
+        self.reach = reach
+
+    @abstractmethod
+    def find(self, points: FloatArray) -> Contacts:
+        """Contacts of a pose with a gap below the reach.
+
+        Args:
+            points: joint and tip positions, shape (links + 1, d) [m].
+        """
+
+    def crosses(self, points: FloatArray) -> bool:
+        """Whether a link of a pose cuts something that gaps do not tell of; distances from triangles are 0 there."""
+        del points
+        return False
+
+    def describe(self, contacts: Contacts) -> str:
+        """The contact that is furthest inside its margin, in words."""
+        tightest = self.tightest(contacts)
+        if tightest is None:
+            return "nothing near"
+        link, other, gap = tightest
+        return f"link {link} and {other}, gap {short_length(gap)}"
+
+    def tightest(self, contacts: Contacts) -> tuple[int, str, float] | None:
+        """Of the contact that is furthest inside its margin: link from 1, what it is near to, gap [m]; None if none."""
+        if len(contacts) == 0:
+            return None
+        k = int(np.argmin(contacts.gap - contacts.margin))
+        wall = contacts.second[k] == WALL
+        other = f"'{self.names[contacts.wall[k]]}'" if wall else f"link {contacts.second[k] + 1}"
+        return int(contacts.first[k]) + 1, other, float(contacts.gap[k])
+
+
+class WallFinder(ContactFinder):
+    """Finds contacts among fixed walls in the plane.
 
     Args:
         arm: the arm.
@@ -91,10 +143,8 @@ class ContactFinder:
     """
 
     def __init__(self, arm: Arm, walls: Walls, clearance: float, margin: float, reach: float) -> None:
-        self.arm = arm
+        super().__init__(arm, walls.names, margin, reach)
         self.walls = walls
-        self.margin = margin
-        self.reach = reach
         link, at = arm.mount_end
         apart = np.arange(arm.links)
         # Distance of the arm's axis from each wall's core where they touch.
@@ -117,11 +167,7 @@ class ContactFinder:
         self._make_room(64)
 
     def find(self, points: FloatArray) -> Contacts:
-        """Contacts of a pose with a gap below the reach.
-
-        Args:
-            points: joint and tip positions, shape (links + 1, 2) [m].
-        """
+        """As of any finder, shape (links + 1, 2) [m]."""
         # By identity, not by value: a step and its check ask for the same array twice. Arrays of points must not be
         # changed in place.
         if self._latest is not None and self._latest[0] is points:
@@ -152,22 +198,117 @@ class ContactFinder:
             pair_margins=margin, normal=normal,
         )  # fmt: skip
 
-    def describe(self, contacts: Contacts) -> str:
-        """The contact that is furthest inside its margin, in words."""
-        tightest = self.tightest(contacts)
-        if tightest is None:
-            return "nothing near"
-        link, other, gap = tightest
-        return f"link {link} and {other}, gap {short_length(gap)}"
 
-    def tightest(self, contacts: Contacts) -> tuple[int, str, float] | None:
-        """Of the contact that is furthest inside its margin: link from 1, what it is near to, gap [m]; None if none."""
-        if len(contacts) == 0:
-            return None
-        k = int(np.argmin(contacts.gap - contacts.margin))
-        wall = contacts.second[k] == WALL
-        other = f"'{self.walls.names[contacts.wall[k]]}'" if wall else f"link {contacts.second[k] + 1}"
-        return int(contacts.first[k]) + 1, other, float(contacts.gap[k])
+class SurfaceFinder(ContactFinder):
+    """Finds contacts with surfaces in space.
+
+    Args:
+        arm: the arm.
+        tree: of the surfaces.
+        names: of their owners.
+        clearance: gap to keep from them beyond the radius [m].
+        margin: planning margin on top of it [m].
+        reach: pairs with a gap below this are reported [m].
+    """
+
+    def __init__(
+        self, arm: Arm, tree: SurfaceTree, names: Sequence[str], clearance: float, margin: float, reach: float
+    ) -> None:
+        super().__init__(arm, names, margin, reach)
+        self.tree = tree
+        self.kept = arm.radius + clearance
+        self._first_pair = arm.first_self_pair if arm.self_collision else arm.links
+        self._pairs = NativeCall("near_links", links=arm.links, first_pair=self._first_pair)
+        self._make_room(256)
+
+    def find(self, points: FloatArray) -> Contacts:
+        """As of any finder, shape (links + 1, 3) [m]: the half-spaces about links that are free of surfaces."""
+        mounted, segments = self.arm.exposed_links(points)
+        begins = self.arm.mount_end[1]
+        planes = self.tree.planes(segments, self.kept + self.reach, _PLANES)
+        share = np.where(planes.link == 0, begins + (1.0 - begins) * planes.share, planes.share)
+        count = len(planes.gap)
+        walls = Contacts(
+            planes.link + mounted, share, np.full(count, WALL), np.zeros(count), planes.normal, planes.gap - self.kept,
+            np.full(count, self.margin), planes.owner,
+        )  # fmt: skip
+        if not self.arm.self_collision:
+            return walls
+        links = self.near_links(points, self.reach)
+        joined = ([getattr(part, each.name) for part in (walls, links)] for each in fields(Contacts))
+        return Contacts(*(np.concatenate(parts) for parts in joined))
+
+    def near_links(self, points: FloatArray, reach: float) -> Contacts:
+        """Pairs of distant links whose gap is below a reach [m] in a pose, shape (links + 1, 3) [m]."""
+        self._pairs.set(points=checked_joints(self.arm, points[None])[0], reach=2.0 * self.arm.radius + reach)
+        self._pairs()
+        if self._pairs.fields.count > self._pairs.fields.capacity:
+            self._make_room(2 * self._pairs.fields.count)
+            self._pairs()
+        k = self._pairs.fields.count
+        first, second = self._numbers[:, :k].copy()
+        first_at, second_at, distance = self._reals[:, :k].copy()
+        margin = self.arm.link_margins(first, second, self.margin)
+        normal = self._normals[:k].copy()
+        gap = distance - 2.0 * self.arm.radius
+        return Contacts(first, first_at, second, second_at, normal, gap, margin, np.full(k, len(self.names)))
+
+    def _make_room(self, capacity: int) -> None:
+        """Room for so many pairs."""
+        self._numbers = np.zeros((2, capacity), dtype=np.int64)
+        self._reals = np.zeros((3, capacity))
+        self._normals = np.zeros((capacity, 3))
+        first, second = self._numbers
+        first_at, second_at, distance = self._reals
+        self._pairs.set(
+            capacity=capacity, first=first, second=second, first_at=first_at, second_at=second_at, distance=distance,
+            normal=self._normals,
+        )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class NearestLinks:
+    """The nearest pair of distant links in each of some poses in space.
+
+    Attributes:
+        first: link nearer to the base; −1 where none is in reach, shape (T,).
+        second: the other, shape (T,).
+        distance: of the axes; the reach where none is in reach, shape (T,) [m].
+    """
+
+    first: IntArray
+    second: IntArray
+    distance: FloatArray
+
+
+def nearest_links(arm: Arm, points: FloatArray, reach: float) -> NearestLinks:
+    """The nearest pair of distant links in every pose, the first of equally near ones.
+
+    Args:
+        arm: the arm.
+        points: joints and tip, shape (T, links + 1, 3) [m].
+        reach: distance of the axes from which on they are left out [m].
+    """
+    poses = len(checked_joints(arm, points))
+    first, second = np.full((2, poses), -1, dtype=np.int64)
+    nearest = NearestLinks(first, second, np.full(poses, float(reach)))
+    NativeCall(
+        "nearest_links",
+        links=arm.links, first_pair=arm.first_self_pair if arm.self_collision else arm.links, poses=poses, reach=reach,
+        points=points, **vars(nearest),
+    )()  # fmt: skip
+    return nearest
+
+
+def checked_joints(arm: Arm, points: FloatArray) -> FloatArray:
+    """Joints and tips of poses in space for C.
+
+    Raises:
+        ValueError: their shape is not (T, links + 1, 3).
+    """
+    if points.ndim != 3 or points.shape[1:] != (arm.links + 1, 3):
+        raise ValueError(f"joints have the shape {points.shape[1:]}; expected ({arm.links + 1}, 3)")
+    return points
 
 
 def closest_on_segments(

@@ -11,7 +11,7 @@ import numpy as np
 
 from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.robot.arm import Arm
-from ccm_opt.scene.contact_finder import WALL, ContactFinder, Contacts, closest_on_segments, segments_cross
+from ccm_opt.scene.contact_finder import WALL, Contacts, WallFinder, closest_on_segments, segments_cross
 from ccm_opt.scene.walls import Walls
 
 _SLACK = 1.5
@@ -23,7 +23,7 @@ two joints together move by less than the slack."""
 
 @dataclass(frozen=True)
 class PairQuestion:
-    """One arm among fixed walls, and which of its near pairs are wanted: what a ``ContactFinder`` is made of."""
+    """One arm among fixed walls, and which of its near pairs are wanted: what a ``WallFinder`` is made of."""
 
     arm: Arm
     walls: Walls
@@ -32,9 +32,9 @@ class PairQuestion:
     reach: float
 
     @property
-    def finder(self) -> ContactFinder:
+    def finder(self) -> WallFinder:
         """The finder that is asked."""
-        return ContactFinder(self.arm, self.walls, self.clearance, self.margin, self.reach)
+        return WallFinder(self.arm, self.walls, self.clearance, self.margin, self.reach)
 
     @cached_property
     def wall_gap(self) -> FloatArray:
@@ -60,7 +60,7 @@ class _NeighbourList:
 
 
 class NeighbourPairs:
-    """Answers what ``ContactFinder`` does.
+    """Answers what ``WallFinder`` does.
 
     Args:
         question: arm, walls, and which pairs are wanted.

@@ -6,14 +6,31 @@ from dataclasses import dataclass
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray, IntArray
-from ccm_opt.planning.space_certificate import LinkPairs
+from ccm_opt.core.native import NativeCall
 from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.distances.enclosures import segment_distances
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 
 
+def bows(arm: Arm, rotations: FloatArray, turns: FloatArray) -> FloatArray:
+    """Bounds of the proof on the second derivatives of joints and tip, in C, shape (links + 1,) [m].
+
+    Args:
+        arm: the arm.
+        rotations: of the links in the middle of the interval, shape (links, 3, 3).
+        turns: of the joints over the interval, shape (2 links,) [rad].
+    """
+    bow = np.zeros(arm.links + 1)
+    NativeCall(
+        "motion_bounds",
+        links=arm.links, length=arm.link_length, base=arm.base_rotation, speed=np.zeros(arm.links), bow=bow,
+        rotations=rotations, turns=turns,
+    )()  # fmt: skip
+    return bow
+
+
 def bows_by_numpy(arm: Arm, rotations: FloatArray, turns: FloatArray) -> FloatArray:
-    """As ``LinkMotion.bows``."""
+    """As ``bows``."""
     about_z = turns[0::2]
     about_y = turns[1::2]
     before = np.concatenate((arm.base_rotation[None], rotations[:-1]))
@@ -31,14 +48,12 @@ def bows_by_numpy(arm: Arm, rotations: FloatArray, turns: FloatArray) -> FloatAr
     return bows
 
 
-def near_pairs_by_numpy(arm: Arm, points: FloatArray, reach: float) -> LinkPairs:
-    """As ``LinkMotion.near_pairs``."""
+def near_pairs_by_numpy(arm: Arm, points: FloatArray, reach: float) -> tuple[IntArray, IntArray, FloatArray]:
+    """Links i < j whose axes are nearer than a reach [m], and their distances, each of shape (k,)."""
     first, second = np.triu_indices(arm.links, arm.first_self_pair if arm.self_collision else arm.links)
-    first_at, second_at, distance, normal = segment_distances(
-        points[first], points[first + 1], points[second], points[second + 1]
-    )
+    _, _, distance, _ = segment_distances(points[first], points[first + 1], points[second], points[second + 1])
     near = distance < reach
-    return LinkPairs(first[near], second[near], first_at[near], second_at[near], distance[near], normal[near])
+    return first[near], second[near], distance[near]
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,8 +170,8 @@ class SpaceCertificateByNumpy:
         if not arm.self_collision:
             return np.zeros(0, dtype=np.intp), np.zeros(0, dtype=np.intp)
         reach = 2.0 * arm.radius + self.pair_gap + 2.0 * float(np.max(interval.speeds))
-        near = near_pairs_by_numpy(self.arm, interval.first.points, reach)
-        return near.first, near.second
+        first, second, _ = near_pairs_by_numpy(self.arm, interval.first.points, reach)
+        return first, second
 
     def _pairs_clear(self, interval: _Interval, i: IntArray, j: IntArray, depth: int) -> bool:
         """Whether pairs (i, j) of links keep apart."""

@@ -33,7 +33,7 @@ from ccm_opt.robot.configuration import Configuration
 from ccm_opt.robot.frames import joint_names, revolute_angles
 from ccm_opt.scene.bad_pose import refuse_bad_pose, room_advice
 from ccm_opt.scene.certificate import Certificate, PairProofs, Stretches, WallProofs, WallQuestion
-from ccm_opt.scene.contact_finder import ContactFinder
+from ccm_opt.scene.contact_finder import WallFinder
 from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
 from ccm_opt.verification.chain_motion import ChainMotion
 from ccm_opt.verification.consistency import check_followed_curves, check_keyframes, check_nearest_curves
@@ -370,11 +370,11 @@ def near_poses(scale: float) -> None:
         headings = arm.headings(bends)
         points = arm.joint_positions(headings)
         room = Workspace(ROOM, walls()[k % 2 :], 0.002)
-        search = ContactFinder(arm, room.flat_walls, 0.002, 0.003, (0.03, 0.2)[k % 2])
+        search = WallFinder(arm, room.flat_walls, 0.002, 0.003, (0.03, 0.2)[k % 2])
         search.find(points).shortfall()
         search.find(points + 1e-4)
         search.crosses(points)
-        finder = ContactFinder(arm, room.flat_walls, 0.002, 0.003, 0.1)
+        finder = WallFinder(arm, room.flat_walls, 0.002, 0.003, 0.1)
         contacts = finder.find(points)
         finder.describe(contacts)
         finder.tightest(contacts)

@@ -15,6 +15,7 @@ import numpy as np
 
 from ccm_opt.core.arrays import SHORTEST, BoolArray, FloatArray, IntArray
 from ccm_opt.core.native import NativeCall, element_type
+from ccm_opt.planning.limits.limit_stack import ContactLimit
 from ccm_opt.planning.optimisation.interval_rows import STILL, IntervalRows, joined_rows
 from ccm_opt.planning.spline_path import smoothing_matrix
 from ccm_opt.planning.swept_motion import PlanarSweep
@@ -109,28 +110,20 @@ def _corners(sweep: PlanarSweep, interval: IntArray, link: IntArray) -> FloatArr
     return np.stack(corners, axis=1)
 
 
-def motion_rows(
-    sweep: PlanarSweep,
-    workspace: Workspace,
-    segments: WallSegments,
-    margin: float,
-    reach: float,
-    wanted: float = 0.0,
-    most: FloatArray | None = None,
-) -> IntervalRows:
+def motion_rows(sweep: PlanarSweep, contact: ContactLimit, workspace: Workspace) -> IntervalRows:
     """All rows of a motion, from regions about its own sweep; poses at the fixed start keep clear without margin.
 
     Args:
         sweep: the motion.
+        contact: says what gap to keep, what is too far apart for rows, and what room the smooth path should have.
         workspace: the workspace.
-        segments: its walls' segments.
-        margin: gap to keep beyond contact [m].
-        reach: what is farther apart makes no rows [m].
-        wanted: room beyond contact that the smooth path along the motion should have [m].
-        most: that links are asked to keep from walls in each interval, shape (K, links) [m]; None for no bound.
     """
     arm = sweep.space.arm
-    planes = sweep_regions(sweep, segments, sweep.space.arm.mount_end[0], reach)
+    margin = contact.finder.margin
+    reach = contact.finder.reach
+    wanted = contact.wanted
+    most = _most_in_gates(sweep, contact)
+    planes = sweep_regions(sweep, workspace.wall_segments, sweep.space.arm.mount_end[0], reach)
     kept = margin if most is None else np.minimum(margin, most[planes.interval, planes.link])
     need = np.broadcast_to(arm.radius + workspace.clearance + kept, len(planes.link))
     walls = wall_rows(planes, sweep, need)
@@ -152,6 +145,18 @@ def motion_rows(
     return replace(rows, constant=rows.constant - margin * at_start)
 
 
+def _most_in_gates(sweep: PlanarSweep, contact: ContactLimit) -> FloatArray | None:
+    """Most gap that links are asked to keep from walls in each interval, shape (K, links) [m]; None for no gates.
+
+    An interval has one slack: with more asked in a gate than there is, all of its other rows would be bought off.
+    """
+    if contact.gates is None:
+        return None
+    arm = sweep.space.arm
+    inside = contact.gates.holds_links(sweep.points[:, : arm.links + 1], arm.radius)
+    return np.where(inside[:-1] | inside[1:], contact.certificate.spare, np.inf)
+
+
 def asking_for_room(rows: IntervalRows, more: FloatArray, sweep: PlanarSweep, smooth: PlanarSweep) -> IntervalRows:
     """Rows that ask for more room, of the smooth path and not of its control polygon.
 
@@ -167,7 +172,7 @@ def asking_for_room(rows: IntervalRows, more: FloatArray, sweep: PlanarSweep, sm
     """
     keyframe = rows.interval + rows.share.astype(np.intp)
     beside = smooth.points - sweep.points
-    half_way = smooth.middle_points - 0.5 * (sweep.points[:-1] + sweep.points[1:])
+    half_way = smooth.half_way - 0.5 * (sweep.points[:-1] + sweep.points[1:])
     at_keyframe = beside[keyframe, rows.plus] - beside[keyframe, rows.minus]
     between = half_way[rows.interval, rows.plus] - half_way[rows.interval, rows.minus]
     loss = np.maximum(np.einsum("md,md->m", rows.normal, at_keyframe), np.einsum("md,md->m", rows.normal, between))
@@ -206,7 +211,7 @@ def wall_rows(planes: HalfPlanes, sweep: PlanarSweep, need: FloatArray) -> Inter
                 planes.link + 1,
                 np.zeros(m, dtype=np.intp),
                 planes.normal,
-                planes.normal @ arm.base + need - planes.bound,
+                need - planes.bound,
             )
             parts.append(rows.take(moves))
     return joined_rows(parts)

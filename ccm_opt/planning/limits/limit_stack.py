@@ -7,36 +7,27 @@ A new limit that always holds is one more line in ``limits_with``, for the plane
 and words stand in a file of its own.
 """
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from functools import partial
+from typing import Any
 
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.planning.curve_map import CurveMap, feed_to_next_stop
-from ccm_opt.planning.limits.clearance_rows import motion_rows
 from ccm_opt.planning.limits.gate_rails import GateLines
-from ccm_opt.planning.limits.limit import UNBOUNDED, KeyframeRows, Limit, LimitOf, LimitRows
-from ccm_opt.planning.link_space import LinkSpace
-from ccm_opt.planning.optimisation.interval_rows import IntervalRows
+from ccm_opt.planning.limits.limit import UNBOUNDED, KeyframeRows, LimitOf, LimitRows, of_any_length
+from ccm_opt.planning.limits.motion_certificate import IntervalCertificate
+from ccm_opt.planning.optimisation.interval_rows import IntervalRows, Sweep
 from ccm_opt.planning.pose import CurveUnknowns, Pose, Term, turn_rows
-from ccm_opt.planning.settings import AnyStepSettings, StepSettings
-from ccm_opt.planning.space_certificate import SpaceCertificate
-from ccm_opt.planning.space_sweep import SpaceSweep
-from ccm_opt.planning.space_sweep import motion_rows as surface_rows
+from ccm_opt.planning.settings import AnyStepSettings
 from ccm_opt.robot.arm import Arm
-from ccm_opt.scene.certificate import Certificate
 from ccm_opt.scene.contact_finder import WALL, ContactFinder, Contacts
-
-if TYPE_CHECKING:
-    from ccm_opt.planning.swept_motion import PlanarSweep
 
 _CLOSING_SHARE = 0.5
 """Share of its gap beyond the margin by which a near pair may close in one step. Derived: two links that move towards
 each other close it at most together."""
-_MENDING_SHARE = 0.5
-"""Share of what a gap lacks to its margin that a step asks for. Taste."""
 _NEAR_JOINT_LIMIT = 0.25
 """Bends nearer to their limit than this get rows in the optimisation [rad]. Taste: a little more than a step turns a
 joint."""
@@ -50,14 +41,6 @@ _UNEVENNESS = 1e-4
 _STILL = 0.01
 """Weight on the turns of the links and on the ways of the joints, where the arm is kept still."""
 
-_REACH = 0.35
-"""Gap from which on surfaces, and links from each other, are left out [u]."""
-_PULL = 30.0
-"""Weight that draws out what lies within the margin."""
-_TRAVEL = 1.5
-"""Farthest way of a joint in a step [u]."""
-_TRAVEL_NEAR_WALLS = 0.8
-"""The same where walls or other links are within reach."""
 _BEYOND = 1e-9
 """By how much rounding may carry a coordinate beyond its limits [rad, m]."""
 _SPARE_FEED = 0.004
@@ -67,10 +50,6 @@ _SPARE_SHARE = 0.01
 _KNOT_BEND = 1.1
 """Bound on the bend by the curvature at a knot of a fed arm, as a multiple of the joint limit; a joint takes the mean
 about its place, which is less."""
-_GAP_SHARE = 0.5
-"""Of the gap beyond the margin that one step may use."""
-_PLANES = 14
-"""Most half-spaces that a link is given."""
 _FEED = 0.3
 """Farthest way of the base in a step [u]."""
 
@@ -106,64 +85,6 @@ class AtRest(LimitOf[CurveUnknowns]):
         return LimitRows(np.zeros((0, p)), np.zeros(0), np.zeros(0), pulls=tuple(pulls))
 
 
-@dataclass(frozen=True, eq=False)
-class SurfaceLimit(LimitOf[CurveMap]):
-    """Keeps gaps to surfaces and between links open.
-
-    Attributes:
-        certificate: of what lies between keyframes.
-        margin: gap that steps and rows keep beyond contact [m].
-        wanted: room beyond that which the optimisation of a motion asks for [m].
-        seen: what is farther beyond both makes no rows in it [m].
-    """
-
-    certificate: SpaceCertificate
-    margin: float
-    wanted: float = 0.0
-    seen: float = 0.0
-
-    def linearised(self, space: CurveMap, pose: Pose, turn: float) -> LimitRows:
-        """Rows n·δP ≥ −share (gap − margin) off walls and other links, and what pulls out of the margin."""
-        del turn
-        arm = space.arm
-        unit = space.nominal_length
-        kept = self.certificate.kept
-        reach = self.margin + _REACH * unit
-        mounted, segments = arm.exposed_links(pose.points)
-        begins = arm.mount_end[1]
-        planes = self.certificate.tree.planes(segments, kept + reach, _PLANES)
-        share = np.where(planes.link == 0, begins + (1.0 - begins) * planes.share, planes.share)
-        at_plane = _point_jacobian(pose.moving, planes.link + mounted, share)
-        rows = [np.einsum("rd,rdp->rp", planes.normal, at_plane)]
-        gaps = [planes.gap - kept]
-        if arm.self_collision:
-            near = self.certificate.motion.near_pairs(pose.points, 2.0 * arm.radius + reach)
-            apart = _point_jacobian(pose.moving, near.first, near.first_at)
-            apart -= _point_jacobian(pose.moving, near.second, near.second_at)
-            rows.append(np.einsum("rd,rdp->rp", near.normal, apart))
-            gaps.append(near.distance - 2.0 * arm.radius)
-        matrix = np.concatenate(rows)
-        spare = np.concatenate(gaps) - self.margin
-        missing = spare < 0.0
-        pull = Term(matrix[missing], -spare[missing], _PULL / unit**2)
-        most = _TRAVEL_NEAR_WALLS if len(spare) else _TRAVEL
-
-        def excess(delta: FloatArray) -> float:
-            moves = np.linalg.norm(pose.moving @ delta, axis=1)
-            return float(np.max(moves)) / (most * unit)
-
-        lower = -_GAP_SHARE * np.maximum(spare, 0.0)
-        return LimitRows(matrix, lower, np.full(len(spare), UNBOUNDED), pulls=(pull,), excess=excess)
-
-    def interval_rows(self, sweep: SpaceSweep) -> tuple[IntervalRows, ...]:
-        """All rows of a motion."""
-        return (surface_rows(sweep, self.certificate, self.wanted + self.margin, self.seen),)
-
-    def failures(self, q: FloatArray, depth: int | None = None) -> IntArray:
-        """Intervals in which something may touch."""
-        return self.certificate.failures(q, depth)
-
-
 @dataclass(frozen=True)
 class FeedLimit(LimitOf[CurveMap]):
     """Bounds the way of the base of a fed arm in space, and what it carries beyond the guide tube in a step."""
@@ -189,7 +110,7 @@ class FeedLimit(LimitOf[CurveMap]):
         del near
         return within_limits(space.arm, final.q)
 
-    def keyframe_rows(self, sweep: SpaceSweep, u: FloatArray) -> tuple[KeyframeRows, ...]:
+    def keyframe_rows(self, sweep: Sweep, u: FloatArray) -> tuple[KeyframeRows, ...]:
         """The range of the feed, and the curvature at the knots.
 
         Between two keyframes the feed carries joints past knots at which no joint is at either of them.
@@ -211,7 +132,7 @@ class FeedLimit(LimitOf[CurveMap]):
             KeyframeRows(keyframe, sweep.slopes[1:, -1], low, high),
         )
 
-    def holds(self, sweep: SpaceSweep, before: SpaceSweep, u: FloatArray) -> bool:
+    def holds(self, sweep: Sweep, before: Sweep, u: FloatArray) -> bool:
         """Whether all keyframes are within the limits."""
         del before, u
         return within_limits(sweep.space.arm, sweep.configurations)
@@ -223,80 +144,75 @@ def within_limits(arm: Arm, q: FloatArray) -> bool:
 
 
 @dataclass(frozen=True, eq=False)
-class ContactLimit(Limit):
+class ContactLimit(LimitOf[CurveUnknowns]):
     """Keeps gaps open.
 
     Attributes:
         finder: of near pairs; its margin is kept where there is room, its reach says which pairs make rows.
         certificate: of what lies between keyframes.
         settings: of the step.
+        over_motion: the rows of a whole motion.
         wanted: room beyond contact that the optimisation of a motion asks for where there is so much [m].
         gates: in which links are asked for no more than the certificate asks; None where there are none.
     """
 
     finder: ContactFinder
-    certificate: Certificate
-    settings: StepSettings
+    certificate: IntervalCertificate
+    settings: AnyStepSettings
+    over_motion: Callable[[Any, "ContactLimit"], IntervalRows]
     wanted: float = 0.0
     gates: GateLines | None = None
 
     # ------------------------------------------------------------ the single step
-    def linearised(self, space: LinkSpace, pose: Pose, turn: float) -> LimitRows:
+    def linearised(self, space: CurveUnknowns, pose: Pose, turn: float) -> LimitRows:
         """A row for each near pair: its gap may close by a share of what it has beyond the margin, no more."""
         del turn
-        finder = self.finder
         settings = self.settings
-        contacts = finder.find(pose.points)
+        unit = space.nominal_length
+        contacts = self.finder.find(pose.points)
         rows = contact_rows(contacts, pose.moving)
         # n·J δ ≥ −share · (gap − margin): a pair inside its margin may stay, and the push mends it softly. Where
         # margins are narrow the row asks for some of it: a gap that only may not shrink is taken by the second order.
         beyond = contacts.gap - contacts.margin
         lower = np.where(beyond >= 0.0, -_CLOSING_SHARE * beyond, -settings.firm_share * beyond)
-        # A start that stands nearer than the margin is legal; what it lacks is granted to every pose of the step.
-        allowed = allowed_shortfall(contacts, settings.keep_share)
-
-        def keeps(trial: Pose) -> bool:
-            # Distances have no sign: a thin link that has jumped across a wall shows a positive gap on the other side,
-            # so crossings are tested apart.
-            after = finder.find(trial.points)
-            return keeps_clear(after, allowed, settings.keep_share) and not finder.crosses(trial.points)
-
-        push = self._push(space, contacts, rows)
-        return LimitRows(rows, lower, np.full(len(rows), UNBOUNDED), pulls=(push,), keeps=keeps)
-
-    def _push(self, space: LinkSpace, contacts: Contacts, rows: FloatArray) -> Term:
-        """Ask contacts inside their margin to be mended."""
-        wanted = contacts.margin - contacts.gap
-        near = wanted > 0.0
         # In nominal links, so that the weight suits an arm of any size.
-        unit = space.nominal_length
-        return Term(rows[near] / unit, _MENDING_SHARE * wanted[near] / unit, self.settings.push_weight)
+        near = beyond < 0.0
+        push = Term(rows[near] / unit, -settings.mending_share * beyond[near] / unit, settings.push_weight)
+        farthest = unit * settings.travel[1 if len(contacts) else 0]
 
-    def keeps_at_goal(self, space: LinkSpace, near: Pose, final: Pose) -> bool:
+        def excess(delta: FloatArray) -> float:
+            return float(np.max(np.linalg.norm(pose.moving @ delta, axis=1))) / farthest
+
+        return LimitRows(
+            rows,
+            lower,
+            np.full(len(rows), UNBOUNDED),
+            pulls=(push,),
+            keeps=partial(self._keeps, contacts),
+            excess=excess if np.isfinite(farthest) else of_any_length,
+        )
+
+    def _keeps(self, before: Contacts, trial: Pose) -> bool:
+        """Whether a pose keeps clear, or no less than the one before it, as far as its contacts tell."""
+        # The proof of a step looks at its end as well.
+        if self.settings.proof_depth is not None:
+            return True
+        # A start that stands nearer than the margin is legal; what it lacks is granted to every pose of the step.
+        allowed = allowed_shortfall(before, self.settings.keep_share)
+        after = self.finder.find(trial.points)
+        # Distances have no sign: a thin link that has jumped across a wall shows a positive gap on the other side, so
+        # crossings are tested apart.
+        return keeps_clear(after, allowed, self.settings.keep_share) and not self.finder.crosses(trial.points)
+
+    def keeps_at_goal(self, space: CurveUnknowns, near: Pose, final: Pose) -> bool:
         """Whether the pose on the goal keeps clear, or no less than the one near it."""
         del space
-        allowed = allowed_shortfall(self.finder.find(near.points), self.settings.keep_share)
-        after = self.finder.find(final.points)
-        return keeps_clear(after, allowed, self.settings.keep_share) and not self.finder.crosses(final.points)
+        return self._keeps(self.finder.find(near.points), final)
 
     # ------------------------------------------------------------ whole motions
-    def interval_rows(self, sweep: "PlanarSweep") -> tuple[IntervalRows, ...]:
+    def interval_rows(self, sweep: Sweep) -> tuple[IntervalRows, ...]:
         """Rows from the regions about a motion's own sweep, and of its near pairs of links."""
-        workspace = self.certificate.workspace
-        finder = self.finder
-        asked = (self.wanted, self._most_in_gates(sweep))
-        return (motion_rows(sweep, workspace, workspace.wall_segments, finder.margin, finder.reach, *asked),)
-
-    def _most_in_gates(self, sweep: "PlanarSweep") -> FloatArray | None:
-        """Most gap that links are asked to keep from walls in each interval, shape (K, links) [m]; None for no gates.
-
-        An interval has one slack: with more asked in a gate than there is, all of its other rows would be bought off.
-        """
-        if self.gates is None:
-            return None
-        arm = sweep.space.arm
-        inside = self.gates.holds_links(sweep.points[:, : arm.links + 1], arm.radius)
-        return np.where(inside[:-1] | inside[1:], self.certificate.spare, np.inf)
+        return (self.over_motion(sweep, self),)
 
     def failures(self, q: FloatArray, depth: int | None = None) -> IntArray:
         """Intervals in which something may touch."""
@@ -377,7 +293,7 @@ class JointLimit(LimitOf[CurveUnknowns]):
         del near
         return bool(np.all(np.abs(space.bends(final.q)) <= self._accepted(space)))
 
-    def keyframe_rows(self, sweep: Any, u: FloatArray) -> tuple[KeyframeRows, ...]:
+    def keyframe_rows(self, sweep: Sweep, u: FloatArray) -> tuple[KeyframeRows, ...]:
         """Rows of the bends near their bound at keyframes after the first."""
         del u
         space = sweep.space
@@ -394,7 +310,7 @@ class JointLimit(LimitOf[CurveUnknowns]):
         upper = np.maximum((limits - bends)[near], 0.0)
         return (KeyframeRows(keyframe, sweep.slopes[keyframe, joint], lower, upper),)
 
-    def holds(self, sweep: Any, before: Any, u: FloatArray) -> bool:
+    def holds(self, sweep: Sweep, before: Sweep, u: FloatArray) -> bool:
         """Whether no bend is beyond its limit, nor nearer to it than accepted or than it was."""
         del u
         space = sweep.space

@@ -8,12 +8,13 @@ At an end of the interval a point is where it is at that keyframe; in between it
 the time. A wall has no moving P_b. The deviation is by how much the points may leave the chord, as the sweep knows it.
 """
 
-from abc import ABC, abstractmethod
 from dataclasses import dataclass, fields
+from functools import cached_property
 
 import numpy as np
 
 from ccm_opt.core.arrays import BoolArray, FloatArray, IntArray
+from ccm_opt.planning.pose import CurveUnknowns, Pose
 
 STILL = -1
 """Number of the point that stands still: the last of all."""
@@ -34,13 +35,16 @@ class RowCurvature:
     beside: FloatArray
 
 
-class Sweep(ABC):
-    """A motion whose unknowns are linear between K + 1 keyframes; p unknowns, d coordinates of a point.
+@dataclass(frozen=True, eq=False)
+class Sweep:
+    """A motion whose unknowns are linear between K + 1 keyframes; n links, p unknowns, d coordinates of a point.
 
     Attributes:
+        space: the map of the unknowns.
         unknowns: at the keyframes, shape (K + 1, p).
     """
 
+    space: CurveUnknowns
     unknowns: FloatArray
 
     @property
@@ -48,30 +52,70 @@ class Sweep(ABC):
         """K."""
         return len(self.unknowns) - 1
 
-    @property
-    @abstractmethod
-    def points(self) -> FloatArray:
-        """Joints and tip, perhaps others, and last what stands still, shape (K + 1, ≥ links + 2, d) [m]."""
+    @cached_property
+    def poses(self) -> tuple[Pose, ...]:
+        """At the keyframes."""
+        return self.space.poses(self.unknowns)
 
-    @property
-    @abstractmethod
-    def moving(self) -> FloatArray:
-        """Derivatives of the points by the unknowns, shape (K + 1, ≥ links + 2, d, p) [m]."""
-
-    @property
-    @abstractmethod
+    @cached_property
     def configurations(self) -> FloatArray:
         """At the keyframes, shape (K + 1, c) [rad, m]."""
+        return np.stack([pose.q for pose in self.poses])
 
-    @property
-    @abstractmethod
+    @cached_property
     def slopes(self) -> FloatArray:
         """Derivatives of the configurations by the unknowns, shape (K + 1, c, p)."""
+        return np.stack([pose.slopes for pose in self.poses])
 
-    @property
-    @abstractmethod
+    @cached_property
     def turn_metrics(self) -> FloatArray:
         """Squared turns of the links by the unknowns, shape (K + 1, p, p)."""
+        turning = np.stack([pose.turning for pose in self.poses]).reshape(len(self.poses), -1, self.unknowns.shape[1])
+        return np.asarray(turning.transpose(0, 2, 1) @ turning)
+
+    @cached_property
+    def joints(self) -> FloatArray:
+        """Joints and tip at the keyframes, shape (K + 1, n + 1, d) [m]."""
+        return np.stack([pose.points for pose in self.poses])
+
+    @cached_property
+    def points(self) -> FloatArray:
+        """The same, the mount's end, and last the origin, which stands still, shape (K + 1, n + 3, d) [m]."""
+        return self._with_marks(self.joints)
+
+    @cached_property
+    def moving(self) -> FloatArray:
+        """Derivatives of the points by the unknowns, shape (K + 1, n + 3, d, p) [m]."""
+        return self._with_marks(np.stack([pose.moving for pose in self.poses]))
+
+    def points_at(self, share: float) -> FloatArray:
+        """Joints and tip when a share of each interval has passed, shape (K, n + 1, d) [m]."""
+        if share == 1.0:
+            return self.joints[1:]
+        # Of the mean bends, not the mean of the positions: links keep their length on the way.
+        between = (1.0 - share) * self.unknowns[:-1] + share * self.unknowns[1:]
+        return self.space.arm.joint_positions_at(self.space.configurations(between))
+
+    @cached_property
+    def middles(self) -> FloatArray:
+        """Joints and tip half-way through the intervals, shape (K, n + 1, d) [m]."""
+        return self.points_at(0.5)
+
+    @property
+    def half_way(self) -> FloatArray:
+        """All points half-way through the intervals, shape (K, n + 3, d) [m]."""
+        return self._with_marks(self.middles)
+
+    @cached_property
+    def halfway_off(self) -> FloatArray:
+        """How far they are off the mean of the interval's ends there, shape (K, n + 3, d) [m]."""
+        return np.asarray(self.half_way - 0.5 * (self.points[:-1] + self.points[1:]))
+
+    def _with_marks(self, joints: FloatArray) -> FloatArray:
+        """Values at the joints, at the mount's end, linear between the joints of its link, and at what stands still."""
+        link, share = self.space.arm.mount_end
+        at_mount = (1.0 - share) * joints[:, link : link + 1] + share * joints[:, link + 1 : link + 2]
+        return np.concatenate((joints, at_mount, np.zeros_like(at_mount)), axis=1)
 
     def deviation(self, rows: "IntervalRows") -> FloatArray | float:
         """How far the points of rows may leave their chord, shape (m,) [m]; 0 where rows reckon with it themselves."""

@@ -1,121 +1,48 @@
-"""Motions in space between their keyframes, and the rows of their optimisation.
+"""Rows that keep links clear of surfaces in space.
 
 Rows are those of ``interval_rows``, their normals towards what has to be kept off: of a wall a plane bounds a
 half-space free of walls about where the link is at some time. What a point is nearer halfway than the mean of the ends
 is asked for beside, and so is how far it is off that mean at a time in between.
 """
 
-from dataclasses import dataclass
-from functools import cached_property
-
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray, IntArray
-from ccm_opt.planning.curve_map import CurveMap
+from ccm_opt.planning.limits.limit_stack import ContactLimit
 from ccm_opt.planning.optimisation.interval_rows import STILL, IntervalRows, Sweep, joined_rows
-from ccm_opt.planning.pose import Pose
 from ccm_opt.planning.room_lacking import distance_lacking
-from ccm_opt.planning.space_certificate import SpaceCertificate
+from ccm_opt.scene.contact_finder import SurfaceFinder
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
-
-
-@dataclass(frozen=True, eq=False)
-class SpaceSweep(Sweep):
-    """A motion whose unknowns are linear between K + 1 keyframes.
-
-    Attributes:
-        space: the map of the unknowns.
-        unknowns: at the keyframes, shape (K + 1, p).
-    """
-
-    space: CurveMap
-    unknowns: FloatArray
-
-    @cached_property
-    def poses(self) -> tuple[Pose, ...]:
-        """At the keyframes."""
-        return self.space.poses(self.unknowns)
-
-    @cached_property
-    def configurations(self) -> FloatArray:
-        """At the keyframes, shape (K + 1, c) [rad, m]."""
-        return np.stack([pose.q for pose in self.poses])
-
-    @cached_property
-    def slopes(self) -> FloatArray:
-        """Derivatives of the configurations by the unknowns, shape (K + 1, c, p)."""
-        return np.stack([pose.slopes for pose in self.poses])
-
-    @cached_property
-    def joints(self) -> FloatArray:
-        """Joints and tip at the keyframes, shape (K + 1, links + 1, 3) [m]."""
-        return np.stack([pose.points for pose in self.poses])
-
-    @cached_property
-    def points(self) -> FloatArray:
-        """The same, and last the origin, which stands still, shape (K + 1, links + 2, 3) [m]."""
-        return np.pad(self.joints, ((0, 0), (0, 1), (0, 0)))
-
-    @cached_property
-    def moving(self) -> FloatArray:
-        """Derivatives of the points by the unknowns, shape (K + 1, links + 2, 3, p) [m]."""
-        return np.pad(np.stack([pose.moving for pose in self.poses]), ((0, 0), (0, 1), (0, 0), (0, 0)))
-
-    @cached_property
-    def turn_metrics(self) -> FloatArray:
-        """Squared turns of the links by the unknowns, shape (K + 1, p, p)."""
-        turning = np.stack([pose.turning for pose in self.poses]).reshape(len(self.poses), -1, self.moving.shape[3])
-        return np.asarray(turning.transpose(0, 2, 1) @ turning)
-
-    @cached_property
-    def halfway_off(self) -> FloatArray:
-        """How far the points are off the mean of the interval's ends halfway, shape (K, links + 1, 3) [m]."""
-        return np.asarray(self.middle_points - 0.5 * (self.joints[:-1] + self.joints[1:]))
-
-    @cached_property
-    def middle_points(self) -> FloatArray:
-        """Joints and tip halfway through the intervals, shape (K, links + 1, 3) [m]."""
-        return self.points_at(0.5)
-
-    def points_at(self, share: float) -> FloatArray:
-        """Joints and tip when a share of each interval has passed, shape (K, links + 1, 3) [m]."""
-        if share == 1.0:
-            return self.joints[1:]
-        between = (1.0 - share) * self.unknowns[:-1] + share * self.unknowns[1:]
-        return self.space.arm.joint_positions_at(self.space.configurations(between))
-
 
 _BEHIND = 0.06
 """By how much surfaces may stand out from one of them without getting one of their own [u]."""
 
 _MOST_TRAVEL = 0.75
 """Of the way of a joint over an interval that rows reach for [u]."""
-_PAIR_SHARE = 0.25
-"""Of what links between two leave at full stretch that these are asked to keep apart."""
 BETWEEN = (0.25, 0.75)
 """Shares of an interval at which links that lack room have rows too."""
 _PLANES = 6
 """Most half-spaces about a link."""
 
 
-def motion_rows(sweep: SpaceSweep, proof: SpaceCertificate, room: float, seen: float) -> IntervalRows:
+def motion_rows(sweep: Sweep, contact: ContactLimit, finder: SurfaceFinder) -> IntervalRows:
     """All rows of a motion.
 
     Args:
         sweep: the motion.
-        proof: of contact.
-        room: that is asked for beyond what it proves [m].
-        seen: what is farther beyond that makes no rows [m].
+        contact: says what room is asked for beyond the margin.
+        finder: of the contacts.
     """
-    parts = [_wall_rows(sweep, proof, room, seen)]
+    room = finder.margin + contact.wanted
+    parts = [_wall_rows(sweep, finder, room)]
     if sweep.space.arm.self_collision:
-        parts.append(_pair_rows(sweep, proof, room, seen))
+        parts.append(_pair_rows(sweep, finder, room))
     rows = joined_rows(parts)
     # Rows at the given start can never be mended.
     return rows.take(rows.interval + rows.share > 0.0)
 
 
-def _wall_rows(sweep: SpaceSweep, proof: SpaceCertificate, room: float, seen: float) -> IntervalRows:
+def _wall_rows(sweep: Sweep, finder: SurfaceFinder, room: float) -> IntervalRows:
     """Rows of half-spaces about the links halfway through every interval, at every keyframe, and at times in between.
 
     A link that passes an edge within an interval lies on both sides of some plane about its middle. Such a plane says
@@ -123,9 +50,9 @@ def _wall_rows(sweep: SpaceSweep, proof: SpaceCertificate, room: float, seen: fl
     """
     chords = np.linalg.norm(np.diff(sweep.joints, axis=0), axis=2)
     travel = min(0.5 * float(np.max(chords, initial=0.0)), _MOST_TRAVEL * sweep.space.nominal_length)
-    kept = proof.kept + room
-    reach = kept + seen
-    interval, link, normal, foot = _half_spaces(sweep, proof.tree, sweep.middle_points, reach + travel)
+    kept = finder.kept + room
+    reach = kept + finder.reach
+    interval, link, normal, foot = _half_spaces(sweep, finder.tree, sweep.middles, reach + travel)
     parts = []
     for side in (0, 1):
         for end in (0, 1):
@@ -134,14 +61,14 @@ def _wall_rows(sweep: SpaceSweep, proof: SpaceCertificate, room: float, seen: fl
             bow = _lost(normal, sweep.halfway_off[interval, link + end])
             rows = _of_points(interval, float(side), link + end, normal, foot + kept + bow)
             parts.append(rows.take(np.intersect1d(fits, _free_points(sweep, link + end))))
-    parts.append(_rows_at(sweep, proof.tree, 1.0, reach, kept))
+    parts.append(_rows_at(sweep, finder.tree, 1.0, reach, kept))
     # In between only what lacks room is asked for.
     near = kept + 0.1 * sweep.space.nominal_length
-    parts.extend(_rows_at(sweep, proof.tree, share, near, kept) for share in BETWEEN)
+    parts.extend(_rows_at(sweep, finder.tree, share, near, kept) for share in BETWEEN)
     return joined_rows(parts)
 
 
-def _rows_at(sweep: SpaceSweep, tree: SurfaceTree, share: float, reach: float, kept: float) -> IntervalRows:
+def _rows_at(sweep: Sweep, tree: SurfaceTree, share: float, reach: float, kept: float) -> IntervalRows:
     """Rows of half-spaces about the links at one time of every interval.
 
     Args:
@@ -163,7 +90,7 @@ def _rows_at(sweep: SpaceSweep, tree: SurfaceTree, share: float, reach: float, k
 
 
 def _half_spaces(
-    sweep: SpaceSweep, tree: SurfaceTree, points: FloatArray, reach: float
+    sweep: Sweep, tree: SurfaceTree, points: FloatArray, reach: float
 ) -> tuple[IntArray, IntArray, FloatArray, FloatArray]:
     """Half-spaces n·x ≥ b about the links of several poses.
 
@@ -186,36 +113,17 @@ def _half_spaces(
     return planes.link // beyond, planes.link % beyond + first, planes.normal, foot
 
 
-def room_lacking(sweep: SpaceSweep, proof: SpaceCertificate, wanted: float) -> FloatArray:
+def room_lacking(sweep: Sweep, finder: SurfaceFinder, wanted: float) -> FloatArray:
     """By how much the least gap from surfaces lacks the wanted one in every interval, at least 0, shape (K,) [m].
 
     Args:
         sweep: the motion.
-        proof: of contact.
+        finder: of the contacts.
         wanted: room beyond contact that is asked for [m].
     """
-    lacking = np.zeros(sweep.intervals)
-    for share in (*BETWEEN, 0.5, 1.0):
-        points = sweep.middle_points if share == 0.5 else sweep.points_at(share)
-        lacking = np.maximum(lacking, _lacking_at(sweep, proof, points, wanted))
-    return lacking
-
-
-def room_lacking_on_the_way(sweep: SpaceSweep, proof: SpaceCertificate, wanted: float) -> float:
-    """By how much the least gap from surfaces lacks more of the wanted one than where a motion starts and ends [m].
-
-    Args:
-        sweep: the motion.
-        proof: of contact.
-        wanted: room beyond contact that is asked for [m].
-    """
-    at_ends = _lacking_at(sweep, proof, sweep.joints[[0, -1]], wanted)
-    return float(np.max(room_lacking(sweep, proof, wanted)) - np.max(at_ends))
-
-
-def _lacking_at(sweep: SpaceSweep, proof: SpaceCertificate, points: FloatArray, wanted: float) -> FloatArray:
-    """By how much the least gap of poses, points of shape (k, links + 1, 3), lacks the wanted one, shape (k,) [m]."""
-    return distance_lacking(sweep.space.arm, proof.tree, points, proof.kept + wanted)
+    poses = (sweep.middles, *(sweep.points_at(share) for share in (*BETWEEN, 1.0)))
+    lacking = [distance_lacking(sweep.space.arm, finder.tree, points, finder.kept + wanted) for points in poses]
+    return np.asarray(np.max(lacking, axis=0))
 
 
 def _of_points(interval: IntArray, share: float, point: IntArray, normal: FloatArray, need: FloatArray) -> IntervalRows:
@@ -224,21 +132,20 @@ def _of_points(interval: IntArray, share: float, point: IntArray, normal: FloatA
     return IntervalRows(interval, np.full(len(point), share), point, none + STILL, none, none, -normal, need)
 
 
-def _free_points(sweep: SpaceSweep, point: IntArray) -> IntArray:
+def _free_points(sweep: Sweep, point: IntArray) -> IntArray:
     """Which points can be moved: not the first joint unless it is fed."""
     return np.flatnonzero((point > 0) | bool(sweep.space.arm.base_axes))
 
 
-def _pair_rows(sweep: SpaceSweep, proof: SpaceCertificate, room: float, seen: float) -> IntervalRows:
+def _pair_rows(sweep: Sweep, finder: SurfaceFinder, room: float) -> IntervalRows:
     """Rows that keep distant links apart, along the direction in which they are nearest halfway."""
     arm = sweep.space.arm
-    reach = 2.0 * arm.radius + room + seen
     columns: list[tuple[IntArray, IntArray, IntArray, FloatArray, FloatArray]] = []
-    for k, points in enumerate(sweep.middle_points):
-        near = proof.motion.near_pairs(points, reach)
+    for k, points in enumerate(sweep.middles):
+        near = finder.near_links(points, room + finder.reach)
         if len(near.first) == 0:
             continue
-        kept = 2.0 * arm.radius + np.minimum(room, _PAIR_SHARE * _slack_between(sweep, near.second - near.first))
+        kept = 2.0 * arm.radius + arm.link_margins(near.first, near.second, room)
         off = sweep.halfway_off[k]
         bows = [_lost(near.normal, off[near.first + s] - off[near.second + t]) for s in (0, 1) for t in (0, 1)]
         columns.append((np.full(len(near.first), k), near.first, near.second, near.normal, kept + np.max(bows, axis=0)))
@@ -259,9 +166,3 @@ def _pair_rows(sweep: SpaceSweep, proof: SpaceCertificate, room: float, seen: fl
 def _lost(normal: FloatArray, off: FloatArray) -> FloatArray:
     """By how much points come nearer halfway than at the mean of the ends, shape (m,) [m]."""
     return np.asarray(np.maximum(-np.einsum("md,md->m", normal, off), 0.0))
-
-
-def _slack_between(sweep: SpaceSweep, apart: IntArray) -> FloatArray:
-    """How far links so many apart can be from each other beyond two radii at full stretch, at least 0 [m]."""
-    arm = sweep.space.arm
-    return np.asarray(np.maximum((apart - 1) * arm.link_length - 2.0 * arm.radius, 0.0))
