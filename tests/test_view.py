@@ -24,7 +24,7 @@ import ccm_opt
 from ccm_opt.cli.commands import app as command_line
 from ccm_opt.cli.drawing import viewer_of
 from ccm_opt.cli.view import settings as colours
-from ccm_opt.cli.view.app import Replanner, ViewerApp, claim_port
+from ccm_opt.cli.view.app import LOOPBACK, Replanner, ViewerApp, claim_port
 from ccm_opt.cli.view.frames import MotionFrames, extruded
 from ccm_opt.cli.view.settings import ViewSettings
 from ccm_opt.driver.live_plan import LiveAnswer, LivePlan
@@ -145,11 +145,11 @@ def viewer() -> Iterator[ViewerApp]:
 def test_the_page_follows_its_plan(viewer: ViewerApp) -> None:
     """It is served to this machine alone; it plays; a goal that moves is planned, one in a wall is explained."""
     assert viewer.address.startswith("http://127.0.0.1:")
-    began = viewer.player.time
+    began = viewer.time
     deadline = time.monotonic() + 20.0
-    while viewer.player.time == began and time.monotonic() < deadline:
+    while viewer.time == began and time.monotonic() < deadline:
         time.sleep(0.05)
-    assert viewer.player.time > began
+    assert viewer.time > began
     with viewer._lock:  # it plays on meanwhile
         for layer in ("swept region", "route", "regions", "names"):
             viewer.scene.switch(layer, on=True)
@@ -211,7 +211,7 @@ FOREIGN = {
 
 def _answer(app: ViewerApp, request: str) -> str:
     """Return the first line of the answer to a request; empty where the connection is closed."""
-    host, port = app.door.getsockname()
+    host, port = LOOPBACK, app.server.get_port()
     text = request.replace("HERE", f"{host}:{port}").replace("TOKEN", app.token)
     with socket.create_connection((host, port), timeout=20.0) as client:
         client.sendall(f"{text}{KEY if 'Upgrade' in text else ''}\r\n".encode("latin-1"))

@@ -111,7 +111,7 @@ class Handles:
     def __init__(self, scene: Scene, live: LivePlan, told: Callable[[LivePlan, LiveAnswer | str], None]) -> None:
         self._scene = scene
         self._live = live
-        self._replanner = Replanner(live, lambda answer: told(live, answer), scene.settings)
+        self._replanner = Replanner(live, lambda answer: told(live, answer))
         self._replanner.start()
         names = [obstacle.name for obstacle in live.problem.workspace.obstacles]
         movable = [GOAL, *names] if live.problem.goal.whole(live.problem.arm) is None else names
@@ -254,68 +254,49 @@ def _serve_guarded(
     return serve(handler, sock=door, process_request=answer, **options)
 
 
-@dataclass
-class Player:
-    """Where the playing motion is.
-
-    Attributes:
-        playing: whether it moves.
-        time: of the motion [s].
-        speed: seconds of the motion in a second.
-    """
-
-    playing: bool = True
-    time: float = 0.0
-    speed: float = 1.0
-
-
-@dataclass
 class ViewerApp:
     """A motion in the browser.
 
-    Attributes:
+    Args:
         frames: the motion to begin with.
         live: the plan that follows drags; None where nothing can be dragged.
         door: the socket that `claim_port` opened.
         checks: of the motion to begin with; none where they are not known.
-        settings: of what is shown.
-        scene: what is drawn of it.
+
+    Attributes:
+        frames: the motion.
+        live: the plan that follows drags.
+        token: in the path of the page.
+        server: of the page.
+        scene: what is drawn of the motion.
+        time: at which it is shown, or more at its end, which is shown for a while [s].
     """
 
-    frames: MotionFrames
-    live: LivePlan | None
-    door: socket.socket
-    checks: tuple[Check, ...] = ()
-    settings: ViewSettings = VIEW
-    token: str = field(init=False, default_factory=lambda: secrets.token_urlsafe(32))
-    server: viser.ViserServer = field(init=False)
-    scene: Scene = field(init=False)
-    player: Player = field(init=False, default_factory=Player)
-    _slider: Any = field(init=False)
-    _play: Any = field(init=False)
-    _speed: Any = field(init=False)
-    _status: Any = field(init=False)
-    _lock: threading.RLock = field(init=False, default_factory=threading.RLock)
-
-    def __post_init__(self) -> None:
+    def __init__(
+        self, frames: MotionFrames, live: LivePlan | None, door: socket.socket, checks: tuple[Check, ...] = ()
+    ) -> None:
+        self.frames, self.live = frames, live
+        self.token = secrets.token_urlsafe(32)
+        self.time = 0.0
+        self._lock = threading.RLock()
         # viser offers no hook for requests, so that it is given a server that has one; silently: it introduces itself.
-        serve = partial(_serve_guarded, websockets.asyncio.server.serve, self.door, self.token)
+        serve = partial(_serve_guarded, websockets.asyncio.server.serve, door, self.token)
         with mock.patch.object(websockets.asyncio.server, "serve", serve), redirect_stdout(io.StringIO()):
-            port = self.door.getsockname()[1]
+            port = door.getsockname()[1]
             self.server = viser.ViserServer(host=LOOPBACK, port=port, label="ccm-opt view", verbose=False)
         if self.server.get_port() != port:  # it did not use what it was given, and so is not guarded either
             self.server.stop()
             raise ProblemError(
                 "the viewer cannot guard its page with this version of viser; install another: pip install -U viser"
             )
-        self.scene = Scene(self.server, self.frames, self.settings)
+        self.scene = Scene(self.server, frames)
         self.scene.draw()
         self.server.on_client_connect(self.scene.look)
         self._status = self.server.gui.add_markdown("")
         self._build_player()
         self._build_layers()
-        self._handles = None if self.live is None else Handles(self.scene, self.live, self._planned)
-        self.tell(_summary(self.frames, self.checks))
+        self._handles = None if live is None else Handles(self.scene, live, self._planned)
+        self._status.content = _summary(frames, checks)
 
     @property
     def address(self) -> str:
@@ -336,11 +317,11 @@ class ViewerApp:
                 time.sleep(1.0 / _FRAME_RATE)
                 now = time.monotonic()
                 with self._lock:
-                    if self.player.playing:
+                    if self._play.value:
                         self._advance(now - last)
                         if now - slid >= 1.0 / _SLIDER_RATE:
                             slid = now
-                            self._slider.value = round(min(self.player.time, self._end), 3)
+                            self._slider.value = round(min(self.time, self._end), 3)
                 last = now
         finally:
             if self._handles is not None:
@@ -352,15 +333,14 @@ class ViewerApp:
 
     def _advance(self, wall: float) -> None:
         """Play on by some wall time [s]; the end is shown for a while."""
-        player = self.player
-        player.time += player.speed * wall
-        if player.time > self.frames.duration + player.speed * self.settings.rest:
-            player.time = 0.0
-        self.scene.pose(min(player.time, self.frames.duration))
+        speed = float(self._speed.value)
+        self.time += speed * wall
+        if self.time > self.frames.duration + speed * VIEW.rest:
+            self.time = 0.0
+        self._pose()
 
-    def tell(self, words: str) -> None:
-        """Show what there is to say about the plan."""
-        self._status.content = words
+    def _pose(self) -> None:
+        self.scene.pose(min(self.time, self.frames.duration))
 
     def _build_player(self) -> None:
         gui = self.server.gui
@@ -370,22 +350,14 @@ class ViewerApp:
             self._speed = gui.add_dropdown("speed", SPEEDS, initial_value="1")
 
         self._slider.on_update(self._slid)
-        self._play.on_update(self._played)
-        self._speed.on_update(self._sped)
 
     def _slid(self, event: Any) -> None:
         # What people set has a client; what the player sets has none.
         if event.client is not None:
             with self._lock:
-                self._play.value = self.player.playing = False
-                self.player.time = float(self._slider.value)
-                self.scene.pose(self.player.time)
-
-    def _played(self, _: Any) -> None:
-        self.player.playing = self._play.value
-
-    def _sped(self, _: Any) -> None:
-        self.player.speed = float(self._speed.value)
+                self._play.value = False
+                self.time = float(self._slider.value)
+                self._pose()
 
     def _build_layers(self) -> None:
         gui = self.server.gui
@@ -402,7 +374,7 @@ class ViewerApp:
     def _coloured(self, event: Any) -> None:
         with self._lock:
             self.scene.colour_by = event.target.value
-            self.scene.pose(min(self.player.time, self.frames.duration))
+            self._pose()
 
     def _switched(self, layer: str, event: Any) -> None:
         with self._lock:
@@ -413,20 +385,21 @@ class ViewerApp:
         with self._lock:
             self.scene.draw_room(live.problem)
             if isinstance(answer, str):
-                self.tell(f"**Not planned.** {answer}")
+                self._status.content = f"**Not planned.** {answer}"
                 return
             if not answer.current:
-                self.tell(f"**No plan to here; the last one is shown.** {answer.reason}")
+                self._status.content = f"**No plan to here; the last one is shown.** {answer.reason}"
                 return
             plan = live.plan
-            share = self.player.time / max(self.frames.duration, TINY)
-            self.frames = MotionFrames(plan.problem, plan.trajectory, plan.joints, self.settings)
+            share = self.time / max(self.frames.duration, TINY)
+            self.frames = MotionFrames(plan.problem, plan.trajectory, plan.joints)
             self.scene.frames = self.frames
             self.scene.draw_motion()
-            self.player.time = share * self.frames.duration
-            self.scene.pose(min(self.player.time, self.frames.duration))
+            self.time = share * self.frames.duration
+            self._pose()
             self._slider.max = self._end
-        self.tell(f"{_summary(self.frames, plan.checks)}\n\nplanned and verified in {answer.cpu:.2f} s")
+        told = f"planned and verified in {answer.cpu:.2f} s"
+        self._status.content = f"{_summary(self.frames, plan.checks)}\n\n{told}"
 
 
 def _summary(frames: MotionFrames, checks: tuple[Check, ...]) -> str:

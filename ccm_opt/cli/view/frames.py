@@ -7,7 +7,7 @@ from typing import TypeAlias
 import numpy as np
 import shapely
 
-from ccm_opt.cli.view.settings import VIEW, ViewSettings
+from ccm_opt.cli.view.settings import VIEW
 from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import JointStates, JointTrajectory
@@ -25,13 +25,11 @@ class MotionFrames:
         problem: what the motion solves.
         trajectory: in time.
         joints: the same for all drives.
-        settings: how many poses are looked at.
     """
 
     problem: Problem
     trajectory: JointTrajectory
     joints: JointStates
-    settings: ViewSettings = VIEW
 
     @property
     def duration(self) -> float:
@@ -63,15 +61,15 @@ class MotionFrames:
     def swept(self) -> shapely.Geometry:
         """The region of the plane that the arm sweeps, as far as some of its poses show it."""
         chosen = np.linspace(0, len(self.points) - 1, _TUBE_FRAMES).astype(int)
-        radius = max(self.problem.arm.radius, self.settings.thin_arm * self.problem.arm.length)
-        bodies = shapely.buffer(shapely.linestrings(self.points[chosen]), radius, quad_segs=self.settings.curved)
+        radius = max(self.problem.arm.radius, VIEW.thin_arm * self.problem.arm.length)
+        bodies = shapely.buffer(shapely.linestrings(self.points[chosen]), radius, quad_segs=VIEW.curved)
         return shapely.union_all(bodies)
 
     @cached_property
     def _looked_at(self) -> IntArray:
         """Numbers of the samples at which gaps are looked at, shape (F,)."""
         samples = len(self.trajectory.time)
-        return np.linspace(0, samples - 1, min(self.settings.frames, samples)).astype(int)
+        return np.linspace(0, samples - 1, min(VIEW.frames, samples)).astype(int)
 
     @cached_property
     def _gaps(self) -> FloatArray:

@@ -13,7 +13,7 @@ import viser
 
 from ccm_opt.cli.view import settings as colours
 from ccm_opt.cli.view.frames import Mesh, MotionFrames, extruded, turned_to
-from ccm_opt.cli.view.settings import VIEW, ViewSettings
+from ccm_opt.cli.view.settings import VIEW
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.problem import Goal, Problem
 from ccm_opt.scene.bodies import capsule_surface
@@ -41,14 +41,12 @@ class Scene:
     Attributes:
         server: shows it.
         frames: the motion.
-        settings: of the pictures.
         shown: names of the layers that are switched on.
         colour_by: what the colours of the links mean: ``nothing``, ``gap`` or ``torque``.
     """
 
     server: viser.ViserServer
     frames: MotionFrames
-    settings: ViewSettings = VIEW
     shown: set[str] = field(default_factory=lambda: {"start", "names"})
     colour_by: str = "nothing"
     _arm: Any = None
@@ -67,12 +65,12 @@ class Scene:
     @property
     def radius(self) -> float:
         """That the arm is drawn with, in units of the scene."""
-        return max(self.frames.problem.arm.radius / self.unit, self.settings.thin_arm)
+        return max(self.frames.problem.arm.radius / self.unit, VIEW.thin_arm)
 
     @property
     def depth(self) -> float:
         """How far obstacles of the plane reach before and behind it, in units of the scene."""
-        return max(self.settings.depth * self.radius, self.settings.least_depth)
+        return max(VIEW.depth * self.radius, VIEW.least_depth)
 
     def world(self, points: FloatArray, behind: float = 0.0) -> FloatArray:
         """Places [m] in the scene, shape (..., 3); those of the plane so far behind it."""
@@ -104,9 +102,9 @@ class Scene:
         self._draw_walls(problem)
         workspace = problem.workspace
         obstacles: tuple[Obstacle, ...] = workspace.obstacles
-        most = self.settings.most_triangles // max(len(obstacles), 1)
+        most = VIEW.most_triangles // max(len(obstacles), 1)
         extent = np.ptp(workspace.extent, axis=0) if workspace.dimension == 3 else ()
-        cell = self.settings.cell * float(np.max(extent, initial=self.unit))
+        cell = VIEW.cell * float(np.max(extent, initial=self.unit))
         for obstacle in obstacles:
             # Most drags move one obstacle or the goal alone, and leave the others the same objects.
             if self._standing.get(obstacle.name) is not obstacle:
@@ -137,18 +135,18 @@ class Scene:
             cell: in which corners of a body of more are joined [m].
         """
         if self.frames.problem.dimension == 2:
-            outline = obstacle.outline(quad_segs=self.settings.curved)
+            outline = obstacle.outline(quad_segs=VIEW.curved)
             vertices, faces = extruded(
                 shapely.transform(outline, lambda places: places / self.unit), -self.depth, self.depth
             )
             middle = self.world(shapely.get_coordinates(shapely.point_on_surface(outline))[0], -self.depth)
             look: dict[str, Any] = {"opacity": 0.75}
         else:
-            surface = obstacle.body.surface(4 * self.settings.curved)
+            surface = obstacle.body.surface(4 * VIEW.curved)
             vertices, faces = within(*surface, most_triangles, cell)
             vertices = self.world(vertices)
             middle = 0.5 * (vertices.min(axis=0) + vertices.max(axis=0))
-            look = {"opacity": self.settings.glass, "flat_shading": True}
+            look = {"opacity": VIEW.glass, "flat_shading": True}
         self._mesh(path_of("/room", obstacle.name), (vertices, faces), colours.WALLS, **look)
         name = path_of("/names", obstacle.name)
         self.server.scene.add_label(name, obstacle.name, position=middle, visible="names" in self.shown)
@@ -159,7 +157,7 @@ class Scene:
         if number:
             self.server.scene.add_label(f"{name}/number", number)
         if goal.direction is not None:
-            mesh = capsule_surface(6.0 * self.radius, 0.35 * self.radius, self.settings.sides)
+            mesh = capsule_surface(6.0 * self.radius, 0.35 * self.radius, VIEW.sides)
             wxyz = turned_to(self.frames.problem.arm.embedded(goal.direction))
             self._mesh(f"{name}/pointing", mesh, colours.GOAL, wxyz=wxyz)
 
@@ -167,12 +165,12 @@ class Scene:
         """Draw the arm and all that belongs to the motion."""
         arm = self.frames.problem.arm
         scene = self.server.scene
-        link = capsule_surface(arm.link_length / self.unit, self.radius, self.settings.sides)
+        link = capsule_surface(arm.link_length / self.unit, self.radius, VIEW.sides)
         start = self.world(self.frames.points[0])
         self._arm = scene.add_batched_meshes_simple(
             "/arm/links", *link, _turns(start), start[:-1], batched_colors=colours.plain(arm.links)
         )
-        chosen = np.linspace(0, len(self.frames.points) - 1, self.settings.frames).astype(int)
+        chosen = np.linspace(0, len(self.frames.points) - 1, VIEW.frames).astype(int)
         self._line("/tip", self.world(self.frames.points[chosen, -1]), colours.ROUTE, 0.004)
         self._draw_layers(start)
         self.pose(0.0)
@@ -183,7 +181,7 @@ class Scene:
         if "start" in self.shown:
             scene.add_spline_catmull_rom(LAYERS["start"], start, color=colours.START, thickness=0.6 * self.radius)
         if "poses on the way" in self.shown:
-            few = np.linspace(0, len(self.frames.points) - 1, self.settings.poses).astype(int)
+            few = np.linspace(0, len(self.frames.points) - 1, VIEW.poses).astype(int)
             points = self.world(self.frames.points[few])
             pieces = np.stack((points[:, :-1], points[:, 1:]), axis=2).reshape(-1, 2, 3)
             scene.add_line_segments(LAYERS["poses on the way"], pieces, colours.TUBE, thickness=0.003)
