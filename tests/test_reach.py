@@ -18,7 +18,7 @@ from ccm_opt.core.errors import ProblemError
 from ccm_opt.core.executors import LocalWorkers
 from ccm_opt.diagnosis.reach import spread_directions
 from ccm_opt.io.reading import parse_problem
-from ccm_opt.planning.tip_reach import EnterTask, ReachQuestion, TurnTask, look_at_cell
+from ccm_opt.planning.tip_reach import ReachQuestion, ReachTask, look_at_cell
 from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import ReachMap
 from ccm_opt.scene.bad_pose import refuse_bad_pose
@@ -88,9 +88,9 @@ def test_poses_of_a_cell_are_there_with_their_headings_and_sound() -> None:
     question = ReachQuestion.about(problem, 0.05, spread_directions(20, 2))
     looker = question.looker
     middle = np.array([0.33, 0.05])
-    entered = look_at_cell(question, EnterTask((0, 0), middle, (looker.start,)))
+    entered = look_at_cell(question, ReachTask((0, 0), middle, (looker.start,)))
     assert entered.arrived is not None
-    turned = look_at_cell(question, TurnTask((0, 0), middle, (entered.arrived,)))
+    turned = look_at_cell(question, ReachTask((0, 0), middle, (entered.arrived,), reached=True))
     assert turned.taken is not None
     assert turned.taken.sum() == len(turned.turned) > 1
     for unknowns in (entered.arrived, *turned.turned):

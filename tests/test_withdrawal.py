@@ -10,7 +10,7 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.planning.continuation import Stalled, follow
 from ccm_opt.planning.pose import Pose
 from ccm_opt.planning.retraction import Withdrawal, lies_confined, ways_back, withdrawals
-from ccm_opt.planning.search_run import drawn_in, mouth_of_passage
+from ccm_opt.planning.search_run import mouth_of_passage
 from ccm_opt.planning.step import Stepper
 from ccm_opt.problem import JointPose, TipGoal
 from ccm_opt.scene.certificate import Certificate
@@ -109,10 +109,10 @@ def test_the_arm_is_drawn_in_as_far_as_the_mouth_of_its_passage(width: float) ->
 
 
 def test_no_arm_is_drawn_in_where_it_fills_no_passage() -> None:
-    """In a hall there is no mouth and no candidate."""
+    """In a hall there is no mouth."""
     scene = in_duct(0.6, 3.0)
     stepper, start = make_stepper(scene)
-    assert not list(drawn_in(stepper, start, None, motion_task(scene.problem()).tip_paths[0]))
+    assert mouth_of_passage(stepper, start, motion_task(scene.problem()).tip_paths[0]) is None
 
 
 @pytest.mark.parametrize("kind", ["tip", "arm"])

@@ -322,7 +322,7 @@ class Connecting:
         trees[0].add(task.arm.headings(self.start.q)[None], np.array([-1]))
         goals = self._goals(draws, check, rng)
         unproved = task.certificate.heading_failures
-        return ConnectSearch(check, draws, unproved, goals, task.deadline.passed, rng, trees)
+        return ConnectSearch(check.free_shares, draws, unproved, goals, task.deadline.passed, rng, trees)
 
     def _goals(self, draws: TargetDraws, check: SampledCheck, rng: np.random.Generator) -> Iterator[FloatArray]:
         """Link headings at the goal, shape (m, links): of the goal of the whole arm, or with the tip there."""

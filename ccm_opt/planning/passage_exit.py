@@ -278,17 +278,21 @@ WayOn: TypeAlias = Callable[[TipPath, Guide, Pose], Guide]
 
 
 def slid_out(
-    stepper: Stepper, start: Pose, whole_arm: FloatArray | None, paths: tuple[TipPath, ...]
+    stepper: Stepper,
+    start: Pose,
+    whole_arm: FloatArray | None,
+    mouths: list[tuple[TipPath, float | None]],
+    name: str,
 ) -> Iterator[GuideCandidate]:
-    """The arm slid out of the gates in which it lies, to either side; none where it lies in no gate.
+    """The arm slid out of where it lies, to either side; none where no path leads out of anything.
 
     Args:
         stepper: of the link space.
         start: where the motion begins.
         whole_arm: coordinates of a goal for the whole arm, or None.
-        paths: of the tip.
+        mouths: paths of the tip, each with the arc length from the base at which the arm is out [m].
+        name: of what is done.
     """
-    mouths = [(path, mouth_of_gates(stepper, start, path)) for path in paths]
     for onward in ways_on(stepper, whole_arm):
         # What goes straight on from the gates does not ask along which path.
         tried: set[tuple[float, int]] = set()
@@ -301,9 +305,9 @@ def slid_out(
                     continue
                 tried.add((round(mouth, 6), side))
                 make_guide = partial(SlidingOut, stepper.space, start.points, mouth, side)
-                name = f"slid out of gates, bowed to the {'left' if side > 0 else 'right'}"
                 resume = tuple(partial(each, path) for each in onward)
-                yield GuideCandidate(f"{name}, {path.name}", make_guide, resume)
+                bowed = f"{name}, bowed to the {'left' if side > 0 else 'right'}, {path.name}"
+                yield GuideCandidate(bowed, make_guide, resume)
 
 
 def ways_on(stepper: Stepper, whole_arm: FloatArray | None) -> list[tuple[WayOn, ...]]:

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
+from typing import TypeAlias
 
 import numpy as np
 
@@ -68,9 +69,6 @@ class PoseTree:
     parents: list[int] = field(default_factory=list)
     edges: list[list[Pose]] = field(default_factory=list)
     uses: list[int] = field(default_factory=list)
-    # The same in arrays with room to spare, so that distances to all nodes are one expression.
-    _points: FloatArray = field(default_factory=lambda: np.zeros((0, 0, 2)))
-    _headings: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
 
     def __len__(self) -> int:
         return len(self.poses)
@@ -86,26 +84,21 @@ class PoseTree:
             parent: number of the node the edge begins at.
             edge: poses after the parent's.
         """
-        count = len(self)
-        pose = edge[-1]
-        if count == len(self._points):
-            self._double_capacity(pose)
-        self._points[count] = pose.points
-        self._headings[count] = self.arm.headings(pose.q)
-        self.poses.append(pose)
+        self.poses.append(edge[-1])
         self.parents.append(parent)
         self.edges.append(edge)
         self.uses.append(0)
-        return count
+        return len(self) - 1
 
     def distances(self, pose: Pose) -> FloatArray:
         """Distance of every node to a pose: of the joints in arm lengths and of the headings; shape (nodes,).
 
         The headings tell poses apart that look the same but are wound round the base differently.
         """
-        count = len(self)
-        apart = np.linalg.norm(self._points[:count] - pose.points, axis=2).mean(axis=1) / self.arm.length
-        turn = np.sqrt(np.mean((self._headings[:count] - self.arm.headings(pose.q)) ** 2, axis=1))
+        points = np.array([node.points for node in self.poses])
+        headings = self.arm.headings(np.array([node.q for node in self.poses]))
+        apart = np.linalg.norm(points - pose.points, axis=2).mean(axis=1) / self.arm.length
+        turn = np.sqrt(np.mean((headings - self.arm.headings(pose.q)) ** 2, axis=1))
         distances: FloatArray = apart + self.heading_weight * turn
         return distances
 
@@ -115,7 +108,7 @@ class PoseTree:
 
     def tip_distances(self, place: FloatArray) -> FloatArray:
         """Distance of every node's tip to a place (2,), shape (nodes,) [m]."""
-        distances: FloatArray = np.linalg.norm(self._points[: len(self), -1] - place, axis=1)
+        distances: FloatArray = np.linalg.norm(np.array([node.tip for node in self.poses]) - place, axis=1)
         return distances
 
     def least_used(self, choice: IntArray) -> int:
@@ -132,30 +125,9 @@ class PoseTree:
             node = self.parents[node]
         return [pose for edge in reversed(edges) for pose in edge]
 
-    def _double_capacity(self, like: Pose) -> None:
-        """Make room for twice as many nodes, so that adding one seldom copies all."""
-        count = len(self)
-        capacity = max(64, 2 * count)
-        points = np.zeros((capacity, *like.points.shape))
-        headings = np.zeros((capacity, self.arm.links))
-        if count:
-            points[:count] = self._points[:count]
-            headings[:count] = self._headings[:count]
-        self._points = points
-        self._headings = headings
 
-
-@dataclass(frozen=True)
-class Extension:
-    """Where to begin and what to follow.
-
-    Attributes:
-        node: number of the node to begin at.
-        guide: to follow from there.
-    """
-
-    node: int
-    guide: Guide
+Extension: TypeAlias = tuple[int, Guide]
+"""Number of the node to begin at, and what to follow from there."""
 
 
 @dataclass(frozen=True)
@@ -248,7 +220,7 @@ class ExtensionSampler:
             candidate = None
         if candidate is None:
             return self.to_shape(tree)
-        return Extension(node, candidate.make_guide())
+        return node, candidate.make_guide()
 
     def _tip_led(self, tree: PoseTree, node: int, path_of_tip: Callable[[], FloatArray]) -> Extension:
         """The tip of a node along a path; a shape when there is no such path."""
@@ -256,11 +228,11 @@ class ExtensionSampler:
             points = path_of_tip()
         except UnreachableGoal:
             return self.to_shape(tree)
-        return Extension(node, led_along(self.stepper, points))
+        return node, led_along(self.stepper, points)
 
     def _towards(self, tree: PoseTree, node: int, target: Pose) -> Extension:
         """The whole arm of a node straight towards a pose."""
-        return Extension(node, PoseLed(self.stepper.space, tree.poses[node].v, target.v))
+        return node, PoseLed(self.stepper.space, tree.poses[node].v, target.v)
 
     def _pose(self, q: FloatArray) -> Pose:
         """The pose of the link space that comes nearest to a configuration."""

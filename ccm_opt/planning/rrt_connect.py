@@ -28,6 +28,8 @@ crumple, and smooth ones are drawn."""
 CONNECT = "RRT-Connect"
 """Name of what is found, among the names of candidates."""
 
+FreeShares = Callable[[FloatArray, FloatArray], FloatArray]
+"""How far straight motions, shapes (m, n) each, come before something is in the way, as shares of the whole, (m,)."""
 Unproved = Callable[[FloatArray], IntArray]
 """Sorted intervals of a motion through points, shape (K, n), that are not certified."""
 
@@ -114,14 +116,6 @@ class PointTree:
         self.parents = parents
 
 
-class Check(Protocol):
-    """Says how far straight motions are free."""
-
-    def free_shares(self, start: FloatArray, end: FloatArray) -> FloatArray:
-        """How far straight motions come before something is in the way, as shares of the whole, shape (m,)."""
-        ...
-
-
 class Draws(Protocol):
     """Draws targets, and knows how far motions to them lead."""
 
@@ -153,7 +147,7 @@ class ConnectSearch:
     """Two trees in the making.
 
     Attributes:
-        check: says how far motions are free; perhaps by samples.
+        free_shares: how far motions are free; perhaps by samples.
         draws: of targets.
         unproved: the certificate of a whole way.
         goals: poses at the goal, shape (m, n) at a time; may end.
@@ -165,7 +159,7 @@ class ConnectSearch:
         found: points of a certified motion, shape (K, n); None as long as there is none.
     """
 
-    check: Check
+    free_shares: FreeShares
     draws: Draws
     unproved: Unproved
     goals: Iterator[FloatArray]
@@ -214,7 +208,7 @@ class ConnectSearch:
         self.extensions += count
 
         # All or nothing: nodes where an extension was stopped would all lie in contact, with little way on from there.
-        free = self.check.free_shares(start, end) >= 1.0
+        free = self.free_shares(start, end) >= 1.0
         free &= self.draws.travel(start, end) > _LEAST
         added = tree.add(end[free], parents[free])
         if len(added) and len(self.trees[1 - side]):
@@ -225,7 +219,7 @@ class ConnectSearch:
         other = self.trees[1 - side]
         targets = self.trees[side].nodes[nodes]
         nearest = other.nearest(targets)
-        share = self.check.free_shares(other.nodes[nearest], targets)
+        share = self.free_shares(other.nodes[nearest], targets)
         self.extensions += len(nodes)
 
         arrived = np.flatnonzero(share >= 1.0)

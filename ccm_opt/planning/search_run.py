@@ -24,7 +24,7 @@ from ccm_opt.planning.hairpin import FOLD_LENGTHS, fitting_folds, led_along, pul
 from ccm_opt.planning.link_space import LinkSpace
 from ccm_opt.planning.motion import CurveMotion, Motion
 from ccm_opt.planning.motion_task import CachedItems, MotionTask
-from ccm_opt.planning.passage_exit import SlidingOut, mouth_of_gates, pose_at_goal, slid_out, ways_on
+from ccm_opt.planning.passage_exit import mouth_of_gates, pose_at_goal, slid_out
 from ccm_opt.planning.passage_widths import evenly_along
 from ccm_opt.planning.pose import CurveUnknowns, Pose
 from ccm_opt.planning.retraction import drawn_back, lies_confined, width_of_fold, widths_beside_arm
@@ -43,26 +43,6 @@ _CORNER = 0.02
 """Turn that makes a corner of a path [rad]. Taste."""
 _FEW_CORNERS = 2
 """A route with more corners bends the arm so that straight interpolation seldom works. Taste."""
-
-
-def drawn_in(stepper: Stepper, start: Pose, whole_arm: FloatArray | None, path: TipPath) -> Iterator[GuideCandidate]:
-    """The arm drawn back out of the passage that it fills, bowed to either side; none where it fills none.
-
-    Args:
-        stepper: of the link space.
-        start: where the motion begins.
-        whole_arm: coordinates of a goal for the whole arm, or None.
-        path: of the tip.
-    """
-    mouth = mouth_of_passage(stepper, start, path)
-    if mouth is None:
-        return
-    for onward in ways_on(stepper, whole_arm):
-        for side in (path.side, -path.side):
-            make_guide = partial(SlidingOut, stepper.space, start.points, mouth, side)
-            resume = tuple(partial(each, path) for each in onward)
-            name = f"drawn in, bowed to the {'left' if side > 0 else 'right'}"
-            yield GuideCandidate(f"{name}, {path.name}", make_guide, resume)
 
 
 def mouth_of_passage(stepper: Stepper, start: Pose, path: TipPath) -> float | None:
@@ -94,7 +74,8 @@ def first_candidates(
         whole_arm: coordinates of a goal for the whole arm; a fold that has run to the base is opened onto it.
     """
     # In a gate with hardly any play nothing else moves an arm.
-    yield from slid_out(stepper, start, whole_arm, tip_paths)
+    gates = [(path, mouth_of_gates(stepper, start, path)) for path in tip_paths]
+    yield from slid_out(stepper, start, whole_arm, gates, "slid out of gates")
 
     # Poses at the goal are dear among many walls, and often there are none along the routes; a tip is led in no time.
     led_first = whole_arm is None and stepper.among_many_walls
@@ -110,7 +91,8 @@ def first_candidates(
     # Out of a narrow place the arm comes only as it came in, and a tip that is drawn back alone buckles it.
     if tip_paths and lies_confined(stepper, start, tip_paths[0]):
         yield from withdrawn
-        yield from drawn_in(stepper, start, whole_arm, tip_paths[0])
+        passage = (tip_paths[0], mouth_of_passage(stepper, start, tip_paths[0]))
+        yield from slid_out(stepper, start, whole_arm, [passage], "drawn in")
 
     for path in tip_paths:
         # A fold lays the arm on its new route link by link, where a goal of the whole arm wants it; a tip alone can
@@ -279,13 +261,23 @@ class SearchRun(ABC, Generic[TaskType, CurveType]):
             return [*poses, *settle(self.stepper, self.goal, poses[-1], self.task.deadline)[1:]]
         return [*poses, *self.led_to(self.goal.coordinates, poses[-1])[1:]]
 
-    @abstractmethod
     def led_to(self, end: FloatArray, pose: Pose) -> list[Pose]:
         """Poses from one to other unknowns, shape (p,), on the straight way.
 
         Raises:
             Stalled: when there is no such way.
         """
+        guide = PoseLed(self.stepper.space, pose.v, end)
+        try:
+            poses = follow(self.stepper, guide, pose, self.task.deadline)
+        except Stalled as stalled:
+            # Unknowns that hardly turn a joint may be the last that differ.
+            poses = stalled.poses
+        # Where steps are not proved the motion is as a whole.
+        unproved = self.stepper.settings.step.proof_depth is None and guide.finished(poses[-1])
+        if not unproved and not self.stepper.edge_is_safe(poses[-1].v, end):
+            raise Stalled(guide.describe(poses[-1]), poses)
+        return [*poses, *(self.stepper.pose(v) for v in self.stepper.space.pieces(poses[-1].v, end)[1:])]
 
     @abstractmethod
     def tightest(self, pose: Pose) -> tuple[int, str, float] | None:
@@ -426,11 +418,6 @@ class PlanarRun(SearchRun[MotionTask, LinkSpace]):
                     raise
                 poses = poses + stalled.poses[1:]
         return poses
-
-    def led_to(self, end: FloatArray, pose: Pose) -> list[Pose]:
-        """Poses from one straight to other coordinates, shape (p,)."""
-        guide = PoseLed(self.stepper.space, pose.v, end)
-        return [*follow(self.stepper, guide, pose, self.task.deadline), self.stepper.pose(end)]
 
     def tightest(self, pose: Pose) -> tuple[int, str, float] | None:
         """The contact that is furthest inside its margin."""

@@ -133,7 +133,9 @@ class CurveDraws:
         """Poses from the start to one of the goals; None where so many draws or the time end first."""
         trees = (PointTree.empty(len(self.root)), PointTree.empty(len(self.root)))
         trees[0].add((self.start.v @ self.root)[None], np.array([-1]))
-        search = ConnectSearch(self, self, self._unproved, iter((self.goal_points,)), deadline.passed, rng, trees)
+        search = ConnectSearch(
+            self.free_shares, self, self._unproved, iter((self.goal_points,)), deadline.passed, rng, trees
+        )
         found = search.run(draws)
         if found is None:
             return None

@@ -13,7 +13,7 @@ from ccm_opt.planning.continuation import Guide, Stalled, follow, settle
 from ccm_opt.planning.curve_map import KNOTS, CurveMap
 from ccm_opt.planning.followable_ways import feeds_to_end, fitted_slide, slid_along
 from ccm_opt.planning.goal import GoalPose
-from ccm_opt.planning.guides import ArmTrack, PoseLed, TipLed, TrackLed
+from ccm_opt.planning.guides import ArmTrack, TipLed, TrackLed
 from ccm_opt.planning.motion import SpaceMotion
 from ccm_opt.planning.passed_places import passings
 from ccm_opt.planning.pose import Pose
@@ -72,18 +72,6 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
         whole = stepper.pose(end)
         goal = replace(goal, position=whole.tip, direction=whole.tip_direction, coordinates=end)
         return cls(task, stepper, stepper.pose(np.append(start, 0.0)), goal)
-
-    def led_to(self, end: FloatArray, pose: Pose) -> list[Pose]:
-        """Poses from one to other unknowns, shape (p,), on the straight way."""
-        guide = PoseLed(self.stepper.space, pose.v, end)
-        try:
-            poses = follow(self.stepper, guide, pose, self.task.deadline)
-        except Stalled as stalled:
-            # Unknowns that hardly turn a joint may be the last that differ.
-            poses = stalled.poses
-        if not self.stepper.edge_is_safe(poses[-1].v, end):
-            raise Stalled(guide.describe(poses[-1]), poses)
-        return [*poses, *(self.stepper.pose(v) for v in self.stepper.space.pieces(poses[-1].v, end)[1:])]
 
     def tightest(self, pose: Pose) -> tuple[int, str, float] | None:
         """The nearest surface."""

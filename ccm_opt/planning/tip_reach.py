@@ -112,36 +112,21 @@ class ReachQuestion:
 
 
 @dataclass(frozen=True, eq=False)
-class EnterTask:
-    """A cell to be entered.
+class ReachTask:
+    """A cell to be entered, or one that is reached, in which directions and room are looked at.
 
     Attributes:
         cell: its numbers.
         middle: of it, shape (d,) [m].
-        seeds: unknowns of poses with the tip in it or beside it, each of shape (p,), in the order of trying.
+        seeds: unknowns of poses, each of shape (p,): to enter it, such with the tip in it or beside it, in the order of
+            trying; where it is reached, first of the pose with the tip in its middle, then of those beside.
+        reached: whether it is.
     """
 
     cell: Cell
     middle: FloatArray
     seeds: tuple[FloatArray, ...]
-
-
-@dataclass(frozen=True, eq=False)
-class TurnTask:
-    """A cell that is reached, in which directions and room are looked at.
-
-    Attributes:
-        cell: its numbers.
-        middle: of it, shape (d,) [m].
-        seeds: unknowns of the pose with the tip in its middle, and of those in the cells beside it, each of shape (p,).
-    """
-
-    cell: Cell
-    middle: FloatArray
-    seeds: tuple[FloatArray, ...]
-
-
-ReachTask: TypeAlias = EnterTask | TurnTask
+    reached: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,10 +157,7 @@ def look_at_cell(question: ReachQuestion, task: ReachTask) -> CellFound:
     """Do one task of a map."""
     begun = time.process_time()
     looker = question.looker
-    if isinstance(task, EnterTask):
-        found = looker.entered(task, question.width)
-    else:
-        found = looker.turned(task, question.directions)
+    found = looker.turned(task, question.directions) if task.reached else looker.entered(task, question.width)
     return replace(found, cpu=time.process_time() - begun)
 
 
@@ -207,7 +189,7 @@ class TipLooker:
     seed: int
     task: SpaceTask | None = None
 
-    def entered(self, task: EnterTask, width: float) -> CellFound:
+    def entered(self, task: ReachTask, width: float) -> CellFound:
         """A pose in a cell, or one that comes into it, from poses near by.
 
         In a duct the middles of cells may lie in its walls. So a pose that only comes into the cell is a stepping
@@ -230,7 +212,7 @@ class TipLooker:
                 stone = pose.v
         return CellFound(stone=stone, tried=len(task.seeds))
 
-    def turned(self, task: TurnTask, directions: FloatArray) -> CellFound:
+    def turned(self, task: ReachTask, directions: FloatArray) -> CellFound:
         """Directions that a cell can have, each tried from the poses that point most nearly there."""
         own, *beside = map(self.stepper.pose, task.seeds)
         found = [own]
@@ -372,7 +354,7 @@ class TipFlood:
             cell = self._cell_of(pose.tip)
             if cell is not None and cell not in self._stones:
                 self._stones[cell] = pose.v
-                self._wave.append(EnterTask(cell, self._place(cell), (pose.v,)))
+                self._wave.append(ReachTask(cell, self._place(cell), (pose.v,)))
 
     def add(self, task: ReachTask, found: CellFound) -> None:
         """Take in what was found in a cell."""
@@ -412,7 +394,7 @@ class TipFlood:
         """Take in what a task found; whether its cell has got a pose from which others may be reached."""
         cell = task.cell
         found = self._found[cell]
-        if isinstance(task, TurnTask):
+        if task.reached:
             self.taken[cell] = found.taken
             self.gap[cell] = found.gap
             self._turned[cell] = found.turned
@@ -440,7 +422,7 @@ class TipFlood:
                 if other not in self.poses and left > 0:
                     pose = self.poses[cell] if cell in self.poses else self._stones[cell]
                     seeds.setdefault(other, []).append(pose)
-        return [EnterTask(cell, self._place(cell), tuple(poses)) for cell, poses in seeds.items()]
+        return [ReachTask(cell, self._place(cell), tuple(poses)) for cell, poses in seeds.items()]
 
     def _turning(self) -> list[ReachTask]:
         """Directions to be looked at in cells that are reached."""
@@ -448,7 +430,7 @@ class TipFlood:
         for cell in self.poses:
             if cell not in self._turned:
                 near = (self.poses[other] for other in self._beside(cell) if other in self.poses)
-                tasks.append(TurnTask(cell, self._place(cell), (self.poses[cell], *near)))
+                tasks.append(ReachTask(cell, self._place(cell), (self.poses[cell], *near), reached=True))
         return tasks
 
     def _from_turned(self) -> list[ReachTask]:
@@ -460,7 +442,7 @@ class TipFlood:
                     if other not in self.poses and not self.closed[other]:
                         seeds.setdefault(other, []).extend(poses)
         self._given_on.update(self._turned)
-        return [EnterTask(cell, self._place(cell), tuple(poses)) for cell, poses in seeds.items() if poses]
+        return [ReachTask(cell, self._place(cell), tuple(poses)) for cell, poses in seeds.items() if poses]
 
     def _drawn(self, looker: TipLooker) -> Iterator[Pose]:
         """Free poses that are drawn."""

@@ -143,9 +143,9 @@ class TreeSearch:
         """Follow one random guide, keep what is certified and new, and try to end the search from where it led."""
         tree = self.trees[side]
         other = self.trees[1 - side]
-        extension = self.samplers[side].draw(tree, other)
-        poses = self._led(extension.guide, tree.poses[extension.node], _PATIENCE)
-        added = self._keep(tree, extension.node, self._certified(poses))
+        node, guide = self.samplers[side].draw(tree, other)
+        poses = self._led(guide, tree.poses[node], _PATIENCE)
+        added = self._keep(tree, node, self._certified(poses))
         if not added:
             self.rejected += 1
             return
