@@ -21,7 +21,7 @@ from ccm_opt.io.schema import (
     SpaceWorkspaceTable,
     WorkspaceTable,
 )
-from ccm_opt.io.schema_tables import ArmTable, LimitsTable, PlannerTable, SimulationTable, Table
+from ccm_opt.io.schema_tables import ArmTable, LimitsTable, PlannerTable, SimulationTable
 from ccm_opt.problem import (
     Disturbances,
     Goal,
@@ -136,18 +136,13 @@ def build_problem(tables: Mapping[str, Any], source: str) -> Problem:
             bandwidth=simulation.bandwidth,
             proportional_gain=simulation.gains.proportional,
             derivative_gain=simulation.gains.derivative,
-            disturbances=Disturbances(**_without_units(simulation.disturbances)),
+            disturbances=Disturbances(**simulation.disturbances.values),
         ),
         joint_error=tables["tolerance"].joint_error_deg,
-        verification=VerificationOptions(**tables["verification"].model_dump()),
+        verification=VerificationOptions(**tables["verification"].values),
         source=source,
         length_unit=tables["root"].units,
     )
-
-
-def _without_units(table: Table) -> dict[str, Any]:
-    """The values of a table by their keys without the units that these name, in which no value is any more."""
-    return {key.removesuffix("_deg"): value for key, value in table.model_dump().items()}
 
 
 def build_workspace(
@@ -335,9 +330,7 @@ def _tolerances(table: GoalTable | SpaceGoalTable) -> Tolerances:
 
 def build_options(table: PlannerTable) -> PlannerOptions:
     """The planner's options."""
-    values = table.model_dump()
-    weights = Weights(**values.pop("weights"))
-    return PlannerOptions(**values, weights=weights)
+    return PlannerOptions(**table.values | {"weights": Weights(**table.weights.values)})
 
 
 def _each(value: float | Sequence[float], links: int) -> FloatArray:

@@ -21,13 +21,13 @@ import shapely
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.errors import ProblemError
-from ccm_opt.core.length_words import METRES
+from ccm_opt.core.length_words import METRES, LengthUnit
 from ccm_opt.core.polygons import mitred
 from ccm_opt.io.dxf import read_dxf
 from ccm_opt.io.geojson import read_geojson, read_wkt
 from ccm_opt.io.issues import Issues, KeyPath
 from ccm_opt.io.outlines import as_walls, filled, polygons_of, room_of, with_holes
-from ccm_opt.io.schema import SceneTable
+from ccm_opt.io.schema import CircleTable, ObstacleTable, SceneTable, WallTable
 from ccm_opt.io.shapes import IMPORT, DrawingContent, Reader, Shape
 from ccm_opt.io.svg import read_svg
 from ccm_opt.problem import ImportedDrawing, LeftOut
@@ -424,16 +424,26 @@ def _imported(
         return None
 
 
-def obstacle_table(obstacle: Obstacle) -> dict[str, object]:
-    """An obstacle as its table in a problem file, in the same unit of length."""
+def obstacle_table(obstacle: Obstacle, unit: LengthUnit = "m") -> dict[str, object]:
+    """An obstacle of the plane as its table in a problem file, in metres or in another unit.
+
+    Raises:
+        ProblemError: it is none that a problem file can say.
+    """
     core = obstacle.core
-    if isinstance(core, shapely.Polygon):
-        outline: dict[str, object] = {"name": obstacle.name, "polygon": _points(core.exterior)[:-1]}
-        holes = [_points(ring)[:-1] for ring in core.interiors]
-        return outline | ({"holes": holes} if holes else {})
-    if isinstance(core, shapely.Point):
-        return {"name": obstacle.name, "circle": {"center": _points(core)[0], "radius": obstacle.rounding}}
-    return {"name": obstacle.name, "wall": {"points": _points(core), "thickness": 2.0 * obstacle.rounding}}
+    own: dict[str, object] = {}
+    if isinstance(core, shapely.LineString):
+        own["wall"] = WallTable.of(None, points=_points(core), thickness=2.0 * obstacle.rounding)
+    elif isinstance(core, shapely.Polygon) and obstacle.rounding == 0.0:
+        own = {"polygon": _points(core.exterior)[:-1], "holes": [_points(ring)[:-1] for ring in core.interiors] or None}
+    elif isinstance(core, shapely.Point) and obstacle.rounding > 0.0:
+        own["circle"] = CircleTable.of(None, center=_points(core)[0], radius=obstacle.rounding)
+    else:  # a rounded polygon has no table of its own, and a point without rounding is no obstacle
+        raise ProblemError(
+            f"obstacle '{obstacle.name}', a {type(core).__name__} with rounding {obstacle.rounding:g} m, is none that "
+            "a problem file can say; expected a polygon without rounding, a point with, or a line"
+        )
+    return ObstacleTable.of(obstacle, **own).written(unit)
 
 
 def _points(geometry: shapely.Geometry) -> list[list[float]]:

@@ -287,7 +287,7 @@ def _known_everywhere() -> dict[str, tuple[str, ...]]:
         for name, info in model.model_fields.items():
             key = info.alias or name
             found[key] = (*found.get(key, ()), f"{place}.{key}".strip("."))
-        pending += [(f"{place}.{key}", nested) for key, nested in _table_models(model).items()]
+        pending += [(f"{place}.{key}", nested) for key, nested in table_models(model).items()]
     return found
 
 
@@ -332,11 +332,11 @@ def _known_keys(model: type[BaseModel], path: KeyPath) -> tuple[str, ...]:
     """Keys of the table at ``path`` below a model's table."""
     for part in path:
         if isinstance(part, str):
-            model = _table_models(model).get(part, model)
+            model = table_models(model).get(part, model)
     return tuple(info.alias or name for name, info in model.model_fields.items())
 
 
-def _table_models(model: type[BaseModel]) -> Mapping[str, type[BaseModel]]:
+def table_models(model: type[BaseModel]) -> Mapping[str, type[BaseModel]]:
     """The models of a model's nested tables, by key."""
     found: dict[str, type[BaseModel]] = {}
     for name, info in model.model_fields.items():

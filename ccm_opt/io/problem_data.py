@@ -3,35 +3,44 @@
 import hashlib
 import tomllib
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict
+from functools import partial
 from pathlib import PurePosixPath
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import shapely
 
-from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.errors import ProblemError, ProblemFileError
-from ccm_opt.core.length_words import METRES, LengthUnit, in_unit
+from ccm_opt.core.length_words import METRES, LengthUnit
 from ccm_opt.io.drawing import obstacle_table
 from ccm_opt.io.reading import parse_problem
 from ccm_opt.io.robot_models import triangles_stl
 from ccm_opt.io.scene_solids import told_apart
-from ccm_opt.problem import (
-    Goal,
-    JointPose,
-    Limits,
-    PlannerOptions,
-    Problem,
-    SimulationOptions,
-    Tolerances,
-    VerificationOptions,
+from ccm_opt.io.schema import (
+    BaseTable,
+    GoalTable,
+    PlacementTable,
+    SpaceArmTable,
+    SpaceGoalTable,
+    SpaceObstacleTable,
+    SpaceWorkspaceTable,
+    WorkspaceTable,
 )
+from ccm_opt.io.schema_tables import (
+    ArmTable,
+    FeedTable,
+    GainsTable,
+    InertiaTable,
+    LimitsTable,
+    PlannerTable,
+    PointLimitTable,
+    SimulationTable,
+    ToleranceTable,
+    VerificationTable,
+)
+from ccm_opt.problem import Goal, Limits, Problem, SimulationOptions, Tolerances
 from ccm_opt.robot.arm import Arm
-from ccm_opt.robot.configuration import Configuration
-from ccm_opt.scene.bodies import Body, MeshBody, RigidPlacement
-from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
+from ccm_opt.scene.bodies import Body, MeshBody
+from ccm_opt.scene.workspace import Workspace
 
 Table = dict[str, object]
 """A table of a problem file."""
@@ -84,17 +93,18 @@ def problem_data(problem: Problem, mesh_files: Sequence[str] | None = None) -> T
     """
     unit = problem.length_unit
     head: Table = {"schema": 1}
-    workspace: Table
     if problem.dimension == 3:
         head["space"] = 3
         files = kept_names(problem) if mesh_files is None else mesh_files
-        workspace = {"clearance": in_unit(problem.workspace.clearance, unit)}
-        if problem.workspace.bounds is not None:
-            workspace["bounds"] = _lengths(problem.workspace.bounds, unit)
         listed = zip(problem.workspace.obstacles, files, strict=True)
-        workspace["obstacles"] = [{"name": each.name} | _body(each.body, file, unit) for each, file in listed]
+        obstacles = [_body(each.name, each.body, file, unit) for each, file in listed]
+        workspace: Table = SpaceWorkspaceTable.of(problem.workspace).written(unit) | {"obstacles": obstacles}
     else:
         workspace = workspace_table(problem.workspace, unit)
+    check_curves(problem)
+    written = partial(goal_table, unit=unit, in_space=problem.dimension == 3, fed=bool(problem.arm.base_axes))
+    stops = [written(stop.goal, tolerances=stop.tolerances) | {"pause": float(stop.pause)} for stop in problem.stops]
+    goal = written(problem.goal, tolerances=problem.tolerances)
     return {
         **head,
         "name": problem.name,
@@ -103,235 +113,114 @@ def problem_data(problem: Problem, mesh_files: Sequence[str] | None = None) -> T
         "workspace": workspace,
         "arm": arm_table(problem.arm, unit),
         "limits": limits_table(problem.limits, unit),
-        "start": pose_table(problem.start, problem.arm, unit),
-        "goal": _goals(problem),
-        "planner": planner_table(problem.planner, unit),
-        "simulation": simulation_table(problem.simulation),
-        "tolerance": {"joint_error_deg": _degrees(problem.joint_error)},
-        "verification": verification_table(problem.verification, unit),
+        "start": written(problem.start),
+        "goal": [*stops, goal] if stops else goal,
+        "planner": PlannerTable.of(problem.planner).written(unit),
+        "simulation": simulation_table(problem.simulation, unit),
+        "tolerance": ToleranceTable.of(problem).written(unit),
+        "verification": VerificationTable.of(problem.verification).written(unit),
     }
 
 
+def check_curves(problem: Problem) -> None:
+    """Refuse curves that do not begin at the base, which a problem file has but one of.
+
+    Raises:
+        ProblemError: there is such a curve.
+    """
+    arm = problem.arm
+    for goal in (problem.start, *(stop.goal for stop in problem.goals)):
+        curve = goal.for_joints.curve if goal.for_joints else None
+        if curve is not None and not np.allclose(curve.base, arm.base, rtol=0.0, atol=_BASE_TOLERANCE * arm.length):
+            found, base = (np.asarray(place, dtype=np.float64).tolist() for place in (curve.base, arm.base))
+            raise ProblemError(f"a curve begins at {found}, expected the arm's base, {base}")
+
+
 def workspace_table(workspace: Workspace, unit: LengthUnit) -> Table:
-    """A room as ``[workspace]``.
+    """A room in the plane as ``[workspace]``.
 
     Raises:
         ProblemError: its boundary has holes, or an obstacle is none that a problem file can say.
     """
     if workspace.boundary.interiors:
         raise ProblemError("the workspace's boundary has holes, which a problem file cannot say; make them obstacles")
-    return {
-        "boundary": _lengths(shapely.get_coordinates(workspace.boundary.exterior)[:-1], unit),
-        "clearance": in_unit(workspace.clearance, unit),
-        "obstacles": [obstacle_in_unit(obstacle, unit) for obstacle in workspace.obstacles],
-    }
-
-
-def obstacle_in_unit(obstacle: Obstacle, unit: LengthUnit) -> Table:
-    """An obstacle as an entry of ``[[workspace.obstacles]]``.
-
-    Raises:
-        ProblemError: it is none that a problem file can say.
-    """
-    # A rounded polygon has no table of its own, and a point without rounding is no obstacle.
-    expected = shapely.Point if obstacle.rounding > 0.0 else shapely.Polygon
-    if not isinstance(obstacle.core, (expected, shapely.LineString)):
-        raise ProblemError(
-            f"obstacle '{obstacle.name}', a {type(obstacle.core).__name__} with rounding {obstacle.rounding:g} m, "
-            "is none that a problem file can say; expected a polygon without rounding, a point with, or a line"
-        )
-    core = shapely.transform(obstacle.core, lambda points: np.array(_lengths(points, unit)))
-    return obstacle_table(Obstacle(obstacle.name, PlaneShape(core, in_unit(obstacle.rounding, unit))))
+    boundary = shapely.get_coordinates(workspace.boundary.exterior)[:-1]
+    table = WorkspaceTable.of(workspace, boundary=boundary).written(unit)
+    return table | {"obstacles": [obstacle_table(obstacle, unit) for obstacle in workspace.obstacles]}
 
 
 def arm_table(arm: Arm, unit: LengthUnit) -> Table:
     """An arm as ``[arm]``."""
-    chain = _chain_table(arm, unit)
-    if arm.dimension == 3:
-        position, along, up = _lengths(arm.base, unit), arm.direction.tolist(), arm.up.tolist()
-        return chain | {"base": {"position": position, "direction": along, "up": up}}
-    base: Table = {"base": _lengths(arm.base, unit), "base_heading_deg": _degrees(arm.base_heading)}
-    # In the order of the pages on problem files.
-    measures = {key: chain.pop(key) for key in ("links", "link_length", "radius")}
-    return measures | base | chain
-
-
-def _chain_table(arm: Arm, unit: LengthUnit) -> Table:
-    """What ``[arm]`` says of an arm in the plane or in space, but for its base."""
-    table: Table = {
-        "links": int(arm.links),
-        "link_length": in_unit(arm.link_length, unit),
-        "radius": in_unit(arm.radius, unit),
-        "joint_limit_deg": _degrees(arm.joint_limit),
-        "base_limit_deg": _degrees(arm.base_limit),
-        "self_collision": bool(arm.self_collision),
-        "mount_length": in_unit(arm.mount_length, unit),
-        "masses": _list(arm.masses),
-        "inertia": {"axial": _list(arm.inertia_axial), "transverse": _list(arm.inertia_transverse)},
-        "axes": arm.axes,
+    own: dict[str, object] = {
+        "inertia": InertiaTable.of(None, axial=arm.inertia_axial, transverse=arm.inertia_transverse),
+        "feed": next((FeedTable.of(axis, range=[axis.low, axis.high]) for axis in arm.base_axes), None),
     }
-    for key in ("payload", "rotor_inertia", "friction"):
-        if np.any(value := np.asarray(getattr(arm, key), dtype=np.float64)):
-            table[key] = _list(value) if value.ndim else float(value)
-    for name, axis in zip(arm.coordinates.base_names, arm.base_axes, strict=True):
-        ends = [in_unit(axis.low, unit), in_unit(axis.high, unit)]
-        table[name] = {"range": ends, "hole": in_unit(axis.hole, unit)}
-    return table
+    own |= {key: None for key in ("payload", "rotor_inertia", "friction") if not np.any(getattr(arm, key))}
+    if arm.dimension == 3:
+        return SpaceArmTable.of(arm, base=BaseTable.of(arm, position=arm.base), **own).written(unit)
+    return ArmTable.of(arm, **own).written(unit)
 
 
 def limits_table(limits: Limits, unit: LengthUnit) -> Table:
     """Limits as ``[limits]``."""
-    keys = ("velocity", "acceleration", "jerk", "torque", "feed_velocity", "feed_acceleration", "feed_jerk")
-    values = {key: getattr(limits, key) for key in keys if getattr(limits, key) is not None}
-    table: Table = {
-        key: in_unit(value, unit) if key.startswith("feed") else _list(value) for key, value in values.items()
-    }
-    if limits.feed_force is not None:
-        table["feed_force"] = float(limits.feed_force)
-    points = []
-    for point in limits.points:
-        bounds = {key: in_unit(getattr(point, key), unit) for key in ("velocity", "acceleration")}
-        given = {key: value for key, value in bounds.items() if np.isfinite(value)}
-        if point.at is None:
-            table |= {f"tip_{key}": value for key, value in given.items()}
-        else:
-            points.append({"at": in_unit(point.at, unit), **given})
-    if points:
-        table["points"] = points
-    return table
-
-
-def _goals(problem: Problem) -> Table | list[Table]:
-    """The goal, or with stops on the way the list of all goals."""
-    unit = problem.length_unit
-
-    def table(goal: Goal, tolerances: Tolerances) -> Table:
-        angle = "direction" if problem.dimension == 3 else "heading"
-        own = goal_table(goal, problem.arm, unit)
-        own["position_tolerance"] = in_unit(tolerances.position, unit)
-        return own | {f"{angle}_tolerance_deg": _degrees(tolerances.heading)}
-
-    last = table(problem.goal, problem.tolerances)
-    stops = [table(stop.goal, stop.tolerances) | {"pause": float(stop.pause)} for stop in problem.stops]
-    return [*stops, last] if stops else last
-
-
-def goal_table(goal: Goal, arm: Arm, unit: LengthUnit) -> Table:
-    """A goal as ``[goal]``, without its tolerances."""
-    if goal.for_joints:
-        return pose_table(goal.for_joints, arm, unit)
-    table: Table = {"position": _lengths(goal.tip(arm), unit)}
-    if goal.heading is not None:
-        table["heading_deg"] = _degrees(goal.heading)
-    elif goal.direction is not None:
-        table["direction"] = goal.direction.tolist()
-    return table | {"via": [_lengths(place, unit) for place in goal.via]} if goal.via else table
-
-
-def pose_table(pose: JointPose, arm: Arm, unit: LengthUnit) -> Table:
-    """A pose of the whole arm as ``[start]``.
-
-    Raises:
-        ProblemError: a curve does not begin at the base.
-    """
-    feed: Table = {axis: in_unit(pose.feed, unit) for axis in arm.coordinates.base_names}
-    if pose.curve is None:
-        return {"joints_deg": np.rad2deg(pose.bends).tolist()} | feed
-    return _curve(pose.curve, arm, unit) | feed
-
-
-def _curve(curve: Configuration, arm: Arm, unit: LengthUnit) -> Table:
-    if not np.allclose(curve.base, arm.base, rtol=0.0, atol=_BASE_TOLERANCE * arm.length):
-        raise ProblemError(f"a curve begins at {_list(curve.base)}, expected the arm's base, {_list(arm.base)}")
-    segments = [
-        {
-            "length": in_unit(segment.length, unit),
-            "curvature": _list(METRES[unit] * segment.curvature),
-            "knots": [float(knot) for knot in segment.knots],
-        }
-        for segment in curve.segments
+    bounds = [
+        (point.at, {key: bound for key in ("velocity", "acceleration") if np.isfinite(bound := getattr(point, key))})
+        for point in limits.points
     ]
-    return {"heading_deg": _degrees(curve.base_heading), "segments": segments}
+    tip = {f"tip_{key}": bound for at, given in bounds if at is None for key, bound in given.items()}
+    points = [PointLimitTable.of(None, at=at, **given) for at, given in bounds if at is not None]
+    return LimitsTable.of(limits, **tip, points=points or None).written(unit)
 
 
-def planner_table(options: PlannerOptions, unit: LengthUnit) -> Table:
-    """Planner options as ``[planner]``."""
-    table = asdict(options)
-    gap = table.pop("wanted_gap")
-    return table if gap is None else table | {"wanted_gap": in_unit(gap, unit)}
+def goal_table(
+    goal: Goal, unit: LengthUnit, *, in_space: bool, fed: bool, tolerances: Tolerances | None = None
+) -> Table:
+    """A goal as ``[goal]``, or a pose of the whole arm as ``[start]``, which has no tolerances.
+
+    Args:
+        goal: as an object.
+        unit: of the lengths in the table.
+        in_space: whether the arm leaves the plane.
+        fed: whether a feed axis carries its base.
+        tolerances: how near it counts.
+    """
+    own: dict[str, object] = {"via": list(goal.via) or None} if in_space else {}
+    if tolerances:
+        angle = "direction" if in_space else "heading"
+        own |= {"position_tolerance": tolerances.position, f"{angle}_tolerance_deg": tolerances.heading}
+    if (pose := goal.for_joints) is not None:
+        own["feed"] = pose.feed if fed else None
+        if pose.curve is None:
+            own["joints_deg"] = pose.bends
+        else:
+            own |= {"heading_deg": pose.curve.base_heading, "segments": pose.curve.segments}
+    table = SpaceGoalTable if in_space else GoalTable
+    return table.of(goal, **own).written(unit)
 
 
-def simulation_table(options: SimulationOptions) -> Table:
+def simulation_table(options: SimulationOptions, unit: LengthUnit) -> Table:
     """Simulation options as ``[simulation]``."""
-    disturbances = asdict(options.disturbances)
-    given = {"proportional": options.proportional_gain, "derivative": options.derivative_gain}
-    gains = {name: float(value) for name, value in given.items() if value is not None}
-    return {
-        "gravity": _list(options.gravity),
-        "step": float(options.step),
-        "controller": options.controller,
-        "bandwidth": float(options.bandwidth),
-        **({"gains": gains} if gains else {}),
-        "disturbances": disturbances | {"angle_noise_deg": _degrees(disturbances.pop("angle_noise"))},
-    }
+    gains = GainsTable.of(None, proportional=options.proportional_gain, derivative=options.derivative_gain)
+    return SimulationTable.of(options, gains=gains if gains.model_fields_set else None).written(unit)
 
 
-def verification_table(options: VerificationOptions, unit: LengthUnit) -> Table:
-    """How strictly plans are judged as ``[verification]``."""
-    return {key: in_unit(value, unit) for key, value in asdict(options).items() if value is not None}
-
-
-def _degrees(angle: float) -> float:
-    return float(np.rad2deg(angle))
-
-
-def _list(values: FloatArray) -> list[float]:
-    plain: list[float] = np.asarray(values, dtype=np.float64).tolist()
-    return plain
-
-
-def _lengths(values: npt.ArrayLike, unit: LengthUnit) -> list[Any]:
-    """Lengths or places in a unit, as nested lists."""
-    metres = np.asarray(values, dtype=np.float64)
-    given = np.array([in_unit(value, unit) for value in metres.flat])
-    nested: list[Any] = given.reshape(metres.shape).tolist()
-    return nested
-
-
-def _body(body: Body, file: str, unit: LengthUnit) -> Table:
-    """An obstacle without its name; bodies that are round stand where they are without being placed."""
+def _body(name: str, body: Body, file: str, unit: LengthUnit) -> Table:
+    """An obstacle in space; bodies that are round stand where they are without being placed."""
+    own: dict[str, object] = {body.kind: body}
     if body.kind == "mesh":
-        surface: Table = {} if body.solid else {"solid": False}
-        if not body.content:
-            # Made in Python: written in metres, where it stands.
-            return {"mesh": file, "scale": 1.0 / METRES[unit]} | surface
-        table: Table = {"mesh": file, "scale": body.scale / METRES[unit], "sha256": body.digest} | surface
-        # Of GLB it is said that y is up where the key is not there.
-        if body.up == "y" or body.file.lower().endswith(".glb"):
-            table["up"] = body.up
-        return table | _placement(body.placement, unit)
-    if body.kind == "box":
-        return {"box": [_lengths(body.low, unit), _lengths(body.high, unit)]} | _placement(body.placement, unit)
-    radius = in_unit(body.radius, unit)
-    if body.kind == "sphere":
-        return {"sphere": {"center": _lengths(body.center, unit), "radius": radius}}
-    bar = {
-        "from": _lengths(body.start, unit),
-        "to": _lengths(body.end, unit),
-        "radius": radius,
-    }
-    return {body.kind: bar}
-
-
-def _placement(placement: RigidPlacement, unit: LengthUnit) -> Table:
-    if placement.is_identity:
-        return {}
-    return {
-        "pose": {
-            "position": _lengths(placement.position, unit),
-            "quaternion": placement.quaternion.tolist(),
-        }
-    }
+        # Made in Python: written in metres, where it stands.
+        own = {"mesh": file, "scale": 1.0 / METRES[unit], "solid": None if body.solid else False}
+        if body.content:
+            own |= {"scale": body.scale / METRES[unit], "sha256": body.digest}
+            # Of GLB it is said that y is up where the key is not there.
+            own["up"] = body.up if body.up == "y" or body.file.lower().endswith(".glb") else None
+    elif body.kind == "box":
+        own = {"box": [body.low, body.high]}
+    if body.kind == "box" or (body.kind == "mesh" and body.content):
+        where = body.placement
+        pose = PlacementTable.of(None, position=where.position, quaternion=where.quaternion)
+        own["pose"] = None if where.is_identity else pose
+    return SpaceObstacleTable.of(None, name=name, **own).written(unit)
 
 
 def kept_names(problem: Problem) -> list[str]:

@@ -5,9 +5,10 @@ those of a file are. So whatever is wrong is told at once, under the key that th
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
-from typing import Any, TypeAlias, TypeVar, get_args
+from typing import Any, TypeAlias, get_args
 
 import numpy as np
 import shapely
@@ -16,22 +17,18 @@ from ccm_opt.core.arguments import Arguments, expect, expect_that, finite_array
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.errors import ProblemError, ProblemFileError
 from ccm_opt.core.length_words import METRES, LengthUnit
-from ccm_opt.io.build import build_arm
 from ccm_opt.io.drawing import obstacle_table
 from ccm_opt.io.issues import Issues
 from ccm_opt.io.problem_data import (
     Table,
     arm_table,
+    check_curves,
     goal_table,
     limits_table,
-    obstacle_in_unit,
-    planner_table,
     simulation_table,
-    verification_table,
     workspace_table,
 )
-from ccm_opt.io.schema import SpaceArmTable
-from ccm_opt.io.schema_tables import ArmTable
+from ccm_opt.io.schema_tables import PlannerTable, VerificationTable
 from ccm_opt.io.table_reading import check_data
 from ccm_opt.problem import (
     Goal,
@@ -47,106 +44,62 @@ from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.bodies import Body
 from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace, named_shapes, parts_of
 
-Part = TypeVar("Part")
+_WRITERS: Mapping[type, Callable[[Any, LengthUnit], Table]] = {
+    Arm: arm_table,
+    Limits: limits_table,
+    SimulationOptions: simulation_table,
+    PlannerOptions: lambda options, unit: PlannerTable.of(options).written(unit),
+    VerificationOptions: lambda options, unit: VerificationTable.of(options).written(unit),
+}
+"""What makes a table of an object; what is no such object stays as it is, for the rules of files to refuse."""
 
 
-@dataclass(frozen=True)
-class PartTables:
-    """Makes tables of parts; a value that is no such part stays as it is, for the rules of files to refuse.
+def _workspace(
+    room: object, shapes: object, clearance: object, unit: LengthUnit, issues: Issues, bodies: list[Obstacle] | None
+) -> Table:
+    """``[workspace]`` from the room, what is in it, and the gap to keep.
 
-    Attributes:
-        unit: in which lengths are given and written.
-        issues: receives what is wrong with a part that has no table.
-        in_space: whether obstacles are bodies.
-        bodies: receives obstacles in space that were given as bodies, and stay themselves.
+    Args:
+        room: its table, its outline, or a workspace.
+        shapes: geometries, obstacles and tables.
+        clearance: None where it is that of the room.
+        unit: of the table.
+        issues: receives what is wrong with the shapes.
+        bodies: receives obstacles in space that are given as bodies, and stay themselves; None in the plane.
     """
+    table: Table = {"bounds": room, "obstacles": []}
+    if isinstance(room, Workspace):
+        table = workspace_table(room, unit)
+    elif isinstance(room, shapely.Polygon):
+        holes = [PlaneShape(shapely.Polygon(ring)) for ring in room.interiors]
+        listed = [obstacle_table(Obstacle(f"hole {k}", hole)) for k, hole in enumerate(holes, start=1)]
+        table = {"boundary": shapely.get_coordinates(room.exterior)[:-1], "obstacles": listed}
+    inside: Any = table["obstacles"]
+    given = Arguments("the obstacles")
+    for name, shape in named_shapes(shapes, given, len(inside) + 1):
+        try:
+            if isinstance(shape, Mapping):
+                inside.append({"name": name, **shape})
+            elif bodies is None:
+                # Obstacles are in metres, geometries in the unit of the call.
+                whole = [obstacle_table(shape, unit)] if isinstance(shape, Obstacle) else None
+                inside += whole or map(obstacle_table, parts_of(name, shape))
+            elif isinstance(shape, _BODIES):
+                bodies.append(Obstacle(name, shape))
+            else:
+                raise ProblemError(f"'{name}' is neither a body nor a table of [[workspace.obstacles]]")  # noqa: TRY301
+        except ProblemError as error:
+            issues.add(("workspace", "obstacles"), str(error))
+    for line in given.wrong:
+        issues.add(("workspace", "obstacles"), line)
+    return table | ({} if clearance is None else {"clearance": clearance})
 
-    unit: LengthUnit
-    issues: Issues
-    in_space: bool = False
-    bodies: list[Obstacle] = field(default_factory=list)
 
-    def table(self, given: object, kind: type[Part], made: Callable[[Part, LengthUnit], Table]) -> object:
-        """The table of an object of a kind."""
-        return made(given, self.unit) if isinstance(given, kind) else given
-
-    def workspace(self, room: object, obstacles: object, clearance: object) -> Table:
-        """``[workspace]`` from the room, what is in it, and the gap to keep."""
-        table: Table = {}
-        inside: list[object] = []
-        if isinstance(room, Workspace):
-            # Its obstacles are tables already; so are the holes of its outline, below.
-            table = dict(workspace_table(room, self.unit))
-            inside = list(table["obstacles"])  # type: ignore[call-overload]
-        elif isinstance(room, shapely.Polygon):
-            table["boundary"] = shapely.get_coordinates(room.exterior)[:-1]
-            holes = [
-                Obstacle(f"hole {k}", PlaneShape(shapely.Polygon(ring)))
-                for k, ring in enumerate(room.interiors, start=1)
-            ]
-            inside = [obstacle_table(hole) for hole in holes]
-        else:
-            table["bounds"] = room
-        if clearance is not None:
-            table["clearance"] = clearance
-        return table | {"obstacles": inside + self._obstacles(obstacles, len(inside) + 1)}
-
-    def _obstacles(self, shapes: object, first: int) -> list[object]:
-        """``[[workspace.obstacles]]`` from geometries, obstacles and tables."""
-        given = Arguments("the obstacles")
-        entries: list[object] = []
-        for name, shape in named_shapes(shapes, given, first):
-            try:
-                entries += self._entries(name, shape)
-            except ProblemError as error:
-                self.issues.add(("workspace", "obstacles"), str(error))
-        for line in given.wrong:
-            self.issues.add(("workspace", "obstacles"), line)
-        return entries
-
-    def _entries(self, name: str, shape: object) -> list[object]:
-        if self.in_space and not isinstance(shape, Mapping):
-            if not isinstance(shape, _BODIES):
-                raise ProblemError(f"'{name}' is neither a body nor a table of [[workspace.obstacles]]")
-            self.bodies.append(Obstacle(name, shape))
-            return []
-        if isinstance(shape, Obstacle):
-            return [obstacle_in_unit(shape, self.unit)]
-        if isinstance(shape, Mapping):
-            return [{"name": name, **shape}]
-        return [obstacle_table(part) for part in parts_of(name, shape)]
-
-    def start(self, start: object, arm: object) -> object:
-        """``[start]`` from the name of a pose, or a pose."""
-        if isinstance(start, str):
-            return {"shape": start}
-        return self._pose(start, arm)
-
-    def goals(self, goal: object, arm: object) -> object:
-        """``[goal]``, or each ``[[goal]]``, from goals and places."""
-        several = isinstance(goal, (list, tuple)) and not _is_place(goal)
-        return [self._goal(each, arm) for each in goal] if several else self._goal(goal, arm)  # type: ignore[attr-defined]
-
-    def _goal(self, goal: object, arm: object) -> object:
-        if _is_place(goal):
-            return {"position": goal}
-        if isinstance(goal, str):
-            return {"shape": goal}
-        return self._pose(goal, arm)
-
-    def _pose(self, pose: object, arm: object) -> object:
-        if not isinstance(pose, (TipGoal, JointPose)):
-            return pose
-        built = arm if isinstance(arm, Arm) else self._built(arm)
-        # An arm that cannot be built has defects of its own, which are told; the pose is told of when it has none.
-        return {"shape": "straight"} if built is None else goal_table(pose, built, self.unit)
-
-    def _built(self, arm: object) -> Arm | None:
-        """The arm of a table, or None where it has defects."""
-        probe = Issues()
-        model: type[ArmTable | SpaceArmTable] = SpaceArmTable if self.in_space else ArmTable
-        table = probe.validate(model, plain(arm), ("arm",), METRES[self.unit])
-        return build_arm(table) if table is not None and not probe.found else None
+def _goal(goal: object) -> object:
+    """``[goal]`` from a place or the name of a pose; what is neither stays as it is."""
+    if _is_place(goal):
+        return {"position": goal}
+    return {"shape": goal} if isinstance(goal, str) else goal
 
 
 def _is_place(value: object) -> bool:
@@ -157,16 +110,22 @@ def _is_place(value: object) -> bool:
     return found is not None and found.ndim == 1 and len(found) > 0
 
 
-def plain(value: Any) -> Any:
-    """Tables, lists, texts and numbers of Python, as a reader of TOML makes them; keys without a value are left out."""
+def _plain(value: Any, writers: Mapping[type, Callable[[Any, LengthUnit], Table]], unit: LengthUnit) -> Any:
+    """Tables, lists, texts and numbers of Python, as a reader of TOML makes them; keys without a value are left out.
+
+    Args:
+        value: which may hold objects.
+        writers: what makes tables of these, by their types.
+        unit: of the lengths in these tables.
+    """
+    if type(value) in writers:
+        return writers[type(value)](value, unit)
     if isinstance(value, Mapping):
-        return {str(key): plain(entry) for key, entry in value.items() if entry is not None}
-    if isinstance(value, np.ndarray):
+        return {str(key): _plain(entry, writers, unit) for key, entry in value.items() if entry is not None}
+    if isinstance(value, (np.ndarray, np.generic)):
         return value.tolist()
-    if isinstance(value, np.generic):
-        return value.item()
     if isinstance(value, Sequence) and not isinstance(value, (str, bytes)):
-        return [plain(entry) for entry in value]
+        return [_plain(entry, writers, unit) for entry in value]
     return value
 
 
@@ -249,33 +208,40 @@ def make_problem(
     expect(arm, (Arm, Mapping), "a ccm_opt.Arm or a table for arm=", "ccm_opt.Arm.snake(…) makes one")
     in_space = arm.dimension == 3 if isinstance(arm, Arm) else isinstance(arm.get("base"), Mapping)
     issues = Issues()
-    parts = PartTables(unit, issues, in_space)
+    bodies: list[Obstacle] = []
+    several = goal if isinstance(goal, (list, tuple)) and not _is_place(goal) else None
+    goals = _goal(goal) if several is None else [_goal(each) for each in several]
     data = {
         "schema": 1,
         "space": 3 if in_space else 2,
         "name": name,
         "description": description,
         "units": unit,
-        "workspace": parts.workspace(room, obstacles, clearance),
-        "arm": parts.table(arm, Arm, arm_table),
-        "limits": parts.table(limits, Limits, limits_table),
-        "start": parts.start(start, arm),
-        "goal": parts.goals(goal, arm),
-        "planner": parts.table(planner, PlannerOptions, planner_table),
-        "simulation": parts.table(simulation, SimulationOptions, lambda options, _: simulation_table(options)),
+        "workspace": _workspace(room, obstacles, clearance, unit, issues, bodies if in_space else None),
+        "arm": arm,
+        "limits": limits,
+        "start": {"shape": start} if isinstance(start, str) else start,
+        "goal": goals,
+        "planner": planner,
+        "simulation": simulation,
         "tolerance": {"joint_error_deg": joint_error_deg},
-        "verification": parts.table(verification, VerificationOptions, verification_table),
+        "verification": verification,
     }
-    problem = check_data(plain(data), issues, "", None if folder is None else Path(folder))
+    fed = bool(arm.base_axes) if isinstance(arm, Arm) else "feed" in arm
+    write_goal = partial(goal_table, in_space=in_space, fed=fed)
+    writers: Mapping[type, Callable[[Any, LengthUnit], Table]]
+    writers = {**_WRITERS, TipGoal: write_goal, JointPose: write_goal}
+    problem = check_data(_plain(data, writers, unit), issues, "", None if folder is None else Path(folder))
     if problem is None:
         raise ProblemFileError(f"problem {name!r}", issues.located({}))
     # What was given as an object stays that object, to the last bit.
     given = {"arm": arm, "limits": limits, "start": start, "goal": goal}
-    objects: dict[str, Any] = {key: part for key, part in given.items() if isinstance(part, _OBJECTS)}
-    if parts.bodies:
-        objects["workspace"] = replace(problem.workspace, obstacles=(*problem.workspace.obstacles, *parts.bodies))
-    return replace(problem, **objects)
+    objects: dict[str, Any] = {key: part for key, part in given.items() if type(part) in writers}
+    if bodies:
+        objects["workspace"] = replace(problem.workspace, obstacles=(*problem.workspace.obstacles, *bodies))
+    problem = replace(problem, **objects)
+    check_curves(problem)
+    return problem
 
 
-_OBJECTS = (Arm, Limits, TipGoal, JointPose)
 _BODIES = get_args(Body)

@@ -1,7 +1,8 @@
 """Tables of a problem file and the types of their quantities.
 
-Lengths are multiplied by the metres in the file's unit, which the validation context carries as ``scale``. What a value
-has to look like is said in the description of its type, for the pages.
+A type says both ways between a file and SI units: lengths are multiplied by the metres in the file's unit, which the
+context of a validation carries as ``scale``, and written in the ``unit`` of the context of a serialisation. What a
+value has to look like is said in the description of its type, for the pages.
 """
 
 import math
@@ -9,13 +10,25 @@ import re
 import sys
 from collections.abc import Iterator, Mapping
 from types import MappingProxyType
-from typing import Annotated, Any, ClassVar, NamedTuple, TypeAlias, TypeGuard
+from typing import Annotated, Any, ClassVar, NamedTuple, Self, TypeAlias, TypeGuard
 
 import numpy as np
+import numpy.typing as npt
 import shapely
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationInfo, field_validator
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    PlainSerializer,
+    SerializationInfo,
+    ValidationInfo,
+    field_validator,
+)
 
-from ccm_opt.io.issues import described
+from ccm_opt.core.length_words import METRES, LengthUnit, in_unit
+from ccm_opt.io.issues import described, table_models
 from ccm_opt.problem import (
     ControllerName,
     Disturbances,
@@ -53,6 +66,27 @@ def _to_inverse_metres(value: float, info: ValidationInfo) -> float:
     if not math.isfinite(result):
         raise ValueError("too large")
     return result
+
+
+def _lengths(values: npt.ArrayLike, info: SerializationInfo) -> Any:
+    """Lengths or places in a unit, as a number or nested lists."""
+    metres = np.asarray(values, dtype=np.float64)
+    given = np.array([in_unit(value, (info.context or {})["unit"]) for value in metres.flat])
+    return given.reshape(metres.shape).tolist()
+
+
+def _curvatures(value: float, info: SerializationInfo) -> float:
+    return METRES[(info.context or {})["unit"]] * value
+
+
+def _degrees(value: float) -> float:
+    return float(np.rad2deg(value))
+
+
+_METRES = AfterValidator(_to_metres)
+_UNIT = PlainSerializer(_lengths)
+_RADIANS = AfterValidator(math.radians)
+_DEGREES = PlainSerializer(_degrees)
 
 
 def _ordered_box(corners: list[float]) -> list[float]:
@@ -125,23 +159,19 @@ def _numbers_each(expected: str, *, zero: bool) -> BeforeValidator:
     return BeforeValidator(check)
 
 
-Length: TypeAlias = Annotated[float, Field(description="length"), AfterValidator(_to_metres)]
-PositiveLength: TypeAlias = Annotated[float, Field(gt=0.0, description="length above 0"), AfterValidator(_to_metres)]
-NonNegativeLength: TypeAlias = Annotated[
-    float, Field(ge=0.0, description="length, 0 or more"), AfterValidator(_to_metres)
+Length: TypeAlias = Annotated[float, Field(description="length"), _METRES, _UNIT]
+PositiveLength: TypeAlias = Annotated[float, Field(gt=0.0, description="length above 0"), _METRES, _UNIT]
+NonNegativeLength: TypeAlias = Annotated[float, Field(ge=0.0, description="length, 0 or more"), _METRES, _UNIT]
+PositiveSpeed: TypeAlias = Annotated[float, Field(gt=0.0, description="length/s, above 0"), _METRES, _UNIT]
+PositiveAcceleration: TypeAlias = Annotated[float, Field(gt=0.0, description="length/s², above 0"), _METRES, _UNIT]
+PositiveJerk: TypeAlias = Annotated[float, Field(gt=0.0, description="length/s³, above 0"), _METRES, _UNIT]
+Curvature: TypeAlias = Annotated[
+    float, Field(description="1/length"), AfterValidator(_to_inverse_metres), PlainSerializer(_curvatures)
 ]
-PositiveSpeed: TypeAlias = Annotated[float, Field(gt=0.0, description="length/s, above 0"), AfterValidator(_to_metres)]
-PositiveAcceleration: TypeAlias = Annotated[
-    float, Field(gt=0.0, description="length/s², above 0"), AfterValidator(_to_metres)
-]
-PositiveJerk: TypeAlias = Annotated[float, Field(gt=0.0, description="length/s³, above 0"), AfterValidator(_to_metres)]
-Curvature: TypeAlias = Annotated[float, Field(description="1/length"), AfterValidator(_to_inverse_metres)]
-Degrees: TypeAlias = Annotated[float, Field(description="degrees"), AfterValidator(math.radians)]
-PositiveDegrees: TypeAlias = Annotated[
-    float, Field(gt=0.0, description="degrees, above 0"), AfterValidator(math.radians)
-]
+Degrees: TypeAlias = Annotated[float, Field(description="degrees"), _RADIANS, _DEGREES]
+PositiveDegrees: TypeAlias = Annotated[float, Field(gt=0.0, description="degrees, above 0"), _RADIANS, _DEGREES]
 BendLimitDegrees: TypeAlias = Annotated[
-    float, Field(gt=0.0, le=180.0, description="degrees, above 0 and at most 180"), AfterValidator(math.radians)
+    float, Field(gt=0.0, le=180.0, description="degrees, above 0 and at most 180"), _RADIANS, _DEGREES
 ]
 Positive: TypeAlias = Annotated[float, Field(gt=0.0)]
 Point: TypeAlias = Annotated[list[Length], Field(description="`[x, y]`"), exactly(2)]
@@ -153,12 +183,14 @@ Ring: TypeAlias = Annotated[
     Field(min_length=3, description="`[[x, y], …]`, three or more"),
     AfterValidator(_simple_ring),
     AfterValidator(_points_to_metres),
+    _UNIT,
 ]
 Polyline: TypeAlias = Annotated[
     list[_Pair],
     Field(min_length=2, description="`[[x, y], …]`, two or more"),
     AfterValidator(_two_places),
     AfterValidator(_points_to_metres),
+    _UNIT,
 ]
 Box: TypeAlias = Annotated[list[Length], Field(description="four lengths"), exactly(4), AfterValidator(_ordered_box)]
 
@@ -206,12 +238,43 @@ class Table(BaseModel):
         defer_build=True,  # a file in space has other tables than one in the plane, and most files lack some
     )
 
+    @classmethod
+    def of(cls, part: object, **own: object) -> Self:
+        """Return the table that says what an object says by attributes of the names of the keys, without their units.
+
+        Args:
+            part: the object.
+            own: values of keys that it does not say so; None where nothing is said.
+        """
+        nested = table_models(cls)
+        said = {name: getattr(part, name.removesuffix("_deg"), None) for name in cls.model_fields} | own
+        values: dict[str, Any] = {name: _plain(value, nested.get(name)) for name, value in said.items()}
+        return cls.model_construct(**{name: value for name, value in values.items() if value is not None})
+
+    def written(self, unit: LengthUnit) -> dict[str, Any]:
+        """The keys that are given, with lengths in a unit, angles in degrees."""
+        return self.model_dump(by_alias=True, exclude_unset=True, context={"unit": unit}, warnings=False)
+
+    @property
+    def values(self) -> dict[str, Any]:
+        """All values, by their keys without the units that these name, in which no value is any more."""
+        return {name.removesuffix("_deg"): getattr(self, name) for name in type(self).model_fields}
+
     @field_validator("*")
     @classmethod
     def _of_some_measure(cls, value: Any) -> Any:
         if any(abs(number) > LARGEST for number in _floats(value)):
             raise ValueError(f"expected at most {LARGEST:g} in size")
         return value
+
+
+def _plain(value: object, table: type[BaseModel] | None) -> object:
+    """A value of a table: lists and numbers of Python, and tables for objects."""
+    if isinstance(value, (list, tuple)):
+        return [_plain(each, table) for each in value]
+    if table is not None and issubclass(table, Table) and value is not None and not isinstance(value, Table):
+        return table.of(value)
+    return value.tolist() if isinstance(value, (np.ndarray, np.generic)) else value
 
 
 def _floats(value: object) -> Iterator[float]:
@@ -372,7 +435,7 @@ class DisturbancesTable(Table):
     friction: NonNegative = Field(
         default=Disturbances.friction, description="Further viscous friction of every revolute [N m s/rad]."
     )
-    angle_noise_deg: Annotated[float, Field(ge=0.0), AfterValidator(math.radians)] = Field(
+    angle_noise_deg: Annotated[float, Field(ge=0.0), _RADIANS, _DEGREES] = Field(
         default=Disturbances.angle_noise,
         description=(
             "Standard deviation of measured angles [deg]; of the bends alone while the arm moves in its plane."
@@ -516,7 +579,7 @@ class PlannerTable(Table):
 class ToleranceTable(Table):
     """Errors with which the motion has to touch nothing."""
 
-    joint_error_deg: Annotated[float, Field(ge=0.0, lt=180.0), AfterValidator(math.radians)] = Field(
+    joint_error_deg: Annotated[float, Field(ge=0.0, lt=180.0), _RADIANS, _DEGREES] = Field(
         default=0.0,
         description=(
             "Error of every joint, at every time another, with which nothing may come nearer than the "
