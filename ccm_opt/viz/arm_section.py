@@ -10,12 +10,10 @@ from itertools import pairwise
 import numpy as np
 from matplotlib.axes import Axes
 
-from ccm_opt.core.arrays import BoolArray, FloatArray
+from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.length_words import METRES
 from ccm_opt.problem import Problem
-from ccm_opt.scene.bodies import BOX_FACES, box_corners
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
-from ccm_opt.scene.workspace import Workspace
 from ccm_opt.viz import figure_files as style
 
 _SECTION_SHARE = 0.12
@@ -23,8 +21,10 @@ _SECTION_SHARE = 0.12
 
 _PLACES = 100
 """Along the arm, at which the section measures. Taste."""
-_ROUND_SIDES = 48
-"""Of balls and bars, whose polygons then stand back behind them by a fifth of a percent of their radius."""
+_TOUCHING = 1e-5
+"""Share of the reach within which a ray has met a surface: distances that are nothing are told with rounding."""
+_STEPS = 40
+"""Along a ray, after which it is within a thousandth of a surface that it meets at 10 degrees. Derived."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,18 +62,10 @@ def section_along(problem: Problem, points: FloatArray, count: int, reach: float
     up = _carried_up(along, arm.up)[link]
     left = np.cross(up, along[link])
     rays = np.stack((up, left, -up, -left), axis=1)
-    free = free_lengths(_seen(problem.workspace), np.repeat(origins, 4, axis=0), rays.reshape(-1, 3), reach)
-    nearest = SurfaceTree.of(problem.workspace.soup).distances(np.stack((origins, origins), axis=1), reach)
+    tree = SurfaceTree.of(problem.workspace.soup)
+    free = free_lengths(tree, np.repeat(origins, 4, axis=0), rays.reshape(-1, 3), reach)
+    nearest = tree.distances(np.stack((origins, origins), axis=1), reach)
     return ArmSection(place, free.reshape(count, 4), np.maximum(nearest, 0.0), reach)
-
-
-def _seen(workspace: Workspace) -> FloatArray:
-    """The surfaces that rays can meet, those of round bodies too, shape (m, 3, 3) [m]."""
-    surfaces = [each.body.surface(_ROUND_SIDES) for each in workspace.obstacles]
-    found = [vertices[faces] for vertices, faces in surfaces]
-    if workspace.bounds is not None:
-        found.append(box_corners(*workspace.bounds)[BOX_FACES])
-    return np.concatenate(found) if found else np.zeros((0, 3, 3))
 
 
 def _carried_up(along: FloatArray, first: FloatArray) -> FloatArray:
@@ -88,56 +80,23 @@ def _carried_up(along: FloatArray, first: FloatArray) -> FloatArray:
     return np.stack(found)
 
 
-def free_lengths(triangles: FloatArray, origins: FloatArray, rays: FloatArray, reach: float) -> FloatArray:
-    """Length of each ray to the first triangle that it meets, at most the reach, shape (N,) [m].
+def free_lengths(tree: SurfaceTree, origins: FloatArray, rays: FloatArray, reach: float) -> FloatArray:
+    """Length of each ray to the first surface that it meets, at most the reach, shape (N,) [m].
 
-    By the intersection of Möller and Trumbore (1997), for all rays with the triangles in reach of them at once.
+    Every step along a ray is as long as the nearest surface on any side is away (Hart, *Sphere tracing*, 1996).
 
     Args:
-        triangles: shape (m, 3, 3) [m].
+        tree: of the surfaces.
         origins: shape (N, 3) [m].
         rays: unit vectors, shape (N, 3).
         reach: how far is looked [m].
     """
-    free = np.full(len(origins), reach)
-    ends = origins + reach * rays
-    # Axis by axis, each in one piece of memory: bounds of the triangles and of the rays.
-    low = np.ascontiguousarray(triangles.min(axis=1).T)
-    high = np.ascontiguousarray(triangles.max(axis=1).T)
-    first = np.minimum(origins, ends).T
-    last = np.maximum(origins, ends).T
-    # Some rays at a time, near each other along the arm, so that few triangles are in their reach.
-    for some in np.array_split(np.arange(len(origins)), max(len(origins) // 16, 1)):
-        near = np.flatnonzero(_overlap(low, high, first[:, some].min(axis=1), last[:, some].max(axis=1)))
-        meets = _overlap(low[:, None, near], high[:, None, near], first[:, some, None], last[:, some, None])
-        ray, triangle = np.nonzero(meets)
-        lengths = _hits(triangles[near[triangle]], origins[some[ray]], rays[some[ray]])
-        np.minimum.at(free, some[ray], lengths)
+    free = np.zeros(len(origins))
+    for _ in range(_STEPS):
+        places = origins + free[:, None] * rays
+        away = tree.distances(np.stack((places, places), axis=1), reach)
+        free = np.minimum(free + np.where(away > _TOUCHING * reach, away, 0.0), reach)
     return free
-
-
-def _overlap(low: FloatArray, high: FloatArray, first: FloatArray, last: FloatArray) -> BoolArray:
-    """Whether boxes from low to high and from first to last, shape (3, …) each, have a place in common, shape (…)."""
-    x, y, z = ((high[k] >= first[k]) & (low[k] <= last[k]) for k in range(3))
-    return np.asarray(x & y & z)
-
-
-def _hits(triangles: FloatArray, origins: FloatArray, rays: FloatArray) -> FloatArray:
-    """Length of each ray to its triangle, inf where it does not meet it, shape (N,) [m]."""
-    first = triangles[:, 1] - triangles[:, 0]
-    second = triangles[:, 2] - triangles[:, 0]
-    p = np.cross(rays, second)
-    determinant = np.sum(p * first, axis=-1)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        inverse = 1.0 / determinant
-        away = origins - triangles[:, 0]
-        u = np.sum(away * p, axis=-1) * inverse
-        q = np.cross(away, first)
-        v = np.sum(rays * q, axis=-1) * inverse
-        length = np.sum(second * q, axis=-1) * inverse
-        # What is no number, from triangles without area or along the ray, is no hit either.
-        hit = (u >= 0.0) & (v >= 0.0) & (u + v <= 1.0) & (length > 0.0)
-    return np.where(hit, length, np.inf)
 
 
 def draw_section(
