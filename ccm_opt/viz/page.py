@@ -2,8 +2,7 @@
 
 import re
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
-from html import escape
+from itertools import pairwise
 
 import numpy as np
 import shapely
@@ -11,7 +10,6 @@ import shapely
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.problem.solution import GoalPoseRecord, Solution, SurvivedError
 from ccm_opt.robot.segment import segment_words
-from ccm_opt.scene.workspace import Workspace
 from ccm_opt.viz.checks_section import checks_section
 from ccm_opt.viz.document import (
     Markup,
@@ -40,10 +38,6 @@ from ccm_opt.viz.room_section import gap_data, nearest_mark, room_section, survi
 from ccm_opt.viz.scene_data import route_layers, scene_data
 from ccm_opt.viz.time_series import phase_data, series_data
 
-_POSE_MARGIN = 0.18
-"""Round the goal pose in its picture, as a share of its extent."""
-_THIN_LINE = 0.003
-"""Width of thin lines in that picture, likewise."""
 _PLACES_PER_SEGMENT = 24
 """Of the goal pose's curve, at which it is drawn."""
 
@@ -54,19 +48,8 @@ _NEAR = 3.0
 _TORQUE = re.compile(r"joint (\d+): torque (?:up|down)")
 
 
-@dataclass(frozen=True)
-class BindingRow:
-    """Something that holds a pose where it is.
-
-    Attributes:
-        words: what it is.
-        gain: how much the objective would fall if it gave way by the unit.
-        unit: in words, for example ``1 mm``.
-    """
-
-    words: str
-    gain: float
-    unit: str
+BindingRow = tuple[str, float, str]
+"""What holds a pose where it is, how much the objective would fall if it gave way by the unit, and the unit."""
 
 
 def binding_rows(
@@ -83,11 +66,10 @@ def binding_rows(
     """
     merged: dict[tuple[str, str], float] = {}
     for name, multiplier in record.multipliers.items():
-        row = _row(solution, record, name, multiplier, points, units)
-        key = (row.words, row.unit)
-        merged[key] = merged.get(key, 0.0) + row.gain
-    rows = [BindingRow(words, gain, unit) for (words, unit), gain in merged.items()]
-    return sorted(rows, key=lambda row: -row.gain)[:most]
+        words, gain, unit = _row(solution, record, name, multiplier, points, units)
+        merged[words, unit] = merged.get((words, unit), 0.0) + gain
+    strongest = sorted(merged.items(), key=lambda item: -item[1])
+    return [(words, gain, unit) for (words, unit), gain in strongest[:most]]
 
 
 def _row(
@@ -99,14 +81,14 @@ def _row(
         end = points[link if region[2] == "end" else link - 1]
         gain = units.metres * multiplier / solution.problem.arm.length
         beside = _neighbour(solution, points, link, end, reach=_NEAR * record.wanted_gap)
-        return BindingRow(f"link {link} beside {beside}", gain, f"1 {units.name}")
+        return f"link {link} beside {beside}", gain, f"1 {units.name}"
     if bend := _BEND.fullmatch(name):
-        return BindingRow(f"joint {bend[1]} at its limit to the {bend[2]}", np.deg2rad(1.0) * multiplier, "1°")
+        return f"joint {bend[1]} at its limit to the {bend[2]}", np.deg2rad(1.0) * multiplier, "1°"
     if torque := _TORQUE.fullmatch(name):
-        return BindingRow(f"the torque that joint {torque[1]} may hold", 1e-2 * multiplier, "1 % more")
+        return f"the torque that joint {torque[1]} may hold", 1e-2 * multiplier, "1 % more"
     if name.startswith("user: "):
-        return BindingRow(f"your constraint '{name.removeprefix('user: ')}'", multiplier, "1 of its unit")
-    return BindingRow(name, multiplier, "1")
+        return f"your constraint '{name.removeprefix('user: ')}'", multiplier, "1 of its unit"
+    return name, multiplier, "1"
 
 
 def _neighbour(solution: Solution, points: FloatArray, link: int, end: FloatArray, reach: float) -> str:
@@ -129,31 +111,6 @@ def _neighbour(solution: Solution, points: FloatArray, link: int, end: FloatArra
     if to_link < to_wall:
         return f"link {int(np.argmin(to_links)) + 1}"
     return f"'{walls[nearest].name}'"
-
-
-def scene_paths(workspace: Workspace, thin: float) -> str:
-    """Boundary and obstacles as paths; an obstacle's name appears under the mouse."""
-    parts = [
-        f'<path d="{_path(workspace.boundary)}" fill="var(--paper)" stroke="var(--edge)" stroke-width="{thin:.5g}"/>'
-    ]
-    for obstacle in workspace.obstacles:
-        outline = obstacle.outline()
-        fill = "var(--wall)" if isinstance(outline, shapely.Polygon) else "none"
-        parts.append(
-            f'<path d="{_path(outline)}" fill="{fill}" fill-rule="evenodd" stroke="var(--edge)" '
-            f'stroke-width="{0.6 * thin:.5g}"><title>{escape(obstacle.name)}</title></path>'
-        )
-    return "".join(parts)
-
-
-def _path(geometry: shapely.Geometry) -> str:
-    if isinstance(geometry, shapely.Polygon):
-        return "".join(f"{_line(ring)}Z" for ring in (geometry.exterior, *geometry.interiors))
-    return "".join(_line(part) for part in getattr(geometry, "geoms", [geometry]))
-
-
-def _line(geometry: shapely.Geometry) -> str:
-    return "M" + "L".join(f"{x:.6g} {y:.6g}" for x, y in shapely.get_coordinates(geometry))
 
 
 _SEGMENT_COLOURS = ("#c1440e", "#1b7f3b", "#8a5a9e", "#b07d12", "#2a6f97")
@@ -179,12 +136,13 @@ def goal_pose_section(solution: Solution, units: PageUnits) -> Markup | None:
     record = solution.path.goal_pose
     if record is None:
         return None
+    picture = element("div", id="goal-pose", data_label="The goal pose and the curve behind it")
     tables = element("div", _segments(record, units), _costs(record), _binding(solution, record, units))
     return element(
         "section",
         element("h2", "Why the arm ends here"),
         element("p", _summary(record, units)),
-        element("div", _picture(solution, record), tables, cls="goal-pose"),
+        element("div", picture, tables, cls="goal-pose"),
     )
 
 
@@ -203,40 +161,21 @@ def _summary(record: GoalPoseRecord, units: PageUnits) -> str:
     return f"{solved} The motion does not end in it: {record.reason}."
 
 
-def _picture(solution: Solution, record: GoalPoseRecord) -> Markup:
-    """The pose of the program, the end of the motion where that is another, and the curve by its segments."""
-    problem = solution.problem
-    # The picture shows the neighbourhood of the pose, so lines are measured by the arm and not by the room.
-    thin = _THIN_LINE * float(np.ptp(pose_points(solution, record), axis=0).max())
-    body = max(2.0 * problem.arm.radius, thin)
-    parts = [scene_paths(problem.workspace, thin)]
-    if not record.reached:
-        parts.append(_polyline(solution.joint_positions[-1], "var(--start)", body, 0.7))
-    parts.append(_polyline(pose_points(solution, record), "var(--arm)", body, 0.35))
+def goal_pose_data(solution: Solution) -> dict[str, object] | None:
+    """What the page draws of the goal pose: joints, and the curve by its segments; None where there is none."""
+    record = solution.path.goal_pose
+    if record is None:
+        return None
     curve = record.curve
-    for number, (first, last) in enumerate(zip(curve.boundaries[:-1], curve.boundaries[1:], strict=True)):
-        places = curve.positions_at(np.linspace(first, last, _PLACES_PER_SEGMENT))
-        parts.append(_polyline(places, _colour(number), 1.6 * thin, 1.0))
-    for x, y in curve.positions_at(curve.boundaries):
-        parts.append(
-            f'<circle cx="{x:.6g}" cy="{y:.6g}" r="{1.8 * thin:.5g}" fill="var(--paper)" stroke="var(--ink)" '
-            f'stroke-width="{0.5 * thin:.5g}"/>'
-        )
-    along = np.linspace(0.0, curve.length, _PLACES_PER_SEGMENT)
-    shown = [curve.positions_at(along), solution.joint_positions[-1], pose_points(solution, record)]
-    box = _box_around(np.concatenate(shown), _POSE_MARGIN)
-    label = "The goal pose and the curve behind it"
-    drawn = "".join(parts)
-    return Markup(f'<svg viewBox="{box}" role="img" aria-label="{label}"><g transform="scale(1,-1)">{drawn}</g></svg>')
-
-
-def _box_around(points: FloatArray, margin_share: float) -> str:
-    """The part of the plane around some points, y down."""
-    low = points.min(axis=0)
-    high = points.max(axis=0)
-    margin = margin_share * float((high - low).max())
-    width, height = high - low + 2.0 * margin
-    return f"{low[0] - margin:.6g} {-high[1] - margin:.6g} {width:.6g} {height:.6g}"
+    segments = [
+        {
+            "colour": _colour(number),
+            "points": curve.positions_at(np.linspace(*ends, _PLACES_PER_SEGMENT)).round(6).tolist(),
+        }
+        for number, ends in enumerate(pairwise(curve.boundaries))
+    ]
+    points = pose_points(solution, record).round(6).tolist()
+    return {"points": points, "reached": record.reached, "segments": segments}
 
 
 def pose_points(solution: Solution, record: GoalPoseRecord) -> FloatArray:
@@ -278,21 +217,11 @@ def cost_words(name: str) -> str:
 
 def _binding(solution: Solution, record: GoalPoseRecord, units: PageUnits) -> Markup:
     """What holds the pose where it is, the strongest first, and what giving way would bring."""
-    rows = [
-        (row.words, f"{row.gain:.2g}", f"for {row.unit}")
-        for row in binding_rows(solution, record, pose_points(solution, record), units)
-    ]
+    found = binding_rows(solution, record, pose_points(solution, record), units)
+    rows = [(words, f"{gain:.2g}", f"for {unit}") for words, gain, unit in found]
     if not rows:
         return element("p", "No limit holds the pose where it is: the costs alone decide.")
     return table(("what holds the pose", "cost saved", ""), rows, numbers=(1,))
-
-
-def _polyline(points: FloatArray, colour: str, width: float, opacity: float) -> str:
-    places = " ".join(f"{x:.6g},{y:.6g}" for x, y in points)
-    return (
-        f'<polyline points="{places}" fill="none" stroke="{colour}" stroke-width="{width:.5g}" opacity="{opacity:g}" '
-        'stroke-linecap="round" stroke-linejoin="round"/>'
-    )
 
 
 def _colour(number: int) -> str:
@@ -425,4 +354,5 @@ def plan_data(solution: Solution, units: PageUnits) -> dict[str, object]:
     }
     if problem.dimension == 2:
         data |= {"routes": route_layers(problem, points[-1]), "nearest": nearest_mark(solution, units)}
+        data["pose"] = goal_pose_data(solution)
     return data

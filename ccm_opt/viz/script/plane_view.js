@@ -22,6 +22,7 @@ class PlaneView {
   draw(data, motion) {
     const pose = motion ? drawMotion(this, data, motion) : drawFailure(this, data);
     drawGoals(this, this.data.goals);
+    if (data.pose) drawGoalPose(byId("goal-pose"), data, motion);
     if (data.nearest) drawRing(this, "least", data.nearest.place, data.nearest.words);
     return pose;
   }
@@ -217,6 +218,24 @@ function drawMotion(scene, data, motion) {
     arm(motion.pointsAt(time));
     if (motion.tracking) simulated(motion.simulatedPointsAt(time));
   };
+}
+
+// The pose in which the motion is to end, where it does end if that is another, and the curve by its segments.
+function drawGoalPose(host, data, motion) {
+  const { points, reached, segments } = data.pose;
+  const end = motion.pointsAt(motion.duration);
+  const shown = [...points, ...end, ...segments.flatMap(segment => segment.points)];
+  const [low, high] = [Math.min, Math.max].map(most => [0, 1].map(k => most(...shown.map(place => place[k]))));
+  const margin = 0.12 * Math.max(high[0] - low[0], high[1] - low[1]);
+  const look = [low.map(value => value - margin), high.map(value => value + margin)];
+  const view = new PlaneView(host, { scene: { ...data.scene, look }, unit: data.unit });
+  if (!reached) view.body("end", "start")(end);
+  view.body("pose", "pose")(points);
+  for (const { colour, points: places } of segments) {
+    view.layer("curve").append(svg("polyline", { points: view.line(places), class: "segment", style: `stroke: ${colour}` }));
+    for (const place of [places[0], places[places.length - 1]]) view.pin(place, svg("circle", { r: 4, class: "joint" }));
+  }
+  view.redraw();
 }
 
 const FINDINGS = {
