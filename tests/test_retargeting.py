@@ -10,7 +10,7 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.errors import ProblemError
 from ccm_opt.dynamics.retiming.braking import braked
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics, joint_states
-from ccm_opt.problem import Limits, TipGoal
+from ccm_opt.problem import JointPose, Limits, TipGoal
 from ccm_opt.problem.solution import JointTrajectory, Solution
 from ccm_opt.robot.arm import Arm, Feed
 from tests.dynamics_arms import carried, smooth_trajectory, swan_neck
@@ -95,6 +95,19 @@ def test_braking_keeps_the_share_of_the_plan(share: float) -> None:
     assert np.all(np.abs(joint_states(arm, stopped, dynamics).torques) <= allowed * limits.torque * (1.0 + 1e-9))
     # With all of the limits the arm is at rest sooner.
     assert braked(whole, 0.4, arm, limits, dynamics).duration < stopped.duration
+
+
+def test_braking_soon_after_the_start_keeps_the_share_of_the_plan(solved: Solution) -> None:
+    """Where the arm is slow and still gathers speed, it may not slow down by what gathering speed takes of a limit."""
+    problem = solved.problem
+    arm = problem.arm
+    dynamics = InverseDynamics(arm, problem.simulation.gravity)
+    for moment in solved.trajectory.time[1:40:4]:
+        share = problem.planner.effort_share
+        motion = braked(solved.trajectory, float(moment), arm, problem.limits, dynamics, share=share)
+        rest = JointPose.from_configuration(motion.positions[-1], arm.coordinates)
+        checks = ccm_opt.check(replace(problem, goal=rest), motion, joint_states(arm, motion, dynamics))
+        assert [check.name for check in checks if not check.passed] == []
 
 
 def test_braking_is_as_soon_as_the_limits_allow() -> None:

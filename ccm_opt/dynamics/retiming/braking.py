@@ -144,13 +144,20 @@ def _least_change(
     """Least s̈ within the limits over a step from a place of the path on [1/s²]; it is never above 0."""
     # In a step the arm moves on by at most ṡ h; the limits are looked at in several places of that stretch.
     rows = path_rows(limits, path.spline, np.minimum(s + np.array(_CHECKED_PLACES) * speed * step, 1.0))
-    offset = rows.b * speed**2 + rows.c
-    offset = offset if rows.d is None else offset + rows.d * speed
-    with np.errstate(divide="ignore", invalid="ignore"):
-        # The lower end of each interval of s̈. A slope of 0 bounds nothing: its end is not finite, and left out.
-        # What the plan takes of a limit at this place it may go on taking.
-        ends = (np.maximum(caution, np.abs(offset)) - np.sign(-rows.a) * offset) / -np.abs(rows.a)
-    return min(float(np.max(ends[np.isfinite(ends)], initial=-np.inf)), 0.0)
+
+    def least(speed: float) -> float:
+        offset = rows.b * speed**2 + rows.c
+        offset = offset if rows.d is None else offset + rows.d * speed
+        with np.errstate(divide="ignore", invalid="ignore"):
+            # The lower end of each interval of s̈. A slope of 0 bounds nothing: its end is not finite, and left out.
+            # What the plan takes of a limit at this place it may go on taking.
+            ends = (np.maximum(caution, np.abs(offset)) - np.sign(-rows.a) * offset) / -np.abs(rows.a)
+        return min(float(np.max(ends[np.isfinite(ends)], initial=-np.inf)), 0.0)
+
+    # Limits that hold at the highest and at the lowest speed of the step hold at those between. What a motion that
+    # gathers speed takes of them is gone when it is slow.
+    change = least(speed)
+    return max(change, least(max(speed + change * step, 0.0)))
 
 
 def _cannot(moment: float) -> RetimingError:
