@@ -11,8 +11,7 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.errors import ProblemError
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.configuration import Configuration
-from ccm_opt.robot.link_bodies import DEFAULT_MAPPING
-from ccm_opt.robot.mapping import MappingName, curve_points, map_curve, shape_error
+from ccm_opt.robot.mapping import REGULARISATION, MappingName, curve_points, map_curve, shape_error
 
 from .arms import plain_arm
 
@@ -72,7 +71,7 @@ def test_least_squares_minimises_its_objective(seed: int) -> None:
 
     def cost(headings: FloatArray) -> float:
         inner = (arm.joint_positions(headings) - points)[1:-1] / arm.link_length
-        return float((inner**2).sum() + DEFAULT_MAPPING.regularisation * ((headings - mean) ** 2).sum())
+        return float((inner**2).sum() + REGULARISATION * ((headings - mean) ** 2).sum())
 
     def miss(headings: FloatArray) -> FloatArray:
         return (arm.joint_positions(headings)[-1] - points[-1]) / arm.link_length

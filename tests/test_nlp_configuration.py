@@ -256,11 +256,11 @@ def test_heading_basis_reproduces_the_curve() -> None:
         [values[4 * k : 4 * k + 5] for k in range(3)],
         [tuple((np.cumsum(row)[:3] / row.sum()).tolist()) for row in widths],
     )
-    basis = heading_basis(widths)
-    theta = 0.2 + basis.rows @ values
-    tip = [basis.weights @ np.cos(theta), basis.weights @ np.sin(theta)]
+    rows, weights, last = heading_basis(widths)
+    theta = 0.2 + rows @ values
+    tip = [weights @ np.cos(theta), weights @ np.sin(theta)]
     np.testing.assert_allclose(tip, curve.tip[0], atol=1e-12)
-    assert 0.2 + basis.tip @ values == pytest.approx(curve.tip[1], abs=1e-12)
+    assert 0.2 + last @ values == pytest.approx(curve.tip[1], abs=1e-12)
 
 
 @pytest.mark.parametrize(("name", "start", "goal"), [("base", -0.25, 0.9), ("goal", 0.0, 1.3)])

@@ -13,8 +13,7 @@ from ccm_opt.core.errors import ProblemError
 from ccm_opt.robot.arm import Arm, MappingName
 from ccm_opt.robot.configuration import Configuration, SpaceConfiguration
 from ccm_opt.robot.inverse_kinematics import bends_from_directions, configuration_from_positions
-from ccm_opt.robot.link_bodies import DEFAULT_MAPPING
-from ccm_opt.robot.mapping import curve_points, map_curve, shape_error
+from ccm_opt.robot.mapping import REGULARISATION, curve_points, map_curve, shape_error
 from tests.space_arms import FEED_OF_TESTS, laid_into_space, planar_twin, space_arm, turned_arm
 
 SEEDS = st.integers(0, 2**32 - 1)
@@ -111,7 +110,7 @@ def test_the_smooth_mapping_is_scipys_minimum() -> None:
     curve = curve_for(random, arm, 3.0)
     points = curve_points(curve, 6)
     means = curve.mean_directions(6)
-    weight = DEFAULT_MAPPING.regularisation * arm.link_length**2
+    weight = REGULARISATION * arm.link_length**2
 
     def cost(q: FloatArray) -> float:
         apart = arm.joint_positions_at(q) - points

@@ -4,8 +4,6 @@ Lengths are in units of the arm's length. A segment starts in the state X = (x, 
 control U = (C_1..C_4, a_0..a_3, B_0..B_3): curvature at the knots after the first (C_0 = κ keeps the curvature
 continuous), arc lengths between knots, and a bound on |κ| for each piece.
 
-Lengths are in units of the arm's length.
-
 Weights are for lengths in units of the arm's length. The knot and bound terms are what makes the NLP converge: they
 leave no direction of the variables without curvature.
 """
@@ -17,6 +15,7 @@ import casadi as ca
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
+from ccm_opt.ik.lifted_curve import SplinePieces
 from ccm_opt.ik.row_program import RowBlock, equal_to_zero, not_negative
 from ccm_opt.robot.segment import PIECES
 
@@ -76,75 +75,35 @@ def natural_spline_moments(widths: ca.SX, values: ca.SX) -> ca.SX:
     return ca.vertcat(0, (right[0] - widths[1] * middle) / diagonal[0], middle, last, 0)
 
 
-def piece_polynomials(widths: ca.SX, values: ca.SX) -> ca.SX:
-    """Power coefficients of κ on each piece over arc length from the piece's start, (PIECES, 4)."""
-    moments = natural_spline_moments(widths, values)
-    rows = []
-    for i in range(PIECES):
-        a = widths[i]
-        left = moments[i]
-        right = moments[i + 1]
-        slope = (values[i + 1] - values[i]) / a - a * (2 * left + right) / 6
-        rows.append(ca.horzcat(values[i], slope, left / 2, (right - left) / (6 * a)))
-    return ca.vertcat(*rows)
-
-
-def turn(polynomial: ca.SX, arc: ca.SX) -> ca.SX:
-    """Heading gained from a piece's start to ``arc``: the integral of its cubic, a quartic."""
-    c = polynomial
-    return arc * (c[0] + arc * (c[1] / 2 + arc * (c[2] / 3 + arc * c[3] / 4)))
-
-
-def squared_curvature(polynomial: ca.SX, width: ca.SX) -> ca.SX:
-    """∫κ² ds over one piece; four Gauss points are exact for a sextic."""
-    total = ca.SX(0)
-    for node, weight in zip(_NODES, _WEIGHTS, strict=True):
-        t = width * (node + 1) / 2
-        kappa = polynomial[0] + t * (polynomial[1] + t * (polynomial[2] + t * polynomial[3]))
-        total += weight / 2 * kappa**2
-    return width * total
-
-
-def bernstein_coefficients(polynomial: ca.SX, width: ca.SX) -> ca.SX:
-    """Bernstein coefficients of a cubic on [0, width]; the cubic stays within their hull (Farouki 2012), (1, 4)."""
-    c0, c1, c2, c3 = (polynomial[i] * width**i for i in range(4))
-    return ca.horzcat(c0, c0 + c1 / 3, c0 + 2 * c1 / 3 + c2 / 3, c0 + c1 + c2 + c3)
-
-
-def chord_vector(polynomial: ca.SX, heading: ca.SX, start: ca.SX, width: ca.SX) -> ca.SX:
-    """∫ (cos θ, sin θ) ds over one sub-step by four Gauss points, (2, 1)."""
-    x = ca.SX(0)
-    y = ca.SX(0)
-    for node, weight in zip(_NODES, _WEIGHTS, strict=True):
-        theta = heading + turn(polynomial, start + width * (node + 1) / 2)
-        x += weight / 2 * ca.cos(theta)
-        y += weight / 2 * ca.sin(theta)
-    return width * ca.vertcat(x, y)
-
-
 def segment_flow(state: ca.SX, control: ca.SX) -> SegmentFlow:
     """Integrate one segment: X_{k+1} = F(X_k, U_k) and what costs and constraints need on the way."""
-    position = state[:2]
-    heading = state[2]
     values = ca.vertcat(state[3], control[:4])
     widths = control[4:8]
-    polynomials = piece_polynomials(widths, values)
+    ends = ca.cumsum(ca.vertcat(state[4], widths))
+    moments = natural_spline_moments(widths, values)
+    shape = (widths, state[2], values[:-1], values[1:], moments[:-1], moments[1:])
+    headings = ca.cumsum(ca.vertcat(state[2], SplinePieces(ends[:-1], *shape).turn()))
+    pieces = SplinePieces(ends[:-1], widths, headings[:-1], *shape[2:])
 
-    points = [position]
-    bernstein = []
-    bending = ca.SX(0)
-    for i in range(PIECES):
-        polynomial = polynomials[i, :]
-        step = widths[i] / SUBSTEPS
-        for j in range(SUBSTEPS):
-            position += chord_vector(polynomial, heading, j * step, step)
-            points.append(position)
-        heading += turn(polynomial, widths[i])
-        bernstein.append(bernstein_coefficients(polynomial, widths[i]))
-        bending += squared_curvature(polynomial, widths[i])
+    # ∫ (cos θ, sin θ) ds over every chord by four Gauss points.
+    chords = []
+    for j in range(SUBSTEPS):
+        chord = ca.SX(PIECES, 2)
+        for node, weight in zip(_NODES, _WEIGHTS, strict=True):
+            theta = pieces.heading + pieces.turn_after(widths * (j + (node + 1) / 2) / SUBSTEPS)
+            chord += weight / 2 * ca.horzcat(ca.cos(theta), ca.sin(theta))
+        chords.append(chord * ca.repmat(widths / SUBSTEPS, 1, 2))
+    steps = ca.horzcat(*(chord[i, :].T for i in range(PIECES) for chord in chords))
+    points = ca.cumsum(ca.horzcat(state[:2], steps), 1)
 
-    end = ca.vertcat(position, heading, values[4], state[4] + ca.sum1(widths))
-    return SegmentFlow(end, ca.horzcat(*points), ca.vertcat(*bernstein), bending)
+    # A cubic stays within the hull of its Bernstein coefficients (Farouki 2012): with its second derivatives M they are
+    # its ends, and the chord's thirds less (2 M_0 + M_1) a²/18 and (M_0 + 2 M_1) a²/18.
+    first, last = pieces.first, pieces.last
+    left, right = pieces.first_moment * widths**2 / 18, pieces.last_moment * widths**2 / 18
+    second, third = (2 * first + last) / 3 - 2 * left - right, (first + 2 * last) / 3 - left - 2 * right
+    end = ca.vertcat(points[:, -1], headings[-1], values[-1], ends[-1])
+    bending = ca.sum1(pieces.squared_curvature())
+    return SegmentFlow(end, points, ca.horzcat(first, second, third, last), bending)
 
 
 @cache
@@ -228,28 +187,6 @@ def _margin_shares(ends: tuple[bool, bool]) -> FloatArray:
     return shares
 
 
-def bending(squared_curvature: ca.SX) -> ca.SX:
-    """∫κ² ds of one segment, twice the elastic energy of a unit rod."""
-    return squared_curvature
-
-
-def uneven_knots(control: ca.SX) -> ca.SX:
-    """Σ (a_i / L_k - 1/4)²: pulls the knots towards even spacing."""
-    widths = control[4:8]
-    return ca.sumsqr(widths / ca.sum1(widths) - 0.25)
-
-
-def curvature_bounds(control: ca.SX) -> ca.SX:
-    """Σ B_i²: keeps the certified bounds tight."""
-    return ca.sumsqr(control[8:12])
-
-
-def curvature_steps(state: ca.SX, control: ca.SX) -> ca.SX:
-    """Σ (C_{i+1} - C_i)²: a small preference for gently changing curvature."""
-    values = ca.vertcat(state[3], control[:4])
-    return ca.sumsqr(values[1:] - values[:-1])
-
-
 def nearness(points: ca.SX, normals: FloatArray, offsets: FloatArray) -> ca.SX:
     """Σ max(0, 1 - slack/D)² of points behind sides of their region: what they lack to the distance D of each.
 
@@ -263,16 +200,23 @@ def nearness(points: ca.SX, normals: FloatArray, offsets: FloatArray) -> ca.SX:
     return _NEARNESS_WEIGHT * ca.sumsqr(lacking) / points.shape[1]
 
 
-def configuration_cost(
-    state: ca.SX,
-    control: ca.SX,
-    squared_curvature: ca.SX,
-    weight: ca.SX,
-) -> ca.SX:
-    """Objective of one segment: w ∫κ² + 4 Σ(a_i/L_k - 1/4)² + 0.1 ΣB² + a small slope term, with the weights usual."""
+def configuration_cost(state: ca.SX, control: ca.SX, bending: ca.SX, weight: ca.SX) -> ca.SX:
+    """Objective of one segment: w ∫κ² + 4 Σ(a_i/L_k - 1/4)² + 0.1 ΣB² + 0.001 Σ(C_{i+1} - C_i)².
+
+    The second pulls the knots towards even spacing, the third keeps the certified bounds tight, and the last is a small
+    preference for gently changing curvature.
+
+    Args:
+        state: X_k.
+        control: U_k.
+        bending: ∫κ² over the segment, twice the elastic energy of a unit rod.
+        weight: w.
+    """
+    widths = control[4:8]
+    values = ca.vertcat(state[3], control[:4])
     return (
-        weight * bending(squared_curvature)
-        + _KNOT_WEIGHT * uneven_knots(control)
-        + _BOUND_WEIGHT * curvature_bounds(control)
-        + _SLOPE_WEIGHT * curvature_steps(state, control)
+        weight * bending
+        + _KNOT_WEIGHT * ca.sumsqr(widths / ca.sum1(widths) - 1 / PIECES)
+        + _BOUND_WEIGHT * ca.sumsqr(control[8:12])
+        + _SLOPE_WEIGHT * ca.sumsqr(values[1:] - values[:-1])
     )

@@ -37,7 +37,7 @@ from ccm_opt.ik.multiple_shooting import (
     unpack_variables,
 )
 from ccm_opt.robot.configuration import Configuration
-from ccm_opt.robot.segment import PIECES, POWERS, Knots, SegmentType, end_angle, piece_coefficients
+from ccm_opt.robot.segment import PIECES, Knots, SegmentType, curvature_spline, end_angle, piece_coefficients
 from ccm_opt.scene.corridor import ConvexRegion
 
 _POLISH_STEPS = 8
@@ -146,21 +146,6 @@ _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(16)
 """Gauss points of a piece."""
 
 
-@dataclass(frozen=True)
-class HeadingBasis:
-    """θ at quadrature nodes, linear in the curvature values of a chain: θ = θ_0 + rows @ values.
-
-    Attributes:
-        rows: at the nodes, shape (nodes, values) [m].
-        weights: ∫ f ds = weights @ f(nodes), shape (nodes,) [m].
-        tip: the same row at the chain's end, shape (values,) [m].
-    """
-
-    rows: FloatArray
-    weights: FloatArray
-    tip: FloatArray
-
-
 def polished_configuration(nlp: ConfigurationNLP, variables: FloatArray) -> Configuration:
     """The configuration of a solution with tip position, heading and length exact.
 
@@ -186,26 +171,25 @@ def polished_configuration(nlp: ConfigurationNLP, variables: FloatArray) -> Conf
     return Configuration.chain(task.base, heading, lengths, curvatures, knots)
 
 
-def heading_basis(widths: FloatArray) -> HeadingBasis:
-    """The linear map from the 4 K + 1 curvature values of a chain to its headings.
+def heading_basis(widths: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """The linear map from the 4 K + 1 curvature values of a chain to its headings: θ = θ_0 + rows @ values.
 
     Args:
         widths: arc lengths between knots, shape (K, 4) [m].
+
+    Returns:
+        The rows at quadrature nodes (nodes, values) [m], the weights of the nodes (nodes,) [m] in ∫ f ds = weights @
+        f(nodes), and the row at the chain's end (values,) [m].
     """
-    count = 4 * len(widths) + 1
-    start = np.zeros(count)
-    rows = []
-    weights = []
+    breaks = np.append(0.0, np.cumsum(widths))
+    coefficients = np.zeros((widths.size, PIECES, widths.size + 1))
     for k, row in enumerate(widths):
-        for width, coefficients in zip(row, piece_coefficients(row, np.eye(5)), strict=True):
-            arcs = np.append(0.5 * width * (_NODES + 1.0), width)
-            turns = (arcs[:, None] ** POWERS / POWERS) @ coefficients
-            block = np.tile(start, (len(arcs), 1))
-            block[:, 4 * k : 4 * k + 5] += turns
-            rows.append(block[:-1])
-            weights.append(0.5 * width * _WEIGHTS)
-            start = block[-1]
-    return HeadingBasis(np.vstack(rows), np.concatenate(weights), start)
+        own = slice(PIECES * k, PIECES * k + PIECES)
+        coefficients[own, :, PIECES * k : PIECES * k + PIECES + 1] = piece_coefficients(row, np.eye(5))
+    turns = curvature_spline(coefficients, breaks).antiderivative()
+    half = 0.5 * widths.reshape(-1, 1)
+    nodes = (breaks[:-1, None] + half * (_NODES + 1.0)).ravel()
+    return turns(nodes), (half * _WEIGHTS).ravel(), turns(breaks[-1])
 
 
 def _newton(nlp: ConfigurationNLP, widths: FloatArray, heading: float, values: FloatArray) -> tuple[float, FloatArray]:
@@ -230,23 +214,26 @@ def _newton(nlp: ConfigurationNLP, widths: FloatArray, heading: float, values: F
     return float(np.clip(unknowns[0], low, high)), unknowns[1:]
 
 
-def _tip_equations(nlp: ConfigurationNLP, basis: HeadingBasis, unknowns: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _tip_equations(
+    nlp: ConfigurationNLP, basis: tuple[FloatArray, FloatArray, FloatArray], unknowns: FloatArray
+) -> tuple[FloatArray, FloatArray]:
     """Tip position [m] and, when asked for, heading minus the goal's, with their Jacobian in (θ_0, values)."""
     task = nlp.task
-    theta = unknowns[0] + basis.rows @ unknowns[1:]
+    rows, weights, tip = basis
+    theta = unknowns[0] + rows @ unknowns[1:]
     cosine = np.cos(theta)
     sine = np.sin(theta)
     stub = task.stub * unit_vector(unknowns[0])
-    position = stub + np.array([basis.weights @ cosine, basis.weights @ sine])
-    inner = np.stack((-(basis.weights * sine) @ basis.rows, (basis.weights * cosine) @ basis.rows))
+    position = stub + np.array([weights @ cosine, weights @ sine])
+    inner = np.stack((-(weights * sine) @ rows, (weights * cosine) @ rows))
     # Turning the base turns the whole arm about it.
     turning = np.array([-position[1], position[0]])
     residual = position - (task.goal - task.base)
     jacobian = np.column_stack((turning, inner))
     if nlp.tip_heading is None:
         return residual, jacobian
-    miss = unknowns[0] + basis.tip @ unknowns[1:] - nlp.tip_heading
-    return np.append(residual, miss), np.vstack((jacobian, np.append(1.0, basis.tip)))
+    miss = unknowns[0] + tip @ unknowns[1:] - nlp.tip_heading
+    return np.append(residual, miss), np.vstack((jacobian, np.append(1.0, tip)))
 
 
 def _knots(widths: FloatArray) -> Knots:

@@ -5,11 +5,14 @@ import numpy as np
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.errors import ProblemError
 from ccm_opt.robot.arm import Arm
-from ccm_opt.robot.link_bodies import DEFAULT_MAPPING
 from ccm_opt.robot.rigid_motions import bend_rotations
 
+LENGTH_TOLERANCE = 1e-6
+"""Difference allowed between two lengths that should be one, as a share of the length: a curve's length is only known
+to about that accuracy. Taste."""
 
-def ball_angles(arm: Arm, positions: FloatArray, tolerance: float = DEFAULT_MAPPING.length_tolerance) -> FloatArray:
+
+def ball_angles(arm: Arm, positions: FloatArray, tolerance: float = LENGTH_TOLERANCE) -> FloatArray:
     """Revolute angles that place the balls and the tip at given positions, with θ3 = 0.
 
     In the base frame of its ball a link points along Rz(θ1) Ry(θ2) x̂ = (c1 c2, s1 c2, −s2), for ``zyx`` and ``zyz``
@@ -99,9 +102,7 @@ def bends_from_directions(arm: Arm, directions: FloatArray) -> FloatArray:
     return bends
 
 
-def configuration_from_positions(
-    arm: Arm, positions: FloatArray, tolerance: float = DEFAULT_MAPPING.length_tolerance
-) -> FloatArray:
+def configuration_from_positions(arm: Arm, positions: FloatArray, tolerance: float = LENGTH_TOLERANCE) -> FloatArray:
     """The configuration that places joints and tip at given positions, shape (..., c) [rad, m].
 
     Args:

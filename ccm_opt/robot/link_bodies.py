@@ -1,7 +1,5 @@
 """Bodies of links, and numbers of the arm."""
 
-from dataclasses import dataclass
-
 from ccm_opt.core.arrays import FloatArray
 
 DEFAULT_LINK_MASS = 0.1
@@ -26,28 +24,3 @@ def cylinder_inertia(masses: FloatArray, radius: float, link_length: float) -> t
     """
     r = radius or THIN_ROD_RADIUS * link_length
     return masses * r**2 / 2.0, masses * (3.0 * r**2 + link_length**2) / 12.0
-
-
-@dataclass(frozen=True)
-class MappingSettings:
-    """How the jointed arm is laid along a curve, and how exactly curve and arm must agree.
-
-    Attributes:
-        length_tolerance: difference allowed between two lengths that should be one, as a share of the length: the
-            curve's length is only known to about that accuracy. Taste.
-        regularisation: ε of the least-squares mapping, in units of l²: just enough to keep neighbouring links from
-            zigzagging. Taste.
-        most_steps: Newton steps of the least-squares mapping, at most. Taste, ten times what is usual.
-        settled: step of the headings below which it has settled [rad]. Derived: a hundred times rounding.
-        rounding: step below which one that is no smaller than the one before is rounding [rad]. Derived: its root.
-    """
-
-    length_tolerance: float = 1e-6
-    regularisation: float = 0.05
-    most_steps: int = 60
-    settled: float = 1e-11
-    rounding: float = 1e-8
-
-
-DEFAULT_MAPPING = MappingSettings()
-"""The mappings' numbers unless others are passed."""

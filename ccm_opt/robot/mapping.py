@@ -7,13 +7,19 @@ from ccm_opt.core.errors import ProblemError
 from ccm_opt.core.polyline import vector_headings, wrap
 from ccm_opt.robot.arm import Arm, MappingName
 from ccm_opt.robot.configuration import Configuration, Curve
-from ccm_opt.robot.inverse_kinematics import bends_from_directions
-from ccm_opt.robot.link_bodies import DEFAULT_MAPPING, MappingSettings
+from ccm_opt.robot.inverse_kinematics import LENGTH_TOLERANCE, bends_from_directions
+
+REGULARISATION = 0.05
+"""ε of the least-squares mapping, in units of l²: just enough to keep neighbouring links from zigzagging. Taste."""
+_MOST_STEPS = 60
+"""Newton steps of the least-squares mapping, at most. Taste, ten times what is usual."""
+_SETTLED = 1e-11
+"""Step of the headings below which it has settled [rad]. Derived: a hundred times rounding."""
+_ROUNDING = 1e-8
+"""Step below which one that is no smaller than the one before is rounding [rad]. Derived: its root."""
 
 
-def even_joint_directions(
-    points: FloatArray, link_length: float, settings: MappingSettings = DEFAULT_MAPPING
-) -> FloatArray:
+def even_joint_directions(points: FloatArray, link_length: float) -> FloatArray:
     """Link directions with every second joint on the curve.
 
     The odd joint of a pair lies at distance l from both even joints, to the side to which the curve bulges: that of its
@@ -23,7 +29,6 @@ def even_joint_directions(
     Args:
         points: of the curve at the arc length of every joint, shape (links + 1, d) [m].
         link_length: l [m].
-        settings: by how much two links' chord may be too long.
 
     Returns:
         Shape (links, d).
@@ -36,7 +41,7 @@ def even_joint_directions(
         raise ProblemError(f"the even-joint mapping needs an even number of links, got {links}")
     steps = np.diff(points[::2], axis=0)
     chords = np.linalg.norm(steps, axis=1)
-    for pair in np.flatnonzero(chords > (2.0 + settings.length_tolerance) * link_length):
+    for pair in np.flatnonzero(chords > (2.0 + LENGTH_TOLERANCE) * link_length):
         raise ProblemError(
             f"even joints {2 * pair} and {2 * pair + 2} are {chords[pair]:.9g} m apart, two links reach only "
             f"{2.0 * link_length:.9g} m; make curve and arm equally long"
@@ -59,9 +64,7 @@ def even_joint_directions(
     return np.asarray(directions / np.linalg.norm(directions, axis=1, keepdims=True))
 
 
-def least_squares_directions(
-    points: FloatArray, means: FloatArray, link_length: float, settings: MappingSettings = DEFAULT_MAPPING
-) -> FloatArray:
+def least_squares_directions(points: FloatArray, means: FloatArray, link_length: float) -> FloatArray:
     """Link directions d = argmin Σ|P_j − p(s_j)|² + ε Σ angle(d_i, m_i)² subject to the tip being exact.
 
     Gauss–Newton in turns of the links, Newton on the equations of the tip (Nocedal and Wright, Numerical Optimization,
@@ -71,25 +74,24 @@ def least_squares_directions(
         points: of the curve at the arc length of every joint, shape (links + 1, d) [m].
         means: m, mean directions of the curve per link, shape (links, d).
         link_length: l [m].
-        settings: ε, and when the iteration has settled.
 
     Raises:
         ProblemError: the iteration does not settle.
     """
     directions = means.copy()
     before = np.inf
-    for _ in range(settings.most_steps):
-        step, miss = _tangent_step(points, directions, means, link_length, settings.regularisation * link_length**2)
+    for _ in range(_MOST_STEPS):
+        step, miss = _tangent_step(points, directions, means, link_length, REGULARISATION * link_length**2)
         size = np.linalg.norm(step, axis=1, keepdims=True)
         directions = np.asarray(np.cos(size) * directions + np.sinc(size / np.pi) * step)
         longest = float(size.max())
         # The tip of an arm that is nearly straight hardly moves along itself, and rounding there is many times as much
         # in the turns: what small steps no longer lessen is that.
-        if longest < settings.settled or settings.rounding > longest >= before:
+        if longest < _SETTLED or _ROUNDING > longest >= before:
             return directions
         before = longest
     raise ProblemError(
-        f"the least-squares mapping did not settle in {settings.most_steps} steps, the tip is still {miss:.3g} m off; "
+        f"the least-squares mapping did not settle in {_MOST_STEPS} steps, the tip is still {miss:.3g} m off; "
         "use more links or a curve that bends less per link"
     )
 
@@ -131,7 +133,7 @@ def _turn_to(directions: FloatArray, means: FloatArray) -> FloatArray:
     return np.asarray(np.where(size > 0.0, angle / np.maximum(size, np.finfo(np.float64).tiny), 1.0) * sideways)
 
 
-def map_curve(arm: Arm, curve: Curve, method: MappingName, settings: MappingSettings = DEFAULT_MAPPING) -> FloatArray:
+def map_curve(arm: Arm, curve: Curve, method: MappingName) -> FloatArray:
     """Bends of the joints with which the arm follows a curve, shape (k links,) [rad]; every link keeps its length.
 
     Args:
@@ -139,21 +141,20 @@ def map_curve(arm: Arm, curve: Curve, method: MappingName, settings: MappingSett
         curve: as long as the arm.
         method: ``even-joints`` puts every second joint on the curve (section 5.3), ``least-squares`` brings all joints
             near their points of the curve with the tip exact.
-        settings: tolerances, and the weight that keeps links from zigzagging.
 
     Raises:
         ProblemError: the lengths differ, or the mapping does not exist for this curve.
     """
-    if abs(curve.length - arm.length) > settings.length_tolerance * arm.length:
+    if abs(curve.length - arm.length) > LENGTH_TOLERANCE * arm.length:
         raise ProblemError(
             f"the curve is {curve.length:.9g} m long but the arm {arm.length:.9g} m ({arm.links} links of "
             f"{arm.link_length:g} m); make the segment lengths add up to the arm's length"
         )
     points = curve_points(curve, arm.links)
     if method == "even-joints":
-        directions = even_joint_directions(points, arm.link_length, settings)
+        directions = even_joint_directions(points, arm.link_length)
     else:
-        directions = least_squares_directions(points, curve.mean_directions(arm.links), arm.link_length, settings)
+        directions = least_squares_directions(points, curve.mean_directions(arm.links), arm.link_length)
     if isinstance(curve, Configuration):  # of the plane: a heading is that of the curve, whole turns included
         means = curve.mean_headings(arm.links)
         return arm.bends(means + wrap(vector_headings(directions) - means))

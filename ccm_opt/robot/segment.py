@@ -51,8 +51,8 @@ def piece_coefficients(widths: FloatArray, values: FloatArray, ends: tuple[float
 
 
 def curvature_spline(coefficients: FloatArray, breaks: FloatArray) -> PPoly:
-    """Piecewise cubics, by coefficients (pieces, 4 powers) over arc length from the start of each, on their breaks."""
-    return PPoly.construct_fast(np.ascontiguousarray(coefficients.T[::-1]), breaks)
+    """Piecewise cubics, by coefficients (pieces, 4 powers, ...) over arc length from the start of each piece."""
+    return PPoly.construct_fast(np.ascontiguousarray(np.swapaxes(coefficients, 0, 1)[::-1]), breaks)
 
 
 PIECES = 4
