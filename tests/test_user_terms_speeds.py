@@ -32,7 +32,7 @@ def test_velocities_are_those_of_the_arm(small_problem: Problem) -> None:
         term = Constraint("velocity", lambda q, s=s: q.point_velocity(s), lower=0.0, upper=0.0)
         (timed,) = compile_terms(arm, [term], []).timed
         rest = np.zeros(5)
-        states = MotionStates(q, rest, qd)
+        states = MotionStates(q, rest, qd, rest)
         expected = np.max(np.abs(point.velocity(q, qd)), axis=1)
         np.testing.assert_allclose(timed.excesses(states), expected, atol=1e-12)
 

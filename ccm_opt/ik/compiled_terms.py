@@ -11,7 +11,7 @@ import numpy as np
 from ccm_opt.core.arguments import expect
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.errors import ProblemError
-from ccm_opt.ik.functions import CompiledConstraint, CompiledCost, TimedConstraint, as_cost
+from ccm_opt.ik.functions import CompiledConstraint, CompiledCost
 from ccm_opt.ik.quantities import ArmQuantities, Quantities, SpaceQuantities
 from ccm_opt.ik.row_set import RowSet
 from ccm_opt.ik.terms import Constraint, Cost, Interval, Where, answer_of
@@ -71,7 +71,18 @@ def compiled_constraint(constraint: Constraint, quantities: ArmQuantities) -> Co
     # An entry that is free on both sides is most likely a slip.
     if not np.all(np.isfinite(lower) | np.isfinite(upper)):
         raise ProblemError(f"constraint '{constraint.name}': give each entry a lower or an upper bound")
-    return CompiledConstraint(constraint, expression, lower, upper, quantities)
+    compiled = CompiledConstraint(expression, quantities, constraint, lower, upper)
+    # Refused rather than ignored in silence: planners know nothing of speeds.
+    if compiled.timed and constraint.soft:
+        raise ProblemError(
+            f"constraint '{constraint.name}': a soft constraint shapes the path, which has no speed yet; limit "
+            "speeds by limits.tip_velocity or limits.points, or make the constraint hard"
+        )
+    if compiled.timed and constraint.where == "keyframes":
+        raise ProblemError(
+            f"constraint '{constraint.name}': keyframes have no speed; use where='motion', 'goal' or an Interval"
+        )
+    return compiled
 
 
 def _bound(constraint: Constraint, key: Literal["lower", "upper"], count: int) -> FloatArray:
@@ -100,12 +111,13 @@ def compiled_cost(cost: Cost, quantities: ArmQuantities) -> CompiledCost:
     expression = _expression(cost, "cost", quantities)
     if expression.numel() != 1:
         raise ProblemError(f"cost '{cost.name}': expected a scalar, got {expression.numel()} entries; sum them up")
-    if quantities.is_timed(expression):
+    compiled = CompiledCost(expression, quantities, cost)
+    if compiled.timed:
         raise ProblemError(
             f"cost '{cost.name}': a cost shapes the path, which has no speed yet; weigh planner.weights.duration, or "
             "limit speeds by limits.tip_velocity and limits.points"
         )
-    return CompiledCost(cost, expression, quantities)
+    return compiled
 
 
 def refuse_double_names(terms: Sequence[Constraint | Cost]) -> None:
@@ -134,7 +146,7 @@ class UserTerms:
     quantities: ArmQuantities
     constraints: tuple[CompiledConstraint, ...]
     costs: tuple[CompiledCost, ...]
-    timed: tuple[TimedConstraint, ...] = ()
+    timed: tuple[CompiledConstraint, ...] = ()
 
     @property
     def hard(self) -> tuple[CompiledConstraint, ...]:
@@ -142,7 +154,7 @@ class UserTerms:
         return tuple(c for c in self.constraints if not c.constraint.soft)
 
     @property
-    def checked(self) -> tuple[CompiledConstraint | TimedConstraint, ...]:
+    def checked(self) -> tuple[CompiledConstraint, ...]:
         """All constraints, on paths and on speeds."""
         return (*self.constraints, *self.timed)
 
@@ -197,16 +209,14 @@ class UserTerms:
     @cached_property
     def all_costs(self) -> tuple[CompiledCost, ...]:
         """The costs, with every soft constraint as half its squared violation."""
-        soft = tuple(as_cost(c) for c in self.constraints if c.constraint.soft)
+        soft = tuple(c.as_cost() for c in self.constraints if c.constraint.soft)
         return (*self.costs, *soft)
 
     @cached_property
     def parametric(self) -> bool:
         """Whether anything that shapes the path depends on the path parameter, so that keyframes must know theirs."""
-        path_parameter = self.quantities.path_parameter
-        expressions = [c.expression for c in self.constraints] + [c.expression for c in self.costs]
         return any(isinstance(where, Interval) for where in self._places) or any(
-            ca.depends_on(expression, path_parameter) for expression in expressions
+            term.of_path for term in (*self.constraints, *self.costs)
         )
 
     @cached_property
@@ -244,12 +254,11 @@ def compile_terms(arm: Arm, constraints: Sequence[Constraint], costs: Sequence[C
     quantities = SpaceQuantities.from_arm(arm) if arm.dimension == 3 else Quantities.from_arm(arm)
     compiled = [compiled_constraint(constraint, quantities) for constraint in constraints]
     # Only the finished motion has speeds, so these are kept from the planners.
-    timed = [constraint for constraint in compiled if quantities.is_timed(constraint.expression)]
     return UserTerms(
         quantities,
-        tuple(constraint for constraint in compiled if constraint not in timed),
+        tuple(constraint for constraint in compiled if not constraint.timed),
         tuple(compiled_cost(c, quantities) for c in costs),
-        tuple(TimedConstraint(constraint) for constraint in timed),
+        tuple(constraint for constraint in compiled if constraint.timed),
     )
 
 

@@ -8,33 +8,93 @@ import casadi as ca
 import numpy as np
 
 from ccm_opt.core.arrays import BoolArray, FloatArray
-from ccm_opt.core.errors import ProblemError
 from ccm_opt.ik.quantities import ArmQuantities
 from ccm_opt.ik.terms import Constraint, Cost, Interval, Where, applies_at
 
 
+@dataclass(frozen=True)
+class MotionStates:
+    """Poses of a motion at which constraints are checked and costs are averaged.
+
+    Attributes:
+        q: configurations, shape (N, c) [rad, m].
+        u: path parameter, shape (N,).
+        rates: of the configurations, shape (N, c) [rad/s, m/s]; NaN where time is unknown.
+        time: shape (N,) [s]; NaN where unknown.
+    """
+
+    q: FloatArray
+    u: FloatArray
+    rates: FloatArray
+    time: FloatArray
+
+    def where(self, where: Where) -> "MotionStates":
+        """Those at which a term applies."""
+        chosen = applies_at(where, self.u)
+        return MotionStates(self.q[chosen], self.u[chosen], self.rates[chosen], self.time[chosen])
+
+
 @dataclass(frozen=True, eq=False)
-class CompiledConstraint:
+class _Compiled:
+    """An expression of a term.
+
+    Attributes:
+        expression: column of m entries.
+        quantities: holds the symbols.
+    """
+
+    expression: Any
+    quantities: ArmQuantities
+
+    @cached_property
+    def timed(self) -> bool:
+        """Whether it holds speeds, which the finished motion alone has."""
+        return self.quantities.is_timed(self.expression)
+
+    @cached_property
+    def of_path(self) -> bool:
+        """Whether it holds the path parameter."""
+        return bool(ca.depends_on(self.expression, self.quantities.path_parameter))
+
+    @cached_property
+    def function(self) -> Any:
+        """Bends, feed and u, and the rates of both where it holds speeds, to the expression."""
+        symbols = self.quantities.timed_symbols if self.timed else self.quantities.symbols
+        return ca.Function("term", list(symbols), [self.expression])
+
+    def all_values(self, q: FloatArray, u: FloatArray, rates: FloatArray | None = None) -> FloatArray:
+        """The expression, shape (N, m).
+
+        Args:
+            q: configurations, shape (N, c) [rad, m].
+            u: path parameter, shape (N,).
+            rates: of the configurations, for what holds speeds, shape (N, c).
+        """
+        places = self.quantities.places
+        of_time = places(rates) if self.timed and rates is not None else ()
+        # CasADi maps a function over the columns of its arguments: one pose, one column.
+        values = self.function(*places(q), ca.DM(u).T, *of_time)
+        return np.asarray(values, dtype=np.float64).reshape(-1, len(q)).T
+
+
+@dataclass(frozen=True, eq=False)
+class CompiledConstraint(_Compiled):
     """A constraint with its expression and bounds.
 
     Attributes:
         constraint: what the user wrote.
-        expression: column of m entries.
         lower: shape (m,).
         upper: shape (m,).
-        quantities: holds the symbols.
     """
 
     constraint: Constraint
-    expression: Any
     lower: FloatArray
     upper: FloatArray
-    quantities: ArmQuantities
 
-    @cached_property
-    def function(self) -> Any:
-        """Bends, feed and u to the expression."""
-        return ca.Function("constraint", list(self.quantities.symbols), [self.expression])
+    @property
+    def parametric(self) -> bool:
+        """Whether it depends on the path parameter, by its expression or by where it applies."""
+        return isinstance(self.constraint.where, Interval) or self.of_path
 
     @cached_property
     def slopes(self) -> Any:
@@ -50,45 +110,50 @@ class CompiledConstraint:
             q: configurations, shape (N, c) [rad, m].
             u: path parameter, shape (N,).
         """
-        return np.maximum(self.beyond_bounds(evaluated(self.function, self.quantities, q, u)), 0.0)
+        return np.maximum(self._beyond_bounds(self.all_values(q, u)), 0.0)
 
-    def excesses(self, states: "MotionStates") -> FloatArray:
+    def excesses(self, states: MotionStates) -> FloatArray:
         """By how much the worst entry passes its bounds, shape (N,); negative where all hold, NaN where not finite."""
-        return self.beyond_bounds(evaluated(self.function, self.quantities, states.q, states.u))
+        return self._beyond_bounds(self.all_values(states.q, states.u, states.rates))
 
-    def beyond_bounds(self, values: FloatArray) -> FloatArray:
+    def _beyond_bounds(self, values: FloatArray) -> FloatArray:
         """The same for values of the expression, shape (N, m)."""
         # NaN would win or lose any comparison unnoticed, so it is set aside and put back at the end.
         finite = np.all(np.isfinite(values), axis=1)
         values = np.where(finite[:, None], values, 0.0)
-        below = self.lower - values
-        above = values - self.upper
-        worst: FloatArray = np.where(finite, np.maximum(below, above).max(axis=1), np.nan)
-        return worst
+        beyond = np.maximum(self.lower - values, values - self.upper).max(axis=1)
+        return np.asarray(np.where(finite, beyond, np.nan))
+
+    def as_cost(self) -> "CompiledCost":
+        """A soft constraint as a cost: half its squared violation."""
+        term = self.constraint
+        # Costs are averaged over keyframes anyway, so that "keyframes" and "motion" are one place to them.
+        where: Where = "motion" if term.where == "keyframes" else term.where
+        if np.array_equal(self.lower, self.upper):
+            # The same square as below, but smooth at the bound, so that its Hessian does not jump there.
+            violation = self.expression - ca.DM(self.lower)
+        else:
+            # An infinite bound cannot be violated, so it has no entry.
+            below = [float(self.lower[k]) - self.expression[k] for k in np.flatnonzero(np.isfinite(self.lower))]
+            above = [self.expression[k] - float(self.upper[k]) for k in np.flatnonzero(np.isfinite(self.upper))]
+            violation = ca.fmax(ca.vertcat(*below, *above), 0.0)
+        cost = Cost(term.name, term.expression, term.weight, where)
+        return CompiledCost(0.5 * ca.sumsqr(violation), self.quantities, cost)
 
 
 @dataclass(frozen=True, eq=False)
-class CompiledCost:
-    """A cost with its expression.
+class CompiledCost(_Compiled):
+    """A cost with its scalar expression.
 
     Attributes:
         cost: what the user wrote; soft constraints stand as costs too.
-        expression: scalar.
-        quantities: holds the symbols.
     """
 
     cost: Cost
-    expression: Any
-    quantities: ArmQuantities
-
-    @cached_property
-    def function(self) -> Any:
-        """Bends, feed and u to the cost."""
-        return ca.Function("cost", list(self.quantities.symbols), [self.expression])
 
     def values(self, q: FloatArray, u: FloatArray) -> FloatArray:
         """The cost, unweighted, shape (N,); arguments as for ``CompiledConstraint.residuals``."""
-        return evaluated(self.function, self.quantities, q, u)[:, 0]
+        return self.all_values(q, u)[:, 0]
 
     @cached_property
     def _derivatives(self) -> Any:
@@ -105,96 +170,3 @@ class CompiledCost:
     def applies(self, u: FloatArray) -> BoolArray:
         """At which places of the motion, the last of them the goal, the cost counts, shape (N,)."""
         return applies_at(self.cost.where, u)
-
-
-def evaluated(function: Any, quantities: ArmQuantities, q: FloatArray, u: FloatArray) -> FloatArray:
-    """Values of a function of bends, feed and u at many configurations, shape (N, m); arguments as for residuals."""
-    # CasADi maps a function over the columns of its arguments: one pose, one column.
-    values = function(*quantities.places(q), ca.DM(u).T)
-    return np.asarray(values, dtype=np.float64).reshape(-1, len(q)).T
-
-
-def as_cost(compiled: CompiledConstraint) -> CompiledCost:
-    """A soft constraint as a cost: half its squared violation."""
-    term = compiled.constraint
-    # Costs are averaged over keyframes anyway, so that "keyframes" and "motion" are one place to them.
-    where: Where = "motion" if term.where == "keyframes" else term.where
-    cost = Cost(term.name, term.expression, term.weight, where)
-    return CompiledCost(cost, 0.5 * ca.sumsqr(_violation(compiled)), compiled.quantities)
-
-
-def _violation(compiled: CompiledConstraint) -> Any:
-    """By how much every bound is violated, as an expression."""
-    lower = compiled.lower
-    upper = compiled.upper
-    expression = compiled.expression
-    if np.array_equal(lower, upper):
-        # The same square as below, but smooth at the bound, so that its Hessian does not jump there.
-        return expression - ca.DM(lower)
-    # An infinite bound cannot be violated, so it has no entry.
-    below = [float(lower[k]) - expression[k] for k in np.flatnonzero(np.isfinite(lower))]
-    above = [expression[k] - float(upper[k]) for k in np.flatnonzero(np.isfinite(upper))]
-    return ca.fmax(ca.vertcat(*below, *above), 0.0)
-
-
-@dataclass(frozen=True)
-class MotionStates:
-    """Places and rates of a motion at which constraints on speeds are checked.
-
-    Attributes:
-        q: configurations, shape (N, c) [rad, m].
-        u: path parameter, shape (N,).
-        rates: of the configurations, shape (N, c) [rad/s, m/s]; NaN where time is unknown.
-    """
-
-    q: FloatArray
-    u: FloatArray
-    rates: FloatArray
-
-
-@dataclass(frozen=True, eq=False)
-class TimedConstraint:
-    """A hard constraint whose expression holds speeds.
-
-    Attributes:
-        compiled: its expression and bounds.
-    """
-
-    compiled: CompiledConstraint
-
-    def __post_init__(self) -> None:
-        # Refused rather than ignored in silence: planners know nothing of speeds.
-        constraint = self.constraint
-        if constraint.soft:
-            raise ProblemError(
-                f"constraint '{constraint.name}': a soft constraint shapes the path, which has no speed yet; limit "
-                "speeds by limits.tip_velocity or limits.points, or make the constraint hard"
-            )
-        if constraint.where == "keyframes":
-            raise ProblemError(
-                f"constraint '{constraint.name}': keyframes have no speed; use where='motion', 'goal' or an Interval"
-            )
-
-    @property
-    def constraint(self) -> Constraint:
-        """What the user wrote."""
-        return self.compiled.constraint
-
-    @property
-    def parametric(self) -> bool:
-        """Whether it depends on the path parameter, by its expression or by where it applies."""
-        of_path = ca.depends_on(self.compiled.expression, self.compiled.quantities.path_parameter)
-        return isinstance(self.constraint.where, Interval) or bool(of_path)
-
-    @cached_property
-    def _function(self) -> Any:
-        symbols = list(self.compiled.quantities.timed_symbols)
-        return ca.Function("timed_constraint", symbols, [self.compiled.expression])
-
-    def excesses(self, states: MotionStates) -> FloatArray:
-        """By how much the worst entry passes its bounds, shape (N,); negative where all hold, NaN where not finite."""
-        # CasADi maps a function over the columns of its arguments: one state, one column.
-        places = self.compiled.quantities.places
-        arguments = (*places(states.q), ca.DM(states.u).T, *places(states.rates))
-        values = np.asarray(self._function(*arguments), dtype=np.float64).reshape(-1, len(states.u)).T
-        return self.compiled.beyond_bounds(values)

@@ -41,25 +41,6 @@ class RowValues:
         return worst if np.isfinite(worst) else np.inf
 
 
-@dataclass(frozen=True)
-class _Row:
-    """One row of a constraint, before all rows are stacked.
-
-    Attributes:
-        name: of the constraint.
-        expression: scalar CasADi expression.
-        first: path parameter from which it applies.
-        last: path parameter up to which it applies.
-        equal: whether the row is an equation.
-    """
-
-    name: str
-    expression: Any
-    first: float
-    last: float
-    equal: bool
-
-
 @dataclass(frozen=True, eq=False)
 class RowSet:
     """Rows of several constraints.
@@ -85,19 +66,32 @@ class RowSet:
     @classmethod
     def from_constraints(cls, quantities: "ArmQuantities", constraints: "Sequence[CompiledConstraint]") -> "RowSet":
         """The rows of constraints: an equation for equal bounds, else a gap for each finite bound."""
-        rows = [row for compiled in constraints for row in _rows_of(compiled)]
-        expressions = [row.expression for row in rows]
-        column = ca.vertcat(*expressions) if rows else ca.SX(0, 1)
+        names: list[str] = []
+        expressions: list[Any] = []
+        equal: list[bool] = []
+        places: list[tuple[float, float]] = []
+        for compiled in constraints:
+            where = compiled.constraint.where
+            for k in range(compiled.expression.numel()):
+                entry, low, high = compiled.expression[k], compiled.lower[k], compiled.upper[k]
+                # As two gaps, an equation would leave a planner no room between them.
+                sides = [(entry - low, low), (high - entry, high)][: 1 if low == high else 2]
+                found = [side for side, bound in sides if np.isfinite(bound)]
+                names += [compiled.constraint.name] * len(found)
+                expressions += found
+                equal += [bool(low == high)] * len(found)
+                places += [(0.0, 1.0) if isinstance(where, str) else (where.first, where.last)] * len(found)
 
         path_parameter = quantities.path_parameter
-        q, column = quantities.in_configurations(column)
+        q, column = quantities.in_configurations(ca.vertcat(ca.SX(0, 1), *expressions))
         slopes = ca.densify(ca.jacobian(column, q))
         symbols = [q, path_parameter]
+        first, last = np.array(places, dtype=np.float64).reshape(-1, 2).T
         return cls(
-            names=tuple(row.name for row in rows),
-            equal=np.array([row.equal for row in rows], dtype=bool),
-            first=np.array([row.first for row in rows], dtype=np.float64),
-            last=np.array([row.last for row in rows], dtype=np.float64),
+            names=tuple(names),
+            equal=np.array(equal, dtype=bool),
+            first=first,
+            last=last,
             parametric=np.array([bool(ca.depends_on(each, path_parameter)) for each in expressions], dtype=bool),
             values=ca.Function("rows", symbols, [column]),
             slopes=ca.Function("slopes", symbols, [column, slopes]),
@@ -144,70 +138,26 @@ class RowSet:
         """All rows and their slopes, of shapes (rows,) and (rows, c); overwritten by the next call."""
         if not len(self):
             return np.zeros(0), np.zeros((0, len(q)))
-        buffers = self._buffers
-        buffers.q[:] = q
-        buffers.path_parameter[0] = u
-        buffers.evaluate()
-        return buffers.values, buffers.slopes.T
+        _, evaluate, at, place, values, slopes = self._buffers
+        at[:] = q
+        place[0] = u
+        evaluate()
+        return values, slopes.T
 
     @cached_property
-    def _buffers(self) -> "_Buffers":
-        return _Buffers.around(self.slopes, len(self))
+    def _buffers(self) -> tuple[Any, Any, FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Arrays that CasADi reads from and writes to in place: steps call often, and conversions cost more.
 
-
-@dataclass(frozen=True, eq=False)
-class _Buffers:
-    """Arrays that CasADi reads from and writes to in place: a step calls the rows often, and conversions cost more.
-
-    Attributes:
-        memory: CasADi's buffer object, which must live as long as ``evaluate`` is called.
-        evaluate: fills ``values`` and ``slopes``.
-        q: configuration, shape (c,) [rad, m].
-        path_parameter: shape (1,).
-        values: shape (rows,).
-        slopes: shape (c, rows), transposed because CasADi stores matrices by columns.
-    """
-
-    memory: Any
-    evaluate: Any
-    q: FloatArray
-    path_parameter: FloatArray
-    values: FloatArray
-    slopes: FloatArray
-
-    @classmethod
-    def around(cls, slopes: Any, rows: int) -> "_Buffers":
-        """Buffers for the function that gives ``rows`` rows and their slopes."""
-        memory, evaluate = slopes.buffer()
-        columns = slopes.size1_in(0)
-        buffers = cls(memory, evaluate, np.zeros(columns), np.zeros(1), np.zeros(rows), np.zeros((columns, rows)))
-
-        # CasADi keeps the addresses alone: the arrays must not be replaced, only written to.
-        memory.set_arg(0, buffers.q.data)
-        memory.set_arg(1, buffers.path_parameter.data)
-        memory.set_res(0, buffers.values.data)
-        memory.set_res(1, buffers.slopes.data)
-        return buffers
-
-
-def _rows_of(compiled: "CompiledConstraint") -> list[_Row]:
-    """The rows of one constraint: an equation for equal bounds, else a gap for each finite bound."""
-    where = compiled.constraint.where
-    name = compiled.constraint.name
-    first = 0.0 if isinstance(where, str) else where.first
-    last = 1.0 if isinstance(where, str) else where.last
-
-    rows = []
-    for k in range(compiled.expression.numel()):
-        entry = compiled.expression[k]
-        low = compiled.lower[k]
-        high = compiled.upper[k]
-        # As two gaps, an equation would leave a planner no room between them.
-        if low == high:
-            rows.append(_Row(name, entry - low, first, last, equal=True))
-            continue
-        if np.isfinite(low):
-            rows.append(_Row(name, entry - low, first, last, equal=False))
-        if np.isfinite(high):
-            rows.append(_Row(name, high - entry, first, last, equal=False))
-    return rows
+        Returns:
+            CasADi's memory, which must live as long as what follows it is called, which evaluates; q (c,), u (1,), the
+            rows (rows,) and their slopes (c, rows), transposed because CasADi stores matrices by columns. It keeps
+            the addresses alone: the arrays must not be replaced, only written to.
+        """
+        memory, evaluate = self.slopes.buffer()
+        columns = self.slopes.size1_in(0)
+        given = np.zeros(columns), np.zeros(1)
+        found = np.zeros(len(self)), np.zeros((columns, len(self)))
+        for place in (0, 1):
+            memory.set_arg(place, given[place].data)
+            memory.set_res(place, found[place].data)
+        return memory, evaluate, *given, *found

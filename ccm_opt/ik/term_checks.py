@@ -1,7 +1,6 @@
 """Checks of users' constraints along a motion."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import numpy as np
 from scipy.interpolate import BPoly
@@ -9,8 +8,8 @@ from scipy.interpolate import BPoly
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.errors import ProblemError
 from ccm_opt.ik.compiled_terms import UserTerms
-from ccm_opt.ik.functions import CompiledConstraint, MotionStates, TimedConstraint
-from ccm_opt.ik.terms import TERM_TOLERANCE, Where, applies_at
+from ccm_opt.ik.functions import CompiledConstraint, MotionStates
+from ccm_opt.ik.terms import TERM_TOLERANCE
 from ccm_opt.problem.solution import Check, JointPath, JointTrajectory
 
 _RATE = 1000.0
@@ -73,22 +72,6 @@ def _refined(path: JointPath, poses: FloatArray, u: FloatArray) -> FloatArray:
     return u
 
 
-@dataclass(frozen=True)
-class CheckedPoses(MotionStates):
-    """Poses of the motion at which constraints are checked and costs are averaged.
-
-    Attributes:
-        time: shape (N,) [s]; NaN where unknown.
-    """
-
-    time: FloatArray
-
-    def where(self, where: Where) -> "CheckedPoses":
-        """Those at which a term applies."""
-        chosen = applies_at(where, self.u)
-        return CheckedPoses(self.q[chosen], self.u[chosen], self.rates[chosen], self.time[chosen])
-
-
 def results_of_terms(
     terms: UserTerms,
     path: JointPath,
@@ -136,11 +119,11 @@ def checks_without_path(
     return _checks(terms, every, poses_at_keyframes(keyframes, even))
 
 
-def _checks(terms: UserTerms, every: CheckedPoses, keyframes: CheckedPoses) -> tuple[Check, ...]:
+def _checks(terms: UserTerms, every: MotionStates, keyframes: MotionStates) -> tuple[Check, ...]:
     return tuple(_check(each, keyframes if each.constraint.where == "keyframes" else every) for each in terms.checked)
 
 
-def _figures(terms: UserTerms, every: CheckedPoses) -> Mapping[str, float]:
+def _figures(terms: UserTerms, every: MotionStates) -> Mapping[str, float]:
     """Worst residual of every constraint and mean value of every cost, by name."""
     figures = {}
     for each in terms.checked:
@@ -157,7 +140,7 @@ def poses_at_rate(
     terms: UserTerms,
     path: JointPath | None,
     trajectory: JointTrajectory,
-) -> CheckedPoses:
+) -> MotionStates:
     """The written samples and those at 1 kHz between them; without a path all between its ends are alike."""
     time = _times_at_rate(trajectory.time, _RATE)
     known = (trajectory.positions, trajectory.velocities, trajectory.accelerations)
@@ -169,7 +152,7 @@ def poses_at_rate(
     u = np.linspace(0.0, 1.0, len(time))
     if path is not None and _parametric(terms):
         u = nearest_path_parameters(path, positions)
-    return CheckedPoses(positions, u, rates, time)
+    return MotionStates(positions, u, rates, time)
 
 
 def _parametric(terms: UserTerms) -> bool:
@@ -177,10 +160,10 @@ def _parametric(terms: UserTerms) -> bool:
     return terms.parametric or any(timed.parametric for timed in terms.timed)
 
 
-def poses_at_keyframes(keyframes: FloatArray, u: FloatArray) -> CheckedPoses:
+def poses_at_keyframes(keyframes: FloatArray, u: FloatArray) -> MotionStates:
     """The planner's keyframes, shape (K, coordinates), at their path parameters; their time is unknown."""
     # NaN rather than zero: a constraint on speeds that is evaluated here must fail, not pass.
-    return CheckedPoses(keyframes, u, np.full_like(keyframes, np.nan), np.full(len(keyframes), np.nan))
+    return MotionStates(keyframes, u, np.full_like(keyframes, np.nan), np.full(len(keyframes), np.nan))
 
 
 def _times_at_rate(time: FloatArray, rate: float) -> FloatArray:
@@ -203,7 +186,7 @@ def _hermite(time: FloatArray, x: FloatArray, v: FloatArray, a: FloatArray) -> B
     return BPoly(np.stack((*rising, *falling)), time)
 
 
-def _check(item: CompiledConstraint | TimedConstraint, poses: CheckedPoses) -> Check:
+def _check(item: CompiledConstraint, poses: MotionStates) -> Check:
     worst, where = _worst(item, poses)
     constraint = item.constraint
     if constraint.soft:
@@ -214,7 +197,7 @@ def _check(item: CompiledConstraint | TimedConstraint, poses: CheckedPoses) -> C
     )
 
 
-def _worst(item: CompiledConstraint | TimedConstraint, poses: CheckedPoses) -> tuple[float, str]:
+def _worst(item: CompiledConstraint, poses: MotionStates) -> tuple[float, str]:
     """By how much the bounds are passed at worst where the constraint applies, and the place of that in words.
 
     Negative where they are kept, with so much to spare; NaN, before all others, when a value is not finite.
