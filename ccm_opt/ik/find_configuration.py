@@ -28,6 +28,7 @@ from ccm_opt.core.polyline import (
     wrap,
 )
 from ccm_opt.ik.configuration_task import ConfigurationTask
+from ccm_opt.ik.curve_frames import CurveNumbers
 from ccm_opt.ik.infeasibility import FailedAttempt, beyond_reach, diagnose, shortfalls
 from ccm_opt.ik.multiple_shooting import (
     ConfigurationNLP,
@@ -37,7 +38,7 @@ from ccm_opt.ik.multiple_shooting import (
     unpack_variables,
 )
 from ccm_opt.robot.configuration import Configuration
-from ccm_opt.robot.segment import PIECES, Knots, SegmentType, curvature_spline, end_angle, piece_coefficients
+from ccm_opt.robot.segment import EVEN_KNOTS, PIECES, SegmentType, curvature_spline, end_angle, piece_coefficients
 from ccm_opt.scene.corridor import ConvexRegion
 
 _POLISH_STEPS = 8
@@ -161,13 +162,13 @@ def polished_configuration(nlp: ConfigurationNLP, variables: FloatArray) -> Conf
     widths = controls[:, 4:8] * (task.length - task.stub) / controls[:, 4:8].sum()
     values = np.append(states[0, 3], controls[:, :4]) / task.length
     heading, values = _newton(nlp, widths, float(states[0, 2]), values)
-    curvatures = [values[4 * k : 4 * k + 5] for k in range(len(widths))]
-    lengths = widths.sum(axis=1).tolist()
-    knots = [_knots(row) for row in widths]
+    arcs = np.append(0.0, np.cumsum(widths))
+    lengths, of_segments, knots = CurveNumbers(arcs, values[None], np.array([heading])).parts()
+    curvatures = [each[:, 0] for each in of_segments]
     if task.stub > 0.0:
         lengths = [task.stub, *lengths]
         curvatures = [np.zeros(5), *curvatures]
-        knots = [(0.25, 0.5, 0.75), *knots]
+        knots = [EVEN_KNOTS, *knots]
     return Configuration.chain(task.base, heading, lengths, curvatures, knots)
 
 
@@ -236,35 +237,6 @@ def _tip_equations(
     return np.append(residual, miss), np.vstack((jacobian, np.append(1.0, tip)))
 
 
-def _knots(widths: FloatArray) -> Knots:
-    b, c, d = np.cumsum(widths)[:3] / widths.sum()
-    return float(b), float(c), float(d)
-
-
-@dataclass(frozen=True)
-class Meander:
-    """How the arm's length is spread over the regions, all lengths in units of the arm's.
-
-    Attributes:
-        edges: arc length of the curve at the regions' boundaries, shape (regions + 1,).
-        crossings: length of the taut path there, shape (regions + 1,).
-        amplitudes: swing a of the heading in each region, positive to the left first [rad], shape (regions,).
-        waves: number m of bumps in each region, shape (regions,).
-    """
-
-    edges: FloatArray
-    crossings: FloatArray
-    amplitudes: FloatArray
-    waves: FloatArray
-
-    def swing(self, s: FloatArray) -> FloatArray:
-        """Heading added to the path's, a sin 2πmu over each region [rad]."""
-        region = np.clip(np.searchsorted(self.edges, s, side="right") - 1, 0, len(self.amplitudes) - 1)
-        u = (s - self.edges[region]) / np.diff(self.edges)[region]
-        added: FloatArray = self.amplitudes[region] * np.sin(2.0 * np.pi * self.waves[region] * u)
-        return added
-
-
 def initial_guess(nlp: ConfigurationNLP, profile: PathProfile, bulge: int = 1) -> FloatArray:
     """Variables of the NLP near a smooth curve along a path, shape (variables,).
 
@@ -273,19 +245,41 @@ def initial_guess(nlp: ConfigurationNLP, profile: PathProfile, bulge: int = 1) -
         profile: the path's headings.
         bulge: +1 swings the surplus length to the roomier side of each region, -1 to the other.
     """
-    meander = spread_length(nlp, profile, bulge)
+    task = nlp.task
+    crossings = region_crossings(profile, task)
+    lengths = curve_shares(task, profile, crossings)
+    edges = np.append(0.0, np.cumsum(lengths))
     s = np.linspace(0.0, 1.0, _GUESS_SAMPLES)
-    heading = profile.direction_at(np.interp(s, meander.edges, meander.crossings)) + meander.swing(s)
-    smooth = _rounded(s, heading, profile)
-    return _sample(nlp, profile, s, smooth, _boundaries(nlp.regions, meander.edges))
+    heading = profile.direction_at(np.interp(s, edges, crossings))
+    amplitudes, waves = _swings(nlp, profile, bulge, crossings, lengths)
+    region = np.clip(np.searchsorted(edges, s, side="right") - 1, 0, len(lengths) - 1)
+    heading += amplitudes[region] * np.sin(2.0 * np.pi * waves[region] * (s - edges[region]) / lengths[region])
+
+    # The ends are brought to the wanted headings, and the corners rounded.
+    heading += (profile.base_heading - heading[0]) * np.clip(1.0 - s / _END_BLEND, 0.0, 1.0)
+    heading += (profile.tip_heading - heading[-1]) * np.clip(1.0 - (1.0 - s) / _END_BLEND, 0.0, 1.0)
+    smooth = gaussian_filter1d(heading, _CORNER_ROUNDING * len(s), mode="nearest")
+
+    # The segments of one region share its length evenly.
+    counts = np.bincount(nlp.regions, minlength=len(lengths))
+    boundaries = np.append(0.0, np.cumsum(np.repeat(lengths / counts, counts)))
+    return _sample(nlp, profile, s, smooth, boundaries)
 
 
-def spread_length(nlp: ConfigurationNLP, profile: PathProfile, bulge: int) -> Meander:
-    """Give each region its stretch of the taut path and, by its area squared, its share of the rest."""
+def _swings(
+    nlp: ConfigurationNLP, profile: PathProfile, bulge: int, crossings: FloatArray, lengths: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Swing a of the heading in each region, positive to the left first [rad], and its number m of bumps.
+
+    Args:
+        nlp: the NLP to start.
+        profile: the path's headings.
+        bulge: side of the surplus length.
+        crossings: length of the taut path at the regions' boundaries, shape (regions + 1,).
+        lengths: of the curve in each region, shape (regions,).
+    """
     task = nlp.task
     regions = task.corridor.regions
-    crossings = region_crossings(profile, task)
-    lengths = curve_shares(task, profile)
     taut = np.diff(crossings)
 
     # The swing that takes up each region's surplus length, to the side with more room in the middle of its stretch.
@@ -304,14 +298,13 @@ def spread_length(nlp: ConfigurationNLP, profile: PathProfile, bulge: int) -> Me
     segments = np.bincount(nlp.regions, minlength=len(regions))
     bendable = task.curvature_limit * task.length * lengths / (2.0 * np.pi * np.maximum(amplitudes, 1e-9))
     most = np.floor(np.minimum(segments, bendable))
-    waves = np.clip(fitting, 1, np.maximum(most, 1))
-    return Meander(np.append(0.0, np.cumsum(lengths)), crossings, sides * amplitudes, waves)
+    return sides * amplitudes, np.clip(fitting, 1, np.maximum(most, 1))
 
 
-def curve_shares(task: ConfigurationTask, profile: PathProfile) -> FloatArray:
+def curve_shares(task: ConfigurationTask, profile: PathProfile, crossings: FloatArray) -> FloatArray:
     """Share of the arm's length that each region gets, shape (regions,): its taut stretch, surplus length by area²."""
     regions = task.corridor.regions
-    taut = np.diff(region_crossings(profile, task))
+    taut = np.diff(crossings)
     areas = np.array([shapely.Polygon(region.vertices).area for region in regions])
     lengths = taut + max(0.0, 1.0 - float(profile.arcs[-1])) * areas**2 / (areas**2).sum()
     lengths = np.maximum(lengths, min(_LEAST_REGION_SHARE, 0.5 / len(regions)))
@@ -329,22 +322,6 @@ def _reaches(region: ConvexRegion, point: FloatArray, across: float) -> tuple[fl
         float((slack[ahead] / rate[ahead]).min(initial=np.inf)),
         float((slack[behind] / -rate[behind]).min(initial=np.inf)),
     )
-
-
-def _boundaries(regions: tuple[int, ...], edges: FloatArray) -> FloatArray:
-    """Arc length at every segment boundary; the segments of one region share it evenly, shape (segments + 1,)."""
-    counts = np.bincount(regions, minlength=len(edges) - 1)
-    return np.append(0.0, np.cumsum(np.repeat(np.diff(edges) / counts, counts)))
-
-
-def _rounded(s: FloatArray, heading: FloatArray, profile: PathProfile) -> FloatArray:
-    """Sampled headings (m,) [rad] with the ends brought to the wanted headings and the corners rounded."""
-    base = profile.base_heading - heading[0]
-    tip = profile.tip_heading - heading[-1]
-    heading = heading + base * np.clip(1.0 - s / _END_BLEND, 0.0, 1.0)
-    heading = heading + tip * np.clip(1.0 - (1.0 - s) / _END_BLEND, 0.0, 1.0)
-    smooth: FloatArray = gaussian_filter1d(heading, _CORNER_ROUNDING * len(s), mode="nearest")
-    return smooth
 
 
 def _sample(
@@ -446,7 +423,7 @@ def segment_regions(task: ConfigurationTask, profile: PathProfile) -> list[tuple
     count = len(task.corridor.regions)
     shares = np.full(count, task.segments_per_region)
     plans = [shares.copy()]
-    lengths = curve_shares(task, profile)
+    lengths = curve_shares(task, profile, region_crossings(profile, task))
     for total in _SEGMENT_TOTALS:
         while shares.sum() < total:
             shares[np.argmax(lengths / shares)] += 1  # to the region whose segments are longest

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.arrays import FloatArray, in_space
 from ccm_opt.robot.arm import Arm
 
 
@@ -39,73 +39,19 @@ class MovingPoint:
 
     def velocity(self, q: FloatArray, qd: FloatArray) -> FloatArray:
         """First derivative of the position, shape (N, d), for first derivatives of the coordinates, shape (N, c)."""
-        raise NotImplementedError
-
-    def acceleration(self, q: FloatArray, qd: FloatArray, qdd: FloatArray) -> FloatArray:
-        """Second derivative of the position, shape (N, d), for both derivatives of the coordinates."""
-        raise NotImplementedError
-
-    def most_jerk(self, q: FloatArray, qd: FloatArray, step: FloatArray) -> FloatArray:
-        """Bound on the third derivative of the position while coordinates are linear in time, shape (N,) [m/s³].
-
-        Args:
-            q: coordinates at the start of each step, shape (N, c) [rad, m].
-            qd: their rates over the step, shape (N, c).
-            step: its length, shape (N,) [s].
-        """
-        raise NotImplementedError
-
-    def _summed(self, of_links: FloatArray) -> FloatArray:
-        """Sum over the links by their levers, shape (N, links, d) to (N, d)."""
-        return np.asarray(np.einsum("...lk,l->...k", of_links, self.levers))
-
-    def _carried(self, q: FloatArray) -> FloatArray:
-        """How far the base is carried, shape (N, d) [m]; linear, so it serves derivatives too."""
-        return np.asarray(self.arm.coordinates.advance(q)[..., None] * self.arm.direction)
-
-
-class PointInPlane(MovingPoint):
-    """A point of an arm in the plane."""
-
-    def velocity(self, q: FloatArray, qd: FloatArray) -> FloatArray:
-        """First derivative of the position, shape (N, 2), for first derivatives of the coordinates, shape (N, c)."""
-        left = self.arm.link_rotations(q)[..., 1]
-        return self._carried(qd) + self._summed(self._turning(qd) * left)
-
-    def acceleration(self, q: FloatArray, qd: FloatArray, qdd: FloatArray) -> FloatArray:
-        """Second derivative of the position, shape (N, 2), for both derivatives of the coordinates."""
-        rotations = self.arm.link_rotations(q)
-        turned = self._turning(qdd) * rotations[..., 1] - self._turning(qd) ** 2 * rotations[..., 0]
-        return self._carried(qdd) + self._summed(turned)
-
-    def most_jerk(self, q: FloatArray, qd: FloatArray, step: FloatArray) -> FloatArray:
-        """As of any point; headings turn evenly, wherever they begin."""
-        del q, step
-        return np.asarray(np.abs(self._turning(qd)[..., 0]) ** 3 @ self.levers)
-
-    def _turning(self, qd: FloatArray) -> FloatArray:
-        """What the links turn, shape (N, links, 1)."""
-        return np.cumsum(qd[:, : self.arm.links], axis=1)[..., None]
-
-
-class PointInSpace(MovingPoint):
-    """A point of an arm in space."""
-
-    def velocity(self, q: FloatArray, qd: FloatArray) -> FloatArray:
-        """First derivative of the position, shape (N, 3), for first derivatives of the coordinates, shape (N, c)."""
         axes = self._axes(q)
-        omega = np.cumsum(_turning(axes, self.arm.bend_pairs(qd)), axis=-2)
+        omega = np.cumsum(_turning(axes, self._rates(qd)), axis=-2)
         return self._carried(qd) + self._summed(np.cross(omega, axes.along))
 
     def acceleration(self, q: FloatArray, qd: FloatArray, qdd: FloatArray) -> FloatArray:
-        """Second derivative of the position, shape (N, 3), for both derivatives of the coordinates."""
+        """Second derivative of the position, shape (N, d), for both derivatives of the coordinates."""
         axes = self._axes(q)
-        rates = self.arm.bend_pairs(qd)
+        rates = self._rates(qd)
         omega = np.cumsum(_turning(axes, rates), axis=-2)
         # ω of the link before; the base does not turn.
         before = np.concatenate((np.zeros_like(omega[..., :1, :]), omega[..., :-1, :]), axis=-2)
         carried = rates[..., :1] * np.cross(before, axes.first) + rates[..., 1:] * np.cross(omega, axes.second)
-        alpha = np.cumsum(_turning(axes, self.arm.bend_pairs(qdd)) + carried, axis=-2)
+        alpha = np.cumsum(_turning(axes, self._rates(qdd)) + carried, axis=-2)
         inward = np.cross(omega, np.cross(omega, axes.along))
         return self._carried(qdd) + self._summed(np.cross(alpha, axes.along) + inward)
 
@@ -120,7 +66,9 @@ class PointInSpace(MovingPoint):
             qd: their rates over the step, shape (N, c).
             step: its length, shape (N,) [s].
         """
-        rates = self.arm.bend_pairs(qd)
+        rates = self._rates(qd)
+        if self.arm.dimension == 2:  # headings turn evenly, wherever they begin
+            return np.asarray(np.abs(np.cumsum(rates[..., 1], axis=-1)) ** 3 @ self.levers)
         omega = np.linalg.norm(np.cumsum(_turning(self._axes(q), rates), axis=-2), axis=-1)
         first = np.abs(rates[..., 0])
         second = np.abs(rates[..., 1])
@@ -140,11 +88,29 @@ class PointInSpace(MovingPoint):
             jerk += self.levers[link] * (growth + 3.0 * change * speed + speed**3)
         return jerk
 
+    def _rates(self, qd: FloatArray) -> FloatArray:
+        """Both bends of every joint, shape (N, links, 2); in the plane the first is none."""
+        if self.arm.dimension == 3:
+            return self.arm.bend_pairs(qd)
+        bends = qd[..., : self.arm.links]
+        return np.stack((np.zeros_like(bends), bends), axis=-1)
+
     def _axes(self, q: FloatArray) -> "_Axes":
         rotations = self.arm.link_rotations(q)
+        if self.arm.dimension == 2:  # about the normal of the plane
+            normal = np.broadcast_to([0.0, 0.0, 1.0], (*rotations.shape[:-2], 3))
+            return _Axes(normal, normal, in_space(rotations[..., 0]))
         base = np.broadcast_to(self.arm.base_rotation[:, 2], (*q.shape[:-1], 1, 3))
         first = np.concatenate((base, rotations[..., :-1, :, 2]), axis=-2)
         return _Axes(first, rotations[..., 1], rotations[..., 0])
+
+    def _summed(self, of_links: FloatArray) -> FloatArray:
+        """Sum over the links by their levers, shape (N, links, 2 or 3) to (N, d)."""
+        return np.asarray(np.einsum("...lk,l->...k", of_links, self.levers)[..., : self.arm.dimension])
+
+    def _carried(self, q: FloatArray) -> FloatArray:
+        """How far the base is carried, shape (N, d) [m]; linear, so it serves derivatives too."""
+        return np.asarray(self.arm.coordinates.advance(q)[..., None] * self.arm.direction)
 
 
 class _Axes(NamedTuple):
@@ -166,4 +132,4 @@ def point_of(arm: Arm, at: float | None) -> MovingPoint:
     Raises:
         ProblemError: the arm is not so long.
     """
-    return (PointInSpace if arm.dimension == 3 else PointInPlane)(arm, arm.levers_to(at))
+    return MovingPoint(arm, arm.levers_to(at))
