@@ -85,6 +85,11 @@ class LinkSpace(CurveUnknowns):
         headings = self.arm.poses(q) - self.arm.poses(self.offset)
         return np.asarray(fit_coordinates(self.turns, headings.T, self.arm.length).T)
 
+    def closest(self, q: FloatArray) -> FloatArray:
+        """Coordinates, those that blend a goal in among them, whose links are turned least off, (K, c) to (K, p)."""
+        headings = self.arm.poses(q) - self.arm.poses(self.offset)
+        return np.asarray(np.linalg.lstsq(self.turns, headings.T, rcond=None)[0].T)
+
     def blended_to(self, q: FloatArray) -> tuple["LinkSpace", FloatArray]:
         """The space with one more coordinate w, so that w = 1 holds another configuration exactly too.
 

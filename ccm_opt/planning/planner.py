@@ -54,7 +54,7 @@ from ccm_opt.planning.smooth_path import joint_path
 from ccm_opt.planning.space_task import SpaceTask, coarse_problem, space_task
 from ccm_opt.planning.step import Stepper
 from ccm_opt.planning.strategies import STRATEGIES, find_motion
-from ccm_opt.planning.tracking import ReferenceMotion, follow_reference, tracked
+from ccm_opt.planning.tracking import Reference, follow_reference, tracked
 from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import GoalPoseRecord, JointPath
 from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
@@ -92,8 +92,7 @@ def resumed(known: Motion, task: MotionTask) -> Motion | None:
     space, start = task.space_through(task.start)
     space, _ = space.blended_to(known.configurations[-1])
     stepper = task.stepper(space, MARGINS[0])
-    wanted = space.arm.poses(known.configurations) - space.arm.poses(space.offset)
-    coordinates = np.array(np.linalg.lstsq(space.turns, wanted.T, rcond=None)[0].T, dtype=np.float64)
+    coordinates = space.closest(known.configurations)
     coordinates[0] = np.append(start, 0.0)
     moved = _bent(known, coordinates, stepper, task) or _tracked(known, coordinates[0], stepper, task)
     return None if moved is None else optimised_to_end_pose(moved, task)
@@ -123,10 +122,9 @@ def _bent(known: Motion, coordinates: FloatArray, stepper: Stepper, task: Motion
 
 def _tracked(known: Motion, start: FloatArray, stepper: Stepper, task: MotionTask) -> Motion | None:
     """The known motion tracked from its start by steps that keep off the walls as they are now, then settled."""
+    reference = Reference.of(known, stepper.space)
     try:
-        way = follow_reference(
-            stepper, ReferenceMotion.of(known), task.limited_goal, stepper.pose(start), task.deadline
-        )
+        way = follow_reference(stepper, reference, task.limited_goal, stepper.pose(start), task.deadline)
     except Stalled:
         return None
     motion = Motion.of(stepper.space, way.poses, known.candidate)

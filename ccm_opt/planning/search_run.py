@@ -31,7 +31,7 @@ from ccm_opt.planning.retraction import drawn_back, lies_confined, width_of_fold
 from ccm_opt.planning.search import Failure, SearchTask, tell_tried
 from ccm_opt.planning.step import Stepper, StepperOf
 from ccm_opt.planning.tip_paths import TipPath
-from ccm_opt.planning.tracking import ReferenceMotion, follow_reference
+from ccm_opt.planning.tracking import Reference, follow_reference
 
 _PAUSES = (0.02, 1e-3)
 """Poses nearer than this to the one before are dropped [rad], the first that leaves the motion certified; a path that
@@ -440,7 +440,9 @@ class PlanarRun(SearchRun[MotionTask, LinkSpace]):
     def tracked(self, found: Motion, failures: list[Failure]) -> Motion | None:
         """A motion bent to the limits; None when that fails."""
         name = f"{found.candidate}, tracked"
-        reference = ReferenceMotion.of(found)
+        reference = Reference.of(found, self.stepper.space)
+        if self.goal.coordinates is not None:
+            reference.unknowns[-1] = self.goal.coordinates
         try:
             way = follow_reference(self.stepper, reference, self.goal, self.start, self.task.deadline)
         except Stalled as stalled:

@@ -11,7 +11,6 @@ import numpy as np
 
 from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.core.polyline import arc_lengths
-from ccm_opt.planning.link_space import LinkSpace
 from ccm_opt.planning.motion import Motion
 from ccm_opt.planning.motion_task import MotionTask
 from ccm_opt.planning.optimisation.optimise import thinned
@@ -111,13 +110,8 @@ def straightened(motion: Motion, task: MotionTask) -> Motion:
     # twice as many rounds hardly more.
     shortcuts = Shortcuts(check, task.certificate.heading_failures, rounds=128, tries=64, saved=0.005)
     way = shortcuts.shortened(task.arm.headings(motion.configurations), np.random.default_rng((task.seed, _STREAM)))
-    coordinates = _coordinates(motion.curve, dense(way, _TURN), motion)
+    coordinates = motion.curve.closest(task.arm.bends(dense(way, _TURN)))
+    coordinates[[0, -1]] = motion.unknowns[[0, -1]]
     straight = motion.through(coordinates)
     # The same way but for rounding.
     return motion if len(task.certificate.failures(straight.configurations)) else straight
-
-
-def _coordinates(space: LinkSpace, way: FloatArray, motion: Motion) -> FloatArray:
-    """Coordinates of link headings of the space, shape (K, links) to (K, p); those of the motion's ends stay."""
-    inside = np.linalg.lstsq(space.turns, (way[1:-1] - space.arm.poses(space.offset)).T, rcond=None)[0].T
-    return np.vstack((motion.unknowns[:1], inside, motion.unknowns[-1:]))

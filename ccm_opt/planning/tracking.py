@@ -8,11 +8,10 @@ that which misses the constraints least, and of equal ones that which is nearest
 """
 
 from dataclasses import dataclass, replace
-from typing import Any, Protocol
 
 import numpy as np
 
-from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.arrays import TINY, FloatArray
 from ccm_opt.core.deadline import Deadline
 from ccm_opt.core.errors import Diagnosis, MotionNotFound
 from ccm_opt.core.polyline import arc_lengths
@@ -22,13 +21,10 @@ from ccm_opt.planning.guides import PoseLed
 from ccm_opt.planning.limits.user_limit import UserLimit
 from ccm_opt.planning.link_space import LinkSpace
 from ccm_opt.planning.motion import Motion, SpaceMotion
-from ccm_opt.planning.pose import CurveUnknowns, Pose, Term
+from ccm_opt.planning.pose import CurveUnknowns, Pose, Term, turn_rows
 from ccm_opt.planning.space_task import SpaceTask
-from ccm_opt.planning.step import AnyUnknowns, SpaceStepper, Stepper, StepperOf
-from ccm_opt.robot.arm import Arm
+from ccm_opt.planning.step import AnyUnknowns, StepperOf
 
-_STILL_WEIGHT = 0.02
-"""Weight of standing still. Taste."""
 _LEAST_ADVANCE = 1e-4
 """Step of u below which tracking is given up. Taste."""
 _GROWTH = 1.5
@@ -41,56 +37,38 @@ _LARGEST_TURN = 0.3
 """Largest turn towards the reference that a step asks for [rad]. Taste."""
 _PULL_WEIGHT = 0.1
 """Weight of the reference, against a nominal link's distance. Taste."""
+_TIED_WEIGHT = 1e-4
+"""Weight of its unknowns themselves, which ties down what no turn shows. Taste."""
 
 
-class Reference(Protocol):
-    """A motion to be tracked."""
-
-    def drawn(self, space: Any, u: float, pose: Pose) -> tuple[list[Term], bool]:
-        """What draws a pose to the motion at u, and whether it is as near as it has to come before u goes on."""
-        ...
-
-
-@dataclass(frozen=True)
-class ReferenceMotion:
-    """A motion in the plane to be tracked.
+@dataclass(frozen=True, eq=False)
+class Reference:
+    """A motion to be tracked.
 
     Attributes:
-        arm: that moves.
-        u: path parameter of its poses, increasing from 0 to 1, shape (K,).
-        poses: link headings and the base, shape (K, c) [rad, link lengths].
+        u: path parameters of its keyframes, increasing from 0 to 1, shape (K,).
+        unknowns: at these, in the curve of whoever tracks it, shape (K, p).
     """
 
-    arm: Arm
     u: FloatArray
-    poses: FloatArray
+    unknowns: FloatArray
 
     @classmethod
-    def of(cls, motion: Motion) -> "ReferenceMotion":
-        """A motion with u even in the turns of its links."""
-        arm = motion.curve.arm
-        poses = arm.poses(motion.configurations)
-        way = arc_lengths(poses)
-        if way[-1] <= 0.0:
-            return cls(arm, np.array([0.0, 1.0]), poses[[0, -1]])
-        # Poses that repeat would make u stand still, and ``at`` divide by 0.
-        kept = np.append(np.diff(way) > 0.0, True)
-        return cls(arm, way[kept] / way[-1], poses[kept])
+    def of(cls, motion: Motion, space: LinkSpace) -> "Reference":
+        """A motion in the plane with u even in the turns of its links, as another space shows it."""
+        way = arc_lengths(space.arm.poses(motion.configurations))
+        u = way / way[-1] if way[-1] > 0.0 else np.linspace(0.0, 1.0, len(way))
+        return cls(u, space.closest(motion.configurations))
 
-    def at(self, u: float) -> FloatArray:
-        """Link headings and the base at u, shape (c,) [rad, link lengths]."""
-        k = int(np.clip(np.searchsorted(self.u, u, side="right") - 1, 0, len(self.u) - 2))
-        share = (u - self.u[k]) / (self.u[k + 1] - self.u[k])
-        between: FloatArray = self.poses[k] + share * (self.poses[k + 1] - self.poses[k])
-        return between
-
-    def drawn(self, space: LinkSpace, u: float, pose: Pose) -> tuple[list[Term], bool]:
-        """What draws the links to their headings at u; how far they are from these does not count."""
-        turn = np.clip(self.at(u) - self.arm.poses(pose.q), -_LARGEST_TURN, _LARGEST_TURN)
-        return [
-            Term(space.turns, turn, _PULL_WEIGHT * space.nominal_per_link),
-            Term(space.turns, np.zeros(len(turn)), _STILL_WEIGHT * space.nominal_per_link),
-        ], True
+    def drawn(self, space: CurveUnknowns, u: float, pose: Pose) -> tuple[list[Term], bool]:
+        """What draws the links to where they are at u, and whether one step could turn them there."""
+        missing = np.array([np.interp(u, self.u, column) for column in self.unknowns.T]) - pose.v
+        rows = turn_rows(space.arm, pose)
+        turn = rows @ missing
+        most = float(np.max(np.abs(turn)))
+        asked = min(1.0, _LARGEST_TURN / max(most, TINY)) * turn
+        tied = Term(np.eye(len(missing)), missing, _TIED_WEIGHT)
+        return [Term(rows, asked, _PULL_WEIGHT * space.nominal_per_link), tied], most < _LARGEST_TURN
 
 
 @dataclass(frozen=True)
@@ -111,18 +89,16 @@ class TrackedPoses:
         self.poses.extend(poses)
 
 
-def tracked_to_arrival(
-    stepper: StepperOf[AnyUnknowns],
-    reference: Reference,
-    start: Pose,
-    deadline: Deadline,
+def follow_reference(
+    stepper: StepperOf[AnyUnknowns], reference: Reference, goal: GoalPose, start: Pose, deadline: Deadline
 ) -> TrackedPoses:
-    """Poses from a start, along a reference motion bent to the stepper's limits, until the path parameter arrives.
+    """Poses from a start along a reference motion, bent to the stepper's limits, to where it ends, or onto the goal.
 
     Args:
         stepper: with the limits on the way.
         reference: what to track.
-        start: where the motion begins.
+        goal: where the motion ends.
+        start: where it begins.
         deadline: when to stop.
 
     Raises:
@@ -146,27 +122,26 @@ def tracked_to_arrival(
             continue
         tracked.append(poses, u)
         advance = min(settings.largest_advance, _GROWTH * advance)
+    tracked.append(_ended(stepper.at(1.0), reference, goal, tracked.poses[-1], deadline), 1.0)
     return tracked
 
 
-def follow_reference(
-    stepper: Stepper, reference: ReferenceMotion, goal: GoalPose, start: Pose, deadline: Deadline
-) -> TrackedPoses:
-    """The reference motion bent to the stepper's limits, then settled on the goal.
-
-    Args:
-        stepper: of the link space, with the limits on the way.
-        reference: what to track.
-        goal: where the motion ends.
-        start: where it begins.
-        deadline: when to stop.
-
-    Raises:
-        Stalled: naming the constraint that could not be met, and by how much it was missed.
-    """
-    tracked = tracked_to_arrival(stepper, reference, start, deadline)
-    tracked.append(settle(stepper.at(1.0), goal, tracked.poses[-1], deadline)[1:], 1.0)
-    return tracked
+def _ended(
+    stepper: StepperOf[AnyUnknowns], reference: Reference, goal: GoalPose, pose: Pose, deadline: Deadline
+) -> list[Pose]:
+    """Poses from the last one that was tracked to where the reference ends, or at least onto the goal."""
+    end = stepper.pose(reference.unknowns[-1])
+    poses = [pose]
+    if goal.on_goal(end) and goal.limits_met(end):
+        try:
+            poses = follow(stepper, PoseLed(stepper.space, pose.v, end.v), pose, deadline)
+        except Stalled as stalled:
+            poses = stalled.poses
+        if stepper.edge_is_safe(poses[-1].v, end.v):
+            return [*poses[1:], *(stepper.pose(v) for v in stepper.space.pieces(poses[-1].v, end.v)[1:])]
+    if goal.coordinates is not None:
+        raise Stalled(why_missed(stepper, poses[-1], 1.0), poses)
+    return [*poses[1:], *settle(stepper, goal, poses[-1], deadline)[1:]]
 
 
 def _advanced(stepper: StepperOf[AnyUnknowns], reference: Reference, u: float, pose: Pose) -> list[Pose] | None:
@@ -284,52 +259,13 @@ def tracked(task: SpaceTask, motion: SpaceMotion) -> SpaceMotion:
     return _bent(task, task.user, motion, u)
 
 
-@dataclass(frozen=True, eq=False)
-class _ReferenceUnknowns:
-    """A motion in space to be tracked.
-
-    Attributes:
-        u: path parameters of its keyframes, shape (K,).
-        unknowns: at these, shape (K, p).
-    """
-
-    u: FloatArray
-    unknowns: FloatArray
-
-    def drawn(self, space: CurveUnknowns, u: float, pose: Pose) -> tuple[list[Term], bool]:
-        """What draws the links to where they are at u, and whether one step could turn them there."""
-        target = np.array([np.interp(u, self.u, column) for column in self.unknowns.T])
-        missing = target - pose.v
-        turning = pose.turning.reshape(-1, len(missing))
-        turn = turning @ missing
-        turn *= min(1.0, _LARGEST_TURN / max(float(np.max(np.abs(turn))), 1e-12))
-        near = Term(np.eye(len(missing)), missing, 1e-2)
-        weight = _PULL_WEIGHT * space.nominal_per_link
-        return [Term(turning, turn, weight), near], float(np.max(np.abs(turn))) < _LARGEST_TURN
-
-
 def _bent(task: SpaceTask, user: UserLimit, motion: SpaceMotion, u: FloatArray) -> SpaceMotion:
     """A motion with path parameters u, shape (K,), bent to the constraints."""
     stepper = task.stepper(motion.curve)
     start = stepper.pose(motion.unknowns[0])
-    reference = _ReferenceUnknowns(u, motion.unknowns)
+    goal = task.limited_goal if task.goal_pose is None else replace(task.limited_goal, coordinates=motion.unknowns[-1])
     try:
-        tracked = tracked_to_arrival(stepper, reference, start, task.deadline)
-        tracked.append(_ended(task, stepper.at(1.0), tracked.poses[-1], motion.unknowns[-1]), 1.0)
+        tracked = follow_reference(stepper, Reference(u, motion.unknowns), goal, start, task.deadline)
     except Stalled as stalled:
         raise MotionNotFound(Diagnosis(str(stalled), "motion", user.advice)) from None
     return replace(SpaceMotion.of(motion.curve, tracked.poses, motion.candidate), u=np.array(tracked.u))
-
-
-def _ended(task: SpaceTask, stepper: SpaceStepper, pose: Pose, end: FloatArray) -> list[Pose]:
-    """Poses from the last one that was tracked to where the reference ends, or at least onto the goal."""
-    guide = PoseLed(stepper.space, pose.v, end)
-    try:
-        poses = follow(stepper, guide, pose, task.deadline)
-    except Stalled as stalled:
-        poses = stalled.poses
-    if stepper.edge_is_safe(poses[-1].v, end):
-        return [*poses[1:], *(stepper.pose(v) for v in stepper.space.pieces(poses[-1].v, end)[1:])]
-    if task.goal_pose is not None:
-        raise Stalled(why_missed(stepper, poses[-1], 1.0), poses)
-    return [*poses[1:], *settle(stepper, task.limited_goal, poses[-1], task.deadline)[1:]]
