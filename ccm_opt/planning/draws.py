@@ -11,6 +11,7 @@ import numpy as np
 from ccm_opt.core.arrays import TINY, FloatArray
 from ccm_opt.core.polyline import arc_lengths, wrap
 from ccm_opt.planning.goal import GoalPose, moved_onto
+from ccm_opt.planning.limits.limit_stack import within_limits
 from ccm_opt.planning.link_space import KNOTS, LinkSpace, fit_coordinates
 from ccm_opt.planning.motion import Motion
 from ccm_opt.planning.motion_task import MotionTask
@@ -362,4 +363,4 @@ class Connecting:
         if self.goal.coordinates is not None:
             return True
         final = self.space.pose(v)
-        return self.task.within_joint_limits(final.q) and self.goal.on_goal(final) and self.goal.limits_met(final)
+        return within_limits(self.task.arm, final.q) and self.goal.on_goal(final) and self.goal.limits_met(final)

@@ -13,19 +13,20 @@ tip, which cannot move: no change of the pose makes the gap wider, as long as th
 nearest place of the link instead, which does move away when the link turns about the goal.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 
 from ccm_opt.core.arrays import TINY, FloatArray
-from ccm_opt.core.polyline import arc_lengths
 from ccm_opt.ik.goal_poses import GoalPoses
 from ccm_opt.planning.continuation import Stalled, follow
 from ccm_opt.planning.goal import GoalPose, moved_onto
 from ccm_opt.planning.goal_pose import pose_record
 from ccm_opt.planning.guides import PoseLed
-from ccm_opt.planning.motion import Motion, SpaceMotion
+from ccm_opt.planning.motion import CurveMotion, Motion, SpaceMotion
 from ccm_opt.planning.motion_task import MotionTask
 from ccm_opt.planning.optimisation.objective import JointSlowness
 from ccm_opt.planning.optimisation.optimise import (
@@ -39,8 +40,8 @@ from ccm_opt.planning.optimisation.optimise import (
 )
 from ccm_opt.planning.passage_widths import MARGINS
 from ccm_opt.planning.pose import Pose
+from ccm_opt.planning.search import SearchTask
 from ccm_opt.planning.space_task import SpaceTask
-from ccm_opt.planning.step import SpaceStepper
 from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import GoalPoseRecord
 from ccm_opt.robot.biarc import straight_at_exit
@@ -77,8 +78,6 @@ _ROOM_SHARE = 1.6
 """Room that the NLP makes at the end, where there is so much, as a multiple of the wanted gap. An arm that follows its
 tip lies all the way near where it ends, and strays from that by some of it: with 1.6 fed arms keep 0.82 to 1.2 of the
 wanted gap all the way among bays, blades and pipes, with 1 they keep 0.6 to 1."""
-_BENDING_FROM = (0.0, 0.5, 0.8)
-"""Places along a motion, as shares of it, from where on it is tried to be bent to another end."""
 _OPENED = 0.02
 """Steps that make room end when no joint moves farther than this [u]."""
 
@@ -205,28 +204,40 @@ def bent_to(motion: Motion, wanted: FloatArray, task: MotionTask) -> Motion | No
     """
     curve, end = motion.curve.blended_to(wanted)
     # A coordinate that the space has besides says how much of what the curve cannot show is added.
-    begun = replace(motion.shown_by(curve), end_pose=wanted)
-    for bent in begun.bent_to(end):
-        q = bent.configurations
-        if len(task.certificate.failures(q)) == 0 and task.within_joint_limits(q):
+    return led_to(replace(motion.shown_by(curve), end_pose=wanted), end, task, MARGINS)
+
+
+def led_to(
+    motion: CurveMotion[Any], end: FloatArray, task: SearchTask, margins: Sequence[float]
+) -> CurveMotion[Any] | None:
+    """A certified motion with another end.
+
+    Args:
+        motion: certified.
+        end: its unknowns there, shape (p,).
+        task: arm, room and limits.
+        margins: of steps that lead it on, each tried in turn.
+
+    Returns:
+        None where no certified way leads there.
+    """
+    # A motion that passes places is tied to where the tip is: nothing can be added to it.
+    for bent in () if task.via else motion.bent_to(end):
+        if len(task.failures(bent.curve, bent.unknowns)) == 0:
             return bent
     if motion.u is not None:
-        return None  # whose limits depend on where along the motion they are: nothing can be added to it
-    return _led_on(begun, end, task)
-
-
-def _led_on(motion: Motion, end: FloatArray, task: MotionTask) -> Motion | None:
-    """A motion with a certified way from its end to other coordinates added; None without one."""
-    space = motion.curve
-    for links in MARGINS:
-        stepper = task.stepper(space, links)
+        return None  # whose limits depend on where along the motion they are
+    for margin in margins:
+        stepper = task.stepper(motion.curve, margin)
         first = stepper.pose(motion.unknowns[-1])
-        try:
-            poses = follow(stepper, PoseLed(space, first.v, end), first, task.deadline)
-        except Stalled:
-            continue
+        poses = [first]
+        if not stepper.edge_is_safe(first.v, end):
+            try:
+                poses = follow(stepper, PoseLed(stepper.space, first.v, end), first, task.deadline)
+            except Stalled as stalled:
+                poses = stalled.poses
         way = [*poses, stepper.pose(end)]
-        if len(task.certificate.failures(np.array([pose.q for pose in way]))) == 0:
+        if len(task.failures(motion.curve, np.array([pose.v for pose in way]))) == 0:
             return motion.continued(way[1:])
     return None
 
@@ -304,7 +315,7 @@ def ended_by_nlp(problem: Problem, task: SpaceTask, motion: SpaceMotion) -> Endi
     if asked.gap(again.motion.configurations[-1]) <= room:
         return ending
     # The optimisation, whose planes stand still too, would only move what was opened back.
-    return replace(again, task=_settled(task, again.motion.configurations[-1]))
+    return replace(again, task=replace(task, goal_pose=again.motion.configurations[-1]))
 
 
 def _asked_from(asked: GoalPoses, task: SpaceTask, goal: GoalPose, motion: SpaceMotion) -> Ending:
@@ -329,26 +340,11 @@ def _asked_from(asked: GoalPoses, task: SpaceTask, goal: GoalPose, motion: Space
     enough = _ENOUGH * task.wanted_gap
     if asked.gap(last.q) < min(asked.gap(motion.configurations[-1]), enough):
         return Ending(task, motion, refused("there is more room where the motion ends"))
-    whole = _bent_in_space(task, stepper, begun, last) or _led_on_in_space(task, stepper, begun, last)
+    whole = led_to(begun, last.v, task, (0.0,))
     if whole is None:
         return Ending(task, motion, refused("the arm cannot be moved there from where the motion ends"))
     whole = replace(whole, candidate=f"{motion.candidate}, {IN_NLP_POSE}")
-    return Ending(_settled(task, last.q), whole, pose_record(wanted, best, len(answers)))
-
-
-def _bent_in_space(task: SpaceTask, stepper: SpaceStepper, motion: SpaceMotion, end: Pose) -> SpaceMotion | None:
-    """The motion with the difference to another end added, where that is certified."""
-    if motion.u is not None or task.via:
-        return None  # it is tied to where along the motion, or where the tip, is: nothing can be added to it
-    travelled = arc_lengths(motion.configurations * task.slowness)
-    along = travelled / max(float(travelled[-1]), TINY)
-    return next((bent for bent in motion.bent_to(end.v, along) if not len(stepper.failing_edges(bent.unknowns))), None)
-
-
-def _led_on_in_space(task: SpaceTask, stepper: SpaceStepper, motion: SpaceMotion, end: Pose) -> SpaceMotion | None:
-    """The motion with a way from its end to another added, or None without one."""
-    poses = _on_the_way(task, stepper, motion.unknowns[-1], end)
-    return motion.continued([*poses[1:], end]) if stepper.edge_is_safe(poses[-1].v, end.v) else None
+    return Ending(replace(task, goal_pose=last.q), whole, pose_record(wanted, best, len(answers)))
 
 
 def _opened_motion(asked: GoalPoses, task: SpaceTask, motion: SpaceMotion) -> SpaceMotion:
@@ -358,20 +354,3 @@ def _opened_motion(asked: GoalPoses, task: SpaceTask, motion: SpaceMotion) -> Sp
         return motion
     poses = opened(task, motion)
     return motion if asked.gap(poses[-1].q) <= before else motion.continued(poses[1:])
-
-
-def _settled(task: SpaceTask, end: FloatArray) -> SpaceTask:
-    """The task with a pose of the whole arm as its goal."""
-    return replace(task, goal_pose=end)
-
-
-def _on_the_way(task: SpaceTask, stepper: SpaceStepper, start: FloatArray, end: Pose) -> list[Pose]:
-    """Poses from the end of a motion towards a better one, as far as there is a way; the first is where it ends."""
-    first = stepper.pose(start)
-    if stepper.edge_is_safe(start, end.v):
-        return [first]
-    guide = PoseLed(stepper.space, start, end.v)
-    try:
-        return follow(stepper, guide, first, task.deadline)
-    except Stalled as stalled:
-        return stalled.poses

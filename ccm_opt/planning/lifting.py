@@ -90,9 +90,8 @@ def lift(motion: Motion, task: MotionTask) -> Motion | None:
             return None
         coordinates[-1] = end.v
 
-    certificate = task.certificate
     stepper = _repair_stepper(space, task)
-    failing = certificate.failures(space.configurations(coordinates))
+    failing = task.failures(space, coordinates)
     if _lies_across(stepper, coordinates, failing):
         return None
     for _ in range(_REPAIRS):
@@ -101,12 +100,10 @@ def lift(motion: Motion, task: MotionTask) -> Motion | None:
         # An interval has no position of its own: both its keyframes are moved.
         at_both_ends = np.unique(np.concatenate((failing, failing + 1)))
         coordinates = _pushed_clear(stepper, coordinates, at_both_ends)
-        failing = certificate.failures(space.configurations(coordinates))
-
-    # The offset is not the one that the motion was planned with, so bends have to be looked at once more.
-    q = space.configurations(coordinates)
-    if len(failing) or not task.within_joint_limits(q):
+        failing = task.failures(space, coordinates)
+    if len(failing):
         return None
+    q = space.configurations(coordinates)
     return Motion(space, coordinates, q, f"{motion.candidate}, lifted", end_pose=motion.end_pose)
 
 

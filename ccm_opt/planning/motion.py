@@ -57,14 +57,13 @@ class CurveMotion(Generic[CurveType]):
         """The motion through other keyframes, shape (K, p)."""
         return replace(self, unknowns=unknowns, configurations=self.curve.configurations(unknowns))
 
-    def bent_to(self, end: FloatArray, along: FloatArray | None = None) -> Iterator["CurveMotion[CurveType]"]:
+    def bent_to(self, end: FloatArray) -> Iterator["CurveMotion[CurveType]"]:
         """The motion with the difference to another end added, more and more towards it, and from ever later on.
 
         Args:
             end: unknowns, shape (p,).
-            along: how far along the motion its keyframes are, from 0 to 1, shape (K,); by path parameters when None.
         """
-        along = self.path_parameters if along is None else along
+        along = self.path_parameters
         change = end - self.unknowns[-1]
         for beginning in _BENDING_FROM:
             share = np.clip((along - beginning) / (1.0 - beginning), 0.0, 1.0)

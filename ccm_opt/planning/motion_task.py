@@ -248,10 +248,6 @@ class MotionTask(SearchTask):
         free[0] *= 0.0 if self.clamped else 1.0
         return free
 
-    def within_joint_limits(self, q: FloatArray) -> bool:
-        """Whether all bends of configurations, shape (K, c), are within the joints' limits."""
-        return bool(np.all(np.abs(q[..., : self.arm.links]) <= self.arm.bend_limits))
-
     def ending_at(self, coordinates: FloatArray, q: FloatArray) -> "MotionTask":
         """The same task for motions that end in one pose: its coordinates, shape (p,), and configuration, (c,)."""
         return replace(self, goal=replace(self.goal, coordinates=coordinates), goal_pose=q)

@@ -112,12 +112,12 @@ def _bent(known: Motion, coordinates: FloatArray, stepper: Stepper, task: Motion
     except Stalled:
         return None
     begun = replace(known, curve=stepper.space, unknowns=coordinates, u=None, end_pose=None)
-    for bent in begun.bent_to(settled[-1].v, known.path_parameters):
-        if _is_certified(bent, task):
+    for bent in begun.bent_to(settled[-1].v):
+        if len(task.failures(bent.curve, bent.unknowns)) == 0:
             return bent
     # Where bending it would meet a wall, the motion goes on from its end.
     led_on = begun.through(np.vstack((coordinates, [pose.v for pose in settled[1:]])))
-    return led_on if _is_certified(led_on, task) else None
+    return led_on if len(task.failures(led_on.curve, led_on.unknowns)) == 0 else None
 
 
 def _tracked(known: Motion, start: FloatArray, stepper: Stepper, task: MotionTask) -> Motion | None:
@@ -128,13 +128,7 @@ def _tracked(known: Motion, start: FloatArray, stepper: Stepper, task: MotionTas
     except Stalled:
         return None
     motion = Motion.of(stepper.space, way.poses, known.candidate)
-    return motion if _is_certified(motion, task) else None
-
-
-def _is_certified(motion: Motion, task: MotionTask) -> bool:
-    """Whether a motion keeps all limits."""
-    q = motion.configurations
-    return len(task.certificate.failures(q)) == 0 and task.within_joint_limits(q)
+    return motion if len(task.failures(motion.curve, motion.unknowns)) == 0 else None
 
 
 @dataclass(frozen=True)

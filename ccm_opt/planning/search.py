@@ -24,7 +24,9 @@ from ccm_opt.planning.limits.motion_certificate import MotionCertificate, failin
 from ccm_opt.planning.limits.user_limit import UserLimit
 from ccm_opt.planning.motion import CurveMotion
 from ccm_opt.planning.optimisation.sequential_convex import MotionProgram
+from ccm_opt.planning.passed_places import passings
 from ccm_opt.planning.settings import EngineSettings
+from ccm_opt.planning.step import StepperOf
 from ccm_opt.problem import OptimiserName, Weights
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.configuration import Configuration
@@ -94,6 +96,7 @@ class SearchTask(ABC):
         start: where the motion begins, shape (c,).
         goal: where the tip has to be.
         goal_pose: where the whole arm has to be, shape (c,); None where the tip alone counts.
+        via: places that the tip passes in this order, each of shape (d,) [m].
         deadline: when to stop.
         optimiser: how the motion that is found is optimised.
         weights: what counts how much then.
@@ -108,6 +111,7 @@ class SearchTask(ABC):
     start: FloatArray
     goal: GoalPose
     goal_pose: FloatArray | None = None
+    via: tuple[FloatArray, ...] = ()
     deadline: Deadline
     optimiser: OptimiserName = "sequential-convex"
     weights: Weights = field(default_factory=Weights)
@@ -163,12 +167,19 @@ class SearchTask(ABC):
         certificate = self.certificate if gap == -np.inf else self.certificate_with(gap)
         return failing_edges(certificate.limits, curve, unknowns, depth)
 
+    @abstractmethod
+    def stepper(self, curve: Any, margin: float) -> StepperOf[Any]:
+        """Takes steps in the unknowns of a curve, with a planning margin."""
+
     def marks(self, motion: CurveMotion[Any]) -> FloatArray:
         """Where along a motion, counted in keyframes, there have to be some, shape (m,)."""
-        if motion.u is None:
-            return np.zeros(0)
-        breaks = [u for limit in self.user_limits for u in limit.breaks]
-        return np.interp(breaks, motion.u, np.arange(len(motion.u)))
+        breaks = [] if motion.u is None else [u for limit in self.user_limits for u in limit.breaks]
+        marks = np.interp(breaks, motion.path_parameters, np.arange(len(motion.unknowns)))
+        if not self.via:
+            return marks
+        # Among them where the tip comes nearest to the places that it passes.
+        tips = self.arm.joint_positions_at(motion.curve.configurations(motion.unknowns))[:, -1]
+        return np.union1d(marks, passings(tips, np.stack(self.via)).along)
 
     @abstractmethod
     def free(self, q: FloatArray) -> FloatArray:

@@ -19,11 +19,11 @@ from ccm_opt.planning.limits.limit_stack import ContactLimit, FeedLimit, limits_
 from ccm_opt.planning.limits.motion_certificate import MotionCertificate
 from ccm_opt.planning.limits.surface_rows import motion_rows, room_lacking
 from ccm_opt.planning.limits.user_limit import UserLimit
-from ccm_opt.planning.motion import CurveMotion, SpaceMotion
+from ccm_opt.planning.motion import SpaceMotion
 from ccm_opt.planning.optimisation.interval_rows import Sweep
 from ccm_opt.planning.optimisation.objective import normalised
 from ccm_opt.planning.optimisation.sequential_convex import MotionProgram
-from ccm_opt.planning.passed_places import PassedPlaces, first_missed, passings
+from ccm_opt.planning.passed_places import PassedPlaces, first_missed
 from ccm_opt.planning.room_lacking import distance_lacking
 from ccm_opt.planning.search import SearchTask
 from ccm_opt.planning.settings import SpaceMotionSettings
@@ -63,7 +63,6 @@ class SpaceTask(SearchTask):
 
     Attributes:
         tree: of the surfaces of the scene.
-        via: places that the tip passes in this order, each of shape (3,) [m].
         via_reach: how near the tip has to come to pass them [m].
         clearance: gap that the user asks for beyond the arm's radius [m].
         box: where the tip may go, lower and upper corner, shape (2, 3) [m].
@@ -76,7 +75,6 @@ class SpaceTask(SearchTask):
     """
 
     tree: SurfaceTree
-    via: tuple[FloatArray, ...] = ()
     via_reach: float
     clearance: float
     box: FloatArray
@@ -157,14 +155,6 @@ class SpaceTask(SearchTask):
         """Gap that steps keep beyond the clearance [m]."""
         return _MARGIN * self.unit
 
-    def marks(self, motion: CurveMotion[Any]) -> FloatArray:
-        """Where there have to be keyframes, among them where the tip comes nearest to the places that it passes."""
-        marks = super().marks(motion)
-        if not self.via:
-            return marks
-        tips = self.arm.joint_positions_at(motion.curve.configurations(motion.unknowns))[:, -1]
-        return np.union1d(marks, passings(tips, np.stack(self.via)).along)
-
     def program(self, motion: SpaceMotion, margin: float | None = None) -> MotionProgram[Sweep]:
         """The program of optimising a motion, its keyframes still to be chosen."""
         kept = _ROW_MARGIN * self.unit if margin is None else margin * self.arm.length
@@ -233,11 +223,10 @@ class SpaceTask(SearchTask):
         )
         return Diagnosis(reason, "motion", ("move the place to where an arm as long and stiff as this can pass it",))
 
-    def stepper(self, curve: CurveMap, share: float = 1.0) -> SpaceStepper:
+    def stepper(self, curve: CurveMap, margin: float = 1.0) -> SpaceStepper:
         """Takes steps in the unknowns of a curve, with a share of the margin."""
-        margin = share * self.margin
-        finder = self.finder(margin, margin + _REACH * curve.nominal_length)
-        return SpaceStepper(curve, self.limits(finder), self.settings)
+        gap = margin * self.margin
+        return SpaceStepper(curve, self.limits(self.finder(gap, gap + _REACH * curve.nominal_length)), self.settings)
 
 
 def reach_box(arm: Arm, bounds: FloatArray | None) -> FloatArray:
