@@ -17,7 +17,7 @@ from ccm_opt.planning.lifting import lifted_motion, nominal_task
 from ccm_opt.planning.motion import SpaceMotion
 from ccm_opt.planning.optimisation.interval_rows import Sweep
 from ccm_opt.planning.optimisation.objective import Objective
-from ccm_opt.planning.optimisation.optimise import optimise_with_room
+from ccm_opt.planning.optimisation.optimise import optimise
 from ccm_opt.planning.smooth_path import smooth_path
 from ccm_opt.planning.space_goal_poses import CurveDraws, goal_poses
 from ccm_opt.planning.space_search import find_motion
@@ -61,7 +61,7 @@ def test_a_motion_to_a_goal_of_the_tip(links: int, directed: bool) -> None:
     motion = find_motion(task)
     judged(task, BALLS, motion)
     ends_at(task, motion, goal)
-    better = optimise_with_room(motion, task)
+    better = optimise(motion, task)
     judged(task, BALLS, better)
     ends_at(task, better, goal)
 
@@ -79,7 +79,7 @@ def test_weights_count_in_space_too() -> None:
     """Each moves its own measure the right way; without an optimiser the motion stays as it was found."""
     task = task_of(snake(8), BALLS, GOAL)
     motion = find_motion(task)
-    assert optimise_with_room(motion, replace(task, optimiser="none")) is motion
+    assert optimise(motion, replace(task, optimiser="none")) is motion
 
     def unevenness(q: FloatArray) -> float:
         return float((np.diff(q, 2, axis=0) ** 2).sum()) * len(q) ** 3
@@ -90,13 +90,13 @@ def test_weights_count_in_space_too() -> None:
     def nearness(q: FloatArray) -> float:
         return -least_gaps(task.arm, BALLS, q)[0]
 
-    plain = optimise_with_room(motion, task).configurations
+    plain = optimise(motion, task).configurations
     for weights, measure in (
         (Weights(smoothness=100.0), unevenness),
         (Weights(bending=1e4), bending),
         (Weights(clearance=100.0), nearness),
     ):
-        weighed = optimise_with_room(motion, replace(task, weights=weights))
+        weighed = optimise(motion, replace(task, weights=weights))
         judged(task, BALLS, weighed)
         assert measure(weighed.configurations) < measure(plain), weights
 
@@ -109,7 +109,7 @@ def test_a_motion_to_a_pose_of_the_whole_arm() -> None:
     wiggle = 0.02 * rng.normal(size=24)  # no curve shows this
     goal = np.clip(curve.configuration(v + 0.25 * rng.normal(size=len(v))) + wiggle, -0.7, 0.7)
     task = task_of(arm, SurfaceSoup.joined([]), None, goal_pose=goal)
-    motion = optimise_with_room(find_motion(task), task)
+    motion = optimise(find_motion(task), task)
     assert motion.configurations[0] == pytest.approx(task.start, abs=1e-12)
     assert motion.configurations[-1] == pytest.approx(goal, abs=1e-9)
 
@@ -129,7 +129,7 @@ def test_a_fed_arm_passes_a_hole_and_keeps_straight_in_its_tube() -> None:
     start = np.append(np.zeros(40), -0.8)
     task = task_of(arm, soup, goal, start=start)
     found = find_motion(task)
-    for motion in (found, optimise_with_room(found, task)):
+    for motion in (found, optimise(found, task)):
         judged(task, soup, motion)
         ends_at(task, motion, goal)
         q = motion.configurations

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from ccm_opt.planning import space_search
 from ccm_opt.planning.goal import GoalPose
-from ccm_opt.planning.optimisation.optimise import optimise_with_room
+from ccm_opt.planning.optimisation.optimise import optimise
 from ccm_opt.planning.passed_places import first_missed, passings
 from ccm_opt.planning.space_search import find_motion
 from tests.snakes_in_space import boxes, least_gaps, snake, task_of
@@ -59,7 +59,7 @@ def test_an_optimised_motion_still_passes_a_place(links: int) -> None:
     arm = snake(links)
     task = replace(task_of(arm, boxes([]), GOAL, via=(ASIDE,)), via_reach=0.02)
     found = find_motion(task)
-    better = optimise_with_room(found, task)
+    better = optimise(found, task)
     tips = arm.joint_positions_at(better.configurations)[:, -1]
     assert first_missed(tips, ASIDE[None], 0.02) is None
     assert len(better.configurations) != len(found.configurations)

@@ -29,15 +29,7 @@ from ccm_opt.planning.guides import PoseLed
 from ccm_opt.planning.motion import CurveMotion, Motion, SpaceMotion
 from ccm_opt.planning.motion_task import MotionTask
 from ccm_opt.planning.optimisation.objective import JointSlowness
-from ccm_opt.planning.optimisation.optimise import (
-    MOST_INTERVALS,
-    keeps_limits,
-    lacks_room,
-    optimise,
-    room_of,
-    shortened,
-    with_more_room,
-)
+from ccm_opt.planning.optimisation.optimise import keeps_limits, optimise, with_more_room
 from ccm_opt.planning.passage_widths import MARGINS
 from ccm_opt.planning.pose import Pose
 from ccm_opt.planning.search import SearchTask
@@ -48,8 +40,6 @@ from ccm_opt.robot.biarc import straight_at_exit
 
 _LEAST_KEYFRAMES = 4
 """A motion of fewer keyframes has no second differences to speak of. Derived."""
-_ROOMIER = 1.1
-"""As many times the room of another motion decide between two before their lengths do. Taste."""
 _BOTTLENECK_SHARE = 0.9
 """Share of the weight of the path's length that goes to the joints by how busy they are. Measured: with 0.9 and a power
 of a half, 13 motions last 2.6 % less in the median, at best 15 % less and at worst 0.5 % longer."""
@@ -137,9 +127,9 @@ def optimised_to_end_pose(motion: Motion, task: MotionTask, margin: float | None
             to_end = weighing_bottlenecks(bent, task).ending_at(bent.unknowns[-1], wanted)
             ended = optimise(bent, to_end, margin, settings.end_rounds)
             if keeps_limits(ended, task):
-                return _with_room(ended, motion, task, margin)
+                return _with_room(ended, task, margin)
     ended = optimise(free, weighing_bottlenecks(free, task), margin, settings.end_rounds)
-    return _with_room(ended, motion, task, margin)
+    return _with_room(ended, task, margin)
 
 
 def _with_dense_keyframes(motion: Motion, task: MotionTask) -> MotionTask:
@@ -154,41 +144,10 @@ def _with_dense_keyframes(motion: Motion, task: MotionTask) -> MotionTask:
     return replace(task, settings=replace(task.settings, optimisation=optimisation), deadline=deadline)
 
 
-def _with_room(ended: Motion, found: Motion, task: MotionTask, margin: float | None) -> Motion:
-    """An optimised motion with all the room that its ends and bottlenecks leave of what is wanted.
-
-    Args:
-        ended: the motion.
-        found: what it was optimised from.
-        task: it was found for.
-        margin: that rows of the optimisation ask for.
-    """
-    if not lacks_room(ended, task):
-        return ended
-    weighed = weighing_bottlenecks(ended, task)
-    widened = with_more_room(ended, weighed, margin)
-    if not lacks_room(widened, task):
-        return widened
-    # Another as long would cost as much again; and among many walls what is won is small beside what is wanted.
-    if len(widened.unknowns) - 1 > MOST_INTERVALS or task.among_many_walls:
-        return shortened(widened, weighed, margin)
-    # What a long motion lacks holds it back from becoming shorter. The shortest one, which grazes walls, becomes
-    # longer as it gets room, and mostly stays the shorter of the two.
-    short = optimise(found, replace(task, wanted_gap=0.0), margin)
-    end = ended.configurations[-1] if ended.end_pose is None else ended.end_pose
-    bent = bent_to(short, end, task)
-    motions = [widened]
-    if bent is not None:
-        motions.append(with_more_room(replace(bent, end_pose=ended.end_pose), weighed, margin))
-    return shortened(_preferred(motions, task), weighed, margin)
-
-
-def _preferred(motions: list[Motion], task: MotionTask) -> Motion:
-    """Of those with nearly the most room and every limit kept the shortest; the first when none keeps them."""
-    kept = [motion for motion in motions if keeps_limits(motion, task)]
-    most = max((room_of(motion, task) for motion in kept), default=0.0)
-    roomy = [motion for motion in kept if _ROOMIER * room_of(motion, task) >= most]
-    return min(roomy, key=lambda motion: motion.travel, default=motions[0])
+def _with_room(motion: Motion, task: MotionTask, margin: float | None) -> Motion:
+    """An optimised motion with the room that its end and more keyframes leave of what is wanted."""
+    weighed = weighing_bottlenecks(motion, task).ending_at(motion.unknowns[-1], motion.configurations[-1])
+    return with_more_room(motion, motion, weighed, margin)
 
 
 def bent_to(motion: Motion, wanted: FloatArray, task: MotionTask) -> Motion | None:

@@ -40,7 +40,7 @@ from ccm_opt.planning.motion import Motion, SpaceMotion
 from ccm_opt.planning.motion_task import CachedItems, MotionTask
 from ccm_opt.planning.neighbourhood import neighbourhood
 from ccm_opt.planning.optimisation.objective import JointSlowness
-from ccm_opt.planning.optimisation.optimise import optimise_with_room
+from ccm_opt.planning.optimisation.optimise import optimise, with_more_room
 from ccm_opt.planning.own_units import in_own_units
 from ccm_opt.planning.passage_widths import MARGINS
 from ccm_opt.planning.pose_beginnings import any_motion
@@ -309,7 +309,10 @@ class MotionPlanner:
             ending = ended_by_nlp(problem, task, found)
             motion = tracked(task, ending.motion)
         with self.stages("optimisation"):
-            motions = (optimise_with_room(motion, ending.task), found if motion.u is None else motion)
+            motions = (
+                with_more_room(optimise(motion, ending.task), motion, ending.task),
+                found if motion.u is None else motion,
+            )
         return motions, ending.record
 
     def _lifted(self, problem: Problem, task: SpaceTask) -> _Planned | None:

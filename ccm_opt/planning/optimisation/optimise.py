@@ -7,20 +7,18 @@ A row keeps both ends of a link, over a whole interval, behind one half-space. T
 interval, the more room that costs beside what there is; between near keyframes there is more to be had.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray, IntArray
-from ccm_opt.planning.motion import CurveMotion, Motion
-from ccm_opt.planning.motion_task import MotionTask
+from ccm_opt.planning.motion import CurveMotion
 from ccm_opt.planning.optimisation.objective import decimated, resampled, subdivided
 from ccm_opt.planning.optimisation.sequential_convex import MotionProgram, sequential_convex
 from ccm_opt.planning.search import SearchTask
-from ccm_opt.planning.spline_path import DEGREE, clamped_spline, places_along
-from ccm_opt.planning.swept_motion import PlanarSweep
+from ccm_opt.planning.spline_path import at_least_four, clamped_spline, places_along
 from ccm_opt.problem import Weights
 
 _ROOM_SAMPLES = 5
@@ -37,13 +35,9 @@ _COUNTED_ROUNDS = 2
 median."""
 _KEPT_SHARE = 0.8
 """Share of its gap that a motion keeps when it is thinned. Taste."""
-_ENOUGH_ROOM = 0.95
-"""Share of the wanted gap, or of what the ends leave of it, that is enough. Taste."""
-_FINER_LACK = 0.15
+_FINER_LACK = 0.1
 """A motion that lacks more than this share of the wanted gap is made again of more keyframes; in pipes and wing boxes
 with few links seven in ten of those come out with all the room that there is."""
-_FINER_INTERVALS = 32
-"""Least number of intervals then."""
 _FINER_PRICE = 400.0
 """First price of slack then."""
 _MANY = 1.5
@@ -51,22 +45,10 @@ _MANY = 1.5
 _FINER = 2.2
 """As many times the keyframes where a motion lacks room. Measured: of 18 motions among clutter that lacked it, few
 gained much with as many as before, some with half as many more, most with this."""
-_ROOM_PASSES = 2
-"""Times that steps at these keyframes are begun anew, with fresh prices. Taste."""
-_ROOM_ROUNDS = 20
-"""Most steps of each. Taste."""
-_ROOM_WORTH = 1.1
-"""As many times the room have to be gained for one more. Taste."""
-_ROOM_GROWTH = 1.02
-"""As many times the most room so far count as growth. Taste."""
-_ROOM_PATIENCE = 6
-"""Steps without growth after which a pass ends. Taste."""
 
-_FINEST = 80
-"""Intervals beyond which a motion is not cut finer for its room. Taste: the cost of a step."""
 _MOVED_ROUNDS = 24
 """Most steps where keyframes have to be moved onto limits. Taste."""
-MOST_INTERVALS = 60
+_MOST_INTERVALS = 60
 """Intervals of a motion beyond which none that lets nothing move is cut finer. Taste."""
 
 
@@ -147,7 +129,7 @@ def _optimised(
         # Among many walls the half-planes of long intervals leave no way on, and those of shorter ones do: what cannot
         # become few stays as it is, or is cut finer where nothing moves.
         slow = motion.travel > (1.0 - _WORTH_MANY) * length
-        if slow and len(before) > (MOST_INTERVALS if stuck else 0):
+        if slow and len(before) > (_MOST_INTERVALS if stuck else 0):
             break
         keyframes, u = finer(motion, whole, _FINER if stuck else 1.0)
     return motion
@@ -237,141 +219,34 @@ def thinned(
     return np.ascontiguousarray(keyframes[:, :-1]), keyframes[:, -1]
 
 
-def optimise_with_room(motion: CurveMotion[Any], task: SearchTask) -> CurveMotion[Any]:
-    """A motion that is optimised; where that lacks room, the roomier of it and of one of more and dearer keyframes.
+def with_more_room(
+    motion: CurveMotion[Any], begun: CurveMotion[Any], task: SearchTask, margin: float | None = None
+) -> CurveMotion[Any]:
+    """An optimised motion; where it lacks room, the roomier of it and of one of more keyframes with dearer room.
 
     Args:
         motion: certified.
-        task: what it is for.
+        begun: what the other is optimised from, certified.
+        task: what they are for.
+        margin: that rows of the optimisation ask for, see ``optimise``.
     """
-    first = optimise(motion, task)
-    lacking = _lacking(first, task)
-    if task.optimiser == "none" or lacking <= _FINER_LACK * task.wanted_gap or task.deadline.passed():
-        return first
+    # In the middle of a gate with hardly any play there is all the room that there can be.
+    if task.wanted_gap == 0.0 or task.optimiser == "none" or motion.u is not None or task.program(motion).yielding:
+        return motion
+    lacking = _lacking(motion, task)
+    if lacking <= _FINER_LACK * task.wanted_gap or task.deadline.passed():
+        return motion
     settings = task.settings.optimisation
     steps = settings.steps
     dearer = replace(steps, price=_FINER_PRICE, highest_price=steps.highest_price * _FINER_PRICE / steps.price)
-    finer = replace(settings, intervals=_FINER_INTERVALS, steps=dearer)
-    second = optimise(motion, replace(task, settings=replace(task.settings, optimisation=finer)))
-    return second if _lacking(second, task) < lacking else first
+    finer = replace(settings, intervals=settings.finer_intervals, steps=dearer)
+    other = optimise(begun, replace(task, settings=replace(task.settings, optimisation=finer)), margin)
+    return other if _lacking(other, task) < lacking else motion
 
 
 def _lacking(motion: CurveMotion[Any], task: SearchTask) -> float:
-    """By how much more of the wanted room a motion lacks on its way than at its ends [m]."""
-    at = np.linspace(0.0, len(motion.unknowns) - 1.0, 4 * len(motion.unknowns) - 3)
-    unknowns = np.column_stack([np.interp(at, np.arange(len(motion.unknowns)), column) for column in motion.unknowns.T])
+    """By how much more of the wanted room the smooth path along a motion lacks on its way than at its ends [m]."""
+    control = at_least_four(motion.unknowns)
+    unknowns = clamped_spline(control)(places_along(len(control), _ROOM_SAMPLES))
     lacking = task.room_lacking(motion.curve.configurations(unknowns))
     return float(np.max(lacking) - np.max(lacking[[0, -1]]))
-
-
-def room_of(motion: Motion, task: MotionTask) -> float:
-    """Least gap of the smooth path that will be laid along a motion, as far as the wanted gap sees [m]."""
-    return _room(motion.configurations, task)
-
-
-def lacks_room(motion: Motion, task: MotionTask) -> bool:
-    """Whether a motion keeps less than the wanted gap, or than its ends leave of that, where more can be looked for."""
-    # Keyframes that limits have moved stand where the path parameter has them.
-    looked_for = task.wanted_gap > 0.0 and task.optimiser != "none" and motion.u is None
-    # In the middle of a gate with hardly any play there is all the room that there can be.
-    looked_for = looked_for and task.gates is None
-    return looked_for and len(motion.unknowns) > DEGREE and room_of(motion, task) < _enough_room(motion, task)
-
-
-def with_more_room(motion: Motion, task: MotionTask, margin: float | None = None) -> Motion:
-    """The motion with more room, where it lacks some and more keyframes give it more.
-
-    Args:
-        motion: certified and optimised.
-        task: it was optimised for.
-        margin: that rows of the optimisation ask for, see ``optimise``.
-
-    Returns:
-        Certified, with the same ends.
-    """
-    if not lacks_room(motion, task) or task.deadline.passed():
-        return motion
-    wanted = _enough_room(motion, task)
-    most = room_of(motion, task)
-    program = _program_to_end(motion, task, margin)
-    # As even as may be; not beyond what is affordable.
-    keyframes, u = finer(motion, program, min(_FINER, max(1.0, _FINEST / (len(motion.unknowns) - 1))))
-    program = replace(program, u=u)
-    roomier = motion.through(keyframes)
-    for _ in range(_ROOM_PASSES):
-        growth = RoomGrowth(task, wanted)
-        roomier = motion.through(sequential_convex(program, roomier.unknowns, _ROOM_ROUNDS, growth.ended))
-        room = room_of(roomier, task)
-        worthwhile = room >= _ROOM_WORTH * most
-        if room > most:
-            motion = roomier
-            most = room
-        dear = len(roomier.unknowns) > MOST_INTERVALS
-        if most >= wanted or not worthwhile or dear or task.deadline.passed():
-            break
-    return motion
-
-
-@dataclass
-class RoomGrowth:
-    """Watches the room of motions from step to step.
-
-    Attributes:
-        task: they are for.
-        wanted: room that is enough [m].
-        most: the most so far [m].
-        idle: steps since it grew.
-    """
-
-    task: MotionTask
-    wanted: float
-    most: float = 0.0
-    idle: int = 0
-
-    def ended(self, sweep: PlanarSweep) -> bool:
-        """Whether a motion has enough room, or none has had more for long."""
-        room = _room(sweep.configurations, self.task)
-        grows = room > _ROOM_GROWTH * self.most
-        self.idle = 0 if grows else self.idle + 1
-        self.most = max(self.most, room)
-        return room >= self.wanted or self.idle >= _ROOM_PATIENCE
-
-
-def shortened(motion: Motion, task: MotionTask, margin: float | None = None) -> Motion:
-    """A motion that cannot have all the room that is wanted, made shorter with nearly the room that it has.
-
-    What an interval lacks is so dear that steps serve nothing else; with no more asked than there is, they shorten
-    the motion again.
-
-    Args:
-        motion: certified, in a bottleneck.
-        task: it was optimised for.
-        margin: that rows of the optimisation ask for, see ``optimise``.
-
-    Returns:
-        Certified, with the same ends.
-    """
-    room = room_of(motion, task)
-    if motion.u is not None or room <= 0.0 or task.deadline.passed():
-        return motion
-    kept = replace(task, wanted_gap=room)
-    shorter = motion.through(sequential_convex(_program_to_end(motion, kept, margin), motion.unknowns, _ROOM_ROUNDS))
-    return shorter if room_of(shorter, task) >= _ENOUGH_ROOM * room else motion
-
-
-def _program_to_end(motion: Motion, task: MotionTask, margin: float | None) -> MotionProgram[PlanarSweep]:
-    """The program of a motion that keeps its keyframes' number and its last pose."""
-    to_end = task.ending_at(motion.unknowns[-1], motion.configurations[-1])
-    return replace(to_end.program(motion, margin), u=motion.path_parameters)
-
-
-def _enough_room(motion: Motion, task: MotionTask) -> float:
-    """Nearly the wanted gap, or what the ends leave of it [m]."""
-    most = min(task.wanted_gap, task.least_gap(motion.configurations[[0, -1]]))
-    return _ENOUGH_ROOM * most
-
-
-def _room(q: FloatArray, task: MotionTask) -> float:
-    """Least gap of the spline near keyframes, shape (K, c) [m]."""
-    samples = places_along(len(q), _ROOM_SAMPLES)
-    return task.least_gap(clamped_spline(q)(samples))
