@@ -1,6 +1,7 @@
 """A plain arm for tests: equal links on a fixed base, and whatever a test wants otherwise."""
 
 import numpy as np
+import numpy.typing as npt
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.problem import JointPose, Limits, Problem
@@ -39,3 +40,18 @@ def bare_problem(arm: Arm, workspace: Workspace) -> Problem:
 def joint_torques(arm: Arm, gravity: FloatArray, *states: FloatArray) -> FloatArray:
     """Torques of all revolutes by the verifier, for positions, velocities and accelerations, shape (T, 3 * links)."""
     return drive_efforts(arm, gravity, *states)[0]
+
+
+def held_bends(arm: Arm, feed: FloatArray | float) -> npt.NDArray[np.bool_]:
+    """Which bends a guide tube of the base still holds at zero, k a joint, shape (..., k links)."""
+    return np.repeat(arm.held(feed), arm.bends_a_joint, axis=-1)
+
+
+def limits_at(arm: Arm, feed: FloatArray | float) -> tuple[FloatArray, FloatArray]:
+    """Least and greatest value of every coordinate where the base is, both of shape (..., c); held bends are zero."""
+    held = held_bends(arm, feed)
+    bends = np.where(held, 0.0, arm.bend_limits)
+    base = arm.coordinates.base
+    highest = np.broadcast_to(arm.upper_limits[base], (*held.shape[:-1], len(arm.base_axes)))
+    lowest = np.broadcast_to(arm.lower_limits[base], highest.shape)
+    return np.concatenate((-bends, lowest), axis=-1), np.concatenate((bends, highest), axis=-1)

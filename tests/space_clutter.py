@@ -13,6 +13,7 @@ from ccm_opt.robot.coordinates import Limits
 from ccm_opt.scene.bodies import Body, BoxBody, SphereBody
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from ccm_opt.scene.workspace import Obstacle, Workspace
+from tests.arms import limits_at
 from tests.space_arms import space_arm
 
 
@@ -49,7 +50,7 @@ def clutter(seed: int, links: int = 24, bodies: int = 150, most_gap: float = 0.0
             bounds=None, obstacles=tuple(_obstacle(random, number) for number in range(bodies)), clearance=0.002
         )
         tree = SurfaceTree.of(workspace.soup)
-        low, high = arm.limits_at(arm.base_range[1])
+        low, high = limits_at(arm, arm.base_range[1])
         q = np.clip(curve @ random.normal(0.0, 0.3, curve.shape[1]), 0.9 * low, 0.9 * high)
         problem = problem_at(arm, workspace, q)
         if 1e-4 < GoalPoses(problem, tree).gap(q) < most_gap:

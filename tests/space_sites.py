@@ -21,6 +21,7 @@ from ccm_opt.robot.inverse_kinematics import configuration_from_positions
 from ccm_opt.scene.bodies import BoxBody, CapsuleBody, CylinderBody, RigidPlacement
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from ccm_opt.scene.workspace import Obstacle, Workspace
+from tests.arms import held_bends
 
 from .space_ducts import (
     ORIGIN,
@@ -356,7 +357,7 @@ def laid_along(arm: Arm, route: Route, end: float) -> FloatArray:
     points, _ = _chorded(route, base, arm)
     q = configuration_from_positions(arm, points)
     bends = q[: 2 * arm.links]
-    held = arm.held_bends(float(np.sum(q[2 * arm.links :])))
+    held = held_bends(arm, float(np.sum(q[2 * arm.links :])))
     beside = np.linalg.norm(np.cross(points[0] - arm.base, arm.direction)) > 1e-9
     if beside or np.max(np.abs(bends[held]), initial=0.0) > 1e-9 or np.any(np.abs(bends) > 0.97 * arm.bend_limits):
         raise UselessDraw

@@ -25,6 +25,7 @@ from ccm_opt.planning.space_search import SpaceRun, find_motion
 from ccm_opt.planning.space_task import space_task, tip_box
 from ccm_opt.robot.arm import Feed
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
+from tests.arms import limits_at
 from tests.oracles.followable_ways import SearchByPython
 from tests.snakes_in_space import boxes, least_gaps, tip_grid
 from tests.space_arms import space_arm
@@ -199,7 +200,7 @@ def test_the_tip_is_always_in_the_box_of_its_reach(feed: Feed | None) -> None:
     box = tip_box(arm, None)
     for _ in range(200):
         base = random.uniform(*arm.base_range)
-        low, high = arm.limits_at(base)
+        low, high = limits_at(arm, base)
         q = random.uniform(low, high)
         q[2 * arm.links :] = base
         tip = arm.joint_positions_at(q)[-1]

@@ -18,6 +18,7 @@ from ccm_opt.problem import JointPose, Limits, Problem, TipGoal
 from ccm_opt.scene.bodies import SphereBody
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from ccm_opt.scene.workspace import Obstacle, Workspace
+from tests.arms import held_bends
 from tests.space_arms import space_arm
 
 PROBLEMS = Path(__file__).parents[1] / "problems" / "space"
@@ -49,7 +50,7 @@ def test_an_end_that_is_moved_has_more_room(name: str) -> None:
     tip = problem.arm.joint_positions_at(motion.configurations[-1])[-1]
     assert tip == pytest.approx(problem.goal.position, abs=1e-7)
     assert len(task.certificate.failures(motion.configurations)) == 0
-    held = problem.arm.held_bends(motion.configurations[:, -1])
+    held = held_bends(problem.arm, motion.configurations[:, -1])
     assert np.all(motion.configurations[:, : 2 * problem.arm.links][held] == 0.0)
 
 

@@ -10,6 +10,7 @@ from ccm_opt.cli.compare.space_clutter import space_clutter
 from ccm_opt.planning.space_certificate import SpaceCertificate
 from ccm_opt.robot.arm import Feed
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
+from tests.arms import held_bends
 from tests.snakes_in_space import snake
 
 
@@ -27,7 +28,7 @@ def test_draws_stand_for_what_the_tube_allows(seed: int, fed: bool) -> None:
     assert np.all(keyframes <= arm.upper_limits + 1e-12)
     for share in (0.0, 0.3, 0.9):
         between = (1.0 - share) * keyframes[:-1] + share * keyframes[1:]
-        held = arm.held_bends(arm.coordinates.advance(between) + 1e-7)
+        held = held_bends(arm, arm.coordinates.advance(between) + 1e-7)
         assert np.all(np.abs(between[:, :12][held]) < 1e-9)
     drawn = joints.drawn(keyframes[0])
     assert drawn is not None

@@ -20,6 +20,7 @@ from ccm_opt.robot.arm import Feed
 from ccm_opt.scene.bodies import BoxBody, SphereBody
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from ccm_opt.scene.workspace import Obstacle, Workspace
+from tests.arms import held_bends
 from tests.space_arms import random_rotation, space_arm
 from tests.space_clutter import Clutter, clutter, problem_at
 
@@ -138,7 +139,7 @@ def test_joints_in_the_guide_tube_stay_straight() -> None:
     problem = problem_at(arm, workspace, q)
     found = GoalPoses(problem, tree).best(q)
     assert found is not None
-    held = arm.held_bends(float(found.q[24]))
+    held = held_bends(arm, float(found.q[24]))
     assert held.any()
     np.testing.assert_array_equal(found.q[:24][held], 0.0)
     poses = GoalPoses(problem, tree)

@@ -12,6 +12,7 @@ from ccm_opt.planning.guides import ArmTrack
 from ccm_opt.robot.arm import Arm, Feed
 from ccm_opt.robot.biarc import FREE_AFTER
 from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
+from tests.arms import held_bends
 from tests.space_arms import space_arm
 
 from .space_sites import site_problem
@@ -69,7 +70,7 @@ def test_joints_lie_on_the_track_and_bend_only_outside_the_tube(
     configurations = slid_along(arm, track, feeds)
     assert configurations[0] == pytest.approx(np.zeros(2 * links + 1), abs=1e-9)
     for q in configurations:
-        held = arm.held_bends(float(q[-1]))
+        held = held_bends(arm, float(q[-1]))
         assert np.max(np.abs(q[:-1][held]), initial=0.0) < 1e-9
         points = arm.joint_positions_at(q)
         places = float(q[-1]) + arm.link_length * np.arange(links + 1) - arm.hole

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from ccm_opt.planning.curve_map import CurveMap, feed_to_next_stop
 from ccm_opt.robot.arm import Feed
 from ccm_opt.robot.biarc import free_before, free_shares_of_bends, straight_at_exit
+from tests.arms import held_bends
 from tests.oracles.chains import space_chain_by_numpy
 from tests.oracles.curve_shapes import shapes_by_numpy
 from tests.snakes_in_space import snake
@@ -27,12 +28,12 @@ def test_the_start_is_held_exactly(seed: int, links: int, carried: bool) -> None
     q = np.append(rng.normal(size=2 * links) * 0.3, [0.7] * carried)
     if carried:
         # Joints that are just outside the tube are straight too: they bend no sooner than they are further out.
-        q[: 2 * links][arm.held_bends(0.699)] = 0.0
+        q[: 2 * links][held_bends(arm, 0.699)] = 0.0
     curve, v = CurveMap.through(arm, q)
     assert curve.configuration(v) == pytest.approx(q, abs=1e-12)
     goal = np.append(rng.normal(size=2 * links) * 0.3, [0.8] * carried)
     if carried:
-        goal[: 2 * links][arm.held_bends(0.799)] = 0.0
+        goal[: 2 * links][held_bends(arm, 0.799)] = 0.0
     blended, end = curve.blended_to(goal)
     assert blended.configuration(end) == pytest.approx(goal, abs=1e-9)
     assert blended.configuration(np.append(v, 0.0)) == pytest.approx(q, abs=1e-9)
@@ -86,7 +87,7 @@ def test_joints_in_the_guide_tube_are_straight(seed: int, feed: float) -> None:
     v = rng.normal(size=len(v))
     v[curve.feed_column] = feed / curve.scale[curve.feed_column]
     q = curve.configuration(v)
-    assert np.all(q[:48][arm.held_bends(feed)] == 0.0)
+    assert np.all(q[:48][held_bends(arm, feed)] == 0.0)
 
 
 @given(st.integers(4, 30), st.floats(0.02, 1.0))
@@ -124,14 +125,14 @@ def test_between_two_poses_joints_stay_straight_as_far_as_in_either(
     usual = free_before(arm)
     start, goal = (np.append(rng.normal(size=2 * links) * 0.3, feed) for feed in (begin, end))
     for q in (start, goal):
-        q[: 2 * links][arm.held_bends(float(q[-1]) - 1.01 * usual)] = 0.0
+        q[: 2 * links][held_bends(arm, float(q[-1]) - 1.01 * usual)] = 0.0
     curve, first = CurveMap.through(arm, start)
     blended, last = curve.blended_to(goal)
     assert blended.straight_before == pytest.approx(usual)
     for share in rng.uniform(size=8):
         v = np.append(first, 0.0) + share * (last - np.append(first, 0.0))
         q = blended.configuration(v)
-        assert np.all(q[: 2 * links][arm.held_bends(float(q[-1]) - 0.99 * usual)] == 0.0)
+        assert np.all(q[: 2 * links][held_bends(arm, float(q[-1]) - 0.99 * usual)] == 0.0)
 
 
 def test_a_fed_arm_follows_its_own_shape() -> None:

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.coordinates import joint_coordinates
+from tests.arms import limits_at
 from tests.oracles.chains import positions_of_links, rotations_by_numpy
 from tests.space_arms import FEED_OF_TESTS, planar_twin, random_rotation, space_arm, turned_arm
 
@@ -112,7 +113,7 @@ def test_compiled_poses_agree_with_numpy(seed: int, fed: bool) -> None:
 def test_joints_that_have_not_passed_the_hole_are_held_straight() -> None:
     """Both bends of a joint in the guide tube are zero, those of the others have their limits; the feed its range."""
     arm = space_arm(3, feed=FEED_OF_TESTS)  # the hole is at 0.5 m, a link has 0.1 m
-    lower, upper = arm.limits_at(np.array([0.3, 0.5]))
+    lower, upper = limits_at(arm, np.array([0.3, 0.5]))
     np.testing.assert_array_equal(upper, [[0.0, 0.0, 0.0, 0.0, 0.8, 0.8, 0.5], [3.0, 3.0, 0.8, 0.8, 0.8, 0.8, 0.5]])
     np.testing.assert_array_equal(lower[1], -upper[1] + [0, 0, 0, 0, 0, 0, 0.5])
-    np.testing.assert_array_equal(space_arm(3).limits_at(0.0)[1], space_arm(3).upper_limits)
+    np.testing.assert_array_equal(limits_at(space_arm(3), 0.0)[1], space_arm(3).upper_limits)

@@ -12,6 +12,7 @@ from ccm_opt.core.errors import NoPlanFound, ProblemError, UnreachableGoal
 from ccm_opt.problem import JointPose, TipGoal
 from ccm_opt.problem.solution import StaticPose
 from ccm_opt.verification.chain_motion import LinkFrames, chain_points
+from tests.arms import limits_at
 
 from .command_runs import CommandLine, brightness
 from .conftest import PROBLEMS
@@ -51,7 +52,7 @@ def assert_sound(found: StaticPose) -> None:
     assert points[-1] == pytest.approx(goal.position, abs=1e-6 * arm.length)
     if goal.direction is not None:
         assert LinkFrames.of(arm, q).along[0, -1] @ goal.direction == pytest.approx(1.0, abs=1e-10)
-    lower, upper = arm.limits_at(found.feed)
+    lower, upper = limits_at(arm, found.feed)
     assert np.all(found.configuration >= lower - 1e-9)
     assert np.all(found.configuration <= upper + 1e-9)
     first, share = arm.mount_end

@@ -26,6 +26,7 @@ from ccm_opt.problem import Weights
 from ccm_opt.robot.arm import Feed
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from ccm_opt.scene.surfaces import SurfaceSoup
+from tests.arms import held_bends
 from tests.snakes_in_space import balls, boxes, least_gaps, snake, task_of, tip_grid
 
 GOAL = GoalPose(np.array([0.55, 0.35, 0.3]), np.array([0.0, 0.6, 0.8]))
@@ -135,13 +136,13 @@ def test_a_fed_arm_passes_a_hole_and_keeps_straight_in_its_tube() -> None:
         q = motion.configurations
         share = np.linspace(0.0, 1.0, 20)[:, None]
         dense = np.concatenate([a + share * (b - a) for a, b in pairwise(q)])
-        held = arm.held_bends(dense[:, -1])
+        held = held_bends(arm, dense[:, -1])
         assert np.all(dense[:, :40][held] == 0.0)
     path = smooth_path(motion, task)
     assert path is not None
     spline = path.spline
     dense = np.asarray(spline(np.linspace(0.0, 1.0, 3000)))
-    assert np.all(np.abs(dense[:, :40][arm.held_bends(dense[:, -1])]) < 1e-12)
+    assert np.all(np.abs(dense[:, :40][held_bends(arm, dense[:, -1])]) < 1e-12)
 
 
 def test_a_fed_arm_does_not_slow_down_where_joints_leave_its_tube() -> None:

@@ -15,6 +15,7 @@ from ccm_opt.io.folder import write_solution
 from ccm_opt.problem.solution import Solution, SurvivedError
 from ccm_opt.verification.tolerance.error_model import moved_by_joint_errors
 from ccm_opt.verification.tolerance.survived_errors import survived_errors
+from tests.arms import limits_at
 
 from .command_runs import CommandLine, brightness
 from .space_arms import FEED_OF_TESTS, turned_arm
@@ -127,7 +128,7 @@ def test_errors_move_links_by_no_more_than_their_levers(seed: int, fed: bool) ->
     random = np.random.default_rng(seed)
     arm = turned_arm(random, 6, feed=FEED_OF_TESTS if fed else None)
     feed = float(random.uniform(*arm.base_range))
-    lower, upper = arm.limits_at(feed)
+    lower, upper = limits_at(arm, feed)
     q = 0.5 * random.uniform(lower, upper)
     q[2 * arm.links :] = feed
     size = float(10.0 ** random.uniform(-4, 0))

@@ -27,6 +27,7 @@ from ccm_opt.verification.tolerance.error_model import (
 )
 from ccm_opt.verification.tolerance.survived_errors import survived_error, survived_errors, tube_of, worst_motion
 from ccm_opt.verification.wall_clearance import check_walls
+from tests.arms import limits_at
 
 from .arms import bare_problem, plain_arm
 from .scenes import random_headings, random_polygon, self_gap, sweep_gaps
@@ -75,7 +76,7 @@ def test_no_error_moves_a_place_farther_along_a_direction(
     rng = np.random.default_rng(seed)
     feed = FEED_OF_TESTS if fed else None
     arm = turned_arm(rng, 6, feed=feed) if dimension == 3 else replace(plain_arm(6, 0.1), base_heading=0.7, feed=feed)
-    lower, upper = arm.limits_at(float(rng.uniform(*arm.base_range)))
+    lower, upper = limits_at(arm, float(rng.uniform(*arm.base_range)))
     q = rng.uniform(lower, upper)
     size = 10.0**power
     model = (joint_errors, link_length_errors, base_heading_error, base_position_error)[seed % 4](arm)
@@ -106,7 +107,7 @@ def test_no_error_moves_two_links_farther_against_each_other(
     """Ends of the outer link as the inner one sees them, and the other way round."""
     rng = np.random.default_rng(seed)
     arm = turned_arm(rng, 6) if dimension == 3 else plain_arm(6, 0.1)
-    q = rng.uniform(*arm.limits_at(0.0))
+    q = rng.uniform(*limits_at(arm, 0.0))
     size = 10.0**power
     model = (joint_errors, link_length_errors)[seed % 2](arm)
     inner, outer = sorted(rng.choice(arm.links, 2, replace=False).tolist())
@@ -141,7 +142,7 @@ def with_errors(
     draw = rng.choice((-1.0, 1.0), len(q)) if rng.random() < 0.5 else rng.uniform(-1.0, 1.0, len(q))
     bends = arm.coordinates.joints
     if name == "joints":
-        lower, _ = arm.limits_at(q[bends:].sum() if arm.base_axes else 0.0)
+        lower, _ = limits_at(arm, q[bends:].sum() if arm.base_axes else 0.0)
         off = size * draw * np.where(np.arange(len(q)) < bends, lower != 0.0, arm.link_length)
         return posed(arm, q + off, link)
     points, frame = posed(arm, q, link)

@@ -24,10 +24,8 @@ class ConfigurationTask:
         goal: tip position, shape (2,) [m].
         goal_heading: tip heading up to whole turns [rad], or None when any will do.
         corridor: convex regions in order; the first holds the base, the last the goal.
-        segments_per_region: curvature segments a region gets at the first attempt.
         mount_length: arm length from the base that may lie outside the first region [m]. It is used only when the
             base itself does: the arm then starts with a straight stub of that length.
-        fixed_knots: keep the spline knots of every segment at a quarter, a half and three quarters.
         bending_weight: of the arm's bending in the objective.
         clearance_weight: of nearness to walls in the objective.
         side_gaps: how far behind each side of each region the walls begin [m]; needed for the clearance's weight.
@@ -40,9 +38,7 @@ class ConfigurationTask:
     goal: FloatArray
     goal_heading: float | None
     corridor: Corridor
-    segments_per_region: int = 1
     mount_length: float = 0.0
-    fixed_knots: bool = False
     bending_weight: float = 1.0
     clearance_weight: float = 0.0
     side_gaps: tuple[FloatArray, ...] = ()
@@ -55,11 +51,8 @@ class ConfigurationTask:
             raise ProblemError(
                 f"length and curvature limit must be positive, got {self.length} m and {self.curvature_limit} 1/m"
             )
-        if self.segments_per_region < 1 or not self.corridor.regions:
-            raise ProblemError(
-                f"at least one region and one segment a region are needed, got {len(self.corridor.regions)} regions "
-                f"and {self.segments_per_region} segments"
-            )
+        if not self.corridor.regions:
+            raise ProblemError("at least one region is needed, got none")
         if np.shape(self.base) != (2,) or np.shape(self.goal) != (2,):
             raise ProblemError(f"base and goal are points, got shapes {np.shape(self.base)} and {np.shape(self.goal)}")
 

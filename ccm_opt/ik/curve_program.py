@@ -127,7 +127,7 @@ def base_at_stub_end(state: ca.SX, stub: ca.SX) -> RowBlock:
     return equal_to_zero(names, state[:2] - stub * ca.vertcat(ca.cos(state[2]), ca.sin(state[2])))
 
 
-def knot_spacing(k: int, control: ca.SX, fraction: ca.SX) -> RowBlock:
+def knot_spacing(k: int, control: ca.SX, fraction: float) -> RowBlock:
     """a_i ≥ fraction · L_k: spline knots keep apart."""
     widths = control[4:8]
     names = tuple(f"segment {k}: spacing of knots {i} and {i + 1}" for i in range(PIECES))

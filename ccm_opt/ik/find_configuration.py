@@ -387,7 +387,7 @@ def attempt(
     tip_heading = None if task.goal_heading is None else profile.tip_heading
     nlp = build_configuration_nlp(task, regions, tip_heading)
     result = solve_nlp(nlp, initial_guess(nlp, profile, bulge))
-    if not result.feasible:
+    if result.broken:
         return FailedAttempt(nlp, result)
     configuration = polished_configuration(nlp, result.variables)
     missed = shortfalls(nlp, configuration)
@@ -419,9 +419,9 @@ def winding_profiles(task: ConfigurationTask) -> list[PathProfile]:
 
 
 def segment_regions(task: ConfigurationTask, profile: PathProfile) -> list[tuple[int, ...]]:
-    """Region of each segment: ``segments_per_region`` each, then the totals of the settings, shared by curve length."""
+    """Region of each segment: one each, then greater totals, shared by curve length."""
     count = len(task.corridor.regions)
-    shares = np.full(count, task.segments_per_region)
+    shares = np.ones(count, dtype=np.intp)
     plans = [shares.copy()]
     lengths = curve_shares(task, profile, region_crossings(profile, task))
     for total in _SEGMENT_TOTALS:

@@ -11,7 +11,8 @@ from ccm_opt.core.length_words import curvature, long_length, short_length
 from ccm_opt.core.length_words import place as at
 from ccm_opt.core.polyline import wrap
 from ccm_opt.ik.configuration_task import END_TOLERANCE, ConfigurationTask
-from ccm_opt.ik.multiple_shooting import ConfigurationAnswer, ConfigurationNLP, unpack_variables
+from ccm_opt.ik.multiple_shooting import ConfigurationNLP, unpack_variables
+from ccm_opt.ik.row_program import RowAnswer
 from ccm_opt.robot.configuration import Configuration
 from ccm_opt.robot.segment import PIECES
 
@@ -117,21 +118,21 @@ class FailedAttempt:
     """One attempt that gave no configuration: its NLP, the solver's answer, and what the dense check refused."""
 
     nlp: ConfigurationNLP
-    result: ConfigurationAnswer
+    answer: RowAnswer
     shortfalls: tuple[Shortfall, ...] = ()
 
     @property
     def words(self) -> str:
         """One line: size, status, worst row."""
-        answer = self.result.answer
+        answer = self.answer
         what = "; ".join(map(str, self.shortfalls)) or f"{answer.worst_row} by {answer.violation:.3g}"
         return f"{len(self.nlp.regions)} segments: {answer.status}, {what}"
 
 
 def diagnose(task: ConfigurationTask, attempts: Sequence[FailedAttempt]) -> Diagnosis:
     """A diagnosis from all failed attempts; the one that came nearest speaks for them."""
-    nearest = min(attempts, key=lambda attempt: attempt.result.answer.violation)
-    answer = nearest.result.answer
+    nearest = min(attempts, key=lambda attempt: attempt.answer.violation)
+    answer = nearest.answer
     rows = broken_rows(nearest)
     what = "; ".join(broken.words for broken in rows) or nearest.words
     reason = (
@@ -184,7 +185,7 @@ def _end_outside(name: str, outside: float, allowed: float) -> Diagnosis:
 def broken_rows(attempt: FailedAttempt) -> tuple[BrokenRow, ...]:
     """The rows that an attempt could not satisfy, the worst of every kind and segment, the worst first."""
     found: dict[tuple[str, int], BrokenRow] = {}
-    for name, violation in attempt.result.answer.broken.items():
+    for name, violation in attempt.answer.broken.items():
         row = _broken_row(attempt, name, violation)
         # Rows come worst first, so the first of a kind and segment is its worst.
         found.setdefault((row.constraint, row.segment), row)
@@ -222,7 +223,7 @@ def _meaning(name: str, violation: float, length: float) -> tuple[str, str]:
 def _where(attempt: FailedAttempt, segment: int, piece: int) -> tuple[float, tuple[float, float]]:
     """Arc length [m] and place (x, y) [m] of a piece's start in the solver's last iterate, on the segment's chord."""
     task = attempt.nlp.task
-    states, controls = unpack_variables(attempt.result.variables)
+    states, controls = unpack_variables(attempt.answer.variables)
     widths = controls[segment, 4:8]
     share = float(widths[:piece].sum() / max(float(widths.sum()), 1e-12))
     point = task.base + task.length * (states[segment, :2] + share * (states[segment + 1, :2] - states[segment, :2]))

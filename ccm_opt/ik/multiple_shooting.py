@@ -20,13 +20,12 @@ from ccm_opt.ik.row_program import (
     built_solver,
     row_answer,
 )
-from ccm_opt.robot.segment import PIECES
 from ccm_opt.scene.corridor import ConvexRegion
 
 _LEAST_PIECE = 4e-3
 """Least arc length between knots [L]. Taste."""
 _LEAST_SPACING = 0.08
-"""Least share of its segment that a piece keeps while knots are free. Taste."""
+"""Least share of its segment that a piece keeps. Taste."""
 
 _REGION_SHRINKAGE = 1e-5
 """By how much regions shrink, so that quadrature and polish stay inside the real ones [L]. Derived: ten times what the
@@ -77,16 +76,16 @@ def build_configuration_nlp(
     Args:
         task: what the configuration must achieve.
         regions: index of a region for each segment, increasing, each region at least once; by default
-            ``task.segments_per_region`` segments in each.
+            a segment in each.
         tip_heading: the tip's heading with its whole turns [rad]; by default ``task.goal_heading``.
     """
     if regions is None:
-        regions = tuple(np.repeat(np.arange(len(task.corridor.regions)), task.segments_per_region).tolist())
+        regions = tuple(range(len(task.corridor.regions)))
     if tip_heading is None:
         tip_heading = task.goal_heading
     most = max(len(region.offsets) for region in task.corridor.regions)
     half_planes = padded_rows(most, _HALF_PLANE_COUNTS)
-    program = symbolic_program(len(regions), half_planes, fixed_knots=task.fixed_knots)
+    program = symbolic_program(len(regions), half_planes)
     lower, upper = _variable_bounds(task, len(regions), tip_heading)
     parameters = _parameter_values(task, regions, half_planes)
     nlp = ConfigurationNLP(task, program, regions, tip_heading, lower, upper, parameters)
@@ -125,17 +124,16 @@ def unpack_variables(variables: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 # Tasks share few programs, and each keeps a built solver of tens of megabytes alive.
 @lru_cache(maxsize=4)
-def symbolic_program(segments: int, half_planes: int, *, fixed_knots: bool = False) -> RowProgram:
+def symbolic_program(segments: int, half_planes: int) -> RowProgram:
     """Symbols, objective and rows for a number of segments and half-planes a region.
 
-    The variables are X_0, U_0, X_1, U_1, .., X_K; the parameters are normals and offsets of each segment, knot
-    fraction, stub length and weight of the bending.
+    The variables are X_0, U_0, X_1, U_1, .., X_K; the parameters are normals and offsets of each segment, stub length
+    and weight of the bending.
     """
     states = [ca.SX.sym(f"X{k}", STATES) for k in range(segments + 1)]
     controls = [ca.SX.sym(f"U{k}", CONTROLS) for k in range(segments)]
     normals = [ca.SX.sym(f"A{k}", half_planes, 2) for k in range(segments)]
     offsets = [ca.SX.sym(f"b{k}", half_planes) for k in range(segments)]
-    fraction = ca.SX.sym("fraction")
     stub = ca.SX.sym("stub")
     weight = ca.SX.sym("bending")
 
@@ -145,12 +143,9 @@ def symbolic_program(segments: int, half_planes: int, *, fixed_knots: bool = Fal
         flow = SegmentFlow(*segment_function()(states[k], controls[k]))
         objective += configuration_cost(states[k], controls[k], flow.bending, weight)
         ends = (k == 0, k == segments - 1)
-        spacing = constraints.knot_spacing(k, controls[k], fraction)
-        if fixed_knots:  # equations a_i = L_k / 4; the last of the four follows from the others
-            spacing = replace(spacing, upper=np.append(np.zeros(PIECES - 1), np.inf))
         blocks += [
             constraints.gap_closing(k, flow, states[k + 1]),
-            spacing,
+            constraints.knot_spacing(k, controls[k], _LEAST_SPACING),
             constraints.certified_curvature(k, controls[k], flow),
             constraints.certified_containment(k, controls[k], flow, normals[k], offsets[k], ends),
         ]
@@ -160,9 +155,7 @@ def symbolic_program(segments: int, half_planes: int, *, fixed_knots: bool = Fal
     region_symbols = [symbol for pair in zip(normals, offsets, strict=True) for symbol in (ca.vec(pair[0]), pair[1])]
     return RowProgram(
         unknowns=Symbols({"stages": ca.vertcat(*stages, states[-1])}),
-        parameters=Symbols(
-            {"regions": ca.vertcat(*region_symbols), "fraction": fraction, "stub": stub, "bending": weight}
-        ),
+        parameters=Symbols({"regions": ca.vertcat(*region_symbols), "stub": stub, "bending": weight}),
         rows=tuple(blocks),
         parts={},
         objective=objective,
@@ -201,8 +194,7 @@ def _variable_bounds(
 def _parameter_values(task: ConfigurationTask, regions: tuple[int, ...], half_planes: int) -> FloatArray:
     """Values of the parameters, in their order."""
     blocks = [_half_planes(task, task.corridor.regions[index], half_planes) for index in regions]
-    fraction = 1.0 / PIECES if task.fixed_knots else _LEAST_SPACING
-    return np.concatenate([*blocks, [fraction, task.stub / task.length, task.bending_weight]])
+    return np.concatenate([*blocks, [task.stub / task.length, task.bending_weight]])
 
 
 def _half_planes(task: ConfigurationTask, region: ConvexRegion, count: int) -> FloatArray:
@@ -236,25 +228,7 @@ _OPTIONS = {
 }
 
 
-@dataclass(frozen=True)
-class ConfigurationAnswer:
-    """What the solver returned.
-
-    Attributes:
-        variables: the final iterate, shape (variables,).
-        answer: how the program was answered.
-    """
-
-    variables: FloatArray
-    answer: RowAnswer
-
-    @property
-    def feasible(self) -> bool:
-        """Whether all rows hold, however the solver stopped."""
-        return self.answer.violation <= _FEASIBILITY
-
-
-def solve_nlp(nlp: ConfigurationNLP, guess: FloatArray) -> ConfigurationAnswer:
+def solve_nlp(nlp: ConfigurationNLP, guess: FloatArray) -> RowAnswer:
     """Solve from a guess; never raises on failure, the result says how it went. Threads wait for each other.
 
     Args:
@@ -268,5 +242,4 @@ def solve_nlp(nlp: ConfigurationNLP, guess: FloatArray) -> ConfigurationAnswer:
     bounds = {"lbx": nlp.lower, "ubx": nlp.upper, "lbg": lower, "ubg": upper}
     solver = partial(built_solver, nlp.program, _OPTIONS)
     answer, statistics = ipopt_answer(solver, guess, p=nlp.parameters, **bounds)
-    variables = np.asarray(answer["x"], dtype=np.float64).ravel()
-    return ConfigurationAnswer(variables, row_answer(nlp.program, answer, statistics, feasible=_FEASIBILITY))
+    return row_answer(nlp.program, answer, statistics, feasible=_FEASIBILITY)

@@ -182,26 +182,11 @@ def goal_row(tip: ca.SX, goal: ca.SX, room: ca.SX) -> RowBlock:
     return not_negative(("tip: distance from its goal",), 0.5 * (room - ca.sumsqr(tip - goal) / room))
 
 
-def lack_of_room(gap: ca.SX, wanted: ca.SX) -> ca.SX:
-    """1 - g/wanted: what the tightest link lacks of the wanted gap."""
-    return 1 - gap / wanted
-
-
-def bending(curve: LiftedCurve) -> ca.SX:
-    """∫ κ² ds, twice the elastic energy of a unit rod."""
-    return ca.sum1(curve.pieces.squared_curvature())
-
-
 def uneven_knots(curve: LiftedCurve) -> ca.SX:
     """Σ (a_i / L_k - ¼)² + Σ (K L_k - 1)²: pulls knots towards even spacing, and segments towards equal length."""
     lengths = curve.segment_lengths
     shares = curve.pieces.width / ca.vec(ca.repmat(lengths, PIECES, 1))
     return ca.sumsqr(shares - 1 / PIECES) + ca.sumsqr(lengths * curve.segments - 1)
-
-
-def rough_curvature(curve: LiftedCurve) -> ca.SX:
-    """Mean square of what the curvature leaves its chords by between knots."""
-    return ca.sumsqr(curve.bows) / curve.count
 
 
 def _parameters(size: PoseSize, frames: CurveFrames) -> dict[str, ca.SX]:
@@ -245,11 +230,13 @@ def pose_program(size: PoseSize) -> PoseProgram:
         goal_row(points[:, size.links], given["goal"], given["goal room"]),
     ]
     parts = {
-        "room": lack_of_room(gap, given["wanted gap"]),
-        "bending": ca.sum1(ca.vertcat(*map(bending, frames.parts))),
+        # What the tightest link lacks of the wanted gap, and ∫ κ² ds, twice the elastic energy of a unit rod.
+        "room": 1 - gap / given["wanted gap"],
+        "bending": ca.sum1(ca.vertcat(*(part.pieces.squared_curvature() for part in frames.parts))),
         "distance": ca.sumsqr(frames.bends - given["near"]),
         "knots": uneven_knots(frames.parts[0]),
-        "bows": ca.sum1(ca.vertcat(*map(rough_curvature, frames.parts))),
+        # The mean square of what the curvatures leave their chords by between knots.
+        "bows": ca.sumsqr(ca.vertcat(*(part.bows for part in frames.parts))) / frames.parts[0].count,
         **frames.costs,
     }
     unknowns = {**frames.symbols, "points": points, "feed": feed}

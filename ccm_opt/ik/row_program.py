@@ -138,6 +138,7 @@ class RowAnswer:
     """How a program was answered, whatever its variables mean.
 
     Attributes:
+        variables: where the solver stopped, shape (variables,).
         costs: weighted parts of the objective by name; they sum to it.
         multipliers: of the rows that shape the pose, by name: how much the objective would fall for one unit of the
             row (one arm's length, one radian, one unit of the user's); the largest first.
@@ -149,6 +150,7 @@ class RowAnswer:
         broken: rows that are violated by more than what counts as kept, by name, and by how much each; the worst first.
     """
 
+    variables: FloatArray
     costs: Mapping[str, float]
     multipliers: Mapping[str, float]
     status: str
@@ -194,6 +196,7 @@ def row_answer(
     shaping = (*names, *bounded)
     strongest_first = np.argsort(-np.abs(multipliers), kind="stable").tolist()
     return RowAnswer(
+        variables=np.asarray(answer["x"], dtype=np.float64).ravel(),
         costs=costs,
         multipliers={
             shaping[row]: float(abs(multipliers[row]))

@@ -307,29 +307,6 @@ class Arm:
         """The two bends of every joint in space in configurations of shape (..., c), shape (..., links, 2) [rad]."""
         return q[..., : 2 * self.links].reshape(*q.shape[:-1], self.links, 2)
 
-    def held_bends(self, feed: FloatArray | float) -> BoolArray:
-        """Which bends a guide tube of the base still holds at zero, k a joint, shape (..., k links), boolean.
-
-        Args:
-            feed: position of the base on its feed axis, shape (...) [m].
-        """
-        return np.repeat(self.held(feed), self.bends_a_joint, axis=-1)
-
-    def limits_at(self, feed: FloatArray | float) -> tuple[FloatArray, FloatArray]:
-        """Least and greatest value of every coordinate where the base is, both of shape (..., c) [rad, m].
-
-        A joint that has not passed the hole is held straight: its bends are zero.
-
-        Args:
-            feed: position of the base on its feed axis, shape (...) [m].
-        """
-        held = self.held_bends(feed)
-        bends = np.where(held, 0.0, self.bend_limits)
-        base = self.coordinates.base
-        highest = np.broadcast_to(self.upper_limits[base], (*held.shape[:-1], len(self.base_axes)))
-        lowest = np.broadcast_to(self.lower_limits[base], highest.shape)
-        return np.concatenate((-bends, lowest), axis=-1), np.concatenate((bends, highest), axis=-1)
-
     def headings(self, q: FloatArray) -> FloatArray:
         """Link headings φ in the plane, of bends (..., links) or configurations (..., c), shape (..., links) [rad]."""
         return self.base_heading + np.cumsum(q[..., : self.links], axis=-1)
