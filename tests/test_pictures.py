@@ -61,7 +61,7 @@ def test_the_picture_has_every_format_and_is_always_the_same(plan: DrawnPlan, ki
 
 def test_the_picture_is_fitted_to_the_action(plan: DrawnPlan) -> None:
     """All of the arm at all times is in it, little else is, and nothing that is far out of the room."""
-    xmin, ymin, xmax, ymax = action_window(plan.problem, plan.points)
+    xmin, ymin, xmax, ymax = action_window(plan.problem, plan.points).ravel()
     radius = plan.problem.arm.radius
     assert np.all(plan.points - radius >= (xmin, ymin))
     assert np.all(plan.points + radius <= (xmax, ymax))

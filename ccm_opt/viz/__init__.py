@@ -22,12 +22,11 @@ if TYPE_CHECKING:
     from ccm_opt.viz.paper_figures import curves_picture, links_picture, pareto_figure, space_picture, steps_picture
     from ccm_opt.viz.plan import draw_goals, plan_figure
     from ccm_opt.viz.pose_picture import pose_figure, reach_figure
-    from ccm_opt.viz.settings import FilmSettings, PictureSettings
+    from ccm_opt.viz.settings import FilmSettings
 
 __all__ = [
     "DrawnPlan",
     "FilmSettings",
-    "PictureSettings",
     "curves_picture",
     "draw_body",
     "draw_goals",
@@ -53,7 +52,7 @@ _NAMES = {
     "paper_figures": ("curves_picture", "links_picture", "pareto_figure", "space_picture", "steps_picture"),
     "plan": ("draw_goals", "plan_figure"),
     "pose_picture": ("pose_figure", "reach_figure"),
-    "settings": ("FilmSettings", "PictureSettings"),
+    "settings": ("FilmSettings",),
 }
 """Public names by the module that has them."""
 

@@ -16,7 +16,7 @@ from ccm_opt.problem.solution import JointTrajectory, NearPlace, Solution
 from ccm_opt.robot.configuration import Configuration
 from ccm_opt.scene.workspace import Obstacle, Workspace
 from ccm_opt.viz import figure_files as style
-from ccm_opt.viz.settings import PICTURES, PictureSettings
+from ccm_opt.viz.settings import PICTURES
 
 _NAME_SIZE = 6.5
 """[points]."""
@@ -26,26 +26,29 @@ _INSIDE = 0.9
 """Share of a name that lies in what it names."""
 
 
-def draw_workspace(
-    axes: Axes,
-    workspace: Workspace,
-    settings: PictureSettings = PICTURES,
-    window: tuple[float, float, float, float] | None = None,
-) -> None:
+def draw_workspace(axes: Axes, workspace: Workspace, window: FloatArray | None = None) -> None:
     """Draw boundary and obstacles; names only when they are few, and where they have room in what they name.
 
     Args:
         axes: where to draw; their size and place in the figure are known.
         workspace: the room.
-        settings: how many names.
-        window: (xmin, ymin, xmax, ymax) that is shown [m]; the whole room when None.
+        window: lower left and upper right corner of what is shown, shape (2, 2) [m]; the whole room when None.
     """
-    _frame(axes, workspace.boundary, window or _whole_room(workspace, settings))
+    low, high = whole_room(workspace) if window is None else window
+    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
+    look = {"facecolor": "white", "edgecolor": style.BOUNDARY, "linewidth": 1.6, "zorder": 0}
+    axes.add_patch(polygon_patch(workspace.boundary, **look))
     for obstacle in workspace.obstacles:
         draw_obstacle(axes, obstacle)
-    if len(workspace.obstacles) <= settings.most_named_obstacles:
+    if len(workspace.obstacles) <= PICTURES.most_named_obstacles:
         for obstacle in workspace.obstacles:
             _name(axes, obstacle)
+
+
+def whole_room(workspace: Workspace) -> FloatArray:
+    """Lower left and upper right corner of a room of the plane with a margin, shape (2, 2) [m]."""
+    bounds = np.reshape(workspace.boundary.bounds, (2, 2))
+    return np.asarray(bounds + PICTURES.beside_room * np.ptp(bounds, axis=0).max() * np.array([[-1.0], [1.0]]))
 
 
 def draw_obstacle(axes: Axes, obstacle: Obstacle) -> None:
@@ -63,19 +66,6 @@ def polygon_patch(polygon: shapely.Polygon, **look: object) -> PathPatch:
     """A filled polygon with its holes."""
     rings = [shapely.get_coordinates(ring) for ring in (polygon.exterior, *polygon.interiors)]
     return PathPatch(Path.make_compound_path(*(Path(ring, closed=True) for ring in rings)), **look)
-
-
-def _whole_room(workspace: Workspace, settings: PictureSettings) -> tuple[float, float, float, float]:
-    xmin, ymin, xmax, ymax = workspace.boundary.bounds
-    margin = settings.beside_room * max(xmax - xmin, ymax - ymin)
-    return xmin - margin, ymin - margin, xmax + margin, ymax + margin
-
-
-def _frame(axes: Axes, boundary: shapely.Polygon, window: tuple[float, float, float, float]) -> None:
-    axes.set_xlim(window[0], window[2])
-    axes.set_ylim(window[1], window[3])
-    axes.set_aspect("equal")
-    axes.add_patch(polygon_patch(boundary, facecolor="white", edgecolor=style.BOUNDARY, linewidth=1.6, zorder=0))
 
 
 def _name(axes: Axes, obstacle: Obstacle) -> None:

@@ -20,10 +20,10 @@ from PIL import Image
 from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.core.errors import ProblemError
 from ccm_opt.viz import figure_files as style
-from ccm_opt.viz.arm_drawing import PLANE, SLANTED, DrawnPlan, draw_tip_path, draw_workspace
+from ccm_opt.viz.arm_drawing import PLANE, SLANTED, DrawnPlan, draw_tip_path
 from ccm_opt.viz.plan import draw_goals
 from ccm_opt.viz.settings import FILM, SPACE_FILM, FilmSettings
-from ccm_opt.viz.views import SeenScene, action_window, seen_window, window_of
+from ccm_opt.viz.views import SeenScene, draw_base, seen_window, window_of
 
 _TOLD_FACTOR = 1.05
 """Films that are faster than the motion by more than this factor say so."""
@@ -38,31 +38,12 @@ _STRIP = 32
 """Height of the strip below the drawing, for the time and the bar [pixel of a film of the usual size]."""
 
 
-def film_figure(low: FloatArray, high: FloatArray, settings: FilmSettings) -> tuple[Figure, Axes]:
-    """Make a figure of even sides, as a video needs, whose axes show a window above a strip for the time.
-
-    Args:
-        low: lower left corner of the window [m].
-        high: upper right corner [m].
-        settings: sizes.
-    """
-    times = settings.longest_side / FILM.longest_side
-    width, height = settings.longest_side * (high - low) / float(np.max(high - low))
-    whole = 2.0 * np.round(0.5 * np.array([width, height + times * _STRIP]))
-    dots = times * _DOTS_PER_INCH
-    figure = Figure(figsize=tuple(whole / dots), dpi=dots)
-    axes = figure.add_axes((0.0, 1.0 - height / whole[1], width / whole[0], height / whole[1]))
-    axes.set_axis_off()
-    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
-    return figure, axes
-
-
 @dataclass(frozen=True)
 class Film:
     """The frames of a motion.
 
     Attributes:
-        figure: what is drawn behind the arm, as ``film_figure`` makes it.
+        figure: what is drawn behind the arm, above a strip for the time.
         axes: of the figure, in which the arm is drawn.
         points: joints and tip in the drawing at the samples of the motion, shape (T, links + 1, 2) [m].
         time: of the samples, shape (T,) [s].
@@ -80,19 +61,6 @@ class Film:
     settings: FilmSettings
     shown: IntArray
     seconds: float
-
-    @classmethod
-    def of_motion(
-        cls, drawn: tuple[Figure, Axes], points: FloatArray, time: FloatArray, radius: float, settings: FilmSettings
-    ) -> "Film":
-        """The film of a motion, in real time unless that takes more frames than the settings allow."""
-        _arm(drawn[1], points[0], radius, (style.START, style.START_EDGE), 0.43)
-        rate = settings.frames_a_second
-        wanted = int(np.ceil(rate * time[-1])) + 1
-        count = int(np.clip(wanted, 2, settings.most_frames))
-        shown = np.searchsorted(time, np.linspace(0.0, time[-1], count))
-        seconds = float(time[-1]) if count == wanted else (count - 1) / rate
-        return cls(*drawn, points, time, radius, settings, shown, seconds)
 
     def frames(self) -> Iterator[Image.Image]:
         """Draw the frames, RGB, all of one size."""
@@ -156,26 +124,32 @@ def film_of(plan: DrawnPlan, settings: FilmSettings | None = None, scene: SeenSc
         settings: size and number of the frames; None stands for those of the plane, or of space.
         scene: in space the bodies as another picture of the problem shows them; None: they are made ready.
     """
-    problem, points = plan.problem, plan.points
-    in_space = problem.dimension == 3
+    problem, points, time = plan.problem, plan.points, plan.trajectory.time
     settings = settings or _usual_settings(plan)
-    side = SLANTED if in_space else PLANE
+    side = SLANTED if problem.dimension == 3 else PLANE
+    window = window_of(problem, points)
+    # Even sides, as a video needs.
+    spans = np.ptp(seen_window(side, window), axis=0)
+    width, height = settings.longest_side * spans / float(np.max(spans))
+    times = settings.longest_side / FILM.longest_side
+    whole = 2.0 * np.round(0.5 * np.array([width, height + times * _STRIP]))
+    dots = times * _DOTS_PER_INCH
     with rc_context({"font.family": style.FONT_FAMILY, "font.size": style.FONT_SIZE}):
-        if problem.dimension == 3:
-            low, high = seen_window(side, window_of(problem, points))
-            figure, axes = film_figure(low, high, settings)
-            bodies = scene or SeenScene(problem)
-            bodies.draw_room(axes, side)
-            bodies.draw(axes, side)
-        else:
-            window = action_window(problem, points)
-            figure, axes = film_figure(np.array(window[:2]), np.array(window[2:]), settings)
-            draw_workspace(axes, problem.workspace, window=window)
+        figure = Figure(figsize=tuple(whole / dots), dpi=dots)
+        axes = figure.add_axes((0.0, 1.0 - height / whole[1], width / whole[0], height / whole[1]))
+        axes.set_axis_off()
+        (scene or SeenScene(problem)).begin_view(axes, side, window)
         draw_tip_path(axes, side(points[:, -1]))
         draw_goals(axes, plan, side, poses=False)
-        if not in_space:
-            axes.plot(*points[0, 0], marker="s", markersize=5, color=style.BOUNDARY, zorder=8)
-    return Film.of_motion((figure, axes), side(points), plan.trajectory.time, problem.arm.radius, settings)
+        draw_base(axes, side(points[0, 0]), 5.0)
+    _arm(axes, side(points[0]), problem.arm.radius, (style.START, style.START_EDGE), 0.43)
+    # In real time unless that takes more frames than the settings allow.
+    rate = settings.frames_a_second
+    wanted = int(np.ceil(rate * time[-1])) + 1
+    count = int(np.clip(wanted, 2, settings.most_frames))
+    shown = np.searchsorted(time, np.linspace(0.0, time[-1], count))
+    seconds = float(time[-1]) if count == wanted else (count - 1) / rate
+    return Film(figure, axes, side(points), time, problem.arm.radius, settings, shown, seconds)
 
 
 def _usual_settings(plan: DrawnPlan) -> FilmSettings:

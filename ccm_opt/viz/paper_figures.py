@@ -4,9 +4,7 @@ A. Hayashi, J. Park and B. J. Kuipers, *Toward Planning and Control of Highly Re
 like Figures 3 and 4, steps like Figure 5, links like Figure 7, space like Figures 8 to 10.
 """
 
-from collections.abc import Callable, Sequence
-from dataclasses import replace
-from functools import partial
+from collections.abc import Sequence
 from itertools import pairwise
 from typing import Any
 
@@ -31,6 +29,7 @@ from ccm_opt.viz.arm_drawing import (
     draw_obstacle,
     draw_tip_path,
     draw_workspace,
+    whole_room,
 )
 from ccm_opt.viz.figure_files import FigureFormat, figure_file, figure_png, label_axes, label_axis
 from ccm_opt.viz.plan import draw_goals, even_steps
@@ -124,7 +123,8 @@ def _steps_figure(plan: DrawnPlan) -> Figure:
     columns = min(3, len(ends) + 1)
     rows = -(-(len(ends) + 1) // columns)
     window = action_window(plan.planar_problem, plan.points)
-    height = _STEP_WIDTH * (window[3] - window[1]) / (window[2] - window[0])
+    wide, high = np.ptp(window, axis=0)
+    height = _STEP_WIDTH * high / wide
     size = (_STEP_WIDTH * columns, (height + 0.45) * rows)
     figure = Figure(figsize=size, dpi=PICTURES.dots_per_inch, layout="constrained")
     grid = figure.subplots(rows, columns, squeeze=False).ravel()
@@ -152,7 +152,7 @@ def _ends_of_steps(plan: DrawnPlan, count: int) -> IntArray:
 def _draw_step(axes: Axes, plan: DrawnPlan, samples: IntArray, title: str) -> None:
     """Poses of one step, the first grey, the last in colour."""
     problem = plan.planar_problem
-    draw_workspace(axes, problem.workspace, window=action_window(problem, plan.points))
+    draw_workspace(axes, problem.workspace, action_window(problem, plan.points))
     shades = colormaps[style.POSE_COLOURS](np.linspace(0.1, 0.85, max(len(samples), 2)))
     first = plan.points[samples[0]]
     draw_body(axes, first, problem.arm.radius, style.START, style.START_EDGE, label="", zorder=3)
@@ -180,12 +180,11 @@ def links_picture(plan: DrawnPlan, kind: FigureFormat = "png") -> bytes:
 def _links_figure(plan: DrawnPlan) -> Figure:
     problem = plan.planar_problem
     window = action_window(problem, plan.points)
-    across = window[2] - window[0]
-    up = window[3] - window[1]
+    across, up = np.ptp(window, axis=0)
     scale = _LINKS_SIDE / max(across, up)
     figure = Figure(figsize=(scale * across + 0.9, scale * up + 0.9), dpi=PICTURES.dots_per_inch, layout="constrained")
     axes = figure.add_subplot()
-    draw_workspace(axes, problem.workspace, window=window)
+    draw_workspace(axes, problem.workspace, window)
     samples = even_steps(plan.points, _LINK_POSES, ends=True)
     shades = colormaps[style.POSE_COLOURS](np.linspace(0.0, 0.85, len(samples)))
     size = min(2.6, 60.0 / problem.arm.links)
@@ -231,14 +230,14 @@ def _space_figure(plan: DrawnPlan) -> Figure:
 def _draw_poses_in_space(axes: Any, plan: DrawnPlan, poses: FloatArray) -> None:
     """Poses early to late, the last at its full width, with the outlines of what is near in the arm's plane."""
     window = action_window(plan.planar_problem, plan.points)
-    seen = shapely.box(*window)
+    seen = shapely.box(*window.ravel())
     for obstacle in plan.planar_problem.workspace.obstacles:
         outline = shapely.intersection(shapely.boundary(obstacle.outline()), seen)
         for line in shapely.get_parts(outline):
             x, z = shapely.get_coordinates(line).T
             axes.plot(x, np.zeros_like(x), z, color=style.WALL_EDGE, linewidth=0.8)
-    middle = np.array([0.5 * (window[0] + window[2]), 0.0, 0.5 * (window[1] + window[3])])
-    reach = 0.5 * max(window[2] - window[0], window[3] - window[1])
+    middle = np.insert(window.mean(axis=0), 1, 0.0)
+    reach = 0.5 * np.ptp(window, axis=0).max()
     # Points of a line's width to a metre, near enough in the middle of the picture.
     width = 0.55 * 72.0 * _SPACE_SIDE / (2.0 * reach) * 2.0 * plan.planar_problem.arm.radius
     shades = colormaps[style.POSE_COLOURS](np.linspace(0.1, 0.85, len(poses)))
@@ -280,9 +279,13 @@ def pareto_png(found: ParetoPlans) -> bytes:
 
 def pareto_figure(found: ParetoPlans) -> Figure:
     """The same picture as a matplotlib figure, made without pyplot."""
-    draw_motion, tall = _thumbnails(found)
-    count = len(found.plans)
-    thumbnail = min(_PARETO_WIDTH / count * tall, _MOST_THUMBNAIL)
+    problem, count = found.problem, len(found.plans)
+    side = SLANTED if problem.dimension == 3 else PLANE
+    ends = [plan.solution.joint_positions for plan in found.plans if plan.solution is not None]
+    window = window_of(problem, np.concatenate(ends)) if side is SLANTED else whole_room(problem.workspace)
+    wide, high = np.ptp(seen_window(side, window), axis=0)
+    thumbnail = min(_PARETO_WIDTH / count * high / wide, _MOST_THUMBNAIL)
+    scene = SeenScene(problem)
     rows = (_CHART_HEIGHT, thumbnail)
     figure = Figure(figsize=(_PARETO_WIDTH, sum(rows) + _PARETO_MARGINS), dpi=PICTURES.dots_per_inch)
     grid = figure.add_gridspec(
@@ -293,21 +296,10 @@ def pareto_figure(found: ParetoPlans) -> Figure:
     for number, plan in enumerate(found.plans, start=1):
         with words_in(found.problem.length_unit):
             axes = figure.add_subplot(grid[1, number - 1])
-            draw_motion(axes, plan.solution)
+            scene.begin_view(axes, side, window)
+            _draw_plan(axes, side, plan.solution)
             _dress_plan(axes, found, plan, number)
     return figure
-
-
-def _thumbnails(found: ParetoPlans) -> tuple[Callable[[Axes, Solution | None], None], float]:
-    """What draws the scene with how a plan ends, where there is one; and how tall that is, in its own widths."""
-    problem = found.problem
-    if problem.dimension == 2:
-        side, limits = PLANE, np.reshape(problem.workspace.boundary.bounds, (2, 2))
-    else:
-        ends = [plan.solution.joint_positions for plan in found.plans if plan.solution is not None]
-        side, limits = SLANTED, seen_window(SLANTED, window_of(problem, np.concatenate(ends)))
-    wide, high = np.ptp(limits, axis=0)
-    return partial(_draw_plan, SeenScene(problem), side, limits), float(high / wide)
 
 
 def _draw_front(axes: Axes, found: ParetoPlans) -> None:
@@ -374,20 +366,12 @@ def _dress_plan(axes: Axes, found: ParetoPlans, plan: ParetoPlan, number: int) -
     axes.set_title("\n".join(lines), fontsize=8, pad=5, color=colour)
 
 
-def _draw_plan(scene: SeenScene, side: Side, limits: FloatArray, axes: Axes, solution: Solution | None) -> None:
-    """The scene, how a plan ends and where its tip goes; limits of what is seen, shape (2, 2) [m]."""
-    problem = scene.problem
-    if side is PLANE:
-        draw_workspace(axes, problem.workspace, replace(PICTURES, most_named_obstacles=0))
-    else:
-        axes.set(xlim=limits[:, 0], ylim=limits[:, 1])
-        scene.draw_room(axes, side)
-        scene.draw(axes, side)
-        axes.set_aspect("equal", adjustable="box")
+def _draw_plan(axes: Axes, side: Side, solution: Solution | None) -> None:
+    """How a plan ends, where there is one, and where its tip goes."""
     if solution is None:
         return
-    points = solution.joint_positions
-    draw_pose(axes, side, points[0], problem.arm.radius, "start", "")
-    draw_pose(axes, side, points[-1], problem.arm.radius, "end", "")
+    points, radius = solution.joint_positions, solution.problem.arm.radius
+    draw_pose(axes, side, points[0], radius, "start", "")
+    draw_pose(axes, side, points[-1], radius, "end", "")
     draw_tip_path(axes, side(points[:, -1]))
     draw_goals(axes, DrawnPlan.from_solution(solution), side, poses=False)

@@ -13,7 +13,7 @@ from ccm_opt.viz.arm_drawing import PLANE, DrawnPlan, Side, draw_body, draw_pose
 from ccm_opt.viz.arm_section import draw_section
 from ccm_opt.viz.figure_files import FigureFormat, figure_file
 from ccm_opt.viz.room_section import place_of_least_gap
-from ccm_opt.viz.views import ARROW_SHARE, SeenScene, Sheet, action_window, draw_base, draw_pose
+from ccm_opt.viz.views import ARROW_SHARE, SeenScene, Sheet, draw_base, draw_pose, window_of
 
 ARROW_IN_LINKS = 3.0
 """Length of a goal's arrow in space, where views differ in size, in links."""
@@ -63,8 +63,7 @@ def plan_figure(plan: DrawnPlan, scene: SeenScene | None = None) -> Figure:
     """
     problem, points = plan.problem, plan.points
     in_space = problem.dimension == 3
-    window = None if in_space else action_window(problem, points)
-    sheet = Sheet.of(problem, points, window, scene)
+    sheet = Sheet.of(problem, window_of(problem, points), scene)
     for axes, side in sheet.views:
         draw_pose(axes, side, points[0], problem.arm.radius, "start")
         draw_poses(axes, side(points[even_steps(points, _POSES_ON_THE_WAY)]))

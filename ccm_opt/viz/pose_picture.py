@@ -13,12 +13,12 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.length_words import METRES, short_length, words_in
 from ccm_opt.problem.solution import BindingSide, ReachMap, StaticPose
 from ccm_opt.viz import figure_files as style
-from ccm_opt.viz.arm_drawing import PLANE, SLANTED, Side, draw_workspace, polygon_patch
+from ccm_opt.viz.arm_drawing import PLANE, SLANTED, Side, draw_workspace, polygon_patch, whole_room
 from ccm_opt.viz.arm_section import draw_section
 from ccm_opt.viz.figure_files import figure_png
 from ccm_opt.viz.plan import ARROW_IN_LINKS, draw_goal
 from ccm_opt.viz.settings import PICTURES
-from ccm_opt.viz.views import SeenScene, Sheet, draw_base, draw_pose, dress_view, layout_of
+from ccm_opt.viz.views import SeenScene, Sheet, draw_base, draw_pose, dress_view, layout_of, window_of
 
 _SCALE_ROOM = 0.9
 """Room for a scale of colours at the right [inch]."""
@@ -37,7 +37,7 @@ def pose_figure(found: StaticPose) -> Figure:
     """The same picture as a matplotlib figure, made without pyplot."""
     problem, points, curve = found.problem, found.joint_positions, found.curve
     in_space = problem.dimension == 3
-    sheet = Sheet.of(problem, points)
+    sheet = Sheet.of(problem, window_of(problem, points) if in_space else whole_room(problem.workspace))
     line = curve.positions_at(np.linspace(0.0, curve.length, _CURVE_PLACES))
     ends = curve.positions_at(curve.boundaries[1:-1])
     reach = ARROW_IN_LINKS * problem.arm.link_length if in_space else 0.0
@@ -102,7 +102,7 @@ def reach_figure(found: ReachMap) -> Figure:
 
 def _reach_in_plane(found: ReachMap) -> Figure:
     workspace = found.problem.workspace
-    (across, up), (left, bottom, width, height) = layout_of(workspace.boundary.bounds)
+    (across, up), (left, bottom, width, height) = layout_of(whole_room(workspace))
     # Room for the scale of colours at the right.
     wider = across + _SCALE_ROOM
     figure = Figure(figsize=(wider, up), dpi=PICTURES.dots_per_inch)

@@ -17,7 +17,7 @@ from ccm_opt.robot.frames import joint_positions_3d
 from ccm_opt.verification.tolerance.error_model import joint_errors, moved_by_joint_errors
 from ccm_opt.verification.tolerance.survived_errors import tube_of
 from ccm_opt.viz import figure_files as style
-from ccm_opt.viz.arm_drawing import PLANE, SIDES, Side, draw_body, polygon_patch
+from ccm_opt.viz.arm_drawing import PLANE, SIDES, Side, draw_body, polygon_patch, whole_room
 from ccm_opt.viz.arm_section import draw_section
 from ccm_opt.viz.figure_files import figure_png
 from ccm_opt.viz.settings import PICTURES
@@ -94,7 +94,7 @@ def _simulation_figure(
     planned = arm.joint_positions_at(trajectory.positions)
     if problem.dimension == 2:
         points = points[..., [0, 2]]
-        window = np.reshape(problem.workspace.boundary.bounds, (2, 2))
+        window = whole_room(problem.workspace)
         sides: tuple[Side, ...] = (PLANE,)
     else:
         window = window_of(problem, np.concatenate((planned, points)))
@@ -146,7 +146,7 @@ def _tolerance_in_space(problem: Problem, trajectory: JointTrajectory, error: Su
     number = len(trajectory.time) - 1 if error.time is None else int(np.argmin(np.abs(trajectory.time - error.time)))
     points = problem.arm.joint_positions_at(trajectory.positions[number])
     moved = moved_by_joint_errors(problem.arm, points, error.size)
-    sheet = Sheet.of(problem, points)
+    sheet = Sheet.of(problem, window_of(problem, points))
     for axes, side in sheet.views:
         _draw_reach_of_errors(axes, side(points), problem.arm.radius + moved)
         draw_pose(axes, side, points, problem.arm.radius, "end", "arm")
@@ -197,7 +197,7 @@ def _draw_section_with_errors(axes: Axes, problem: Problem, points: FloatArray, 
 
 def _tolerance_in_plane(problem: Problem, trajectory: JointTrajectory, joints: SurvivedError) -> Figure:
     tube = tube_of(problem.arm, trajectory, joint_errors(problem.arm), joints.size)
-    sheet = Sheet.of(problem, np.empty(0))
+    sheet = Sheet.of(problem, whole_room(problem.workspace))
     ((axes, _),) = sheet.views
     _draw_region(axes, tube.region, style.TUBE, "may be swept", 2.2)
     _draw_region(axes, tube.planned, style.REGION_TINT, "swept as planned", 2.4)

@@ -14,7 +14,7 @@ from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.problem import Problem
 from ccm_opt.scene.surfaces import all_within, sharp_edges
 from ccm_opt.viz import figure_files as style
-from ccm_opt.viz.arm_drawing import PLANE, SIDES, Side, draw_body, draw_workspace
+from ccm_opt.viz.arm_drawing import PLANE, SIDES, Side, draw_body, draw_workspace, whole_room
 from ccm_opt.viz.figure_files import label_axis
 from ccm_opt.viz.settings import PICTURES
 
@@ -52,12 +52,9 @@ _MOST_OF_ROOM = 0.85
 ARROW_SHARE = 0.09
 """Length of a goal's arrow, as a share of what is shown."""
 
-Box = tuple[float, float, float, float]
-"""(xmin, ymin, xmax, ymax) [m]."""
 
-
-def action_window(problem: Problem, points: FloatArray) -> Box:
-    """Bounds of a picture.
+def action_window(problem: Problem, points: FloatArray) -> FloatArray:
+    """Lower left and upper right corner of what is shown of the plane, shape (2, 2) [m].
 
     Args:
         problem: its room bounds the picture, its goals are in it.
@@ -72,34 +69,31 @@ def action_window(problem: Problem, points: FloatArray) -> Box:
     arrow = ARROW_SHARE * float(np.ptp(shown, axis=0).max())
     ahead = [goal.tip(problem.arm) + arrow * goal.direction for goal in goals if goal.direction is not None]
     shown = np.concatenate((shown, np.array(ahead).reshape(-1, 2)))
-    room = np.array(problem.workspace.boundary.bounds)
-    low = shown.min(axis=0)
-    high = shown.max(axis=0)
-    margin = problem.arm.radius + _BESIDE_ACTION * float((high - low).max())
-    low = low - margin
-    high = high + margin
+    spans = np.ptp(shown, axis=0)
+    margin = problem.arm.radius + _BESIDE_ACTION * spans.max()
+    spans = spans + 2.0 * margin
     # A long and narrow strip would show nothing of what is beside it.
-    lack = np.maximum(_LEAST_ASPECT * (high - low).max() - (high - low), 0.0)
-    margin_of_room = PICTURES.beside_room * float((room[2:] - room[:2]).max())
-    low = np.maximum(low - 0.5 * lack, room[:2] - margin_of_room)
-    high = np.minimum(high + 0.5 * lack, room[2:] + margin_of_room)
-    if np.all(high - low > _MOST_OF_ROOM * (room[2:] - room[:2])):
-        low = room[:2] - margin_of_room
-        high = room[2:] + margin_of_room
-    return float(low[0]), float(low[1]), float(high[0]), float(high[1])
+    margin = margin + 0.5 * np.maximum(_LEAST_ASPECT * spans.max() - spans, 0.0)
+    room = whole_room(problem.workspace)
+    window = np.clip(np.stack((shown.min(axis=0) - margin, shown.max(axis=0) + margin)), *room)
+    bounds = np.reshape(problem.workspace.boundary.bounds, (2, 2))
+    most = np.all(np.ptp(window, axis=0) > _MOST_OF_ROOM * np.ptp(bounds, axis=0))
+    return room if most else window
 
 
-def layout_of(bounds: Box) -> tuple[tuple[float, float], Box]:
-    """Size of a figure as large as the room at its scale, with margins for labels, title and legend [inch].
+def layout_of(window: FloatArray) -> tuple[tuple[float, float], tuple[float, float, float, float]]:
+    """Size of a figure as large as a window of the plane, with margins for labels, title and legend [inch].
+
+    Args:
+        window: lower left and upper right corner, shape (2, 2) [m].
 
     Returns:
         The size, and the place of the drawing in it (left, bottom, width, height as shares).
     """
     sizes = PICTURES
-    xmin, ymin, xmax, ymax = bounds
-    scale = sizes.longest_side / max(xmax - xmin, ymax - ymin)
-    width = max(_LEAST_WIDTH, scale * (xmax - xmin))
-    height = max(sizes.least_height, scale * (ymax - ymin))
+    wide, high = np.ptp(window, axis=0) * sizes.longest_side / float(np.ptp(window, axis=0).max())
+    width = max(_LEAST_WIDTH, wide)
+    height = max(sizes.least_height, high)
     across = sizes.left + width + sizes.right
     up = sizes.bottom + height + sizes.top
     return (across, up), (sizes.left / across, sizes.bottom / up, width / across, height / up)
@@ -134,9 +128,9 @@ class SeenScene:
     def begin_view(self, axes: Axes, side: Side, window: FloatArray) -> None:
         """Draw room and obstacles from a side, within a box, whose corners have the shape (2, d) [m]."""
         if side is PLANE:
-            draw_workspace(axes, self.problem.workspace)
+            draw_workspace(axes, self.problem.workspace, window)
             return
-        low, high = side(window)
+        low, high = seen_window(side, window)
         axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
         self.draw_room(axes, side)
         self.draw(axes, side)
@@ -218,22 +212,31 @@ def _lay_sheet(sheets: IntArray, flat: FloatArray, faces: IntArray) -> None:
 
 
 def seen_window(side: Side, window: FloatArray) -> FloatArray:
-    """Lower left and upper right corner of what is seen of a box, shape (2, 3) [m], in the picture, shape (2, 2)."""
+    """Lower left and upper right corner of what is seen of a box, shape (2, d) [m], in the picture, shape (2, 2)."""
     seen = side(_corners(window))
     return np.stack((seen.min(axis=0), seen.max(axis=0)))
 
 
 def _corners(box: FloatArray) -> FloatArray:
-    """All corners of a box between two of them, shape (2, 3) [m], in the order of binary numbers, shape (8, 3)."""
-    counted = np.arange(8)[:, None] >> np.arange(3) & 1
+    """All corners of a box between two of them, shape (2, d) [m], in the order of binary numbers, shape (2^d, d)."""
+    dimension = box.shape[1]
+    counted = np.arange(2**dimension)[:, None] >> np.arange(dimension) & 1
     return np.asarray(np.where(counted == 1, box[1], box[0]))
 
 
 def window_of(problem: Problem, points: FloatArray) -> FloatArray:
-    """Corners of the box in which the arm moves, and of what is near it, shape (2, 3) [m]."""
+    """Corners of the box in which the arm moves, and of what is near it, shape (2, d) [m].
+
+    Args:
+        problem: what is shown.
+        points: of the arm in all poses, shape (..., d) [m].
+    """
+    points = points.reshape(-1, problem.dimension)
+    if problem.dimension == 2:
+        return action_window(problem, points)
     margin = 3.0 * max(problem.arm.radius, 0.5 * problem.arm.link_length)
-    low = points.min(axis=(0, 1)) - margin
-    high = points.max(axis=(0, 1)) + margin
+    low = points.min(axis=0) - margin
+    high = points.max(axis=0) + margin
     # Of a duct that the arm goes through so much is shown that one can tell where it leads.
     extent = problem.workspace.extent
     near = 0.15 * problem.arm.length
@@ -264,28 +267,23 @@ class Sheet:
     section: Axes | None = None
 
     @classmethod
-    def of(
-        cls, problem: Problem, points: FloatArray, window: Box | None = None, scene: "SeenScene | None" = None
-    ) -> "Sheet":
+    def of(cls, problem: Problem, window: FloatArray, scene: "SeenScene | None" = None) -> "Sheet":
         """The room and what is in it, drawn.
 
         Args:
             problem: what is shown.
-            points: of the arm that are to be seen in space, shape (..., links + 1, 3) [m].
-            window: what is shown of the plane; the whole room when None.
+            window: corners of the box that is shown, shape (2, d) [m].
             scene: bodies of space that are made ready already.
         """
         if problem.dimension == 2:
-            size, place = layout_of(window or problem.workspace.boundary.bounds)
+            size, place = layout_of(window)
             figure = Figure(figsize=size, dpi=PICTURES.dots_per_inch)
-            axes = figure.add_axes(place)
-            draw_workspace(axes, problem.workspace, window=window)
-            return cls(problem, figure, ((axes, PLANE),))
-        box = window_of(problem, points.reshape(-1, *points.shape[-2:]))
-        sheet = cls.of_box(problem, box)
+            sheet = cls(problem, figure, ((figure.add_axes(place), PLANE),))
+        else:
+            sheet = cls.of_box(problem, window)
         bodies = scene or SeenScene(problem)
         for axes, side in sheet.views:
-            bodies.begin_view(axes, side, box)
+            bodies.begin_view(axes, side, window)
         return sheet
 
     @classmethod
