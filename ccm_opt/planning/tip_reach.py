@@ -18,20 +18,16 @@ from ccm_opt.core.deadline import Deadline
 from ccm_opt.core.threads import on_one_thread
 from ccm_opt.planning.curve_map import CurveMap
 from ccm_opt.planning.draws import TargetDraws
-from ccm_opt.planning.ends import clamped_arm, resolve_ends
+from ccm_opt.planning.ends import resolve_ends
 from ccm_opt.planning.goal import GoalPose, moved_onto
-from ccm_opt.planning.limits.clearance_rows import motion_rows
-from ccm_opt.planning.limits.limit_stack import ContactLimit, limits_with
-from ccm_opt.planning.link_space import KNOTS, LinkSpace, fit_coordinates
+from ccm_opt.planning.link_space import KNOTS, fit_coordinates
+from ccm_opt.planning.planner import MotionPlanner
 from ccm_opt.planning.pose import Pose
-from ccm_opt.planning.settings import MotionSettings, SpaceMotionSettings
+from ccm_opt.planning.settings import SpaceMotionSettings
 from ccm_opt.planning.space_goal_poses import POLISH_TURN, drawn_unknowns
 from ccm_opt.planning.space_task import SpaceTask, space_task
-from ccm_opt.planning.step import Stepper, StepperOf
+from ccm_opt.planning.step import StepperOf
 from ccm_opt.problem import Problem, TipGoal
-from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
-from ccm_opt.scene.certificate import Certificate
-from ccm_opt.scene.contact_finder import WallFinder
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 
 _STEPS = 40
@@ -174,8 +170,7 @@ class TipLooker:
     Attributes:
         stepper: takes the steps.
         start: unknowns of the first pose, shape (p,).
-        free: whether a pose touches nothing and keeps all limits.
-        room: of a pose beyond radius and clearance, as far as is looked [m].
+        room: least of configurations, shape (k, c), beyond radius and clearance, as far as is looked [m].
         drawn: draws unknowns of random shapes.
         seed: of the draws.
         task: in space, for a motion to begin with; None in the plane.
@@ -183,11 +178,14 @@ class TipLooker:
 
     stepper: StepperOf[Any]
     start: FloatArray
-    free: Callable[[Pose], bool]
-    room: Callable[[Pose], float]
+    room: Callable[[FloatArray], float]
     drawn: Callable[[np.random.Generator], FloatArray]
     seed: int
     task: SpaceTask | None = None
+
+    def free(self, pose: Pose) -> bool:
+        """Whether a pose touches nothing and keeps all limits."""
+        return self.stepper.safe(pose.q, pose.q)
 
     def entered(self, task: ReachTask, width: float) -> CellFound:
         """A pose in a cell, or one that comes into it, from poses near by.
@@ -227,7 +225,9 @@ class TipLooker:
                     found.append(turned)
                     taken[number] = True
                     break
-        return CellFound(taken=taken, turned=tuple(each.v for each in found[1:]), gap=max(map(self.room, found)))
+        return CellFound(
+            taken=taken, turned=tuple(each.v for each in found[1:]), gap=max(self.room(each.q[None]) for each in found)
+        )
 
     def _led(self, pose: Pose, goal: GoalPose) -> tuple[Pose | None, Pose]:
         """A free pose at a goal, from a pose near by, or None where it does not arrive; and how far it comes."""
@@ -256,51 +256,25 @@ def _in_plane(problem: Problem, settings: ReachSettings) -> TipLooker:
         UnreachableGoal: the start touches something, or breaks a joint limit.
     """
     ends = resolve_ends(problem)
-    arm = clamped_arm(problem.arm) if ends.clamped else problem.arm
-    workspace = problem.workspace
-    motion = MotionSettings()
-    margin = settings.margin * arm.length / NOMINAL_LINKS
-    finder = WallFinder(arm, workspace.flat_walls, workspace.clearance, margin, settings.seen * arm.length)
-    space, start = LinkSpace.through(arm, ends.start, clamped=ends.clamped)
-    shapes = TargetDraws.within(space, [ends.start], KNOTS + 1, motion.step.limit_share)
-
-    rows = partial(motion_rows, workspace=workspace)
-    contact = ContactLimit(finder, Certificate(arm, workspace), motion.step, rows)
-    stepper = Stepper(space, limits_with(arm, contact, motion.step), motion, finder=finder)
-
-    def free(pose: Pose) -> bool:
-        return stepper.safe(pose.q, pose.q)
+    task = MotionPlanner().task_without_routes(problem, ends, Deadline.never())
+    task = replace(task, wanted_gap=settings.seen * task.arm.length)
+    space, start = task.space_through(task.start)
+    shapes = TargetDraws.within(space, [ends.start], KNOTS + 1, task.settings.step.limit_share)
 
     def drawn(rng: np.random.Generator) -> FloatArray:
-        return fit_coordinates(space.turns, shapes.shapes(rng, 1)[0] - arm.headings(space.offset), arm.length)
+        headings = shapes.shapes(rng, 1)[0] - task.arm.headings(space.offset)
+        return fit_coordinates(space.turns, headings, task.arm.length)
 
-    return TipLooker(
-        stepper,
-        start,
-        free,
-        lambda pose: float(finder.find(pose.points).gap.min(initial=finder.reach)),
-        drawn,
-        problem.planner.seed,
-    )
+    return TipLooker(task.stepper(space, settings.margin), start, task.least_gap, drawn, task.seed)
 
 
 def _in_space(problem: Problem, settings: ReachSettings) -> TipLooker:
     """Of an arm among surfaces."""
     task = space_task(problem, SurfaceTree.of(problem.workspace.soup), Deadline.never(), SpaceMotionSettings())
-    arm = task.arm
-    curve, start = CurveMap.through(arm, task.start)
+    curve, start = CurveMap.through(task.arm, task.start)
     stepper = task.stepper(curve)
-    kept = arm.radius + task.clearance
-    reach = settings.seen * arm.length + kept
-
-    def room(pose: Pose) -> float:
-        _, segments = arm.exposed_links(pose.points)
-        return float(np.min(task.tree.distances(segments, reach), initial=reach)) - kept
-
-    def free(pose: Pose) -> bool:
-        return stepper.safe(pose.q, pose.q)
-
-    return TipLooker(stepper, start, free, room, partial(drawn_unknowns, stepper), task.seed, task)
+    seen = replace(task, wanted_gap=settings.seen * task.arm.length)
+    return TipLooker(stepper, start, seen.least_gap, partial(drawn_unknowns, stepper), task.seed, task)
 
 
 def _into(middle: FloatArray, width: float, place: FloatArray) -> FloatArray:
