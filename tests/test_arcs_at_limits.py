@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from ccm_opt.core.polyline import unit_vector, wrap
 from ccm_opt.planning.goal import GoalPose
-from ccm_opt.planning.strategies import ArcsAtLimits
+from ccm_opt.planning.goal_members import ArcsAtLimits
 from ccm_opt.problem import TipGoal
 from ccm_opt.robot.arm import Arm
 from tests.edge_scenes import edge_problem

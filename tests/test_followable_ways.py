@@ -15,14 +15,15 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.deadline import Deadline
 from ccm_opt.planning import followable_ways
 from ccm_opt.planning.curve_map import CurveMap
+from ccm_opt.planning.drawn_poses import withdrawn
 from ccm_opt.planning.followable_ways import FollowableWays, FollowSearch, WayArcs, WayEnd
 from ccm_opt.planning.grid_ways import GridDistances, TipGrid, WaysBetween
 from ccm_opt.planning.guides import ArmTrack
 from ccm_opt.planning.settings import SpaceMotionSettings
-from ccm_opt.planning.space_candidates import bend_allowances
-from ccm_opt.planning.space_goal_poses import withdrawn
-from ccm_opt.planning.space_search import SpaceRun, find_motion
 from ccm_opt.planning.space_task import space_task, tip_box
+from ccm_opt.planning.strategies import find_by_ways
+from ccm_opt.planning.tip_ways import bend_allowances
+from ccm_opt.planning.way_strategies import SpaceRun
 from ccm_opt.robot.arm import Feed
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from tests.arms import limits_at
@@ -214,7 +215,7 @@ def test_motions_in_work_places_are_found_and_touch_nothing(family: str) -> None
     problem = site_problem(family, 42, 24, family)
     soup = problem.workspace.soup
     task = space_task(problem, SurfaceTree.of(soup), Deadline.after(60.0), SpaceMotionSettings())
-    motion = find_motion(task)
+    motion = find_by_ways(task)
     q = motion.configurations
     assert q[0] == pytest.approx(task.start, abs=1e-9)
     walls, pairs = least_gaps(task.arm, soup, q, 10)
@@ -230,7 +231,7 @@ def test_few_long_links_go_through_tight_bends(family: str) -> None:
     problem = site_problem(family, 700, 12, family)
     soup = problem.workspace.soup
     task = space_task(problem, SurfaceTree.of(soup), Deadline.after(60.0), SpaceMotionSettings())
-    q = find_motion(task).configurations
+    q = find_by_ways(task).configurations
     assert min(least_gaps(task.arm, soup, q, 10)) > 0.0
     assert task.goal is not None
     assert task.arm.joint_positions_at(q[-1])[-1] == pytest.approx(task.goal.position, abs=1e-3)
@@ -244,7 +245,7 @@ def test_long_links_that_bend_far_go_round_gentle_bends_too() -> None:
     radii = {allowance.radius for allowance in bend_allowances(task.arm, task.unit)}
     through_joints = 0.5 * task.arm.link_length / np.sin(0.5 * task.arm.joint_limit)
     assert max(radii) > 1.5 * through_joints
-    motion = find_motion(task)
+    motion = find_by_ways(task)
     assert min(least_gaps(task.arm, soup, motion.configurations, 10)) > 0.0
     assert motion.candidate.endswith("behind the tip")
 
@@ -310,7 +311,7 @@ def test_a_pose_of_all_joints_is_reached_exactly_behind_a_bend(seed: int) -> Non
     """Though unknowns that hardly turn a joint are never quite those of the pose."""
     problem = site_problem("tee-pose", seed, 24, "tee")
     task = space_task(problem, SurfaceTree.of(problem.workspace.soup), Deadline.after(60.0), SpaceMotionSettings())
-    q = find_motion(task).configurations
+    q = find_by_ways(task).configurations
     assert task.goal_pose is not None
     assert q[-1] == pytest.approx(task.goal_pose, abs=1e-9)
     assert min(least_gaps(task.arm, problem.workspace.soup, q, 10)) > 0.0

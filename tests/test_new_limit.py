@@ -11,8 +11,7 @@ from ccm_opt.planning.limits.limit import UNBOUNDED, KeyframeRows, LimitOf, Limi
 from ccm_opt.planning.optimisation.optimise import optimise as shortened
 from ccm_opt.planning.pose import CurveUnknowns, Pose
 from ccm_opt.planning.smooth_path import smooth_path
-from ccm_opt.planning.space_search import find_motion
-from ccm_opt.planning.strategies import find_motion as find_in_plane
+from ccm_opt.planning.strategies import find_by_ways, find_motion
 from ccm_opt.robot.arm import Arm
 
 from .scenes import clutter, motion_task
@@ -75,9 +74,9 @@ def highest(arm: Arm, q: FloatArray) -> float:
 def test_a_new_limit_is_kept_in_the_plane() -> None:
     """The tip, which would rise to 0.81 m, stays below 0.77 m in the motion, once it is optimised, and on its path."""
     free = motion_task(clutter(0, 4, 24).problem())
-    assert highest(free.arm, shortened(find_in_plane(free), free).configurations) > 0.8
+    assert highest(free.arm, shortened(find_motion(free), free).configurations) > 0.8
     task = replace(free, held=(TipBelow(free.arm, 0.77),))
-    found = find_in_plane(task)
+    found = find_motion(task)
     better = shortened(found, task)
     path = smooth_path(better, task)
     assert path is not None
@@ -90,9 +89,9 @@ def test_a_new_limit_is_kept_in_space() -> None:
     arm = snake(10)
     block = boxes([([0.45, 0.15, -0.5], [0.55, 0.25, 0.1])])
     free = space_task_of(arm, block, GoalPose(np.array([0.3, 0.6, 0.0])))
-    assert highest(arm, shortened(find_motion(free), free).configurations) > 0.14
+    assert highest(arm, shortened(find_by_ways(free), free).configurations) > 0.14
     task = replace(free, held=(TipBelow(arm, 0.07),))
-    found = find_motion(task)
+    found = find_by_ways(task)
     better = shortened(found, task)
     path = smooth_path(better, task)
     assert path is not None

@@ -12,8 +12,8 @@ from ccm_opt.ik.goal_poses import GoalPoses
 from ccm_opt.planning.ending import IN_NLP_POSE, ended_by_nlp
 from ccm_opt.planning.planner import MotionPlanner
 from ccm_opt.planning.settings import SpaceMotionSettings
-from ccm_opt.planning.space_search import find_motion
 from ccm_opt.planning.space_task import space_task
+from ccm_opt.planning.strategies import find_by_ways
 from ccm_opt.problem import JointPose, Limits, Problem, TipGoal
 from ccm_opt.scene.bodies import SphereBody
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
@@ -31,7 +31,7 @@ def test_an_end_that_is_moved_has_more_room(name: str) -> None:
     assert problem.dimension == 3
     tree = SurfaceTree.of(problem.workspace.soup)
     task = space_task(problem, tree, Deadline.after(60.0), SpaceMotionSettings())
-    found = find_motion(task)
+    found = find_by_ways(task)
     ending = ended_by_nlp(problem, task, found)
     motion = ending.motion
     assert ending.record is not None
@@ -80,7 +80,7 @@ def test_a_goal_of_the_whole_arm_is_left_alone() -> None:
     assert problem.dimension == 3
     tree = SurfaceTree.of(problem.workspace.soup)
     task = space_task(problem, tree, Deadline.after(60.0), SpaceMotionSettings())
-    found = find_motion(task)
+    found = find_by_ways(task)
     whole = replace(task, goal_pose=found.configurations[-1])
     ending = ended_by_nlp(problem, whole, found)
     assert (ending.task, ending.motion, ending.record) == (whole, found, None)

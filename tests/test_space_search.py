@@ -11,6 +11,7 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.deadline import Deadline
 from ccm_opt.core.errors import NoPlanFound
 from ccm_opt.planning.curve_map import CurveMap
+from ccm_opt.planning.drawn_poses import CurveDraws, goal_poses
 from ccm_opt.planning.goal import GoalPose
 from ccm_opt.planning.grid_ways import shortened
 from ccm_opt.planning.lifting import lifted_motion, nominal_task
@@ -19,9 +20,8 @@ from ccm_opt.planning.optimisation.interval_rows import Sweep
 from ccm_opt.planning.optimisation.objective import Objective
 from ccm_opt.planning.optimisation.optimise import optimise
 from ccm_opt.planning.smooth_path import smooth_path
-from ccm_opt.planning.space_goal_poses import CurveDraws, goal_poses
-from ccm_opt.planning.space_search import find_motion
 from ccm_opt.planning.space_task import SpaceTask
+from ccm_opt.planning.strategies import find_by_ways
 from ccm_opt.problem import Weights
 from ccm_opt.robot.arm import Feed
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
@@ -59,7 +59,7 @@ def test_a_motion_to_a_goal_of_the_tip(links: int, directed: bool) -> None:
     """Found, made shorter and laid as a smooth path, a motion stays clear and ends on the goal."""
     goal = GoalPose(GOAL.position, GOAL.direction if directed else None)
     task = task_of(snake(links), BALLS, goal)
-    motion = find_motion(task)
+    motion = find_by_ways(task)
     judged(task, BALLS, motion)
     ends_at(task, motion, goal)
     better = optimise(motion, task)
@@ -79,7 +79,7 @@ def test_a_motion_to_a_goal_of_the_tip(links: int, directed: bool) -> None:
 def test_weights_count_in_space_too() -> None:
     """Each moves its own measure the right way; without an optimiser the motion stays as it was found."""
     task = task_of(snake(8), BALLS, GOAL)
-    motion = find_motion(task)
+    motion = find_by_ways(task)
     assert optimise(motion, replace(task, optimiser="none")) is motion
 
     def unevenness(q: FloatArray) -> float:
@@ -110,7 +110,7 @@ def test_a_motion_to_a_pose_of_the_whole_arm() -> None:
     wiggle = 0.02 * rng.normal(size=24)  # no curve shows this
     goal = np.clip(curve.configuration(v + 0.25 * rng.normal(size=len(v))) + wiggle, -0.7, 0.7)
     task = task_of(arm, SurfaceSoup.joined([]), None, goal_pose=goal)
-    motion = optimise(find_motion(task), task)
+    motion = optimise(find_by_ways(task), task)
     assert motion.configurations[0] == pytest.approx(task.start, abs=1e-12)
     assert motion.configurations[-1] == pytest.approx(goal, abs=1e-9)
 
@@ -129,7 +129,7 @@ def test_a_fed_arm_passes_a_hole_and_keeps_straight_in_its_tube() -> None:
     goal = GoalPose(np.array([0.5, 0.2, 0.1]), np.array([0.6, 0.8, 0.0]))
     start = np.append(np.zeros(40), -0.8)
     task = task_of(arm, soup, goal, start=start)
-    found = find_motion(task)
+    found = find_by_ways(task)
     for motion in (found, optimise(found, task)):
         judged(task, soup, motion)
         ends_at(task, motion, goal)
@@ -238,7 +238,7 @@ def test_the_tip_passes_the_places_on_the_way() -> None:
     """The tip comes near every place that it was told to pass."""
     via = np.array([0.6, -0.4, -0.2])
     task = task_of(snake(16), SurfaceSoup.joined([]), GOAL, via=(via,))
-    motion = find_motion(task)
+    motion = find_by_ways(task)
     tips = task.arm.joint_positions_at(motion.configurations)[:, -1]
     assert np.linalg.norm(tips - via, axis=1).min() < 1.5 * task.unit
 
@@ -249,7 +249,7 @@ def test_why_nothing_is_found_names_the_wall() -> None:
     soup = boxes([([0.4, 0.2, 0.15], [0.7, 0.5, 0.45])])
     task = task_of(snake(12), soup, GoalPose(GOAL.position), seconds=3.0)
     with pytest.raises(NoPlanFound, match="box 1"):
-        find_motion(task)
+        find_by_ways(task)
 
 
 def test_how_near_the_best_attempt_came_to_a_pose_counts_every_joint() -> None:
@@ -259,7 +259,7 @@ def test_how_near_the_best_attempt_came_to_a_pose_counts_every_joint() -> None:
     wall = boxes([([-0.2, 0.1, -0.6], [1.1, 0.12, 0.6])])
     task = task_of(snake(12), wall, None, goal_pose=goal, seconds=2.0)
     with pytest.raises(NoPlanFound, match=r"a joint [1-9]\d*\.\d mm from the goal"):
-        find_motion(task)
+        find_by_ways(task)
 
 
 def test_poses_at_the_goal_are_free_and_the_sampler_connects_them() -> None:
@@ -332,7 +332,7 @@ def test_an_arm_of_many_links_moves_as_one_of_few() -> None:
     assert few is not None
     assert few.arm.links == 24
     assert few.arm.length == pytest.approx(task.arm.length)
-    lifted = lifted_motion(task, find_motion(few))
+    lifted = lifted_motion(task, find_by_ways(few))
     assert lifted is not None
     judged(task, BALLS, lifted)
     ends_at(task, lifted, GOAL)

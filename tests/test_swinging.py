@@ -5,8 +5,8 @@ import pytest
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.planning.curve_map import CurveMap
-from ccm_opt.planning.space_goal_poses import unbent_from
-from ccm_opt.planning.space_search import find_motion
+from ccm_opt.planning.drawn_poses import unbent_from
+from ccm_opt.planning.strategies import find_by_ways
 from tests.snakes_in_space import boxes, least_gaps, snake, task_of
 
 POST = boxes([([0.33, -0.02, -0.5], [0.37, 0.02, 0.5])])
@@ -26,7 +26,7 @@ def test_an_arm_curled_behind_a_post_comes_to_its_mirror_image(links: int) -> No
     """The motion begins and ends in these poses, and touches neither the post nor the arm itself on its way."""
     arm = snake(links, limit_deg=60.0)
     task = task_of(arm, POST, None, start=curled(links, 1.0), goal_pose=curled(links, -1.0))
-    motion = find_motion(task)
+    motion = find_by_ways(task)
     assert motion.candidate == "unbent and swung"
     assert motion.configurations[0] == pytest.approx(task.start, abs=1e-9)
     assert motion.configurations[-1] == pytest.approx(curled(links, -1.0), abs=1e-7)

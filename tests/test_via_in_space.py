@@ -8,11 +8,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ccm_opt.planning import space_search
+from ccm_opt.planning import way_strategies
 from ccm_opt.planning.goal import GoalPose
 from ccm_opt.planning.optimisation.optimise import optimise
 from ccm_opt.planning.passed_places import first_missed, passings
-from ccm_opt.planning.space_search import find_motion
+from ccm_opt.planning.strategies import find_by_ways
 from tests.snakes_in_space import boxes, least_gaps, snake, task_of
 
 seeds = st.integers(0, 2**32 - 1)
@@ -58,7 +58,7 @@ def test_an_optimised_motion_still_passes_a_place(links: int) -> None:
     """Shorter motions would leave it aside."""
     arm = snake(links)
     task = replace(task_of(arm, boxes([]), GOAL, via=(ASIDE,)), via_reach=0.02)
-    found = find_motion(task)
+    found = find_by_ways(task)
     better = optimise(found, task)
     tips = arm.joint_positions_at(better.configurations)[:, -1]
     assert first_missed(tips, ASIDE[None], 0.02) is None
@@ -68,11 +68,11 @@ def test_an_optimised_motion_still_passes_a_place(links: int) -> None:
 
 def test_where_no_way_leads_past_a_place_it_is_a_goal_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
     """The sampler and poses by inverse kinematics lead from place to place too."""
-    monkeypatch.setattr(space_search.SpaceRun, "by_ways", lambda *_, **__: None)
+    monkeypatch.setattr(way_strategies.SpaceRun, "by_ways", lambda *_, **__: None)
     arm = snake(12)
     soup = boxes([([0.4, -0.6, 0.5], [0.8, 0.6, 0.6])])
     task = task_of(arm, soup, GOAL, via=(ASIDE,))
-    motion = find_motion(task)
+    motion = find_by_ways(task)
     assert motion.candidate == "from place to place"
     tips = arm.joint_positions_at(motion.configurations)[:, -1]
     assert first_missed(tips, ASIDE[None], task.via_reach) is None

@@ -24,7 +24,6 @@ from ccm_opt.core.deadline import Deadline
 from ccm_opt.core.errors import NoPlanFound
 from ccm_opt.core.progress import Stages
 from ccm_opt.ik.compiled_terms import UserTerms
-from ccm_opt.planning import space_search
 from ccm_opt.planning.continuation import Stalled, settle
 from ccm_opt.planning.curve_routes import find_guesses, find_routes, further_guesses, route_room, tip_paths_along
 from ccm_opt.planning.ending import ended_by_nlp, optimised_to_end_pose
@@ -53,7 +52,7 @@ from ccm_opt.planning.settings import (
 from ccm_opt.planning.smooth_path import joint_path
 from ccm_opt.planning.space_task import SpaceTask, coarse_problem, space_task
 from ccm_opt.planning.step import Stepper
-from ccm_opt.planning.strategies import STRATEGIES, find_motion
+from ccm_opt.planning.strategies import STRATEGIES, find_by_ways, find_motion
 from ccm_opt.planning.tracking import Reference, follow_reference, tracked
 from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import GoalPoseRecord, JointPath
@@ -304,7 +303,7 @@ class MotionPlanner:
         With them comes what the NLP said about where they end, or None.
         """
         with self.stages("motion"):
-            found = space_search.find_motion(task)
+            found = find_by_ways(task)
         with self.stages("configuration"):
             ending = ended_by_nlp(problem, task, found)
             motion = tracked(task, ending.motion)

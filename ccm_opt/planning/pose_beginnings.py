@@ -22,6 +22,7 @@ from ccm_opt.planning.curve_routes import (
     find_routes,
     route_room,
 )
+from ccm_opt.planning.drawn_poses import goal_poses
 from ccm_opt.planning.draws import GoalDraws, TargetDraws
 from ccm_opt.planning.ends import Ends
 from ccm_opt.planning.goal_members import GoalMember, goal_members
@@ -30,9 +31,8 @@ from ccm_opt.planning.link_space import KNOTS, LinkSpace
 from ccm_opt.planning.motion import SpaceMotion
 from ccm_opt.planning.sampled_check import SampledCheck
 from ccm_opt.planning.settings import DEFAULT_CURVE_PLANNER, CurvePlannerSettings
-from ccm_opt.planning.space_goal_poses import goal_poses
-from ccm_opt.planning.space_search import find_motion
 from ccm_opt.planning.space_task import SpaceTask
+from ccm_opt.planning.strategies import find_by_ways
 from ccm_opt.problem import Problem
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.mapping import map_curve
@@ -144,12 +144,12 @@ def any_motion(task: SpaceTask) -> SpaceMotion:
     few = nominal_task(task)
     if few is not None:
         try:
-            lifted = lifted_motion(task, find_motion(few))
+            lifted = lifted_motion(task, find_by_ways(few))
         except NoPlanFound:
             lifted = None
         if lifted is not None:
             return lifted
-    return find_motion(task)
+    return find_by_ways(task)
 
 
 def brought_poses(

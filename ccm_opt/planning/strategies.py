@@ -1,25 +1,19 @@
-"""The search in the plane: its strategies, in their order.
-
-Where no pose with less bent joints reaches a goal, those that do are known but for what the limits leave. A curve of
-bounded curvature that reaches as far as such a curve can is made of arcs that are bent all they may be (Dubins, 1957),
-so the arm's are looked for among arcs of at most three parts.
-"""
+"""What is tried to find a motion, in its order: routes and guides in the plane, ways of the tip in space."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from enum import IntEnum
 from functools import partial
 
 import numpy as np
 
-from ccm_opt.core.arrays import TINY, FloatArray
-from ccm_opt.core.polyline import heading_of, unit_vector, wrap
+from ccm_opt.core.arrays import FloatArray
 from ccm_opt.planning.continuation import Stalled
 from ccm_opt.planning.draws import Connecting
 from ccm_opt.planning.ending import optimised_to_end_pose
-from ccm_opt.planning.goal import GoalPose
+from ccm_opt.planning.goal_members import ArcsAtLimits
 from ccm_opt.planning.lifting import coarse_task, taken_over
-from ccm_opt.planning.motion import Motion
+from ccm_opt.planning.motion import Motion, SpaceMotion
 from ccm_opt.planning.motion_task import MotionTask
 from ccm_opt.planning.passage_exit import backward_tasks, ending_in, laid_backward_tasks, reversed_motion
 from ccm_opt.planning.passage_widths import MARGINS, fitting_margins, nominal_links_asked
@@ -29,31 +23,12 @@ from ccm_opt.planning.search import TREES, Failure, Strategy, first_found
 from ccm_opt.planning.search_run import PlanarRun
 from ccm_opt.planning.shortcuts import straightened
 from ccm_opt.planning.smooth_path import smooth_path
+from ccm_opt.planning.space_task import SpaceTask
 from ccm_opt.planning.tip_walks import WALKS, by_walks, is_walked
 from ccm_opt.planning.tree_search import search_by_trees
+from ccm_opt.planning.way_strategies import SpaceRun
 from ccm_opt.problem import Weights
-from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
-
-_ARC_PLACES = 24
-"""Joints at which the side to which an arc bends may change. Taste."""
-_MOST_TURN = 7.0
-"""Arcs that turn by more than this begin bent less, so that they do not coil up [rad]. Taste."""
-_ARCS_TRIED = 16
-"""Arcs that Newton's method begins from. Taste."""
-_ARCS_KEPT = 4
-"""Poses at the goal that motions are looked for to. Taste."""
-_ALIKE = 0.3
-"""Poses of which no joint differs by more than this share of its limit are one. Taste."""
-_ARC_STEPS = 30
-"""Of Newton's method. Taste."""
-_ARC_TURN = 0.3
-"""Most that a joint turns in one of them [rad]. Taste."""
-_ARC_RIDGE = 1e-13
-"""Added to the diagonal of its equations, in squared arm lengths. Derived: some thousand roundings."""
-_ARC_ARRIVED = 1e-11
-"""Error of the tip, in arm lengths or radians, that counts as none. Derived: far below what the optimisation asks of a
-motion's end."""
 
 TREE_MARGINS = (0.12, 0.06, 0.024)
 """Margins that trees of poses are grown with, in nominal links: a wide one moves on faster, a narrow one gets through.
@@ -61,130 +36,9 @@ Taste."""
 _MOST_LINKS = 48
 """Arms with more links are not planned so. Taste: a pose costs by the links."""
 
-_AMPLE = 0.9
-"""Share of the joints' limits with which guides get to a goal if an arc does. Measured: at 0.98, what steps use unless
-an end asks for more, guides do not reach in 13 s goals for which an arc needs 0.96 of them."""
-_HEADING_LENGTH = 0.25
-"""Distance of the tip, in arm lengths, that counts as much as a radian of its heading when the arcs that come nearest
-to the goal are chosen. Taste."""
-_RELEASES = 8
-"""Joints beyond their limits are held, and the step taken anew, up to so often. Taste."""
-
-
 _WORTH_SHORTENING = 1.2
 """Times the duration of the straight line between its ends from which on a motion that follows its leader is optimised.
 Taste."""
-
-
-@dataclass(frozen=True)
-class ArcsAtLimits:
-    """Finds arcs that reach a goal.
-
-    Attributes:
-        arm: on a fixed base.
-        goal: for the tip.
-    """
-
-    arm: Arm
-    goal: GoalPose
-
-    def where_needed(self, full: float) -> tuple[FloatArray, ...]:
-        """Poses that use the limits in full, none where an arc reaches the goal with less of them.
-
-        Args:
-            full: share of the joints' limits that may be used.
-
-        Returns:
-            Configurations that may touch something, each of shape (links,) [rad].
-        """
-        if self.poses(_AMPLE, 1):
-            return ()
-        return self.poses(full, _ARCS_KEPT)
-
-    def poses(self, share: float, most: int) -> tuple[FloatArray, ...]:
-        """Different poses at the goal that use a share of the limits, those of the nearest arcs first.
-
-        Args:
-            share: of the joints' limits; the base turns as far as it can.
-            most: number of poses.
-
-        Returns:
-            Configurations, each of shape (links,) [rad].
-        """
-        bounds = share * self.arm.bend_limits
-        bounds[0] = self.arm.base_limit
-        apart = _ALIKE * self.arm.joint_limit
-        found: list[FloatArray] = []
-        for arc in self._nearest(bounds):
-            bends = self._onto_goal(arc, bounds)
-            if bends is not None and all(np.abs(bends - other).max() > apart for other in found):
-                found.append(bends)
-            if len(found) == most:
-                break
-        return tuple(found)
-
-    def _nearest(self, bounds: FloatArray) -> FloatArray:
-        """Bends of the arcs whose tip comes nearest to the goal, the base turned towards it, shape (m, links) [rad]."""
-        arm = self.arm
-        bends = np.minimum(bounds, _MOST_TURN / arm.links) * self._sides()
-        bends[:, 0] = 0.0
-        turned = np.cumsum(bends, axis=1)
-        tip = arm.link_length * np.stack((np.cos(turned).sum(axis=1), np.sin(turned).sum(axis=1)), axis=1)
-        towards = self.goal.position - arm.base
-        first = heading_of(towards) - np.arctan2(tip[:, 1], tip[:, 0])
-        bends[:, 0] = wrap(first - arm.base_heading)
-        missed = np.abs(np.linalg.norm(tip, axis=1) - np.linalg.norm(towards)) / arm.length
-        if self.goal.heading is not None:
-            missed = np.hypot(missed, _HEADING_LENGTH * wrap(first + turned[:, -1] - self.goal.heading))
-        bends = bends[np.argsort(missed, kind="stable")]
-        nearest: FloatArray = bends[np.abs(bends[:, 0]) <= bounds[0]][:_ARCS_TRIED]
-        return nearest
-
-    def _sides(self) -> FloatArray:
-        """To which side the joints of each arc bend, ±1, shape (m, links): to one but for a stretch of them."""
-        links = self.arm.links
-        places = np.unique(np.linspace(1, links, min(links, _ARC_PLACES)).astype(int))
-        first, last = (np.ravel(each) for each in np.meshgrid(places, places))
-        ordered = first <= last
-        joint = np.arange(links)
-        within = (joint >= first[ordered, None]) & (joint < last[ordered, None])
-        sides = np.unique(np.where(within, -1.0, 1.0), axis=0)
-        return np.vstack((sides, -sides))
-
-    def _onto_goal(self, bends: FloatArray, bounds: FloatArray) -> FloatArray | None:
-        """Bends within bounds that put the tip onto the goal, by Newton's method from given ones; None in vain."""
-        arm = self.arm
-        for _ in range(_ARC_STEPS):
-            headings = arm.headings(bends)
-            points = arm.joint_positions(headings)
-            member = self.goal.nearest_member(points[-1], unit_vector(headings[-1]))
-            # Joint k turns the tip about itself.
-            lever = (points[-1] - points[:-1]) / arm.length
-            rows = np.stack((-lever[:, 1], lever[:, 0]))
-            error = (member.position - points[-1]) / arm.length
-            if member.heading is not None:
-                rows = np.vstack((rows, np.ones(arm.links)))
-                error = np.append(error, wrap(member.heading - headings[-1]))
-            if np.abs(error).max() < _ARC_ARRIVED:
-                return bends
-            bends = np.clip(bends + self._step(rows, error, bends, bounds), -bounds, bounds)
-        return None
-
-    def _step(self, rows: FloatArray, error: FloatArray, bends: FloatArray, bounds: FloatArray) -> FloatArray:
-        """Least change of the joints that are not held by their limits, shape (links,) [rad]."""
-        free = np.ones(len(bends), dtype=bool)
-        ridge = _ARC_RIDGE * np.eye(len(error))
-        step = np.zeros(len(bends))
-        for _ in range(_RELEASES):
-            moving = rows * free
-            step = moving.T @ np.linalg.solve(moving @ moving.T + ridge, error)
-            step *= min(1.0, _ARC_TURN / max(float(np.abs(step).max()), TINY))
-            # A joint at its limit is held if it would go beyond; one that is on its way there is cut short.
-            held = free & (bends * np.sign(step) >= bounds * (1.0 - _ARC_RIDGE)) & (step != 0.0)
-            if not held.any():
-                break
-            free &= ~held
-        return step
 
 
 FEW_BUDGETS = (5000, 10000, 20000)
@@ -416,7 +270,7 @@ STRATEGIES: tuple[Strategy[MotionTask, Motion], ...] = (
     Strategy(TREES, by_trees, _free_of_u, costly=True),
     _connecting(f"{CONNECT} again", Turn.LAST),
 )
-"""What is tried in turn."""
+"""What is tried in turn in the plane where the base is fixed."""
 
 
 def find_motion(task: MotionTask, strategies: tuple[Strategy[MotionTask, Motion], ...] = STRATEGIES) -> Motion:
@@ -461,3 +315,64 @@ def _finished(found: Motion, task: MotionTask) -> Motion:
     ended = optimised_to_end_pose(straightened(found, task), task)
     # In a guide tube a shorter motion may leave a smooth path no room.
     return found if task.arm.base_axes and smooth_path(ended, task) is None else ended
+
+
+def _is_fed(run: SpaceRun) -> bool:
+    return bool(run.task.arm.base_axes)
+
+
+def _passes_places(run: SpaceRun) -> bool:
+    """Whether places on the way may be goals: the user's terms of a motion are written for the whole of it."""
+    return bool(run.task.via) and run.task.user is None
+
+
+def _passes_none(run: SpaceRun) -> bool:
+    """Whether there are no places on the way: what is not led by the tip passes none."""
+    return not run.task.via
+
+
+def _poses(*, whole: bool) -> Strategy[SpaceRun, SpaceMotion]:
+    """A pose of the whole arm is known, and need not be drawn; other ways of the tip mostly lead to other poses."""
+    return Strategy(
+        "poses at the goal",
+        SpaceRun.to_poses,
+        lambda run: _passes_none(run) and (run.task.goal_pose is not None) == whole,
+        costly=True,
+    )
+
+
+def _drawing(number: int) -> Strategy[SpaceRun, SpaceMotion]:
+    return Strategy(CONNECT, lambda run, failed: run.by_connecting(number, failed), _passes_none, costly=True)
+
+
+def _by_stages(run: SpaceRun, failures: list[Failure]) -> SpaceMotion | None:
+    return run.by_stages(find_by_ways, failures)
+
+
+WAYS: tuple[Strategy[SpaceRun, SpaceMotion], ...] = (
+    Strategy("first ways of the tip", SpaceRun.by_first_ways),
+    Strategy("withdrawal", SpaceRun.by_withdrawing, _is_fed),
+    _poses(whole=True),
+    Strategy("other ways of the tip", SpaceRun.by_other_ways, costly=True),
+    _poses(whole=False),
+    _drawing(0),
+    _drawing(1),
+    Strategy("ways of the tip through the finest grid", SpaceRun.by_finest_ways, costly=True),
+    _drawing(2),
+    _drawing(3),
+    Strategy("from place to place", _by_stages, _passes_places, costly=True),
+)
+"""What is tried in turn in space. How often trees begin with other draws was measured among 320 bodies."""
+
+
+def find_by_ways(task: SpaceTask) -> SpaceMotion:
+    """Find a certified motion in space: the first that a strategy finds.
+
+    Raises:
+        MotionNotFound: no strategy reached the goal; with how far the best came, and what was in its way.
+        UnreachableGoal: it is proved that none could.
+        TimeLimitReached: the deadline passed first.
+    """
+    run = SpaceRun.from_task(task)
+    applicable = (strategy for strategy in WAYS if strategy.applies(run))
+    return first_found(applicable, task, lambda strategy, failures: strategy.find(run, failures))

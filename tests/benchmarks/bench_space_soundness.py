@@ -23,8 +23,8 @@ from ccm_opt.planning.ends import refuse_ends
 from ccm_opt.planning.planner import MotionPlanner
 from ccm_opt.planning.settings import SpaceMotionSettings
 from ccm_opt.planning.smooth_path import joint_path
-from ccm_opt.planning.space_search import find_motion
 from ccm_opt.planning.space_task import space_task
+from ccm_opt.planning.strategies import find_by_ways
 from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import JointPath
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
@@ -55,7 +55,7 @@ class FoundAlone:
         tree = SurfaceTree.of(problem.workspace.soup)
         task = space_task(problem, tree, deadline, SpaceMotionSettings())
         refuse_ends(problem, task)
-        return joint_path(task, find_motion(task))
+        return joint_path(task, find_by_ways(task))
 
 
 def outcome(problem: Problem, planner: Planner) -> str:

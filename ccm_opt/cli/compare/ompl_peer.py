@@ -17,6 +17,7 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.deadline import Deadline
 from ccm_opt.core.errors import Diagnosis, MotionNotFound, NoPlanFound, ProblemError, TimeLimitReached
 from ccm_opt.planning.curve_map import CurveMap
+from ccm_opt.planning.drawn_poses import goal_poses
 from ccm_opt.planning.draws import GoalDraws, TargetDraws
 from ccm_opt.planning.ends import Ends, refuse_ends, resolve_ends
 from ccm_opt.planning.link_space import nearest_curves
@@ -24,10 +25,9 @@ from ccm_opt.planning.own_units import in_own_units
 from ccm_opt.planning.sampled_check import SampledCheck
 from ccm_opt.planning.settings import SpaceMotionSettings
 from ccm_opt.planning.smooth_path import path_near_configurations
-from ccm_opt.planning.space_goal_poses import goal_poses
-from ccm_opt.planning.space_search import find_motion
 from ccm_opt.planning.space_task import SpaceTask, space_task
 from ccm_opt.planning.spline_path import certified_spline, spare_kept
+from ccm_opt.planning.strategies import find_by_ways
 from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import JointPath
 from ccm_opt.robot.arm import Arm
@@ -344,7 +344,7 @@ class _InSpace:
         if self.problem.goal.whole(self.problem.arm) is not None or self.problem.goal.via:
             return None
         try:
-            found = find_motion(self._task_within(self._settings.goal_share)).configurations[-1]
+            found = find_by_ways(self._task_within(self._settings.goal_share)).configurations[-1]
         except NoPlanFound:
             return None
         return None if self.joints.drawn(found) is None else found

@@ -1,4 +1,4 @@
-"""The search in space: its strategies, in their order; every step of each is certified as it is taken."""
+"""How motions in space are looked for, by ways of the tip and poses at the goal; all steps are certified."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
@@ -11,19 +11,18 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.errors import MotionNotFound
 from ccm_opt.planning.continuation import Guide, Stalled, follow, settle
 from ccm_opt.planning.curve_map import KNOTS, CurveMap
+from ccm_opt.planning.drawn_poses import CurveDraws, goal_poses, swung, withdrawn
 from ccm_opt.planning.followable_ways import feeds_to_end, fitted_slide, slid_along
 from ccm_opt.planning.goal import GoalPose
 from ccm_opt.planning.guides import ArmTrack, TipLed, TrackLed
 from ccm_opt.planning.motion import SpaceMotion
 from ccm_opt.planning.passed_places import passings
 from ccm_opt.planning.pose import Pose
-from ccm_opt.planning.rrt_connect import CONNECT
-from ccm_opt.planning.search import Failure, Strategy, first_found
+from ccm_opt.planning.search import Failure
 from ccm_opt.planning.search_run import SearchRun
-from ccm_opt.planning.space_candidates import SpaceTipWays, TipWay
-from ccm_opt.planning.space_goal_poses import CurveDraws, goal_poses, swung, withdrawn
 from ccm_opt.planning.space_task import SpaceTask
 from ccm_opt.planning.step import SpaceStepper
+from ccm_opt.planning.tip_ways import SpaceTipWays, TipWay
 
 _WANTED_POSES = 8
 """Poses that are moved to in turn before the sampler is tried."""
@@ -287,8 +286,13 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
         return np.random.default_rng((self.task.seed, number) if number else self.task.seed)
 
     # ------------------------------------------------------------ from place to place
-    def by_stages(self, failures: list[Failure]) -> SpaceMotion | None:
-        """To each place on the way as a goal of its own, by whatever leads there, and then to the goal."""
+    def by_stages(self, find: Callable[[SpaceTask], SpaceMotion], failures: list[Failure]) -> SpaceMotion | None:
+        """To each place on the way as a goal of its own, by whatever leads there, and then to the goal.
+
+        Args:
+            find: a motion to one of them; raises ``MotionNotFound``.
+            failures: stay as they are.
+        """
         del failures
         now = self.start.v
         parts: list[SpaceMotion] = []
@@ -296,67 +300,10 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
             stage = (self.stepper.space, now)
             asked = replace(self.task, via=(), goal=goal, refuse=lambda: None, stage=stage)
             try:
-                parts.append(find_motion(asked))
+                parts.append(find(asked))
             except MotionNotFound:
                 return None
             now = parts[-1].unknowns[-1]
         unknowns = np.vstack((parts[0].unknowns, *(part.unknowns[1:] for part in parts[1:])))
         configurations = np.vstack((parts[0].configurations, *(part.configurations[1:] for part in parts[1:])))
         return SpaceMotion(parts[0].curve, unknowns, configurations, "from place to place")
-
-
-def _is_fed(run: SpaceRun) -> bool:
-    return bool(run.task.arm.base_axes)
-
-
-def _passes_places(run: SpaceRun) -> bool:
-    """Whether places on the way may be goals: the user's terms of a motion are written for the whole of it."""
-    return bool(run.task.via) and run.task.user is None
-
-
-def _passes_none(run: SpaceRun) -> bool:
-    """Whether there are no places on the way: what is not led by the tip passes none."""
-    return not run.task.via
-
-
-def _poses(*, whole: bool) -> Strategy[SpaceRun, SpaceMotion]:
-    """A pose of the whole arm is known, and need not be drawn; other ways of the tip mostly lead to other poses."""
-    return Strategy(
-        "poses at the goal",
-        SpaceRun.to_poses,
-        lambda run: _passes_none(run) and (run.task.goal_pose is not None) == whole,
-        costly=True,
-    )
-
-
-def _connecting(number: int) -> Strategy[SpaceRun, SpaceMotion]:
-    return Strategy(CONNECT, lambda run, failed: run.by_connecting(number, failed), _passes_none, costly=True)
-
-
-STRATEGIES: tuple[Strategy[SpaceRun, SpaceMotion], ...] = (
-    Strategy("first ways of the tip", SpaceRun.by_first_ways),
-    Strategy("withdrawal", SpaceRun.by_withdrawing, _is_fed),
-    _poses(whole=True),
-    Strategy("other ways of the tip", SpaceRun.by_other_ways, costly=True),
-    _poses(whole=False),
-    _connecting(0),
-    _connecting(1),
-    Strategy("ways of the tip through the finest grid", SpaceRun.by_finest_ways, costly=True),
-    _connecting(2),
-    _connecting(3),
-    Strategy("from place to place", SpaceRun.by_stages, _passes_places, costly=True),
-)
-"""What is tried in turn. How often trees begin with other draws was measured among 320 bodies."""
-
-
-def find_motion(task: SpaceTask) -> SpaceMotion:
-    """A certified motion from the start to the goal: the first that a strategy finds.
-
-    Raises:
-        MotionNotFound: no strategy reached the goal; with how far the best came, and what was in its way.
-        UnreachableGoal: it is proved that none could.
-        TimeLimitReached: the deadline passed first.
-    """
-    run = SpaceRun.from_task(task)
-    applicable = (strategy for strategy in STRATEGIES if strategy.applies(run))
-    return first_found(applicable, task, lambda strategy, failures: strategy.find(run, failures))
