@@ -11,8 +11,9 @@ from hypothesis import strategies as st
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.length_words import short_length
 from ccm_opt.robot.arm import Arm
-from ccm_opt.scene.contact_finder import WALL, Contacts, WallFinder, closest_on_segments
+from ccm_opt.scene.contact_finder import WALL, Contacts, WallFinder
 from ccm_opt.scene.workspace import Workspace
+from tests.oracles.plane_segments import closest_on_segments
 
 from .scenes import ROOM, clutter, distant_pairs, free_axis, make_arm, mixed_walls, random_headings, self_gap, wall_gaps
 

@@ -12,7 +12,7 @@ import shapely
 from ccm_opt.core.arrays import BoolArray, FloatArray
 from ccm_opt.core.native import NativeCall
 from ccm_opt.robot.arm import Arm
-from ccm_opt.scene.contact_finder import closest_on_segments, segments_cross
+from ccm_opt.scene.distances.enclosures import segment_distances
 from ccm_opt.scene.workspace import Obstacle, Workspace
 
 _STRIDE = 8
@@ -220,8 +220,7 @@ class SampledCheck:
         i = first[pair]
         j = second[pair]
         ends = (points[pose, i], points[pose, i + 1], points[pose, j], points[pose, j + 1])
-        _, _, gap = closest_on_segments(*ends)
-        meeting = (np.hypot(gap[:, 0], gap[:, 1]) < 2.0 * arm.radius) | segments_cross(*ends)
+        meeting = segment_distances(*ends)[2] <= 2.0 * arm.radius
         refuted = np.zeros(len(headings), dtype=bool)
         refuted[pose[meeting]] = True
         return refuted

@@ -57,6 +57,10 @@ class PlanarSweep(Sweep):
         """Derivatives of that by the change of the coordinates over the interval, shape (m, p) [m per unit]."""
         return np.asarray(self.sag_slopes[rows.interval, rows.high] - self.sag_slopes[rows.interval, rows.low])
 
+    def lost(self, rows: IntervalRows) -> FloatArray:
+        """Nothing: the deviation bounds it."""
+        return np.zeros(len(rows))
+
     def curvature(self, rows: IntervalRows, multipliers: FloatArray, pull: FloatArray) -> RowCurvature:
         """Convex part of the second derivatives of Σ λ g + pull·tip, for rows at the ends of intervals.
 

@@ -11,8 +11,9 @@ import numpy as np
 
 from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.robot.arm import Arm
-from ccm_opt.scene.contact_finder import WALL, Contacts, WallFinder, closest_on_segments, segments_cross
+from ccm_opt.scene.contact_finder import WALL, Contacts, WallFinder
 from ccm_opt.scene.walls import Walls
+from tests.oracles.plane_segments import closest_on_segments, segments_cross
 
 _SLACK = 1.5
 """Of the neighbour list beyond the reach, as a multiple of it."""

