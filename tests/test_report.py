@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from ccm_opt.cli.outcome import NO_PLAN
-from ccm_opt.cli.solving import SolveOptions, solve_files
+from ccm_opt.cli.solving import solve_files
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.errors import Diagnosis, Finding, Relaxation
 from ccm_opt.driver.room_over_time import room_over_time
@@ -407,7 +407,7 @@ def test_a_way_that_is_too_long_leads_from_base_to_goal(tmp_path: Path) -> None:
     text = FAILURES.replace(gate, 'name = "screen", box = [0.4, -0.3, 0.5, 0.2]')
     file = tmp_path / "closed.toml"
     file.write_text(text.replace("[0.7, 0.12]", "[0.68, 0.16]"), encoding="utf-8")
-    assert solve_files([file], SolveOptions(tmp_path / "runs", explain=False)) == NO_PLAN
+    assert solve_files([file], tmp_path / "runs", explain=False) == NO_PLAN
     record = json.loads((tmp_path / "runs" / "closed" / "solution.json").read_text(encoding="utf-8"))
     finding = next(each for each in record["diagnosis"]["findings"] if each["way"])
     way = np.array(finding["way"])

@@ -14,8 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import ccm_opt
-from ccm_opt.cli.loading import TermReferences
-from ccm_opt.cli.solving import SolveOptions, solve_files
+from ccm_opt.cli.solving import solve_files
 from ccm_opt.cli.written_plans import check_folders
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.errors import ProblemError
@@ -183,13 +182,13 @@ def test_the_command_line_takes_own_terms(tmp_path: Path, capfd: pytest.CaptureF
         "reach = ccm_opt.Cost('reach', lambda q: q.tip[0])\n"
     )
     out = tmp_path / "out"
-    own = TermReferences((f"{file}:high",), (f"{file}:reach",))
-    assert solve_files([OPEN_SPACE], SolveOptions(out, own, pictures=False)) == 0
+    own = ((f"{file}:high",), (f"{file}:reach",))
+    assert solve_files([OPEN_SPACE], out, terms=own, pictures=False) == 0
     record = json.loads((out / "open-space" / "solution.json").read_text())
     assert "constraint high middle" in [check["name"] for check in record["checks"]]
     assert record["metrics"]["cost_reach"] == pytest.approx(0.0, abs=1.0)
     checks_of_own_terms(out / "open-space", file, capfd)
-    assert solve_files([OPEN_SPACE], SolveOptions(out, TermReferences(("nowhere:x",)), pictures=False)) == 2
+    assert solve_files([OPEN_SPACE], out, terms=(("nowhere:x",), ()), pictures=False) == 2
     assert "nowhere:x" in capfd.readouterr().err
 
 

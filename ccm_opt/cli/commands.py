@@ -215,23 +215,19 @@ def solve_command(
 ) -> int:
     """Solve problems; write OUT/<name>/ for each."""
     with no_search_for_cycles():
-        from ccm_opt.cli.loading import TermReferences  # noqa: PLC0415
-        from ccm_opt.cli.solving import SolveOptions, solve_files  # noqa: PLC0415 - loads numpy
+        from ccm_opt.cli.solving import solve_files  # noqa: PLC0415 - loads numpy
 
     of_planner = {"method": method, "time_limit": time_limit, "seed": seed}
-    options = SolveOptions(
-        out=out,
-        terms=TermReferences(tuple(constraint or ()), tuple(cost or ())),
-        changes=(
-            *(changes or ()),
-            *(f"planner.{key}={value}" for key, value in of_planner.items() if value is not None),
-        ),
+    return solve_files(
+        files,
+        out,
+        (*(changes or ()), *(f"planner.{key}={value}" for key, value in of_planner.items() if value is not None)),
+        terms=(constraint or (), cost or ()),
         pictures=not no_pictures,
         figure_format=figure_format,
         explain=not no_diagnosis,
         several=pareto,
     )
-    return solve_files(files, options)
 
 
 @command("view", ("ccm-opt view problems/swan-neck.toml", "ccm-opt view runs/swan-neck --port 8090"))
@@ -271,11 +267,9 @@ def pose_command(
     no_pictures: Annotated[bool, typer.Option("--no-pictures", help="Leave the picture out.")] = False,
 ) -> int:
     """Find the best pose at the goal, without a motion to it; write OUT/<name>/ for each."""
-    from ccm_opt.cli.loading import TermReferences  # noqa: PLC0415
     from ccm_opt.cli.posing import pose_files  # noqa: PLC0415 - loads numpy
 
-    terms = TermReferences(tuple(constraint or ()), tuple(cost or ()))
-    return pose_files(files, out, terms, changes or (), pictures=not no_pictures)
+    return pose_files(files, out, (constraint or (), cost or ()), changes or (), pictures=not no_pictures)
 
 
 @command(

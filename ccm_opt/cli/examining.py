@@ -9,7 +9,7 @@ import numpy as np
 from rich.markup import escape
 from rich.table import Table
 
-from ccm_opt.cli.loading import tell_of_drawing, tell_of_meshes, tell_of_odd_rates
+from ccm_opt.cli.loading import tell_of_scene
 from ccm_opt.cli.outcome import SOLVED, code_of_simulation, print_result, run_all
 from ccm_opt.cli.output import output
 from ccm_opt.cli.tables import columned_table, peak_torque, report_console, units_of, value_table, verdict_cells
@@ -52,11 +52,7 @@ def describe_files(files: Sequence[Path], changes: Sequence[str] = ()) -> int:
 
 
 def _describe(problem: Problem) -> int:
-    if problem.dimension == 3:
-        tell_of_meshes(problem)
-    else:
-        tell_of_drawing(problem)
-    tell_of_odd_rates(problem)
+    tell_of_scene(problem)
 
     def show() -> None:
         console = report_console()
@@ -291,7 +287,7 @@ def tolerance_table(problem: Problem, errors: Sequence[SurvivedError]) -> Table:
     in_space = problem.dimension == 3
     asked = problem.joint_error
     for error in errors:
-        words = survived_in_words(error, units, in_space=in_space)
+        wrong, size, where = survived_in_words(error, units, in_space=in_space)
         limit = f"≥ {units.given(asked, 'rad')}" if error.name == "joints" and asked > 0.0 else ""
-        table.add_row(words.wrong, words.size, limit, escape(words.where))
+        table.add_row(wrong, size, limit, escape(where))
     return table

@@ -29,6 +29,13 @@ _MOST_LEFT_OUT = 10
 TIMES = "\N{MULTIPLICATION SIGN}"
 
 
+def tell_of_scene(problem: Problem) -> None:
+    """Tell of a problem's drawing or meshes, of what lies outside its room, and of rates that are hardly meant."""
+    tell = tell_of_meshes if problem.dimension == 3 else tell_of_drawing
+    tell(problem)
+    tell_of_odd_rates(problem)
+
+
 def tell_of_drawing(problem: Problem) -> None:
     """Print what became of a problem's drawing, and warn of what does not fit the arm or lies outside the room."""
     if problem.drawing is not None:
@@ -241,38 +248,21 @@ class NamedProblems:
         first = self.taken.setdefault(problem.name, file)
         if first is not file:
             raise ProblemError(f"{file} has the same name '{problem.name}' as {first}; their folders would be one")
-        if problem.dimension == 3:
-            tell_of_meshes(problem)
-        else:
-            tell_of_drawing(problem)
-        tell_of_odd_rates(problem)
+        tell_of_scene(problem)
         return problem
 
 
-@dataclass(frozen=True)
-class TermReferences:
-    """User constraints and costs named on the command line.
+NamedTerms = tuple[Sequence[str], Sequence[str]]
+"""Constraints and costs of the user as the command line names them: ``module:function`` or ``file.py:function``."""
+NO_TERMS: NamedTerms = ((), ())
 
-    Attributes:
-        constraints: each ``module:function`` or ``file.py:function``.
-        costs: likewise.
+
+def loaded_terms(constraints: Sequence[str], costs: Sequence[str]) -> dict[str, Any]:
+    """The constraints and the costs as arguments of ``solve`` and its like; nothing where none are named.
+
+    Raises:
+        ProblemError: naming the reference that cannot be loaded.
     """
-
-    constraints: tuple[str, ...] = ()
-    costs: tuple[str, ...] = ()
-
-    def loaded(self) -> dict[str, Any]:
-        """The constraints and the costs as arguments of ``solve`` and its like; nothing where none are named.
-
-        Raises:
-            ProblemError: naming the reference that cannot be loaded.
-        """
-        if self == NO_TERMS:
-            return {}
-        return {
-            "constraints": load_terms(self.constraints, Constraint),
-            "costs": load_terms(self.costs, Cost),
-        }
-
-
-NO_TERMS = TermReferences()
+    if not (constraints or costs):
+        return {}
+    return {"constraints": load_terms(constraints, Constraint), "costs": load_terms(costs, Cost)}

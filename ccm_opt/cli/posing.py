@@ -12,7 +12,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from ccm_opt.cli.cancelling import last_steps_uninterrupted
-from ccm_opt.cli.loading import NO_TERMS, NamedProblems, TermReferences
+from ccm_opt.cli.loading import NO_TERMS, NamedProblems, NamedTerms, loaded_terms
 from ccm_opt.cli.outcome import SOLVED, print_result, run_all
 from ccm_opt.cli.output import output
 from ccm_opt.cli.solving import tell_where
@@ -36,7 +36,7 @@ ROWS_SHOWN = 5
 def pose_files(
     files: Sequence[Path],
     out: Path,
-    terms: TermReferences = NO_TERMS,
+    terms: NamedTerms = NO_TERMS,
     changes: Sequence[str] = (),
     *,
     pictures: bool,
@@ -61,7 +61,7 @@ def pose_files(
     return run_all(files, pose_one)
 
 
-def _find_and_write_pose(problem: Problem, out: Path, terms: TermReferences, *, pictures: bool) -> int:
+def _find_and_write_pose(problem: Problem, out: Path, terms: NamedTerms, *, pictures: bool) -> int:
     check_target(out / problem.name, POSE_RECORD)
     with stage_display(problem.name) as clock:
         found = _find_or_record_failure(problem, out, clock, terms)
@@ -77,7 +77,7 @@ def _find_and_write_pose(problem: Problem, out: Path, terms: TermReferences, *, 
     return print_result(lambda: _print_pose(found, clock, folder), SOLVED, lambda: _pose_data(found, folder))
 
 
-def _find_or_record_failure(problem: Problem, out: Path, clock: StageClock, terms: TermReferences) -> StaticPose:
+def _find_or_record_failure(problem: Problem, out: Path, clock: StageClock, terms: NamedTerms) -> StaticPose:
     """Ask the static question; where there is no answer, the record of why is left in the output folder.
 
     Raises:
@@ -87,7 +87,7 @@ def _find_or_record_failure(problem: Problem, out: Path, clock: StageClock, term
     clock.begin("loading")
     from ccm_opt.driver.finding_pose import find_pose  # noqa: PLC0415 - loads casadi
 
-    arguments = terms.loaded()
+    arguments = loaded_terms(*terms)
 
     def record(status: str, diagnosis: Diagnosis) -> None:
         folder = write_pose_failure(problem, status, diagnosis, out, clock.timings)

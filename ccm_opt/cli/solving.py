@@ -6,13 +6,14 @@ An earlier plan of the same name stays as it is; whatever is no whole result of 
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from ccm_opt.cli.cancelling import last_steps_uninterrupted
 from ccm_opt.cli.drawing import pareto_pictures, plan_pictures
-from ccm_opt.cli.loading import NO_TERMS, NamedProblems, TermReferences
+from ccm_opt.cli.loading import NO_TERMS, NamedProblems, NamedTerms, loaded_terms
 from ccm_opt.cli.outcome import code_of_simulation, print_result, run_all, warn
 from ccm_opt.cli.output import FigureKind
 from ccm_opt.cli.stage_clock import StageClock, ended_when_silent, stage_display
@@ -22,7 +23,6 @@ from ccm_opt.core.errors import CancelledWithPlan, Diagnosis, NoPlanFound, Verif
 from ccm_opt.io.folder import PARETO_RECORD, RECORD, check_target, solution_files, write_folder
 from ccm_opt.io.result_folders import UNFINISHED, pareto_files, place_beside, write_failure
 from ccm_opt.problem import Problem
-from ccm_opt.problem.solution import ParetoPlans
 
 
 def failure_recorder(
@@ -122,68 +122,64 @@ def tell_where(folder: Path, target: Path, what: str) -> None:
         warn(f"{target} keeps its earlier result; {what} in {folder}")
 
 
-@dataclass(frozen=True)
-class SolveOptions:
-    """What the command line asks for.
+def solve_files(files: Sequence[Path], out: Path, changes: Sequence[str] = (), **options: Any) -> int:
+    """Solve every file; all are tried.
 
-    Attributes:
+    Args:
+        files: problem files.
+        out: directory of the output folders.
+        changes: keys of the problem files that are set to other values, each ``key.path=value``.
+        options: of ``_solve``.
+
+    Returns:
+        The exit code.
+    """
+    problems = NamedProblems(files, changes)
+    return run_all(files, lambda file: _solve(problems.read(file), out, **options))
+
+
+def _solve(
+    problem: Problem,
+    out: Path,
+    *,
+    terms: NamedTerms = NO_TERMS,
+    pictures: bool = True,
+    figure_format: FigureKind = "png",
+    explain: bool = True,
+    several: bool = False,
+) -> int:
+    """Make one plan, or plans from the fastest to the roomiest, the recommended one in the place of the only one.
+
+    Args:
+        problem: what is asked.
         out: directory of the output folders.
         terms: user constraints and costs.
-        changes: keys of the problem files that are set to other values, each ``key.path=value``.
         pictures: whether to draw.
         figure_format: of the still pictures.
         explain: whether a problem without a plan is explained in the time that is left.
         several: whether plans from the fastest to the roomiest are made in place of one.
     """
-
-    out: Path
-    terms: TermReferences = NO_TERMS
-    changes: tuple[str, ...] = ()
-    pictures: bool = True
-    figure_format: FigureKind = "png"
-    explain: bool = True
-    several: bool = False
-
-
-def solve_files(files: Sequence[Path], options: SolveOptions) -> int:
-    """Solve every file; all are tried.
-
-    Args:
-        files: problem files.
-        options: the options.
-
-    Returns:
-        The exit code.
-    """
-    problems = NamedProblems(files, options.changes)
-    return run_all(files, lambda file: _solve(problems.read(file), options))
-
-
-def _solve(problem: Problem, options: SolveOptions) -> int:
-    """Make one plan, or plans from the fastest to the roomiest, the recommended one in the place of the only one."""
-    target = options.out / problem.name
+    target = out / problem.name
     check_target(target)
     with stage_display(problem.name) as clock:
         clock.begin("loading")
         with no_search_for_cycles():
             from ccm_opt.driver.pipeline import solve  # noqa: PLC0415 - loads casadi and toppra
-        if options.several:
+        ways: tuple[Callable[..., Any], ...] = (solve, solution_files, plan_pictures, print_solution)
+        if several:
             from ccm_opt.driver.pareto import pareto  # noqa: PLC0415 - most want one plan
-        arguments = options.terms.loaded()
-        recorded = failures_recorded(problem, options.out, clock, pictures=options.pictures)
-        of_silence = failure_recorder(problem, options.out, clock, pictures=False)
+
+            ways = (pareto, pareto_files, pareto_pictures, print_pareto)
+        plan, files_of, pictures_of, tell = ways
+        arguments = loaded_terms(*terms)
+        recorded = failures_recorded(problem, out, clock, pictures=pictures)
+        of_silence = failure_recorder(problem, out, clock, pictures=False)
         with recorded, ended_when_silent(problem.name, problem.planner, clock, of_silence) as progress:
-            plan = pareto if options.several else solve
-            found = plan(problem, progress=progress, explain=options.explain, **arguments)
+            found = plan(problem, progress=progress, explain=explain, **arguments)
         clock.begin("writing")
-        files = pareto_files(found) if isinstance(found, ParetoPlans) else solution_files(found)
-        drawn: Mapping[str, bytes] = {}
+        files: Mapping[str, bytes] = files_of(found)
         try:
-            if options.pictures:
-                if isinstance(found, ParetoPlans):
-                    drawn = pareto_pictures(found, options.figure_format)
-                else:
-                    drawn = plan_pictures(found, options.figure_format)
+            drawn: Mapping[str, bytes] = pictures_of(found, figure_format) if pictures else {}
         except BaseException:
             # A plan whose drawing fails or is cancelled is written without pictures before the error goes on.
             write_unfinished(target, files)
@@ -191,16 +187,9 @@ def _solve(problem: Problem, options: SolveOptions) -> int:
         last_steps_uninterrupted()
         write_folder(target, {**files, **drawn})
         clock.finish()
-    best = found.best if isinstance(found, ParetoPlans) else found
+    best = found.best if several else found
     code = code_of_simulation(problem.name, best.simulation.verdict)
-
-    def show() -> None:
-        if isinstance(found, ParetoPlans):
-            print_pareto(found, clock, str(target))
-        else:
-            print_solution(found, clock, str(target))
-
-    return print_result(show, code, lambda: _data(files, target))
+    return print_result(lambda: tell(found, clock, str(target)), code, lambda: _data(files, target))
 
 
 def _data(files: Mapping[str, bytes], target: Path) -> dict[str, object]:

@@ -8,13 +8,13 @@ from pathlib import Path
 
 import numpy as np
 
-from ccm_opt.cli.loading import TermReferences
 from ccm_opt.cli.outcome import NO_PLAN, SOLVED, print_result, run_all, warn
 from ccm_opt.cli.output import ExportFormat, output
 from ccm_opt.cli.tables import checks_table, print_not_checked, print_room, report_console, units_of
 from ccm_opt.core.errors import ProblemError
 from ccm_opt.core.files import put_file_or_refuse
 from ccm_opt.driver.room_over_time import room_over_time
+from ccm_opt.ik.terms import Constraint, load_terms
 from ccm_opt.io.controller_points import controller_points, trajectory_texts
 from ccm_opt.io.folder import ARRAYS, model_meshes, model_texts
 from ccm_opt.io.glb import motion_glb
@@ -129,7 +129,7 @@ def _checks_of_constraints(problem: Problem, motion: SavedMotion, references: tu
     from ccm_opt.ik.compiled_terms import compile_terms  # noqa: PLC0415 - loads casadi
     from ccm_opt.ik.term_checks import checks_without_path  # noqa: PLC0415 - likewise
 
-    terms = compile_terms(problem.arm, TermReferences(references).loaded()["constraints"], ())
+    terms = compile_terms(problem.arm, load_terms(references, Constraint), ())
     whole = motion.trajectory
     ends = np.unique([0, *whole.stops, len(whole.time) - 1])
     found = []

@@ -321,14 +321,11 @@ def plan_figures(solution: Solution, units: PageUnits) -> list[Figure]:
     if "tip_error_m" in metrics:
         allowed = units.given(solution.problem.tolerances.position, "m")
         found.append((units.length(metrics["tip_error_m"]), f"from the goal, of {allowed} allowed"))
-    if "heading_error_rad" in metrics:
-        turn = units.given(min(solution.problem.tolerances.heading, pi), "rad")
-        found.append((units.shown(metrics["heading_error_rad"], "rad"), f"off the goal's heading, of {turn} allowed"))
-    if "direction_error_rad" in metrics:
-        turn = units.given(min(solution.problem.tolerances.heading, pi), "rad")
-        found.append(
-            (units.shown(metrics["direction_error_rad"], "rad"), f"off the goal's direction, of {turn} allowed")
-        )
+    for kind in ("heading", "direction"):
+        if f"{kind}_error_rad" in metrics:
+            turn = units.given(min(solution.problem.tolerances.heading, pi), "rad")
+            off = units.shown(metrics[f"{kind}_error_rad"], "rad")
+            found.append((off, f"off the goal's {kind}, of {turn} allowed"))
     if "leader_deviation_worst_m" in metrics:
         mean = units.length(metrics["leader_deviation_mean_m"])
         found.append(

@@ -239,7 +239,7 @@ def tolerance_section(errors: Sequence[SurvivedError], units: PageUnits, *, in_s
     if not errors:
         return None
     told = (survived_in_words(error, units, in_space=in_space) for error in errors)
-    items = (element("li", f"{each.wrong.capitalize()} {each.size}: limited by {each.where}.") for each in told)
+    items = (element("li", f"{wrong.capitalize()} {size}: limited by {where}.") for wrong, size, where in told)
     return element("section", element("h2", "What it survives, one error at a time"), element("ul", *items))
 
 

@@ -2,7 +2,6 @@
 
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 import shapely
@@ -152,23 +151,8 @@ _WRONG = {
 _TIME = re.compile(r" at t = (\d+(?:\.\d+)?) s")
 
 
-@dataclass(frozen=True)
-class SurvivedWords:
-    """One error for people.
-
-    Attributes:
-        wrong: what is otherwise than planned.
-        size: the largest that is survived, with its unit.
-        where: what limits it, and when.
-    """
-
-    wrong: str
-    size: str
-    where: str
-
-
-def survived_in_words(error: SurvivedError, units: PageUnits, *, in_space: bool) -> SurvivedWords:
-    """The words of one error.
+def survived_in_words(error: SurvivedError, units: PageUnits, *, in_space: bool) -> tuple[str, str, str]:
+    """What is otherwise than planned, the largest error that is survived, and what limits it, and when.
 
     Args:
         error: that is survived, with what limits it.
@@ -177,7 +161,7 @@ def survived_in_words(error: SurvivedError, units: PageUnits, *, in_space: bool)
     """
     where = _TIME.sub(lambda time: f" at {float(time[1]):.2f} s", error.where)
     least = "" if error.limited else "≥ "
-    return SurvivedWords(
+    return (
         _WRONG.get(error.name, error.name),
         least + units.shown(error.size, error.unit, error.size),
         joint_in_words(where, in_space=in_space),

@@ -152,7 +152,7 @@ def code_of(method: str) -> str:
     """
     digest = hashlib.sha256(_digest_of_package(OURS, NOT_MET).encode())
     if method == "ompl":
-        digest.update(_version("ompl").encode())
+        digest.update(metadata.version("ompl").encode())
     if method not in METHODS:
         # All of the top-level package: a planner may well be changed in a module that its own imports.
         digest.update(_digest_of_package(method.partition(":")[0].partition(".")[0], ()).encode())
@@ -181,10 +181,3 @@ def _sources(name: str) -> Iterator[tuple[str, Path]]:
     for folder in map(Path, folders):
         files = (file for file in folder.rglob("*") if file.suffix in SOURCES and file.is_file())
         yield from sorted((file.relative_to(folder).as_posix(), file) for file in files)
-
-
-def _version(distribution: str) -> str:
-    try:
-        return metadata.version(distribution)
-    except metadata.PackageNotFoundError:
-        return ""
