@@ -177,31 +177,6 @@ def _disc(middle: FloatArray, radius: float) -> shapely.Geometry:
     return disc
 
 
-def wide_space(
-    problem: Problem,
-    goal: FloatArray,
-    tolerance: float,
-    inflation: float | None = None,
-    workspace: Workspace | None = None,
-) -> WideSpace:
-    """The wide free space of a problem.
-
-    Args:
-        problem: what was asked.
-        goal: of the tip, shape (2,) [m].
-        tolerance: of the goal's position [m].
-        inflation: distance of the axis from walls [m]; radius and clearance when None.
-        workspace: another workspace, or the problem's when None.
-    """
-    arm = problem.arm
-    workspace = workspace or problem.workspace
-    if inflation is None:
-        inflation = arm.radius + workspace.clearance
-    # Touching is not hitting: a passage exactly as wide as the arm is open.
-    inflation -= overlap_missed(arm)
-    return WideSpace(workspace, max(inflation, SHORTEST), arm.base, arm.mount_length, goal, tolerance)
-
-
 def passages(problem: Problem, until: Deadline) -> Iterator["PassageWays"]:
     """Yield the ways to every goal of the tip: from the base, or from the hole of a feed axis."""
     for place in tip_places(problem):
@@ -277,9 +252,11 @@ class PassageWays(Ways):
 
     def at(self, inflation: float, workspace: Workspace | None = None) -> WideSpace:
         """Free space with another inflation, or in another workspace."""
-        goal = self.place.goal.position
-        tolerance = self.place.tolerances.position
-        return wide_space(self.fixed, goal, tolerance, inflation, workspace)
+        arm = self.arm
+        # Touching is not hitting: a passage exactly as wide as the arm is open.
+        kept = max(inflation - overlap_missed(arm), SHORTEST)
+        ends = (self.place.goal.position, self.place.tolerances.position)
+        return WideSpace(workspace or self.problem.workspace, kept, arm.base, arm.mount_length, *ends)
 
     @property
     def closed(self) -> bool:

@@ -22,7 +22,7 @@ from ccm_opt.problem.solution import (
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.configuration import Configuration
 from ccm_opt.verification.consistency import check_followed_curves, check_keyframes, check_nearest_curves
-from ccm_opt.verification.tolerance.error_model import DEFAULT_TOLERANCE, MODELS, ErrorModel
+from ccm_opt.verification.tolerance.error_model import DEFAULT_TOLERANCE, error_models
 from ccm_opt.verification.tolerance.survived_errors import survived_error
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
 
@@ -203,7 +203,7 @@ def _checks(recorded: Sequence[Check], checks: Sequence[Check], settings: Verifi
 
 def _survived(problem: Problem, trajectory: JointTrajectory, recorded: Sequence[SurvivedError]) -> Check:
     """Recorded errors that are survived: each is proved once more, and larger ones are not looked for."""
-    models: dict[str, ErrorModel] = {model.name: model for model in (make(problem.arm) for make in MODELS)}
+    models = error_models(problem.arm)
     wrong = []
     for error in recorded:
         model = models.get(error.name)

@@ -42,8 +42,6 @@ REGION_TINT = "#dbe7ee"
 FOLD = "#f0b429"
 PRESSED = "#b5179e"
 """Sides that a pose leans on."""
-TUBE = "#f2c9a1"
-"""Room that an arm with errors may sweep beside what it sweeps as planned."""
 HEADING_COLOURS = "YlGnBu"
 """Colour map of cells that the tip reaches: few headings to all of them."""
 LEAST_SHADE = 0.12

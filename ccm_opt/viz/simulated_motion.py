@@ -4,7 +4,6 @@ Each link is drawn as wide as the errors that the plan survives may take it, by 
 """
 
 import numpy as np
-import shapely
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.gridspec import GridSpec
@@ -14,10 +13,9 @@ from ccm_opt.core.length_words import METRES
 from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import JointStates, JointTrajectory, SimulatedMotion, SurvivedError
 from ccm_opt.robot.frames import joint_positions_3d
-from ccm_opt.verification.tolerance.error_model import joint_errors, moved_by_joint_errors
-from ccm_opt.verification.tolerance.survived_errors import tube_of
+from ccm_opt.verification.tolerance.error_model import moved_by_joint_errors
 from ccm_opt.viz import figure_files as style
-from ccm_opt.viz.arm_drawing import PLANE, SIDES, Side, draw_body, polygon_patch, whole_room
+from ccm_opt.viz.arm_drawing import PLANE, SIDES, Side, whole_room
 from ccm_opt.viz.arm_section import draw_section
 from ccm_opt.viz.figure_files import figure_png
 from ccm_opt.viz.settings import PICTURES
@@ -138,18 +136,21 @@ def tolerance_png(problem: Problem, trajectory: JointTrajectory, error: Survived
         trajectory: the plan.
         error: of the joints, that it survives.
     """
-    draw = _tolerance_in_space if problem.dimension == 3 else _tolerance_in_plane
-    return figure_png(lambda: draw(problem, trajectory, error))
+    return figure_png(lambda: _tolerance_figure(problem, trajectory, error))
 
 
-def _tolerance_in_space(problem: Problem, trajectory: JointTrajectory, error: SurvivedError) -> Figure:
+def _tolerance_figure(problem: Problem, trajectory: JointTrajectory, error: SurvivedError) -> Figure:
     number = len(trajectory.time) - 1 if error.time is None else int(np.argmin(np.abs(trajectory.time - error.time)))
-    points = problem.arm.joint_positions_at(trajectory.positions[number])
+    pose = trajectory.positions[number]
+    worst = pose.copy()
+    worst[: len(error.worst)] += error.size * np.array(error.worst)
+    points, off = problem.arm.joint_positions_at(np.stack((pose, worst)))
     moved = moved_by_joint_errors(problem.arm, points, error.size)
     sheet = Sheet.of(problem, window_of(problem, points))
     for axes, side in sheet.views:
         _draw_reach_of_errors(axes, side(points), problem.arm.radius + moved)
         draw_pose(axes, side, points, problem.arm.radius, "end", "arm")
+        axes.plot(*side(off).T, color=style.PRESSED, linewidth=1.1, zorder=8, label="with the worst errors")
         _mark_limiting_place(axes, side, error)
     if sheet.section is not None:
         _draw_section_with_errors(sheet.section, problem, points, moved)
@@ -168,7 +169,7 @@ def _draw_reach_of_errors(axes: Axes, flat: FloatArray, half: FloatArray) -> Non
     """
     scale = points_a_metre(axes)
     for link, width in enumerate(half):
-        label = "where errors may take it" if link == 0 else ""
+        label = "errors take it no farther" if link == 0 else ""
         ends = flat[link : link + 2].T
         axes.plot(
             *ends, color=style.START_EDGE, linewidth=max(2.0 * width * scale, 1.2), solid_capstyle="round", zorder=5,
@@ -193,37 +194,3 @@ def _draw_section_with_errors(axes: Axes, problem: Problem, points: FloatArray, 
     along = arm.link_length * (np.arange(arm.links) + 0.5) / unit
     for sign in (1.0, -1.0):
         axes.plot(along, sign * (arm.radius + moved) / unit, color=style.START_EDGE, linewidth=1.0, zorder=4)
-
-
-def _tolerance_in_plane(problem: Problem, trajectory: JointTrajectory, joints: SurvivedError) -> Figure:
-    tube = tube_of(problem.arm, trajectory, joint_errors(problem.arm), joints.size)
-    sheet = Sheet.of(problem, whole_room(problem.workspace))
-    ((axes, _),) = sheet.views
-    _draw_region(axes, tube.region, style.TUBE, "may be swept", 2.2)
-    _draw_region(axes, tube.planned, style.REGION_TINT, "swept as planned", 2.4)
-    if joints.time is not None:
-        _draw_limiting_pose(axes, problem, trajectory, joints)
-    least = "" if joints.limited else "at least "
-    sheet.finish(f"{problem.name}: every joint may be off by {least}{np.rad2deg(joints.size):.3g}°")
-    return sheet.figure
-
-
-def _draw_region(axes: Axes, region: shapely.Geometry, colour: str, label: str, zorder: float) -> None:
-    for part in getattr(region, "geoms", [region]):
-        axes.add_patch(polygon_patch(part, facecolor=colour, edgecolor="none", zorder=zorder, label=label))
-        label = ""
-
-
-def _draw_limiting_pose(axes: Axes, problem: Problem, trajectory: JointTrajectory, joints: SurvivedError) -> None:
-    """The pose that limits the error, the same with the worst errors, and a ring about the place."""
-    arm = problem.arm
-    pose = np.array([np.interp(joints.time or 0.0, trajectory.time, column) for column in trajectory.positions.T])
-    worst = pose.copy()
-    worst[: arm.links] += joints.size * np.array(joints.worst)
-    planned, off = arm.joint_positions_at(np.stack((pose, worst)))
-    draw_body(axes, planned, arm.radius, style.START, style.START_EDGE, label="the pose that limits it", zorder=3.0)
-    axes.plot(off[:, 0], off[:, 1], color=style.PRESSED, linewidth=1.1, zorder=6.0, label="with the worst errors")
-    axes.plot(
-        *joints.place, marker="o", markersize=11, markerfacecolor="none", markeredgewidth=1.6, color=style.PRESSED,
-        zorder=9, linestyle="none", label="the place",
-    )  # fmt: skip

@@ -40,8 +40,8 @@ from ccm_opt.verification.consistency import check_followed_curves, check_keyfra
 from ccm_opt.verification.interpolated_message import interpolation_deviation
 from ccm_opt.verification.newton_euler import drive_efforts
 from ccm_opt.verification.selfcollision import check_self_collision
-from ccm_opt.verification.tolerance.error_model import MODELS, base_heading_error, joint_errors
-from ccm_opt.verification.tolerance.survived_errors import survived_error, tube_of, worst_motion
+from ccm_opt.verification.tolerance.error_model import error_models
+from ccm_opt.verification.tolerance.survived_errors import survived_error
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION
 from ccm_opt.verification.verifier import left_unchecked, verify
 from ccm_opt.verification.wall_clearance import check_walls
@@ -316,12 +316,8 @@ def survived(scale: float) -> None:
         still = np.zeros_like(poses)
         trajectory = JointTrajectory(0.01 * np.arange(4), poses, still, still, arm.coordinates)
         room = Workspace(ROOM, walls(), 0.001)
-        for make in MODELS:
-            found = survived_error(bare_problem(arm, room), trajectory, make(arm))
-            if found.worst:
-                worst_motion(trajectory, found, 1.5 * found.size)
-        for model in (joint_errors(arm), base_heading_error(arm)):
-            tube_of(arm, trajectory, model, 0.01)
+        for model in error_models(arm).values():
+            survived_error(bare_problem(arm, room), trajectory, model)
 
 
 def keyframes_held(scale: float) -> None:

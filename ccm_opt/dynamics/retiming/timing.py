@@ -11,7 +11,7 @@ import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Protocol, Self
+from typing import TypeAlias
 
 import numpy as np
 from scipy.interpolate import BSpline
@@ -68,18 +68,8 @@ class Chords:
         return cls(link_length, max(_SPARE_SHARE * path.spare, settings.hair))
 
 
-class Profile(Protocol):
-    """A motion along the path parameter."""
-
-    @property
-    def duration(self) -> float:
-        """Time from rest to rest [s]."""
-
-    def at(self, time: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """s, ṡ and s̈ at given times."""
-
-    def slowed(self, factor: float) -> Self:
-        """The same profile with all times longer by a factor."""
+Profile: TypeAlias = SpeedProfile | SmoothProfile
+"""A motion along the path parameter."""
 
 
 def sample_motion(
@@ -423,7 +413,7 @@ class _Timing:
         # As between the points of a grid, samples will fall beside the looks.
         return profile.slowed(max(needed_stretch(looks, self.limits) / self.settings.profile.dense_share, 1.0))
 
-    def sampled(self, profile: SpeedProfile | SmoothProfile, step: float, chords: Chords | None) -> MotionSamples:
+    def sampled(self, profile: Profile, step: float, chords: Chords | None) -> MotionSamples:
         """Samples that keep the limits, of the motion or one a little slower."""
         settings = self.settings.sampling
         for _ in range(_RESAMPLINGS):
@@ -447,7 +437,7 @@ class _Timing:
             profile = profile.slowed(stretch)
         raise _no_speed(profile)
 
-    def _with_all_seen(self, samples: MotionSamples, profile: SpeedProfile | SmoothProfile) -> MotionSamples:
+    def _with_all_seen(self, samples: MotionSamples, profile: Profile) -> MotionSamples:
         """The samples, with more between them where accelerations swing unseen."""
         settings = self.settings.sampling
         for _ in range(_CUTTINGS):
@@ -457,7 +447,7 @@ class _Timing:
             samples = samples_at(self.path.spline, profile, time)
         return samples
 
-    def _jumps(self, profile: SpeedProfile | SmoothProfile) -> FloatArray | None:
+    def _jumps(self, profile: Profile) -> FloatArray | None:
         """When the motion's accelerations jump; None for a motion whose jerk is limited."""
         if isinstance(profile, SmoothProfile):
             return None
@@ -466,7 +456,7 @@ class _Timing:
         return profile.jumps(gain, _JUMP)
 
 
-def _no_speed(profile: SpeedProfile | SmoothProfile) -> RetimingError:
+def _no_speed(profile: Profile) -> RetimingError:
     return RetimingError(
         Diagnosis(
             reason=f"no speed was found that keeps the limits; the slowest motion tried takes {profile.duration:.4g} s",

@@ -16,7 +16,6 @@ the one stay, and on the other the corners of the other. Either of them may be t
 leave it to the observer whether they move the arm against what stands still, or that against a link.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
@@ -66,34 +65,21 @@ def joint_errors(arm: Arm) -> ErrorModel:
     return ErrorModel("joints", "rad", turns, feed=feed)
 
 
-def base_heading_error(arm: Arm) -> ErrorModel:
-    """The arm stands turned about its base."""
-    return ErrorModel("base heading", "rad", np.append(1.0, np.zeros(arm.links)), with_itself=False)
+def error_models(arm: Arm) -> dict[ErrorName, ErrorModel]:
+    """Everything that may be wrong with the geometry, by its name.
 
-
-def link_length_errors(arm: Arm) -> ErrorModel:
-    """Every link is longer or shorter by as much as the unit, each by itself."""
-    return ErrorModel("link lengths", "m", np.zeros(arm.links + 1), stretch=1.0)
-
-
-def base_position_error(arm: Arm) -> ErrorModel:
-    """The arm stands beside its place, in any direction."""
-    return ErrorModel("base position", "m", np.zeros(arm.links + 1), shift=1.0, with_itself=False)
-
-
-def wall_errors(arm: Arm) -> ErrorModel:
-    """Every wall is nearer to the arm by as much as the unit: the certified least gap."""
-    return ErrorModel("walls", "m", np.zeros(arm.links + 1), shift=1.0, with_itself=False)
-
-
-MODELS: tuple[Callable[[Arm], ErrorModel], ...] = (
-    joint_errors,
-    link_length_errors,
-    base_heading_error,
-    base_position_error,
-    wall_errors,
-)
-"""Everything that may be wrong with the geometry."""
+    They are the joints; every link longer or shorter by as much as the unit, each by itself; the arm turned about its
+    base, or beside its place in any direction; and every wall nearer to the arm by as much, the certified least gap.
+    """
+    still = np.zeros(arm.links + 1)
+    models = (
+        joint_errors(arm),
+        ErrorModel("link lengths", "m", still, stretch=1.0),
+        ErrorModel("base heading", "rad", np.append(1.0, np.zeros(arm.links)), with_itself=False),
+        ErrorModel("base position", "m", still, shift=1.0, with_itself=False),
+        ErrorModel("walls", "m", still, shift=1.0, with_itself=False),
+    )
+    return {model.name: model for model in models}
 
 
 @dataclass(frozen=True)

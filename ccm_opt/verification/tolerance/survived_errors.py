@@ -1,4 +1,4 @@
-"""Errors that a plan survives, and the tube that an arm in the plane may sweep with them.
+"""Errors that a plan survives.
 
 The proof is that of the gap, with every gap told as the error that it survives: that which all pairs are proved to keep
 at all times is certified. The least that was met, at a known place and time, says that this bound could not certify
@@ -6,11 +6,9 @@ more.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import replace
 
 import numpy as np
-import shapely
 
 from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.problem import Problem
@@ -23,12 +21,12 @@ from ccm_opt.verification.selfcollision import LinkProof, first_distant, segment
 from ccm_opt.verification.stretch_proof import Measured, Nearest, Pairs
 from ccm_opt.verification.tolerance.error_model import (
     DEFAULT_TOLERANCE,
-    MODELS,
     Chains,
     ErrorLevers,
     ErrorModel,
     Reaches,
     ToleranceSettings,
+    error_models,
     largest_error,
     survived,
 )
@@ -47,7 +45,7 @@ def survived_errors(
     problem: Problem, trajectory: JointTrajectory, settings: ToleranceSettings = DEFAULT_TOLERANCE
 ) -> tuple[SurvivedError, ...]:
     """The largest errors of every kind, one kind at a time; arguments as for ``survived_error``."""
-    return tuple(survived_error(problem, trajectory, make(problem.arm), settings) for make in MODELS)
+    return tuple(survived_error(problem, trajectory, model, settings) for model in error_models(problem.arm).values())
 
 
 def survived_error(
@@ -353,86 +351,3 @@ def _worst_signs(arm: Arm, q: FloatArray, gap: Callable[[FloatArray], FloatArray
     inside = DEFAULT_VERIFICATION.inside
     held = np.repeat(out < -inside, bends // arm.links) if arm.base_axes else np.zeros(bends, dtype=bool)
     return tuple(float(sign) + 0.0 for sign in np.where(held, 0.0, signs))
-
-
-def worst_motion(trajectory: JointTrajectory, error: SurvivedError, size: float) -> FloatArray:
-    """Bends of a motion whose joints are off all the time as leads to a touch soonest, shape (T, bends) [rad].
-
-    Args:
-        trajectory: the plan.
-        error: what its joints survive.
-        size: of the error of every joint [rad].
-    """
-    return np.asarray(trajectory.bend_angles + size * np.array(error.worst))
-
-
-_TUBE_DIRECTIONS = 24
-"""Directions in which the places of every joint are bounded for the picture of the tube. Taste."""
-_TUBE_POSES = 160
-"""Poses of that picture. Taste."""
-_THIN_SHARE = 1e-3
-"""Radius that an arm of no width has in that picture, as a share of its length. Taste."""
-
-
-@dataclass(frozen=True)
-class Tube:
-    """What an arm in the plane may sweep.
-
-    Attributes:
-        region: everything that it may sweep during the motion, its width included.
-        planned: what it sweeps without errors.
-    """
-
-    region: shapely.Geometry
-    planned: shapely.Geometry
-
-
-def tube_of(arm: Arm, trajectory: JointTrajectory, model: ErrorModel, size: float) -> Tube:
-    """The tube of a motion at poses spread over it, bounded in some directions by the reach of its joints' errors.
-
-    Args:
-        arm: the arm.
-        trajectory: the plan.
-        model: what may be wrong.
-        size: of the error [unit].
-    """
-    chosen = np.unique(np.linspace(0, len(trajectory.time) - 1, _TUBE_POSES).astype(np.intp))
-    poses = chain_points(arm, trajectory.positions[chosen])
-    corners = np.stack([_corners(arm, poses, joint, model, size) for joint in range(arm.links + 1)], axis=1)
-    # A link lies in the hull of the places of its ends.
-    pairs = np.concatenate((corners[:, :-1], corners[:, 1:]), axis=2).reshape(-1, 2 * corners.shape[2], 2)
-    hulls = shapely.convex_hull(shapely.multipoints(pairs))
-    # An arm without width is drawn as a thin line.
-    radius = max(arm.radius, _THIN_SHARE * arm.length)
-    return Tube(_grown(hulls, radius), _grown(shapely.linestrings(poses), radius))
-
-
-def _corners(arm: Arm, poses: FloatArray, joint: int, model: ErrorModel, size: float) -> FloatArray:
-    """Corners of a polygon about the places of one joint at some poses, shape (m, directions, 2) [m]."""
-    angles = np.linspace(0.0, 2.0 * np.pi, _TUBE_DIRECTIONS, endpoint=False)
-    normal = np.stack((np.cos(angles), np.sin(angles)), axis=1)
-    square = np.stack((-np.sin(angles), np.cos(angles)), axis=1)
-    count = len(poses)
-    pose = np.repeat(np.arange(count), _TUBE_DIRECTIONS)
-    chains = Chains(pose, np.zeros_like(pose), np.full_like(pose, joint - 1), fixed=True)
-    levers = ErrorLevers(arm, model, DEFAULT_VERIFICATION.inside)
-    reaches = levers.along(
-        poses,
-        np.zeros(poses.shape[:2]),
-        chains,
-        poses[pose, joint][:, None],
-        np.zeros(len(pose)),
-        np.tile(normal, (count, 1)),
-        outwards=True,
-    )
-    support = (size * reaches.middle + size**2 * reaches.bow).reshape(count, -1) + (poses[:, joint]) @ normal.T
-    # Neighbouring sides, at ν and ν + ω, meet at h n + (h' − h cos ω) / sin ω t, with t square to n.
-    step = 2.0 * np.pi / _TUBE_DIRECTIONS
-    along = (np.roll(support, -1, axis=1) - support * np.cos(step)) / np.sin(step)
-    return np.asarray(support[..., None] * normal + along[..., None] * square)
-
-
-def _grown(shapes: Any, radius: float) -> shapely.Geometry:
-    # Grown one by one: the union of thousands of lines that cross would be far dearer.
-    union: shapely.Geometry = shapely.union_all(shapely.buffer(shapes, radius, quad_segs=8))
-    return union
