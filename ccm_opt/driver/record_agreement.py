@@ -19,8 +19,6 @@ from ccm_opt.problem.solution import (
     SimulationVerdict,
     SurvivedError,
 )
-from ccm_opt.robot.arm import Arm
-from ccm_opt.robot.configuration import Configuration
 from ccm_opt.verification.consistency import check_followed_curves, check_keyframes, check_nearest_curves
 from ccm_opt.verification.tolerance.error_model import DEFAULT_TOLERANCE, error_models
 from ccm_opt.verification.tolerance.survived_errors import survived_error
@@ -35,16 +33,6 @@ _FIGURE_SHARE = 1e-6
 """Share by which a written figure may differ from that of the arrays. Taste: far above rounding."""
 _FIGURE_FLOOR = 1e-9
 """Difference of figures beside that share: figures of nothing but rounding are alike. Taste."""
-
-
-def keyframe_curves(arm: Arm, keyframes: FloatArray) -> tuple[Configuration, ...]:
-    """The curves whose mean headings on the links come nearest to those of the keyframes.
-
-    Args:
-        arm: the arm.
-        keyframes: of all its coordinates, shape (K, c) [rad, m].
-    """
-    return nearest_curves(arm, keyframes)
 
 
 _OF_PLANNING = ("cost_", "residual_")
@@ -104,7 +92,7 @@ def _curves(problem: Problem, motion: SavedMotion) -> Check:
     curves = recorded_curves(motion.arrays, problem.arm)
     if problem.planner.method != "nlp":
         return check_followed_curves(problem.arm, curves, motion.keyframes)
-    return check_nearest_curves(curves, keyframe_curves(problem.arm, motion.keyframes))
+    return check_nearest_curves(curves, nearest_curves(problem.arm, motion.keyframes))
 
 
 def _at_rest(motion: SavedMotion) -> Check:

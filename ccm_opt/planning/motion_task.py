@@ -16,7 +16,6 @@ from ccm_opt.planning.limits.gate_rails import GateLines, GateRails
 from ccm_opt.planning.limits.limit import Limit
 from ccm_opt.planning.limits.limit_stack import ContactLimit, limits_with
 from ccm_opt.planning.limits.motion_certificate import MotionCertificate
-from ccm_opt.planning.limits.user_limit import UserLimit
 from ccm_opt.planning.link_space import FedSpace, LinkSpace, nearest_curves
 from ccm_opt.planning.motion import Motion
 from ccm_opt.planning.optimisation.objective import JointSlowness, normalised
@@ -74,7 +73,6 @@ class MotionTask(SearchTask):
         clamped: whether the first link must keep its heading.
         further_guesses: makes more such poses, when the first do not help.
         slowness: of the joints; None when all are alike.
-        user_limits: what the user asks of the motion; usually nothing.
         end_poses: better configurations at the goal than one in which a motion of an arm ends, the best first, all of
             shape (c,).
         fed_space: in which an arm on a feed axis moves; None where the base is fixed, and the arm moves in the curves
@@ -89,7 +87,6 @@ class MotionTask(SearchTask):
     clamped: bool = False
     further_guesses: Callable[[], Iterator[FloatArray]] = field(default=lambda: iter(()))
     slowness: JointSlowness | None = None
-    user_limits: tuple[UserLimit, ...] = ()
     end_poses: EndPosesOffered = field(default=lambda _arm, _end: ())
     fed_space: FedSpace | None = None
     nominal_links: float = NOMINAL_LINKS

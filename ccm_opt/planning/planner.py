@@ -152,9 +152,9 @@ class MotionPlanner:
     first_found: bool = False
 
     @property
-    def user_limits(self) -> tuple[UserLimit, ...]:
-        """The user's constraints and costs as limits of the motion; usually none."""
-        return () if self.terms is None else (UserLimit(self.terms),)
+    def user(self) -> UserLimit | None:
+        """The user's constraints and costs as a limit of motions in the plane; usually None."""
+        return None if self.terms is None else UserLimit(self.terms)
 
     def plan(self, problem: Problem) -> JointPath:
         """Plan a certified motion to the problem's goal.
@@ -200,8 +200,8 @@ class MotionPlanner:
         deadline = Deadline.after(_SHARE_IN_THE_PLANE * problem.planner.time_limit)
         with self.stages("mapping"):
             ends = resolve_ends(problem)
-            for limit in self.user_limits:
-                limit.refuse_ends(ends.start, ends.goal_pose)
+            if self.user is not None:
+                self.user.refuse_ends(ends.start, ends.goal_pose)
             near = neighbourhood(problem, ends)
 
         # Routes and guesses of goal poses, then the certified motion of the links, then the smooth path along it.
@@ -271,7 +271,7 @@ class MotionPlanner:
             seed=problem.planner.seed,
             weights=problem.planner.weights,
             slowness=slowness(problem),
-            user_limits=self.user_limits,
+            user=self.user,
             wanted_gap=problem.wanted_gap,
             held=(GuideTubeLimit(arm, travel_between_samples(arm, problem.limits)),) if arm.base_axes else (),
             # In it a way of the base counts by the time that it takes.

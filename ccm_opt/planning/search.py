@@ -103,6 +103,7 @@ class SearchTask(ABC):
         wanted_gap: room beyond radius and clearance that the motion keeps where there is so much [m].
         seed: of the random numbers.
         refuse: raises where it is proved that there is no motion; asked once, before what takes long.
+        user: the user's constraints and costs; None where there are none.
         held: limits of the motion beside contact, joints, turns and what the user asks; in the plane a guide tube.
         settings: numbers of every stage of the search.
     """
@@ -118,13 +119,14 @@ class SearchTask(ABC):
     wanted_gap: float = 0.0
     seed: int = 0
     refuse: Callable[[], None] = field(default=lambda: None)
+    user: UserLimit | None = None
     held: tuple[LimitOf[Any], ...] = ()
     settings: EngineSettings = field(default_factory=EngineSettings)
 
     @property
-    @abstractmethod
     def user_limits(self) -> tuple[UserLimit, ...]:
         """What the user asks of the motion; usually nothing."""
+        return () if self.user is None else (self.user,)
 
     @property
     @abstractmethod

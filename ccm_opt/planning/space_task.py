@@ -17,14 +17,13 @@ from ccm_opt.planning.goal import GoalPose, moved_onto
 from ccm_opt.planning.limits.limit import LimitOf
 from ccm_opt.planning.limits.limit_stack import ContactLimit, FeedLimit, limits_with, within_limits
 from ccm_opt.planning.limits.motion_certificate import MotionCertificate
-from ccm_opt.planning.limits.surface_rows import motion_rows, room_lacking
+from ccm_opt.planning.limits.surface_rows import distance_lacking, motion_rows, room_lacking
 from ccm_opt.planning.limits.user_limit import UserLimit
 from ccm_opt.planning.motion import SpaceMotion
 from ccm_opt.planning.optimisation.interval_rows import Sweep
 from ccm_opt.planning.optimisation.objective import normalised
 from ccm_opt.planning.optimisation.sequential_convex import MotionProgram
 from ccm_opt.planning.passed_places import PassedPlaces, first_missed
-from ccm_opt.planning.room_lacking import distance_lacking
 from ccm_opt.planning.search import SearchTask
 from ccm_opt.planning.settings import SpaceMotionSettings
 from ccm_opt.planning.space_certificate import SpaceCertificate
@@ -70,7 +69,6 @@ class SpaceTask(SearchTask):
         names: of the owners of surfaces.
         slowness: how dear a unit of each coordinate is, by the speed that it allows, shape (c,); of bends about 1.
         settings: numbers of the search.
-        user: the user's constraints and costs; None where there are none.
         stage: curve and unknowns, shape (p,), that a longer motion has come to; None where it begins at the start.
     """
 
@@ -82,7 +80,6 @@ class SpaceTask(SearchTask):
     names: tuple[str, ...]
     slowness: FloatArray
     settings: SpaceMotionSettings = field(default_factory=SpaceMotionSettings)
-    user: UserLimit | None = None
     stage: tuple[CurveMap, FloatArray] | None = None
 
     @property
@@ -184,11 +181,6 @@ class SpaceTask(SearchTask):
     def _lack(self, sweep: Sweep) -> float:
         """Room that a motion lacks over all its intervals, in nominal links."""
         return float(np.sum(room_lacking(sweep, self.finder(0.0, 0.0), self.wanted_gap))) / self.unit
-
-    @property
-    def user_limits(self) -> tuple[UserLimit, ...]:
-        """What the user asks of the motion."""
-        return () if self.user is None else (self.user,)
 
     def room_lacking(self, q: FloatArray) -> FloatArray:
         """By how much configurations, shape (k, c), lack the wanted room, shape (k,) [m]."""

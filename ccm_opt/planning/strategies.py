@@ -176,7 +176,7 @@ def tracked(task: MotionTask, failures: list[Failure]) -> Motion | None:
     For limits over the path parameter. Where candidates fail under limits that do not depend on it, tracking is another
     way to keep them.
     """
-    free = replace(task, user_limits=())
+    free = replace(task, user=None)
     for margin in fitting_margins(task):
         found = next((each for each in candidate_motions(free, margin, []) if each is not None), None)
         if found is None:

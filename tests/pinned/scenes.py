@@ -14,8 +14,8 @@ import shapely
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.errors import CcmError
-from ccm_opt.driver.record_agreement import keyframe_curves
 from ccm_opt.driver.room_over_time import room_over_time
+from ccm_opt.planning.link_space import nearest_curves
 from ccm_opt.problem import (
     JointPose,
     Limits,
@@ -206,7 +206,7 @@ def other_goals(scale: float) -> None:
         problem, trajectory = plan_of(scale, fed=fed)
         arm = problem.arm
         joints = states_of(problem, trajectory)
-        curves = keyframe_curves(arm, trajectory.positions[[0, -1]])
+        curves = nearest_curves(arm, trajectory.positions[[0, -1]])
         tip = tips(arm, trajectory.positions[-1:])[0]
         for goal in (
             JointPose.along(arm, curves[1], feed=0.23 if fed else 0.0),
@@ -326,7 +326,7 @@ def keyframes_held(scale: float) -> None:
         problem, trajectory = plan_of(scale, fed=fed)
         arm = problem.arm
         keyframes = trajectory.positions[[0, 80, 200, 333, 420, 560, -1]]
-        curves = keyframe_curves(arm, keyframes)
+        curves = nearest_curves(arm, keyframes)
         longer = [Configuration(c.base, c.segments[:-1]) for c in curves]
         for some in (keyframes, keyframes + 0.05, keyframes[::-1], keyframes[:0], keyframes[2:]):
             check_keyframes(arm, trajectory, some)

@@ -27,10 +27,10 @@ def _keyframes(folder: Folder) -> None:
 
 def curves_of(folder: Folder) -> dict[str, np.ndarray]:
     """The curves that belong to a folder's keyframes."""
-    from ccm_opt.driver.record_agreement import keyframe_curves
     from ccm_opt.io.records import curve_arrays
+    from ccm_opt.planning.link_space import nearest_curves
 
-    return dict(curve_arrays(keyframe_curves(folder.solution.problem.arm, folder.arrays["keyframes"])))
+    return dict(curve_arrays(nearest_curves(folder.solution.problem.arm, folder.arrays["keyframes"])))
 
 
 def _scaled(name: str) -> Change:

@@ -12,7 +12,7 @@ import numpy as np
 from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.planning.limits.limit_stack import ContactLimit
 from ccm_opt.planning.optimisation.interval_rows import STILL, IntervalRows, Sweep, joined_rows, pair_rows
-from ccm_opt.planning.room_lacking import distance_lacking
+from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.contact_finder import SurfaceFinder
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 
@@ -134,3 +134,21 @@ def _of_points(interval: IntArray, share: float, point: IntArray, normal: FloatA
 def _free_points(sweep: Sweep, point: IntArray) -> IntArray:
     """Which points can be moved: not the first joint unless it is fed."""
     return np.flatnonzero((point > 0) | bool(sweep.space.arm.base_axes))
+
+
+def distance_lacking(arm: Arm, tree: SurfaceTree, points: FloatArray, kept: float) -> FloatArray:
+    """By how much the axes of the links beyond the mount are nearer to surfaces than they ought to be.
+
+    Args:
+        arm: whose links they are.
+        tree: of the surfaces.
+        points: joints and tip of some poses, shape (k, links + 1, 3) [m].
+        kept: distance from the axes that surfaces ought to keep [m].
+
+    Returns:
+        Of every pose, at least 0, shape (k,) [m].
+    """
+    first = int(np.ceil(arm.mount_length / arm.link_length - 1e-9))
+    segments = np.stack((points[:, first:-1], points[:, first + 1 :]), axis=2)
+    distances = tree.distances(segments.reshape(-1, 2, 3), kept)
+    return np.asarray(kept - np.min(distances.reshape(len(points), -1), axis=1, initial=kept))
