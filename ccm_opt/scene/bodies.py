@@ -206,6 +206,12 @@ class _Solid:
         """Its triangles, shape (m, 3, 3) [m]."""
         raise NotImplementedError
 
+    @property
+    def middle(self) -> FloatArray:
+        """Middle of the box about its triangles, shape (3,) [m]."""
+        corners = self.triangles.reshape(-1, 3)
+        return np.asarray(0.5 * (corners.min(axis=0) + corners.max(axis=0)))
+
     def placed(self, by: RigidPlacement) -> Self:
         """The body turned and moved."""
         raise NotImplementedError

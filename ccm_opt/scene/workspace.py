@@ -26,6 +26,11 @@ class Shape(Protocol):
         """Radius by which the shape reaches beyond its core, or its triangles [m]."""
         ...
 
+    @property
+    def middle(self) -> FloatArray:
+        """Middle of it, shape (d,) [m]."""
+        ...
+
     def moved(self, by: FloatArray) -> "Shape":
         """The shape moved by so much, shape (d,) [m]."""
         ...
@@ -42,6 +47,11 @@ class PlaneShape:
 
     core: shapely.Geometry
     rounding: float = 0.0
+
+    @property
+    def middle(self) -> FloatArray:
+        """Centroid of the core, shape (2,) [m]."""
+        return np.asarray(shapely.get_coordinates(shapely.centroid(self.core))[0], dtype=np.float64)
 
     def moved(self, by: FloatArray) -> "PlaneShape":
         """The shape moved by so much, shape (2,) [m]."""
@@ -67,32 +77,13 @@ class Obstacle:
 
     @property
     def core(self) -> shapely.Geometry:
-        """Core of its shape in the plane.
-
-        Raises:
-            TypeError: it is a body in space.
-        """
-        if not isinstance(self.shape, PlaneShape):
-            raise TypeError(f"obstacle '{self.name}' is a body in space, and has no core in the plane")
-        return self.shape.core
+        """Core of its shape in the plane."""
+        return cast("PlaneShape", self.shape).core
 
     @property
     def body(self) -> Body:
-        """Its shape in space.
-
-        Raises:
-            TypeError: it is a shape in the plane.
-        """
-        if isinstance(self.shape, PlaneShape):
-            raise TypeError(f"obstacle '{self.name}' is a shape in the plane, and no body")
+        """Its shape in space."""
         return cast("Body", self.shape)
-
-    @property
-    def middle(self) -> FloatArray:
-        """Centre of the shape's core, in space of the box about the body, shape (d,) [m]."""
-        if isinstance(self.shape, PlaneShape):
-            return np.asarray(shapely.get_coordinates(shapely.centroid(self.core))[0], dtype=np.float64)
-        return np.asarray(box_about(self.body.triangles).mean(axis=0))
 
     def outline(self, grow: float = 0.0, quad_segs: int = 8) -> shapely.Geometry:
         """The obstacle of the plane grown by ``grow`` [m], as a geometry that *contains* it: arcs are circumscribed."""
@@ -158,7 +149,7 @@ class Workspace:
 
     def middle_of(self, name: str) -> FloatArray:
         """Middle of an obstacle of a name, shape (d,) [m]."""
-        return next(obstacle.middle for obstacle in self.obstacles if obstacle.name == name)
+        return next(obstacle.shape.middle for obstacle in self.obstacles if obstacle.name == name)
 
     def with_moved(self, name: str, by: FloatArray) -> "Workspace":
         """The workspace with the obstacles of a name moved by so much, shape (d,) [m]."""

@@ -54,7 +54,7 @@ def ways_out(workspace: Workspace, name: str, what: str) -> tuple[str, ...]:
     """
     body = next((each.body for each in workspace.obstacles if each.name == name), None)
     out = f"move {what} out of it"
-    if not isinstance(body, MeshBody):
+    if body is None or body.kind != "mesh":
         return (out,)
     opened = "" if body.closed else f", which {open_words(body)}"
     return out, f"set solid = false for '{name}'{opened}, if its surface alone is meant"

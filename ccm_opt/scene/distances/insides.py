@@ -82,7 +82,7 @@ def depth_inside(body: Body, point: FloatArray, *, closed_only: bool = False) ->
         point: shape (3,) [m].
         closed_only: leave out open shells, through whose holes a place may be reached.
     """
-    if isinstance(body, CylinderBody):
+    if body.kind == "cylinder":
         return _depth_in_cylinder(body, point)
     distance = distance_from_triangles(point, body.triangles)
     return body.rounding + (distance if encloses(body, point, closed_only=closed_only) else -distance)
@@ -98,7 +98,7 @@ def encloses(body: Body, point: FloatArray, *, closed_only: bool = False) -> boo
     """
     if not body.solid:
         return False
-    if not isinstance(body, MeshBody):
+    if body.kind != "mesh":
         low, high = box_about(body.triangles)
         return not np.any((point < low) | (point > high)) and abs(_winding(point, body.triangles)) > _HALF
     pieces = _pieces(body)
