@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.ik.bishop_shooting import BishopFrames
 from ccm_opt.ik.pose_program import PoseProgram, PoseSize, pose_program
+from ccm_opt.ik.pose_regions import JointRegions
 from ccm_opt.ik.pose_settings import PoseSettings
 from ccm_opt.ik.pose_solver import PoseQuestion
-from ccm_opt.ik.pose_task import JointRegions, PoseTask
 from ccm_opt.robot.arm import Arm
 from tests.space_arms import FEED_OF_TESTS, planar_twin, turned_arm
 from tests.space_clutter import curve_directions
@@ -51,9 +51,21 @@ def question(dimension: int, seed: int, *, fed: bool = False, loaded: bool = Fal
     regions = JointRegions(joint, normals, offsets, np.ones(2))
     gravity = np.full(dimension, 3.0)
     limits = np.full(len(arm.bend_limits), 5.0) if loaded else None
-    task = PoseTask(arm, points[-1], rotations[-1, :, 0], q, q, regions, 0.01, gravity, torque_limits=limits)
     built = program(dimension, loaded=loaded)
-    return PoseQuestion(built, task, PoseSettings(), np.ones(len(built.parts)))
+    return PoseQuestion(
+        program=built,
+        settings=PoseSettings(),
+        weights=np.ones(len(built.parts)),
+        arm=arm,
+        position=points[-1],
+        direction=rotations[-1, :, 0],
+        near=q,
+        start=q,
+        regions=regions,
+        wanted_gap=0.01,
+        gravity=gravity,
+        torque_limits=limits,
+    )
 
 
 @DIMENSIONS
@@ -66,7 +78,7 @@ def test_the_start_keeps_every_equation_and_has_the_gap_of_its_sides(
     asked = question(dimension, seed, fed=fed, loaded=loaded)
     built = asked.program
     function = ca.Function("rows", [built.variables, built.parameters.column], [built.constraints])
-    rows = np.asarray(function(asked.start, asked.parameters), dtype=np.float64).ravel()
+    rows = np.asarray(function(asked.start_values, asked.parameters), dtype=np.float64).ravel()
     lower, _ = built.bounds
     names = built.row_names
     equations = np.flatnonzero(built.bounds[0] == built.bounds[1])
@@ -76,7 +88,7 @@ def test_the_start_keeps_every_equation_and_has_the_gap_of_its_sides(
     assert set(missed) == set(mapping)
     if built.frames.start_keeps_rows:
         assert all(abs(value) < 2e-3 for value in mapping.values())
-    assert asked.start[-1] * asked.task.arm.length == pytest.approx(0.004)
+    assert asked.start_values[-1] * asked.arm.length == pytest.approx(0.004)
     sides = [row for row, name in enumerate(names) if "side" in name or "knot" in name]
     assert np.min(rows[sides]) > -1e-9
 
@@ -102,11 +114,11 @@ def test_variables_stand_where_their_names_say(dimension: int) -> None:
 def test_frames_of_the_series_are_those_of_the_curve(seed: int) -> None:
     """Shooting from link to link arrives where the curve's own integration does, to the order of its steps."""
     asked = question(3, seed)
-    arm = asked.task.arm
+    arm = asked.arm
     frames = asked.program.frames
     assert isinstance(frames, BishopFrames)
-    values = frames.values(asked.near, frames.lies_at(arm.bend_pairs(asked.task.start)), None)
-    curve = frames.curve(arm, asked.near, 0.0)
+    values = frames.values(asked.nearest_curve, frames.lies_at(arm.bend_pairs(asked.start)), None)
+    curve = frames.curve(arm, asked.nearest_curve, 0.0)
     wanted, _ = curve.frames_at(np.linspace(0.0, curve.length, LINKS + 1)[:-1])
     w, x, y, z = values["frames"].T
     along = np.stack((w**2 + x**2 - y**2 - z**2, 2 * (x * y + w * z), 2 * (x * z - w * y)), axis=1)
@@ -120,19 +132,18 @@ def test_frames_of_the_series_are_those_of_the_curve(seed: int) -> None:
 def test_holding_torques_are_the_slopes_of_the_potential_energy(dimension: int, seed: int) -> None:
     """What the joints bear is the derivative of the energy of all links and the payload by their bends."""
     asked = question(dimension, seed, loaded=True)
-    task = asked.task
-    arm = task.arm
+    arm = asked.arm
 
     def energy(q: FloatArray) -> float:
         points = arm.joint_positions_at(q)
         centres = 0.5 * (points[1:] + points[:-1])
-        return float(-(arm.masses @ (centres @ task.gravity)) - arm.payload * points[-1] @ task.gravity)
+        return float(-(arm.masses @ (centres @ asked.gravity)) - arm.payload * points[-1] @ asked.gravity)
 
     steps = 1e-6 * np.eye(len(arm.bend_limits))
-    slopes = np.array([(energy(task.start + step) - energy(task.start - step)) / 2e-6 for step in steps])
-    shares = asked.start[asked.program.unknowns.places["torque shares"]]
-    assert task.torque_limits is not None
-    np.testing.assert_allclose(shares * task.torque_limits, -slopes, atol=1e-7)
+    slopes = np.array([(energy(asked.start + step) - energy(asked.start - step)) / 2e-6 for step in steps])
+    shares = asked.start_values[asked.program.unknowns.places["torque shares"]]
+    assert asked.torque_limits is not None
+    np.testing.assert_allclose(shares * asked.torque_limits, -slopes, atol=1e-7)
 
 
 @DIMENSIONS
@@ -143,12 +154,12 @@ def test_sides_that_say_nothing_are_kept_anywhere(dimension: int) -> None:
     assert sides["normals"].shape == (LINKS + 1, 2, dimension)
     said = np.any(sides["normals"] != 0.0, axis=2)
     assert said.sum() == 2
-    assert np.all(sides["offsets"][~said] < -asked.task.wanted_gap / asked.task.arm.length)
+    assert np.all(sides["offsets"][~said] < -asked.wanted_gap / asked.arm.length)
     assert np.all(sides["gap shares"][~said] == 0.0)
-    regions = asked.task.regions
+    regions = asked.regions
     half = JointRegions(regions.joint, regions.normals, regions.offsets, np.array([0.5, 1.0]))
-    points = asked.task.arm.joint_positions_at(asked.task.start)
-    assert half.gap(asked.task.arm.free_shares, points) == pytest.approx(0.006)
+    points = asked.arm.joint_positions_at(asked.start)
+    assert half.gap(asked.arm.free_shares, points) == pytest.approx(0.006)
 
 
 def test_sides_of_a_link_hold_both_its_ends() -> None:

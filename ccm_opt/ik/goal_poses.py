@@ -15,7 +15,6 @@ from ccm_opt.ik.pose_program import PoseProgram, PoseSize, pose_program
 from ccm_opt.ik.pose_regions import JointRegions, held_segments, regions_about
 from ccm_opt.ik.pose_settings import DEFAULT_POSES, TORQUE_SHARE, PoseSettings
 from ccm_opt.ik.pose_solver import ArmPose, PoseQuestion
-from ccm_opt.ik.pose_task import PoseTask
 from ccm_opt.ik.row_program import RowBlock
 from ccm_opt.problem import Problem, TipGoal
 from ccm_opt.scene.distances.enclosures import segment_distances
@@ -144,10 +143,18 @@ class GoalPoses:
         regions = self.regions(start, drawn_with)
         torque = self.problem.limits.torque
         loads = None if torque is None else TORQUE_SHARE * torque[list(arm.coordinates.drives[: len(arm.bend_limits)])]
-        task = PoseTask(
-            arm,
-            self.target.position,
-            self.target.direction,
+        sides = next((size for size in _REGION_SIZES if size >= regions.most), regions.most)
+        segments = self.settings.segments_for(arm.links)
+        plain = pose_program(PoseSize(arm.dimension, arm.links, sides, segments, loads is not None))
+        program = plain if self.terms is None else with_user_terms(plain, self.terms)
+        weights = self.settings.weights_of(tuple(plain.parts), self.problem.planner.weights, arm.bends_a_joint)
+        return PoseQuestion(
+            program=program,
+            settings=self.settings,
+            weights=weights,
+            arm=arm,
+            position=self.target.position,
+            direction=self.target.direction,
             near=seed if self.near is None else self.near,
             start=start,
             regions=regions,
@@ -156,13 +163,7 @@ class GoalPoses:
             clamped=self.clamped,
             room=self.room,
             torque_limits=loads,
-        )
-        sides = next((size for size in _REGION_SIZES if size >= regions.most), regions.most)
-        segments = self.settings.segments_for(arm.links)
-        plain = pose_program(PoseSize(arm.dimension, arm.links, sides, segments, loads is not None))
-        program = plain if self.terms is None else with_user_terms(plain, self.terms)
-        weights = self.settings.weights_of(tuple(plain.parts), self.problem.planner.weights, arm.bends_a_joint)
-        return PoseQuestion(program, task, self.settings, weights).solve()
+        ).solve()
 
     def strays(self, pose: ArmPose) -> bool:
         """Whether a link has strayed beyond what its region was drawn for, or has less room than its sides say."""

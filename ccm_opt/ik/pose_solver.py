@@ -12,10 +12,11 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.ipopt_call import ipopt_answer
 from ccm_opt.ik.curve_frames import CurveNumbers
 from ccm_opt.ik.pose_program import PoseProgram
+from ccm_opt.ik.pose_regions import JointRegions
 from ccm_opt.ik.pose_settings import PoseSettings
-from ccm_opt.ik.pose_task import PoseTask
 from ccm_opt.ik.row_program import IPOPT_SWITCHES, RowAnswer, built_solver, row_answer
 from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.biarc import free_shares_of_bends
 
 _LIMIT_SHARE = 0.98
 """Share of a joint limit that a pose may use (as the steps of the motion have it)."""
@@ -69,24 +70,45 @@ _FROM_NEAR: dict[str, Any] = {"ipopt.mu_init": 1e-2}
 sixth more iterations)."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class PoseQuestion:
-    """A task put to a program.
+    """One question to the goal-pose NLP: where the tip has to be, and what every joint has to keep to.
 
     Attributes:
         program: symbols, perhaps with user terms.
-        task: the numbers.
-        weights: of the parts of the objective by name.
         settings: of the solver.
+        weights: of the parts of the objective by name.
+        arm: whose pose it is.
+        position: where the tip has to be, shape (d,) [m].
+        direction: of the last link there, shape (d,), or None.
+        near: configuration of the pose to stay near, shape (c,) [rad, m].
+        start: configuration that the solver starts from, shape (c,); usually in its regions. In the plane the last link
+            keeps the whole turns that it has there.
+        regions: what every joint and the tip keep to.
+        wanted_gap: room beyond radius and clearance above which more room is worth nothing [m].
+        gravity: shape (d,) [m/s²].
+        clamped: whether the first link keeps its heading.
+        room: by how much the tip [m] and the last link [rad] may miss the goal; then any such pose will do.
+        torque_limits: of every bend's drive, shape (bends,) [N m]; None where torque is not limited.
     """
 
     program: PoseProgram
-    task: PoseTask
     settings: PoseSettings
     weights: FloatArray
+    arm: Arm
+    position: FloatArray
+    direction: FloatArray | None
+    near: FloatArray
+    start: FloatArray
+    regions: JointRegions
+    wanted_gap: float
+    gravity: FloatArray
+    clamped: bool = False
+    room: tuple[float, float] = (0.0, 0.0)
+    torque_limits: FloatArray | None = None
 
     def solve(self) -> ArmPose:
-        """Solve from the task's start; never raises on failure, the result says how it went.
+        """Solve from the start; never raises on failure, the result says how it went.
 
         Raises:
             KeyboardInterrupt: Ctrl-C was pressed meanwhile.
@@ -101,55 +123,53 @@ class PoseQuestion:
             "ipopt.tol": self.settings.tolerance,
         }
         solver = partial(built_solver, self.program, options)
-        answer, statistics = ipopt_answer(solver, np.clip(self.start, lower, upper), p=self.parameters, **bounds)
+        answer, statistics = ipopt_answer(solver, np.clip(self.start_values, lower, upper), p=self.parameters, **bounds)
         return self._read(answer, statistics)
 
     @cached_property
     def _axes(self) -> FloatArray:
         """From the axes of the base to the world, shape (d, d)."""
-        return np.asarray(self.task.arm.link_rotations(np.zeros(len(self.task.arm.coordinates)))[0])
+        return np.asarray(self.arm.link_rotations(np.zeros(len(self.arm.coordinates)))[0])
 
     @cached_property
     def _goal(self) -> tuple[FloatArray, FloatArray | None]:
         """Where the tip has to be, and where it has to point if that is asked, in the axes of the base."""
-        task = self.task
-        position = (task.position - task.arm.base) @ self._axes / task.arm.length
-        return position, None if task.direction is None else task.direction @ self._axes
+        position = (self.position - self.arm.base) @ self._axes / self.arm.length
+        return position, None if self.direction is None else self.direction @ self._axes
 
     def _bends(self, q: FloatArray) -> FloatArray:
         """Bends of a configuration, a joint a row, shape (n, k) [rad]."""
-        arm = self.task.arm
+        arm = self.arm
         return q[: len(arm.bend_limits)].reshape(arm.links, arm.bends_a_joint)
 
     @cached_property
     def _lies(self) -> FloatArray:
         """How the links of the pose to start from lie."""
-        return self.program.frames.lies_at(self._bends(self.task.start))
+        return self.program.frames.lies_at(self._bends(self.start))
 
     @cached_property
-    def near(self) -> CurveNumbers:
+    def nearest_curve(self) -> CurveNumbers:
         """The curve whose bends come nearest to those of the start."""
-        turns = self.program.frames.turns_of(self._bends(self.task.start))
+        turns = self.program.frames.turns_of(self._bends(self.start))
         return CurveNumbers.near(turns, self.program.size.segments)
 
     @cached_property
     def _of_frames(self) -> dict[str, FloatArray]:
         """Numbers of the symbols that the frames bring, variables and parameters."""
-        return self.program.frames.values(self.near, self._lies, self._goal[1])
+        return self.program.frames.values(self.nearest_curve, self._lies, self._goal[1])
 
     @cached_property
     def parameters(self) -> FloatArray:
         """Numbers for the parameters."""
-        task = self.task
-        length = task.arm.length
+        length = self.arm.length
         numbers = {
             "weights": self.weights,
-            "wanted gap": np.array([task.wanted_gap / length]),
-            "near": self._bends(task.near),
-            "first shares": task.arm.free_shares,
+            "wanted gap": np.array([self.wanted_gap / length]),
+            "near": self._bends(self.near),
+            "first shares": self.arm.free_shares,
             "goal": self._goal[0],
             # A tip that is held at its goal by its bounds lies in any ball about it.
-            "goal room": np.array([task.room[0] / length or 1.0]),
+            "goal room": np.array([self.room[0] / length or 1.0]),
         }
         loads = self._forces if self.program.size.loaded else {}
         return self.program.parameters.filled(numbers | self._of_frames | self.padded_sides() | loads)
@@ -157,13 +177,12 @@ class PoseQuestion:
     @cached_property
     def _forces(self) -> dict[str, FloatArray]:
         """Forces on the links (n, d) and on the tip (d,), and limits of the torques (n, k), as shares of all weight."""
-        task = self.task
-        arm = task.arm
-        gravity = task.gravity @ self._axes
+        arm = self.arm
+        gravity = self.gravity @ self._axes
         whole = float(np.sum(arm.masses) + arm.payload) * float(np.linalg.norm(gravity)) or 1.0
-        limits = self._bends(np.asarray(task.torque_limits))
+        limits = self._bends(np.asarray(self.torque_limits))
         # The guide tube carries the links whose joints it holds.
-        held = np.arange(len(limits)) < task.first_bending
+        held = np.arange(len(limits)) < self.first_bending
         return {
             "link weights": arm.masses[:, None] * gravity / whole,
             "payload": arm.payload * gravity / whole,
@@ -175,54 +194,51 @@ class PoseQuestion:
 
         Sides that say nothing have no normal, and an offset that is always kept.
         """
-        task = self.task
-        regions = task.regions
+        regions = self.regions
         size = self.program.size
         normals = np.zeros((size.links + 1, size.sides, size.dimension))
         offsets = np.full((size.links + 1, size.sides), -2.0)
         gap_shares = np.zeros((size.links + 1, size.sides))
         place = (regions.joint, regions.number)
         normals[place] = regions.normals @ self._axes
-        offsets[place] = (regions.offsets - regions.normals @ task.arm.base) / task.arm.length
+        offsets[place] = (regions.offsets - regions.normals @ self.arm.base) / self.arm.length
         gap_shares[place] = regions.gap_shares
         return {"normals": normals, "offsets": offsets, "gap shares": gap_shares}
 
     @cached_property
     def bounds(self) -> tuple[FloatArray, FloatArray]:
         """Bounds of the variables: the ends of the curve, the limits of the joints, the goal and the gap."""
-        task = self.task
-        length = task.arm.length
+        length = self.arm.length
         frames = self.program.frames
         position, direction = self._goal
-        free = np.full((task.arm.links, len(position)), np.inf)
-        reach = task.room[0] / length
-        low, high = task.feed_range
+        free = np.full((self.arm.links, len(position)), np.inf)
+        reach = self.room[0] / length
+        low, high = self.feed_range
         by_name = {
             **frames.curve_bounds(),
-            **frames.bounds(self._lies, direction, task.room[1]),
-            "bends": task.bend_bounds(_LIMIT_SHARE),
+            **frames.bounds(self._lies, direction, self.room[1]),
+            "bends": self.bend_bounds(_LIMIT_SHARE),
             "points": (np.vstack((-free, position - reach)), np.vstack((free, position + reach))),
             "feed": (np.array([low / length]), np.array([high / length])),
-            "gap": (np.array([-np.inf]), np.array([task.wanted_gap / length])),
+            "gap": (np.array([-np.inf]), np.array([self.wanted_gap / length])),
         }
         lower, upper = ({name: pair[side] for name, pair in by_name.items()} for side in (0, 1))
         unknowns = self.program.unknowns
         return unknowns.filled(lower, -np.inf), unknowns.filled(upper, np.inf)
 
     @cached_property
-    def start(self) -> FloatArray:
+    def start_values(self) -> FloatArray:
         """Values of the variables at the pose to start from and the curve near it."""
-        task = self.task
-        arm = task.arm
-        points = arm.joint_positions_at(task.start)
-        gap = min(task.regions.gap(arm.free_shares, points), task.wanted_gap)
+        arm = self.arm
+        points = arm.joint_positions_at(self.start)
+        gap = min(self.regions.gap(arm.free_shares, points), self.wanted_gap)
         numbers = {
-            **self.program.frames.curve_values(self.near),
+            **self.program.frames.curve_values(self.nearest_curve),
             **self._of_frames,
-            "bends": task.start[: len(arm.bend_limits)],
+            "bends": self.start[: len(arm.bend_limits)],
             "links": self._lies,
             "points": (points - arm.base) @ self._axes / arm.length,
-            "feed": np.array([arm.coordinates.advance(task.start) / arm.length]),
+            "feed": np.array([arm.coordinates.advance(self.start) / arm.length]),
             "gap": np.array([gap / arm.length]),
         }
         loads = self.program.loads
@@ -235,7 +251,7 @@ class PoseQuestion:
         return self.program.unknowns.filled(numbers)
 
     def _read(self, answer: Mapping[str, Any], statistics: Mapping[str, Any]) -> ArmPose:
-        arm = self.task.arm
+        arm = self.arm
         settings = self.settings
         frames = self.program.frames
         variables = np.asarray(answer["x"], dtype=np.float64).ravel()
@@ -259,7 +275,7 @@ class PoseQuestion:
 
     def _bend_multipliers(self, of_bounds: FloatArray) -> dict[str, float]:
         """What the limits of the bends cost, by the joint and the side that it bends to."""
-        k = self.task.arm.bends_a_joint
+        k = self.arm.bends_a_joint
         place = self.program.unknowns.places["bends"]
         lower, upper = self.bounds
         free = lower[place] < upper[place]
@@ -269,3 +285,38 @@ class PoseQuestion:
             side = _SIDES[bend % k][int(multiplier < 0.0)]
             found[f"joint {bend // k + 1}: bend {side}"] = float(multiplier)
         return found
+
+    @property
+    def first_bending(self) -> int:
+        """Number of the first joint that may bend: the first that has passed the hole at the start."""
+        return int(np.sum(self.arm.held(float(self.arm.coordinates.advance(self.start)))))
+
+    def bend_bounds(self, share: float) -> tuple[FloatArray, FloatArray]:
+        """Bounds of all bends, shape (bends,) [rad]: zero where the guide tube holds them, little just beyond it.
+
+        A sharp bend just beyond the tube would have to be made, and taken back, over a short way of the feed.
+
+        Args:
+            share: of the limits that a pose may use.
+        """
+        arm = self.arm
+        feed = float(arm.coordinates.advance(self.start))
+        places = feed + arm.link_length * np.arange(arm.links, dtype=np.float64) - arm.hole
+        bends = self.start[: len(arm.bend_limits)]
+        limits = share * arm.bend_limits * np.repeat(free_shares_of_bends(arm, places), arm.bends_a_joint)
+        # The start may be nearer to its limit than that.
+        limits = np.maximum(limits, np.minimum(np.abs(bends), arm.bend_limits))
+        limits[: arm.bends_a_joint * self.first_bending] = 0.0
+        lower, upper = -limits, limits
+        if self.clamped:
+            lower[: arm.bends_a_joint] = upper[: arm.bends_a_joint] = bends[: arm.bends_a_joint]
+        return lower, upper
+
+    @property
+    def feed_range(self) -> tuple[float, float]:
+        """Where the base may be so that the joints that may bend stay outside the tube [m]."""
+        low, high = self.arm.base_range
+        first = self.first_bending
+        if not self.arm.base_axes or first >= self.arm.links:
+            return low, high
+        return min(max(low, self.arm.hole - first * self.arm.link_length), high), high
