@@ -90,7 +90,9 @@ def path_profile(task: ConfigurationTask, base_turns: int = 0, tip_turns: int = 
     """
     points = _taut_points(task)
     directions = leg_headings(points)
-    base_heading = _nearest_heading(task.base_heading_range, float(directions[0]))
+    low, high = task.base_heading_range
+    middle = 0.5 * (low + high)
+    base_heading = float(np.clip(middle + wrap(float(directions[0]) - middle), low, high))
     first = base_heading + wrap(float(directions[0]) - base_heading) + WHOLE_TURN * base_turns
     # All headings are shifted together, so that turns along the path stay what they are.
     directions += first - directions[0]
@@ -118,13 +120,6 @@ def _taut_points(task: ConfigurationTask) -> FloatArray:
     points = (np.vstack((task.base, task.corridor.route.taut[1:-1], task.goal)) - task.base) / task.length
     points = without_repeats(points, 1e-6)
     return points if len(points) > 1 else np.vstack((points, points[0] + np.array([1e-3, 0.0])))
-
-
-def _nearest_heading(bounds: tuple[float, float], direction: float) -> float:
-    """The heading within bounds that is nearest to a direction, whole turns aside."""
-    low, high = bounds
-    middle = 0.5 * (low + high)
-    return float(np.clip(middle + wrap(direction - middle), low, high))
 
 
 _SEGMENT_TOTALS = (4, 6, 8)

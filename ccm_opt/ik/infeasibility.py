@@ -149,7 +149,8 @@ def diagnose(task: ConfigurationTask, attempts: Sequence[FailedAttempt]) -> Diag
         "rows": [asdict(broken) for broken in rows],
         "attempts": [attempt.words for attempt in attempts],
     }
-    return Diagnosis(reason, "configuration", _advice(answer.worst_row), evidence)
+    fitting = (advice for word, advice in _ADVICE.items() if word in answer.worst_row)
+    return Diagnosis(reason, "configuration", next(fitting, _ADVICE["gap"]), evidence)
 
 
 def beyond_reach(task: ConfigurationTask) -> Diagnosis | None:
@@ -169,17 +170,19 @@ def beyond_reach(task: ConfigurationTask) -> Diagnosis | None:
     for name, region, point, allowed in ends:
         outside = float((region.normals @ point - region.offsets).max())
         if outside > allowed + END_TOLERANCE:
-            return _end_outside(name, outside, allowed)
+            return Diagnosis(
+                f"the {name} is {short_length(outside)} outside its region of the corridor, allowed "
+                f"{short_length(allowed)}",
+                "configuration",
+                (f"move the {name} away from the wall", "reduce the clearance", "use a longer mount_length"),
+                {
+                    "outside": outside,
+                    "allowed": allowed,
+                    "worst_row": f"{name} in its region",
+                    "solver_status": "not started",
+                },
+            )
     return None
-
-
-def _end_outside(name: str, outside: float, allowed: float) -> Diagnosis:
-    return Diagnosis(
-        f"the {name} is {short_length(outside)} outside its region of the corridor, allowed {short_length(allowed)}",
-        "configuration",
-        (f"move the {name} away from the wall", "reduce the clearance", "use a longer mount_length"),
-        {"outside": outside, "allowed": allowed, "worst_row": f"{name} in its region", "solver_status": "not started"},
-    )
 
 
 def broken_rows(attempt: FailedAttempt) -> tuple[BrokenRow, ...]:
@@ -230,8 +233,3 @@ def _where(attempt: FailedAttempt, segment: int, piece: int) -> tuple[float, tup
     # Where rows are violated the iterate's arc lengths need not add up: never report a place beyond the arm.
     arc = task.length * float(np.clip(states[segment, 4] + widths[:piece].sum(), 0.0, 1.0))
     return arc, (float(point[0]), float(point[1]))
-
-
-def _advice(row: str) -> tuple[str, ...]:
-    """What to try against a row."""
-    return next((advice for word, advice in _ADVICE.items() if word in row), _ADVICE["gap"])

@@ -84,10 +84,11 @@ def build_configuration_nlp(
     if tip_heading is None:
         tip_heading = task.goal_heading
     most = max(len(region.offsets) for region in task.corridor.regions)
-    half_planes = padded_rows(most, _HALF_PLANE_COUNTS)
+    half_planes = next((count for count in _HALF_PLANE_COUNTS if count >= most), most)
     program = symbolic_program(len(regions), half_planes)
     lower, upper = _variable_bounds(task, len(regions), tip_heading)
-    parameters = _parameter_values(task, regions, half_planes)
+    blocks = [_half_planes(task, task.corridor.regions[index], half_planes) for index in regions]
+    parameters = np.concatenate([*blocks, [task.stub / task.length, task.bending_weight]])
     nlp = ConfigurationNLP(task, program, regions, tip_heading, lower, upper, parameters)
     return nlp.with_cost(_nearness(nlp)) if task.clearance_weight > 0.0 and task.side_gaps else nlp
 
@@ -104,11 +105,6 @@ def _nearness(nlp: ConfigurationNLP) -> ca.SX:
         walls = (region.offsets + task.side_gaps[index] - region.normals @ task.base) / task.length
         total += nearness(points, region.normals, walls) / len(nlp.regions)
     return task.clearance_weight * total
-
-
-def padded_rows(count: int, sizes: tuple[int, ...]) -> int:
-    """The number of half-planes a solver is built for, the next of a few sizes so that solvers are shared."""
-    return next((size for size in sizes if size >= count), count)
 
 
 def pack_variables(states: FloatArray, controls: FloatArray) -> FloatArray:
@@ -189,12 +185,6 @@ def _variable_bounds(
     if tip_heading is not None:
         lower[-3] = upper[-3] = tip_heading
     return lower, upper
-
-
-def _parameter_values(task: ConfigurationTask, regions: tuple[int, ...], half_planes: int) -> FloatArray:
-    """Values of the parameters, in their order."""
-    blocks = [_half_planes(task, task.corridor.regions[index], half_planes) for index in regions]
-    return np.concatenate([*blocks, [task.stub / task.length, task.bending_weight]])
 
 
 def _half_planes(task: ConfigurationTask, region: ConvexRegion, count: int) -> FloatArray:

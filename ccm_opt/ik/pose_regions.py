@@ -63,22 +63,12 @@ class JointRegions:
             first_shares: where on each link the part begins that must lie inside, shape (links,).
             points: joint and tip positions, shape (links + 1, d) [m].
         """
-        held = held_points(first_shares, points)[self.joint]
+        starts = points[:-1] + first_shares[:, None] * np.diff(points, axis=0)
+        held = np.vstack((starts, points[-1:]))[self.joint]
         inside = np.einsum("rd,rd->r", held, self.normals) - self.offsets
         # What is asked for no gap at all says nothing of it.
         asked = self.gap_shares > 0.0
         return float(np.min(inside[asked] / self.gap_shares[asked], initial=np.inf))
-
-
-def held_points(first_shares: FloatArray, points: FloatArray) -> FloatArray:
-    """The points that regions hold: where the free part of every link begins, and the tip, shape (links + 1, d) [m].
-
-    Args:
-        first_shares: of the arm, shape (links,).
-        points: joint and tip positions, shape (links + 1, d) [m].
-    """
-    starts = points[:-1] + first_shares[:, None] * np.diff(points, axis=0)
-    return np.vstack((starts, points[-1:]))
 
 
 def held_segments(arm: Arm, points: FloatArray) -> FloatArray:

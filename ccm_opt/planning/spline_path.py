@@ -176,7 +176,7 @@ def _interpolation_errors(spline: BSpline, certificate: IntervalCertificate) -> 
     a span, its control points are its values at the knots.
     """
     ends = spline.t[DEGREE:-DEGREE]
-    moving = certificate.arm.travel(spline.derivative(2).c[: len(ends)])
+    moving = certificate.arm.coordinates.travel(spline.derivative(2).c[: len(ends)], certificate.arm.link_length)
     return np.asarray(np.maximum(moving[:-1], moving[1:]) * np.diff(ends) ** 2 / 8.0)
 
 

@@ -9,7 +9,6 @@ import numpy as np
 
 from ccm_opt.core.arguments import Arguments, is_number
 from ccm_opt.core.arrays import ROUNDING, BoolArray, FloatArray, IntArray
-from ccm_opt.core.errors import ProblemError
 from ccm_opt.core.length_words import LengthUnit
 from ccm_opt.core.native import NativeCall
 from ccm_opt.core.polyline import unit_vector
@@ -311,10 +310,6 @@ class Arm:
         """Link headings φ in the plane, of bends (..., links) or configurations (..., c), shape (..., links) [rad]."""
         return self.base_heading + np.cumsum(q[..., : self.links], axis=-1)
 
-    def travel(self, change: FloatArray) -> FloatArray:
-        """Bound on how far any point of the arm moves when a configuration changes, shapes (..., c) to (...) [m]."""
-        return self.coordinates.travel(change, self.link_length)
-
     def bends(self, headings: FloatArray) -> FloatArray:
         """Joint bends from link headings, shape (..., links) [rad]; the first is relative to the base heading."""
         return np.diff(headings, axis=-1, prepend=self.base_heading)
@@ -367,21 +362,6 @@ class Arm:
         along = np.asarray(feed)[..., None] + self.link_length * np.arange(self.links)
         held: BoolArray = along < self.hole - HELD_TOLERANCE
         return held
-
-    def levers_to(self, at: float | None) -> FloatArray:
-        """How much of every link lies between the base and a point of the arm, shape (links,) [m].
-
-        Args:
-            at: arc length of the point from the base [m]; that of the tip when None.
-
-        Raises:
-            ProblemError: the arm is not so long.
-        """
-        length = self.length if at is None else at
-        if not 0.0 <= length <= self.length * (1.0 + ROUNDING):
-            raise ProblemError(f"a point of the arm must be from 0 to {self.length:g} m along it, got {length:g} m")
-        before = self.link_length * np.arange(self.links)
-        return np.clip(length - before, 0.0, self.link_length)
 
     @property
     def mount_end(self) -> tuple[int, float]:

@@ -13,7 +13,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ccm_opt.core.arrays import FloatArray, in_space
+from ccm_opt.core.arrays import ROUNDING, FloatArray, in_space
+from ccm_opt.core.errors import ProblemError
 from ccm_opt.robot.arm import Arm
 
 
@@ -132,4 +133,8 @@ def point_of(arm: Arm, at: float | None) -> MovingPoint:
     Raises:
         ProblemError: the arm is not so long.
     """
-    return MovingPoint(arm, arm.levers_to(at))
+    length = arm.length if at is None else at
+    if not 0.0 <= length <= arm.length * (1.0 + ROUNDING):
+        raise ProblemError(f"a point of the arm must be from 0 to {arm.length:g} m along it, got {length:g} m")
+    before = arm.link_length * np.arange(arm.links)
+    return MovingPoint(arm, np.clip(length - before, 0.0, arm.link_length))

@@ -51,25 +51,18 @@ def pose_issues(arm: Arm, angles: FloatArray) -> tuple[PoseIssue, ...]:
     bend = angles[1::3]
     deflections = np.arccos(np.clip(np.cos(yaw) * np.cos(bend), -1.0, 1.0))
     determinants = np.abs(np.cos(bend) if arm.axes == "zyx" else np.sin(bend))
+    where = "a bend of 90 deg" if arm.axes == "zyx" else "a bend of 0"
     issues = []
     for ball, name in enumerate(joint_names(arm)[1::3]):
         limit = float(arm.bend_limits[ball])
-        if deflections[ball] > limit:
-            issues.append(_beyond_limit(name, float(deflections[ball]), limit))
-        if determinants[ball] < _LEAST_DETERMINANT:
-            issues.append(_singular(arm, name, float(determinants[ball]), _LEAST_DETERMINANT))
+        deflection, determinant = float(deflections[ball]), float(determinants[ball])
+        if deflection > limit:
+            bent = f"the link is bent by {np.rad2deg(deflection):.4g} deg, its limit is {np.rad2deg(limit):.4g}"
+            issues.append(PoseIssue(name, "limit", deflection, limit, f"{name}: {bent}"))
+        if determinant < _LEAST_DETERMINANT:
+            singular = f"the {arm.axes} ball is nearly singular, determinant {determinant:.2g}; it is so at {where}"
+            issues.append(PoseIssue(name, "singular", determinant, _LEAST_DETERMINANT, f"{name}: {singular}"))
     return tuple(issues)
-
-
-def _beyond_limit(name: str, value: float, limit: float) -> PoseIssue:
-    text = f"{name}: the link is bent by {np.rad2deg(value):.4g} deg, its limit is {np.rad2deg(limit):.4g}"
-    return PoseIssue(name, "limit", value, limit, text)
-
-
-def _singular(arm: Arm, name: str, value: float, bound: float) -> PoseIssue:
-    where = "a bend of 90 deg" if arm.axes == "zyx" else "a bend of 0"
-    text = f"{name}: the {arm.axes} ball is nearly singular, determinant {value:.2g}; it is so at {where}"
-    return PoseIssue(name, "singular", value, bound, text)
 
 
 def point_jacobians(arm: Arm, angles: FloatArray) -> FloatArray:
