@@ -80,11 +80,6 @@ class Trials:
         """CPU time since the trials were set up, as soon as there was a reason [s]."""
         return time.process_time() - self.begun
 
-    @property
-    def left(self) -> float:
-        """CPU time that is left [s]."""
-        return self.until.left
-
     def succeeds(self, problem: Problem, words: str, dropped: str = "", *, hurried: bool = False) -> bool:
         """Whether a problem, perhaps less a term of the user's, is solved within its share of the time.
 
@@ -97,7 +92,7 @@ class Trials:
         settings = self.settings
         longest = settings.longest_further_try if hurried else settings.longest_try
         # A share of what is left, so that several things can be tried.
-        limit = min(_TRY_SHARE * self.left, longest)
+        limit = min(_TRY_SHARE * self.until.left, longest)
         if limit < _LEAST_TIME:
             return False
         limited = _in_haste(problem, limit)
@@ -139,7 +134,7 @@ def relaxations(problem: Problem, findings: tuple[Finding, ...], trials: Trials)
     # Nothing of the user's own mends what is known of the arm and the room.
     dropped = [] if certain else [without_term(name, kind) for kind, name in trials.terms[:_MOST_DROPPED]]
     for candidate in chain(dropped, candidates(problem, findings, trials.until, _MOST_OMITTED)):
-        if found >= _ENOUGH or trials.left < _LEAST_TIME:
+        if found >= _ENOUGH or trials.until.left < _LEAST_TIME:
             break
         if found and trials.spent > settings.patience:
             break
@@ -245,7 +240,7 @@ def least_change(
     failed = [begin]
     for tried in parameter.tried or tuple(begin * (1.0 + parameter.easier * step) for step in steps):
         value = parameter.rounded(problem, tried)
-        if trials.left < _LEAST_TIME or (hurried and trials.spent > settings.patience):
+        if trials.until.left < _LEAST_TIME or (hurried and trials.spent > settings.patience):
             return None
         changed = parameter.write(problem, value)
         words = parameter.relaxation(problem, value, bound).words
@@ -275,7 +270,7 @@ def _closed_in(
     for value in failed[1:] if parameter.paths_stay else ():
         if trials.holds(parameter.write(problem, value)):
             return value
-    while abs(worked - worst) > _CLOSE * abs(worked) and trials.left > _LEAST_TIME:
+    while abs(worked - worst) > _CLOSE * abs(worked) and trials.until.left > _LEAST_TIME:
         middle = parameter.rounded(problem, 0.5 * (worst + worked))
         changed = parameter.write(problem, middle)
         words = parameter.relaxation(problem, middle, None).words

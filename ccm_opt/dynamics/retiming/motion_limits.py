@@ -22,7 +22,7 @@ every place of the path, and the polygon lies in that plane.
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from scipy.interpolate import BSpline
@@ -30,7 +30,7 @@ from scipy.interpolate import BSpline
 from ccm_opt.core.arrays import TINY, FloatArray
 from ccm_opt.core.errors import Diagnosis, ProblemError, RetimingError
 from ccm_opt.dynamics.retiming.motion_samples import MotionSamples, mean_rates, of_samples, second_differences, slowings
-from ccm_opt.dynamics.retiming.timed_path import Efforts, TimedPath
+from ccm_opt.dynamics.retiming.timed_path import TimedPath
 from ccm_opt.dynamics.retiming.timing_settings import DEFAULT_TIMING, ProfileSettings
 from ccm_opt.problem import Limits
 from ccm_opt.robot.coordinates import Coordinates, planned_share
@@ -202,20 +202,31 @@ def too_weak(number: int, share: float, place: float, limits: Limits, coordinate
 
 
 class DriveEffort(MotionLimit):
-    """Every drive's torque or force.
+    """Every drive's torque, and the force on the feed axis, as shares of their limits.
 
     Args:
         path: whose drives are limited.
+
+    Raises:
+        ProblemError: when the feed force is limited and the dynamics cannot report it.
     """
 
     def __init__(self, path: TimedPath) -> None:
         self._path = path
-        self._efforts = Efforts(path.limits, path.inverse_dynamics, path.revolutes, path.coordinates)
+        revolutes = path.coordinates.revolutes
+        bounds = path.limits.of_drives(path.coordinates).effort
+        self._torque = bounds[:revolutes]
+        # Axes of the base whose force is limited; the others get no row.
+        self._force = bounds[revolutes:][np.isfinite(bounds[revolutes:])]
+        self._torque_limited = bool(np.any(np.isfinite(self._torque)))
+        if len(self._force) and not hasattr(path.inverse_dynamics, "feed_forces"):
+            raise ProblemError("limits.feed_force needs inverse dynamics with a method feed_forces; leave it out")
+        self._friction = self._viscous() if self._torque_limited else np.zeros(revolutes)
 
     @property
     def limited(self) -> bool:
         """Whether any drive is."""
-        return self._efforts.limited
+        return self._torque_limited or len(self._force) > 0
 
     def rows(self, spline: BSpline, s: FloatArray) -> SpeedRows:
         """A row a drive that does anything.
@@ -225,26 +236,62 @@ class DriveEffort(MotionLimit):
         """
         q, first, second = (np.asarray(spline(s, nu)) for nu in range(3))
         rest = np.zeros_like(q)
-        efforts = self._efforts
-        c = efforts(q, rest, rest)
-        d = efforts.damping(first)
+        c = self._shares(q, rest, rest)
+        d = self._damping(first)
         # q' is the velocity at ṡ = 1 and the acceleration at s̈ = 1 alone; q'' is the acceleration at ṡ = 1 and s̈ = 0.
-        a = efforts(q, rest, first) - c
-        b = efforts(q, first, second) - c - d
+        a = self._shares(q, rest, first) - c
+        b = self._shares(q, first, second) - c - d
         self._check_static_load(s, c)
         usable = planned_share(c, self._path.share)
 
         # Joints that turn out of the plane have rows of rounding only, as shares of their limits.
         kept = np.flatnonzero(np.max([np.max(np.abs(row), axis=0) for row in (a, b, c, d)], axis=0) > TINY)
         rows = [(row / usable)[:, kept] for row in (a, b, c, d)]
-        return SpeedRows(rows[0], rows[1], rows[2], rows[3] if efforts.damped else None)
+        return SpeedRows(rows[0], rows[1], rows[2], rows[3] if np.any(self._friction) else None)
 
     def stretches(self, samples: MotionSamples) -> FloatArray:
         """By the efforts at the samples."""
-        moving, damping, static = self._efforts.parts(samples.place, samples.velocity, samples.acceleration)
+        rest = np.zeros_like(samples.place)
+        # All but friction and static load is linear in q̈ or quadratic in q̇, and falls with λ².
+        static = self._shares(samples.place, rest, rest)
+        damping = self._damping(samples.velocity)
+        moving = self._shares(samples.place, samples.velocity, samples.acceleration) - static - damping
         usable = planned_share(static, self._path.share)
-        rubbing = damping / usable if self._efforts.damped else None
+        rubbing = damping / usable if np.any(self._friction) else None
         return np.asarray(np.max(slowings(moving / usable, static / usable, 1.0, rubbing), axis=1))
+
+    def _shares(self, place: FloatArray, velocity: FloatArray, acceleration: FloatArray) -> FloatArray:
+        """Shares of the limits, shape (N, 3 * links), and one more column for a limited feed force.
+
+        Args:
+            place: columns of the path, shape (N, n) [rad, m].
+            velocity: [rad/s, m/s].
+            acceleration: [rad/s², m/s²].
+        """
+        path = self._path
+        motion = [path.revolutes(values[:, path.coordinates.bends]) for values in (place, velocity, acceleration)]
+        # One more argument for each axis that carries the base.
+        motion += [np.ascontiguousarray(column) for column in acceleration[:, path.coordinates.base].T]
+        dynamics: Any = path.inverse_dynamics
+        torques = dynamics(*motion) / self._torque if self._torque_limited else np.zeros_like(motion[0])
+        forces = [dynamics.feed_forces(*motion) / limit for limit in self._force]
+        return np.column_stack((torques, *forces))
+
+    def _damping(self, velocity: FloatArray) -> FloatArray:
+        """Shares that are proportional to velocity, likewise."""
+        shares = self._path.revolutes(velocity[:, self._path.coordinates.bends]) * self._friction
+        return np.concatenate((shares, np.zeros((len(shares), len(self._force)))), axis=1)
+
+    def _viscous(self) -> FloatArray:
+        """Friction of every revolute over its torque limit: the odd part of the torques at unit velocities."""
+        layout = self._path.coordinates
+        place = np.zeros((2, layout.revolutes))
+        ones = np.ones((1, layout.revolutes))
+        base_at_rest = [np.zeros(2) for _ in layout.base_names]
+        torques = self._path.inverse_dynamics(place, np.concatenate((ones, -ones)), place, *base_at_rest)
+        # Velocity products are even in q̇ and friction is odd, so half the difference is friction alone.
+        odd = 0.5 * (torques[0] - torques[1])
+        return np.asarray(np.where(np.abs(odd) > 1e-9 * np.max(np.abs(torques)), odd, 0.0) / self._torque)
 
     def _check_static_load(self, s: FloatArray, static: FloatArray) -> None:
         """Where every drive can hold the arm still, some slow motion keeps all limits."""
