@@ -9,13 +9,13 @@ import shapely
 from ccm_opt import load_problem, solve
 from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.core.errors import MotionNotFound, ProblemError, TimeLimitReached
+from ccm_opt.planning.baseline import plans
 from ccm_opt.planning.baseline.distance import TipPose
 from ccm_opt.planning.baseline.hill_climb import SchemaStopped, run
 from ccm_opt.planning.baseline.hill_climbing_planner import HillClimbingPlanner, first_plan, obstacle_ahead
 from ccm_opt.planning.baseline.operators import Shapes
 from ccm_opt.planning.baseline.plans import Follower
 from ccm_opt.planning.baseline.schemas import scm_0
-from ccm_opt.planning.baseline.settings import BaselineSettings
 from ccm_opt.problem import Problem, TipGoal
 from ccm_opt.robot.arm import Feed
 from ccm_opt.scene.certificate import Certificate
@@ -115,11 +115,11 @@ def test_the_time_limit_is_kept() -> None:
     assert "stopped_at" in late.value.diagnosis.evidence
 
 
-def test_a_plan_has_only_its_share_of_the_time() -> None:
+def test_a_plan_has_only_its_share_of_the_time(monkeypatch: pytest.MonkeyPatch) -> None:
     """A plan that has used up its share makes room for the next; the error tells that more time might have helped."""
-    hurried = BaselineSettings(plan_share=0.0)
+    monkeypatch.setattr(plans, "_PLAN_SHARE", 0.0)
     with pytest.raises(TimeLimitReached, match="in its share of the time") as late:
-        first_plan(Follower.from_problem(shared("fold-and-reach", time_limit=1e9), hurried))
+        first_plan(Follower.from_problem(shared("fold-and-reach", time_limit=1e9)))
     stops = late.value.diagnosis.evidence["stopped_at"]
     assert isinstance(stops, dict)
     assert len(stops) >= 6

@@ -13,7 +13,7 @@ from ccm_opt.core.errors import ProblemError
 from ccm_opt.planning.baseline.curve_track import track_through
 from ccm_opt.planning.baseline.distance import TipPose
 from ccm_opt.planning.baseline.hill_climbing_planner import passages
-from ccm_opt.planning.baseline.plans import ClearanceField, Follower
+from ccm_opt.planning.baseline.plans import Follower, clearance_field
 from ccm_opt.robot.configuration import Configuration
 from ccm_opt.scene.workspace import Obstacle, PlaneShape
 from tests.oracles.cubic_spiral import CubicSpiral
@@ -69,9 +69,9 @@ def test_passages_lead_to_the_goal_and_touch_nothing() -> None:
     goal = TipPose(np.array([0.55, -0.15]), -1.2)
     found = list(passages(follower.world, follower.start, follower.free_space, goal, np.array([0.25, 0.0]), 2))
     assert found
-    for passage in found:
-        curve = passage.track.from_pose(passage.subgoal.position)
-        assert curve.base_heading == pytest.approx(passage.subgoal.heading)
+    for subgoal, track in found:
+        curve = track.from_pose(subgoal.position)
+        assert curve.base_heading == pytest.approx(subgoal.heading)
         np.testing.assert_allclose(curve.tip[0], goal.position, atol=1e-6)
         assert np.cos(curve.tip[1] + 1.2) == pytest.approx(1.0)
         line = shapely.LineString(curve.positions_at(np.linspace(0.0, curve.length, 400)))
@@ -87,15 +87,16 @@ def test_passages_longer_than_the_arm_are_left_out() -> None:
         list(passages(follower.world, start, follower.free_space, goal, None, 2))
         for start in (follower.start, Configuration.chain(np.zeros(2), 0.0, [0.7], [np.zeros(5)]))
     ]
-    assert all(passage.track.length <= follower.start.length for passage in offered[0])
+    assert all(track.length <= follower.start.length for _, track in offered[0])
     assert [len(found) > 0 for found in offered] == [True, False]
 
 
 def test_the_clearance_field_is_near_the_true_distance() -> None:
     """Interpolated gaps err by no more than a cell."""
     problem = load_problem(PROBLEMS / "fold-and-reach.toml")
-    field = ClearanceField.from_workspace(problem.workspace, 0.02)
+    xmin, ymin, xmax, ymax = problem.workspace.boundary.bounds
+    gap = clearance_field(problem.workspace, 0.02, 160)
     points = np.random.default_rng(1).uniform([-0.5, -0.5], [1.2, 1.3], (200, 2))
     walls = [wall.core for wall in problem.workspace.walls]
     true = np.array([min(shapely.distance(shapely.Point(p), wall) for wall in walls) for p in points]) - 0.02
-    assert np.abs(field.gap(points) - true).max() < field.cell
+    assert np.abs(gap(points) - true).max() < max(xmax - xmin, ymax - ymin) / 160

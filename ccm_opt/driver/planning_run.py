@@ -37,7 +37,7 @@ def default_planner(
             raise ProblemError("hill climbing knows no constraints and costs of the user; use planner.method nlp")
         from ccm_opt.planning.baseline.hill_climbing_planner import HillClimbingPlanner  # noqa: PLC0415 - seldom
 
-        return HillClimbingPlanner(stages, settings.hill_climbing)
+        return HillClimbingPlanner(stages)
     return MotionPlanner(stages, terms, refuse_hopeless, settings.curve, settings.space)
 
 

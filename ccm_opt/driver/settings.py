@@ -6,7 +6,6 @@ from ccm_opt.core.arguments import expect
 from ccm_opt.diagnosis.diagnosis_settings import DiagnosisSettings
 from ccm_opt.driver.room_over_time import RoomSettings
 from ccm_opt.dynamics.retiming.timing_settings import TimingSettings
-from ccm_opt.planning.baseline.settings import BaselineSettings
 from ccm_opt.planning.pose_beginnings import PoseSearchSettings
 from ccm_opt.planning.settings import CurvePlannerSettings, SpaceMotionSettings
 from ccm_opt.planning.tip_reach import ReachSettings
@@ -26,7 +25,6 @@ class Settings:
         space: of the planner in space.
         poses: of the search for the best pose at a goal.
         reach: of the map of where the tip can be.
-        hill_climbing: of the paper's planner.
         timing: of timing along a path.
         verification: tolerances of the verifier.
         room: how closely the room that a motion keeps is looked at.
@@ -38,7 +36,6 @@ class Settings:
     space: SpaceMotionSettings = field(default_factory=SpaceMotionSettings)
     poses: PoseSearchSettings = field(default_factory=PoseSearchSettings)
     reach: ReachSettings = field(default_factory=ReachSettings)
-    hill_climbing: BaselineSettings = field(default_factory=BaselineSettings)
     timing: TimingSettings = field(default_factory=TimingSettings)
     verification: VerificationSettings = field(default_factory=VerificationSettings)
     room: RoomSettings = field(default_factory=RoomSettings)

@@ -8,6 +8,7 @@ SCM-7 the first, SCM-3 and SCM-5 the others, SCM-0 the goal.
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from typing import TypeAlias
 
 import numpy as np
 import shapely
@@ -23,7 +24,6 @@ from ccm_opt.planning.baseline.operators import Shapes
 from ccm_opt.planning.baseline.plans import REACH, Folds, Follower, fold_plan, staged, subgoals, trace
 from ccm_opt.planning.baseline.schema import scm_0, scm_2
 from ccm_opt.planning.baseline.schemas import ranked_selections, scm_6, scm_7
-from ccm_opt.planning.baseline.settings import DEFAULT_BASELINE, BaselineSettings
 from ccm_opt.planning.baseline.world import World
 from ccm_opt.planning.own_units import in_own_units
 from ccm_opt.planning.spline_path import certified_spline, spare_kept
@@ -50,17 +50,8 @@ _SHARPEST_TURN = 0.85
 """Share of the curvature's limit that a turn may use. Taste."""
 
 
-@dataclass(frozen=True)
-class Passage:
-    """A first subgoal and the track that leads from it to the goal.
-
-    Attributes:
-        subgoal: for the tip of the folded arm.
-        track: from there to the goal.
-    """
-
-    subgoal: TipPose
-    track: SegmentTrack
+Passage: TypeAlias = tuple[TipPose, SegmentTrack]
+"""A first subgoal for the tip of the folded arm, and the track that leads from there to the goal."""
 
 
 def region_plan(
@@ -85,13 +76,14 @@ def region_plan(
         SchemaStopped: naming the schema.
     """
     yield SchemaStep("start", start, "1 start")
+    subgoal, track = passage
     if len(start.segments) == 1:
-        here = yield from (folds or Folds()).to(world, start, passage.subgoal)
+        here = yield from (folds or Folds()).to(world, start, subgoal)
     else:
-        nearer = scm_7(world.of_curve, start, passage.subgoal, _NEAR_SUBGOAL)
+        nearer = scm_7(world.of_curve, start, subgoal, _NEAR_SUBGOAL)
         here = yield from staged(nearer, "3 proceed to the subgoal")
     here = yield from staged(_interface(world, here), REACH)
-    return (yield from trace(world, here, passage.track, goal, sliding=True))
+    return (yield from trace(world, here, track, goal, sliding=True))
 
 
 def _interface(world: World, start: Configuration) -> Schema:
@@ -128,7 +120,7 @@ def passages(
     for first, way in firsts:
         track = _first_open_track(world, room, first, way, goal, start.length, shrink)
         if track is not None and track.length <= start.length:
-            yield Passage(first, track)
+            yield first, track
 
 
 def _first_open_track(
@@ -198,11 +190,9 @@ class HillClimbingPlanner:
 
     Attributes:
         stages: names and times the stages.
-        settings: shares of the time, margins and tolerances.
     """
 
     stages: Stages = field(default_factory=Stages)
-    settings: BaselineSettings = DEFAULT_BASELINE
 
     def plan(self, problem: Problem) -> JointPath:
         """Plan a certified motion.
@@ -215,26 +205,15 @@ class HillClimbingPlanner:
             raise ProblemError("hill climbing moves no feed axis; use planner.method nlp, or leave arm.feed out")
         with in_own_units(problem) as units:
             with self.stages("mapping"):
-                follower = Follower.from_problem(units.scaled(problem), self.settings)
+                follower = Follower.from_problem(units.scaled(problem))
             with self.stages("motion"):
                 name, steps = first_plan(follower)
                 path = followed_joint_path(follower, name, steps)
         return units.path_in_metres(path, problem.arm)
 
 
-@dataclass(frozen=True)
-class _Stop:
-    """Where a plan stopped.
-
-    Attributes:
-        plan: its name.
-        schema: at which it stopped.
-        reason: in words.
-    """
-
-    plan: str
-    schema: str
-    reason: str
+_Stop: TypeAlias = tuple[str, str, str]
+"""Where a plan stopped: its name, the schema at which it stopped, and the reason in words."""
 
 
 def first_plan(follower: Follower) -> tuple[str, tuple[SchemaStep, ...]]:
@@ -254,14 +233,14 @@ def first_plan(follower: Follower) -> tuple[str, tuple[SchemaStep, ...]]:
                 steps.append(step)  # noqa: PERF402 - what came before a stop is kept
             return name, tuple(steps)
         except SchemaStopped as stopped:
-            stops.append(_Stop(name, stopped.schema, stopped.diagnosis.reason))
+            stops.append((name, stopped.schema, stopped.diagnosis.reason))
         except TimeLimitReached as late:
             # A plan that has made no step yet is still selecting a segment type.
             last_schema = steps[-1].schema if steps else "SCM-1"
             if follower.deadline.passed():
-                stops.append(_Stop(name, last_schema, f"the time limit passed after {last_schema}"))
+                stops.append((name, last_schema, f"the time limit passed after {last_schema}"))
                 raise TimeLimitReached(_diagnosis("no plan arrived in time", stops)) from late
-            stops.append(_Stop(name, last_schema, f"its share of the time passed after {last_schema}"))
+            stops.append((name, last_schema, f"its share of the time passed after {last_schema}"))
             some_cut_short = True
 
     if some_cut_short:
@@ -344,6 +323,6 @@ def followed_joint_path(follower: Follower, name: str, steps: tuple[SchemaStep, 
 
 
 def _diagnosis(what: str, stops: list[_Stop]) -> Diagnosis:
-    reasons = "; ".join(f"{stop.plan}: {stop.reason}" for stop in stops)
-    evidence = {"stopped_at": {stop.plan: stop.schema for stop in stops}}
+    reasons = "; ".join(f"{plan}: {reason}" for plan, _, reason in stops)
+    evidence = {"stopped_at": {plan: schema for plan, schema, _ in stops}}
     return Diagnosis(f"{what}: {reasons}", "motion", ("use planner.method nlp",), evidence)

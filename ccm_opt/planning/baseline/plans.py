@@ -36,8 +36,7 @@ from ccm_opt.planning.baseline.schemas import (
     scm_8,
     slide_boundary,
 )
-from ccm_opt.planning.baseline.settings import DEFAULT_BASELINE, BaselineSettings
-from ccm_opt.planning.baseline.world import World
+from ccm_opt.planning.baseline.world import Gap, World
 from ccm_opt.planning.ends import Ends, resolve_ends
 from ccm_opt.planning.link_space import nearest_curves
 from ccm_opt.problem import Problem
@@ -47,6 +46,11 @@ from ccm_opt.scene.certificate import Certificate
 from ccm_opt.scene.free_space import FreeSpace
 from ccm_opt.scene.workspace import Workspace
 
+_PLAN_SHARE = 0.6
+"""Share of the time that is left that one plan may use, so that the others have their turn. Taste."""
+_CERTIFIED_GAP = 1e-4
+"""Gap beyond contact that moves keep, as a share of the arm's length, so that the smooth path has somewhere to go.
+Taste."""
 _PLANNING_SHARE = 0.9
 """Share of the time limit that planning may use; timing and verification need the rest. Taste."""
 _BISECTIONS = 3
@@ -300,38 +304,28 @@ _MERGING_TOLERANCE = 0.02
 Taste."""
 
 
-@dataclass(frozen=True)
-class ClearanceField:
-    """Distance of places from the nearest wall, less what the arm needs.
+def clearance_field(workspace: Workspace, need: float, cells: int = _FIELD_CELLS) -> Gap:
+    """Distance of places from the nearest wall less what the arm needs, interpolated in a grid.
 
-    Attributes:
-        corner: of the grid, shape (2,) [m].
-        cell: size of a cell [m].
-        gaps: at the grid's nodes, shape (columns, rows) [m].
+    Args:
+        workspace: the room; places outside it take what is at its edge.
+        need: distance that the arm needs [m].
+        cells: of the grid along the longer side of the room.
     """
+    xmin, ymin, xmax, ymax = workspace.boundary.bounds
+    cell = max(xmax - xmin, ymax - ymin) / cells
+    x = np.arange(xmin, xmax + cell, cell)
+    y = np.arange(ymin, ymax + cell, cell)
+    nodes = np.asarray(shapely.points(*np.meshgrid(x, y, indexing="ij")))
+    gaps = np.full(nodes.shape, np.inf)
+    for wall in workspace.walls:
+        np.minimum(gaps, shapely.distance(nodes, wall.core) - wall.rounding, out=gaps)
 
-    corner: FloatArray
-    cell: float
-    gaps: FloatArray
+    def gap(points: FloatArray) -> FloatArray:
+        places = np.moveaxis((points - np.array([xmin, ymin])) / cell, -1, 0)
+        return np.asarray(map_coordinates(gaps - need, places, order=1, mode="nearest"))
 
-    @classmethod
-    def from_workspace(cls, workspace: Workspace, need: float, cells: int = _FIELD_CELLS) -> "ClearanceField":
-        """The field of a room, ``cells`` along its longer side, for an arm that needs a distance ``need`` [m]."""
-        xmin, ymin, xmax, ymax = workspace.boundary.bounds
-        cell = max(xmax - xmin, ymax - ymin) / cells
-        x = np.arange(xmin, xmax + cell, cell)
-        y = np.arange(ymin, ymax + cell, cell)
-        nodes = np.asarray(shapely.points(*np.meshgrid(x, y, indexing="ij")))
-        gaps = np.full(nodes.shape, np.inf)
-        for wall in workspace.walls:
-            np.minimum(gaps, shapely.distance(nodes, wall.core) - wall.rounding, out=gaps)
-        return cls(np.array([xmin, ymin]), cell, gaps - need)
-
-    def gap(self, points: FloatArray) -> FloatArray:
-        """Interpolated gaps at points (..., 2) [m]; shape (...). Places outside the room take those at its edge."""
-        places = np.moveaxis((points - self.corner) / self.cell, -1, 0)
-        gaps: FloatArray = map_coordinates(self.gaps, places, order=1, mode="nearest")
-        return gaps
+    return gap
 
 
 @dataclass(frozen=True)
@@ -343,29 +337,26 @@ class Follower:
         ends: start and goal on the links.
         certificate: of moves.
         deadline: when to stop.
-        settings: the planner's.
     """
 
     problem: Problem
     ends: Ends
     certificate: Certificate
     deadline: Deadline
-    settings: BaselineSettings = DEFAULT_BASELINE
 
     @classmethod
-    def from_problem(cls, problem: Problem, settings: BaselineSettings = DEFAULT_BASELINE) -> "Follower":
+    def from_problem(cls, problem: Problem) -> "Follower":
         """The arm of a problem, with its share of the problem's time from now on.
 
         Args:
             problem: to plan for.
-            settings: the planner's.
 
         Raises:
             UnreachableGoal: start or goal cannot be.
         """
         ends = resolve_ends(problem)
         deadline = Deadline.after(_PLANNING_SHARE * problem.planner.time_limit)
-        return cls(problem, ends, _certificate(problem, ends, settings), deadline, settings)
+        return cls(problem, ends, _certificate(problem, ends), deadline)
 
     @cached_property
     def start(self) -> Configuration:
@@ -419,11 +410,9 @@ class Follower:
         return allowed
 
     @cached_property
-    def field(self) -> ClearanceField:
+    def gap(self) -> Gap:
         """Gaps in the workspace."""
-        return ClearanceField.from_workspace(
-            self.problem.workspace, self.problem.arm.radius + self.problem.workspace.clearance
-        )
+        return clearance_field(self.problem.workspace, self.problem.arm.radius + self.problem.workspace.clearance)
 
     @cached_property
     def free_space(self) -> FreeSpace:
@@ -436,7 +425,7 @@ class Follower:
     def hurried_world(self) -> World:
         """The world of the schemas for one plan, whose share of the time that is left begins now."""
         # Of the time that is left now, so that late plans have less but every one has some.
-        until = Deadline.after(self.settings.plan_share * self.deadline.left)
+        until = Deadline.after(_PLAN_SHARE * self.deadline.left)
 
         def passes(here: Shapes, there: Shapes) -> BoolArray:
             look_at_clock(until)
@@ -455,7 +444,7 @@ class Follower:
         return World(
             passes=self.passes,
             tips=self.tips,
-            gap=self.field.gap,
+            gap=self.gap,
             curvature_limit=arm.joint_limit / arm.link_length,
             thickness=2.0 * arm.radius if arm.self_collision else 0.0,
             base_range=base_range,
@@ -472,9 +461,9 @@ def look_at_clock(deadline: Deadline) -> None:
         raise TimeLimitReached(Diagnosis(deadline.what_passed(), "hill climbing", ("raise planner.time_limit",)))
 
 
-def _certificate(problem: Problem, ends: Ends, settings: BaselineSettings) -> Certificate:
+def _certificate(problem: Problem, ends: Ends) -> Certificate:
     """A little more than contact where the start has it; a start that touches something must be allowed to leave."""
-    with_gap = Certificate(problem.arm, problem.workspace, settings.certified_gap * problem.arm.length)
+    with_gap = Certificate(problem.arm, problem.workspace, _CERTIFIED_GAP * problem.arm.length)
     standing_still = np.stack((ends.start, ends.start))
     if len(with_gap.failures(standing_still)) == 0:
         return with_gap

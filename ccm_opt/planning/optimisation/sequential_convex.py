@@ -14,7 +14,7 @@ import numpy as np
 from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.core.deadline import Deadline
 from ccm_opt.planning.goal import GoalPose, moved_onto
-from ccm_opt.planning.limits.limit import KeyframeRows, LimitOf, MotionCost, restored_keyframes
+from ccm_opt.planning.limits.limit import LimitOf, restored_keyframes
 from ccm_opt.planning.optimisation.interval_rows import IntervalRows, RowCurvature, Sweep, joined_rows, representatives
 from ccm_opt.planning.optimisation.objective import JointSlowness, Objective, WallNearness
 from ccm_opt.planning.optimisation.program import KeyframeProgram, LinearMotion, QuadraticStep
@@ -140,18 +140,6 @@ class MotionProgram(Generic[SweepType]):
         """All rows over intervals about a motion."""
         return joined_rows([rows for limit in self.limits for rows in limit.interval_rows(sweep)])
 
-    def seen_by_steps(self, sweep: SweepType) -> float:
-        """How near to their bound rows enter the QP [m]."""
-        return self.seen * (_SEEN_AT_MANY if sweep.intervals > self.many else 1.0)
-
-    def keyframe_rows(self, sweep: SweepType) -> tuple[KeyframeRows, ...]:
-        """Rows on single keyframes that have to hold."""
-        return tuple(each for limit in self.limits for each in limit.keyframe_rows(sweep, self.u))
-
-    def equations(self, sweep: SweepType) -> tuple[KeyframeRows, ...]:
-        """Equations on single keyframes."""
-        return tuple(each for limit in self.limits for each in limit.keyframe_equations(sweep, self.u))
-
     def end_rows(self, sweep: SweepType) -> FloatArray:
         """Rows that hold the last keyframe, or the tip in its goal, its position in nominal links first, shape (r, p).
 
@@ -161,10 +149,6 @@ class MotionProgram(Generic[SweepType]):
         if self.end_fixed or self.goal is None:
             return np.eye(sweep.unknowns.shape[1])
         return self.goal.rows(self.curve.pose(sweep.unknowns[-1]), self.unit)
-
-    def further_costs(self) -> tuple[MotionCost, ...]:
-        """The costs of the limits."""
-        return tuple(cost for limit in self.limits for cost in limit.costs(self.curve, self.u))
 
     # ------------------------------------------------------------ what may become of it
     def restored(self, unknowns: FloatArray) -> FloatArray:
@@ -206,14 +190,18 @@ class MotionProgram(Generic[SweepType]):
     def linearised(self, sweep: SweepType) -> LinearMotion:
         """A motion to first order."""
         rows = self.rows(sweep)
+        limits = self.limits
         return LinearMotion(
             sweep=sweep,
             objective=self.objective(sweep.intervals),
-            costs=(*self.nearness(rows, sweep), *self.further_costs()),
+            costs=(
+                *self.nearness(rows, sweep),
+                *(cost for limit in limits for cost in limit.costs(self.curve, self.u)),
+            ),
             rows=rows,
-            active=self.active_rows(rows, sweep, self.seen_by_steps(sweep)),
-            keyframe_rows=self.keyframe_rows(sweep),
-            equations=self.equations(sweep),
+            active=self.active_rows(rows, sweep, self.seen * (_SEEN_AT_MANY if sweep.intervals > self.many else 1.0)),
+            keyframe_rows=tuple(each for limit in limits for each in limit.keyframe_rows(sweep, self.u)),
+            equations=tuple(each for limit in limits for each in limit.keyframe_equations(sweep, self.u)),
             end_rows=self.end_rows(sweep),
             end_fixed=self.end_fixed,
             unit=self.unit,
