@@ -11,6 +11,7 @@ from dataclasses import replace
 from functools import cache, partial
 from importlib.metadata import version
 from itertools import combinations
+from types import MappingProxyType
 from typing import TypeVar
 
 import numpy as np
@@ -133,26 +134,28 @@ def versions() -> Mapping[str, str]:
     return {"python": platform.python_version(), **{name: version(name) for name in PACKAGES}}
 
 
-def assembled(
+def as_it_stands(
     problem: Problem,
     plan: VerifiedPlan,
-    simulated: SimulatedMotion,
-    figures: Mapping[str, float],
     stages: Stages,
+    simulated: SimulatedMotion | None = None,
+    figures: Mapping[str, float] = MappingProxyType({}),
     room: RoomRecord | None = None,
     tolerance: tuple[SurvivedError, ...] = (),
 ) -> Solution:
-    """The solution of a problem.
+    """The solution that a verified plan is, as far as it is known.
 
     Args:
         problem: what was asked.
         plan: the motion, which passes every check.
-        simulated: what the simulated arm did.
-        figures: of merit of that and of the costs.
         stages: CPU time of every stage.
+        simulated: what the simulated arm did; None where that was not waited for.
+        figures: of merit of that and of the costs.
         room: that the motion keeps; None where it was not measured.
         tolerance: errors that it survives.
     """
+    if simulated is None:
+        simulated = not_simulated(plan.trajectory, plan.joints, problem.simulation.step, "it was not waited for")
     own = metrics(problem, plan.path, plan.trajectory, plan.joints, simulated, plan.checks)
     return Solution(
         problem=problem,
@@ -176,7 +179,7 @@ def described(
     plan: VerifiedPlan,
     stages: Stages,
     settings: Settings = DEFAULT_SETTINGS,
-    figures: Mapping[str, float] | None = None,
+    figures: Mapping[str, float] = MappingProxyType({}),
 ) -> Solution:
     """The solution that a verified plan is: with the room that the motion keeps, and what the simulated arm does.
 
@@ -192,11 +195,12 @@ def described(
     """
     room: RoomRecord | None = None
     tolerance: tuple[SurvivedError, ...] = ()
-    simulated = not_waited_for(problem, plan)
+    simulated: SimulatedMotion | None = None
     of_simulation: Mapping[str, float] = {}
 
     def so_far() -> Solution:
-        return assembled(problem, plan, simulated, {**of_simulation, **(figures or {})}, stages, room, tolerance)
+        known = {**of_simulation, **figures}
+        return as_it_stands(problem, plan, stages, simulated, known, room, tolerance)
 
     try:
         with stages("room"):
@@ -212,11 +216,6 @@ def described(
     return so_far()
 
 
-def as_it_stands(problem: Problem, plan: VerifiedPlan, stages: Stages) -> Solution:
-    """The solution that a verified plan is, with no word of its room and its simulation; for one that is cancelled."""
-    return assembled(problem, plan, not_waited_for(problem, plan), {}, stages)
-
-
 def kept(stage: Callable[[], Result], what: str, instead: Callable[[Exception], Result]) -> Result:
     """What a stage makes of a verified plan.
 
@@ -230,11 +229,6 @@ def kept(stage: Callable[[], Result], what: str, instead: Callable[[Exception], 
     except Exception as defect:
         logger.exception("%s: this is a bug in ccm-opt, please report it", what)
         return instead(defect)
-
-
-def not_waited_for(problem: Problem, plan: VerifiedPlan) -> SimulatedMotion:
-    """What stands for the simulated motion of a plan until there is one."""
-    return not_simulated(plan.trajectory, plan.joints, problem.simulation.step, "it was not waited for")
 
 
 def simulated_motion(problem: Problem, plan: VerifiedPlan) -> tuple[SimulatedMotion, Mapping[str, float]]:
