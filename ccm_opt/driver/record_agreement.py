@@ -20,7 +20,7 @@ from ccm_opt.problem.solution import (
     SurvivedError,
 )
 from ccm_opt.verification.consistency import check_followed_curves, check_keyframes, check_nearest_curves
-from ccm_opt.verification.tolerance.error_model import DEFAULT_TOLERANCE, error_models
+from ccm_opt.verification.tolerance.error_model import DEFAULT_TOLERANCE, ErrorModel, error_models
 from ccm_opt.verification.tolerance.survived_errors import survived_error
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
 
@@ -191,7 +191,7 @@ def _checks(recorded: Sequence[Check], checks: Sequence[Check], settings: Verifi
 
 def _survived(problem: Problem, trajectory: JointTrajectory, recorded: Sequence[SurvivedError]) -> Check:
     """Recorded errors that are survived: each is proved once more, and larger ones are not looked for."""
-    models = error_models(problem.arm)
+    models: Mapping[str, ErrorModel] = {**error_models(problem.arm)}
     wrong = []
     for error in recorded:
         model = models.get(error.name)
