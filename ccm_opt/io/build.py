@@ -229,20 +229,14 @@ def build_arm(table: ArmTable | SpaceArmTable) -> Arm:
     if table.feed is not None:
         low, high = table.feed.range
         feed = Feed(low, high, high if table.feed.hole is None else table.feed.hole)
+    same = ("links", "link_length", "radius", "joint_limit", "base_limit", "self_collision", "axes", "payload")
     parts: dict[str, Any] = {
-        "links": table.links,
-        "link_length": table.link_length,
-        "radius": table.radius,
-        "joint_limit": table.joint_limit_deg,
-        "base_limit": table.base_limit_deg,
-        "self_collision": table.self_collision,
+        **{key: table.values[key] for key in same},
         "mount_length": table.radius if table.mount_length is None else table.mount_length,
         "masses": masses,
         "inertia_axial": axial,
         "inertia_transverse": transverse,
-        "axes": table.axes,
         "feed": feed,
-        "payload": table.payload,
         "rotor_inertia": each_revolute(table.rotor_inertia, table.links),
         "friction": each_revolute(table.friction, table.links),
     }
@@ -263,25 +257,13 @@ def _across(up: FloatArray, direction: FloatArray) -> FloatArray:
 
 def build_limits(table: LimitsTable, links: int) -> Limits:
     """The limits of an arm of so many links."""
-    return Limits(
-        each_revolute(table.velocity, links),
-        each_revolute(table.acceleration, links),
-        None if table.torque is None else each_revolute(table.torque, links),
-        table.feed_velocity,
-        table.feed_acceleration,
-        table.feed_force,
-        None if table.jerk is None else each_revolute(table.jerk, links),
-        table.feed_jerk,
-        _point_limits(table),
-    )
-
-
-def _point_limits(table: LimitsTable) -> tuple[PointLimit, ...]:
-    """The limits on the tip, if there are any, and on other points."""
-    points = [PointLimit(point.at, point.velocity or np.inf, point.acceleration or np.inf) for point in table.points]
-    if table.tip_velocity is None and table.tip_acceleration is None:
-        return tuple(points)
-    return (PointLimit(None, table.tip_velocity or np.inf, table.tip_acceleration or np.inf), *points)
+    limits = table.values
+    points = [(None, limits.pop("tip_velocity"), limits.pop("tip_acceleration"))]
+    points += [(point.at, point.velocity, point.acceleration) for point in limits.pop("points")]
+    limits["points"] = tuple(PointLimit(at, v or np.inf, a or np.inf) for at, v, a in points if v or a)
+    for key in ("velocity", "acceleration", "torque", "jerk"):
+        limits[key] = None if limits[key] is None else each_revolute(limits[key], links)
+    return Limits(**limits)
 
 
 def build_pose(table: PoseTable | SpacePoseTable, arm: Arm, mapping: MappingName) -> JointPose:
@@ -293,7 +275,7 @@ def build_pose(table: PoseTable | SpacePoseTable, arm: Arm, mapping: MappingName
     feed = feed_of(table, arm)
     if arm.dimension == 3:
         return JointPose(np.zeros((arm.links, 2)) if table.joints_deg is None else np.array(table.joints_deg), feed)
-    if isinstance(table, PoseTable) and table.segments is not None:
+    if table.segments is not None:
         curve = Configuration.chain(
             arm.base,
             arm.base_heading if table.heading_deg is None else table.heading_deg,
@@ -316,16 +298,14 @@ def _goal(table: GoalTable | SpaceGoalTable, arm: Arm, mapping: MappingName) -> 
     """Build a goal for the tip or for the whole arm."""
     if table.position is None:
         return build_pose(table, arm, mapping)
-    if isinstance(table, GoalTable):
-        return TipGoal(np.array(table.position), heading=table.heading_deg)
     direction = None if table.direction is None else np.array(table.direction)
-    return TipGoal(np.array(table.position), direction, tuple(np.array(place) for place in table.via or ()))
+    via = tuple(np.array(place) for place in table.via or ())
+    return TipGoal(np.array(table.position), direction, via, table.heading_deg)
 
 
 def _tolerances(table: GoalTable | SpaceGoalTable) -> Tolerances:
     """How near the goal counts."""
-    angle = table.heading_tolerance_deg if isinstance(table, GoalTable) else table.direction_tolerance_deg
-    return Tolerances(table.position_tolerance, angle)
+    return Tolerances(table.position_tolerance, table.heading_tolerance_deg or table.direction_tolerance_deg)
 
 
 def build_options(table: PlannerTable) -> PlannerOptions:

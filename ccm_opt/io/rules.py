@@ -190,7 +190,7 @@ def check_pose(
             if abs(value) > limit + ANGLE_TOLERANCE:
                 passed = f"{math.degrees(value):g} deg passes {key} = {math.degrees(limit):g}"
                 issues.add((*path, "joints_deg", k, *which), passed)
-    if isinstance(pose, PoseTable) and pose.segments is not None:
+    if pose.segments is not None:
         total = sum(segment.length for segment in pose.segments)
         length = arm.links * arm.link_length
         if abs(total - length) > _LENGTH_TOLERANCE * length:

@@ -8,7 +8,7 @@ The description of a key is what it means; the tables of the pages are made from
 import math
 import re
 from collections.abc import Mapping
-from typing import Annotated, Literal, TypeAlias
+from typing import Annotated, ClassVar, Literal, TypeAlias
 
 import numpy as np
 import shapely
@@ -95,6 +95,9 @@ class GoalTable(PoseTable):
     rules = Rules(
         exactly_one=("position", "joints_deg", "shape", "segments"), needs={"heading_deg": ("position", "segments")}
     )
+    direction: ClassVar[None] = None
+    via: ClassVar[None] = None
+    direction_tolerance_deg: ClassVar[float] = 0.0
 
     position: Point | None = Field(default=None, description="Of the tip.")
     position_tolerance: PositiveLength = Field(
@@ -362,6 +365,8 @@ class SpacePoseTable(Table):
     """A pose of the whole arm, one of shape, joints_deg."""
 
     rules = Rules(exactly_one=("shape", "joints_deg"))
+    segments: ClassVar[None] = None
+    heading_deg: ClassVar[None] = None
 
     shape: Literal["straight"] | None = Field(
         default=None, description='`"straight"`: all links along `arm.base.direction`.'
@@ -382,6 +387,7 @@ class SpaceGoalTable(SpacePoseTable):
     rules = Rules(
         exactly_one=("position", "joints_deg", "shape"), needs=dict.fromkeys(("direction", "via"), ("position",))
     )
+    heading_tolerance_deg: ClassVar[float] = 0.0
 
     position: SpacePoint | None = Field(default=None, description="Of the tip.")
     direction: Direction | None = Field(

@@ -159,7 +159,7 @@ def _check_rooms(
     room = found["workspace"]
     if room is None:
         return
-    if isinstance(room, SpaceWorkspaceTable) and room.bounds is not None:
+    if found["meshes"] and room.bounds is not None:
         check_meshes(found["meshes"], np.array(room.bounds), _unit_of(data), issues)
     elif drawing is not None and (room.bounds or room.boundary):
         offset = np.array(lookup(data, ("workspace", "offset")) or [0.0, 0.0])
@@ -205,9 +205,8 @@ def _check_built_pose(
     It can be folded or laid along the curve, lies in the range of the feed axis, and is straight in the guide tube.
     """
     arm = build_arm(table)
-    segments = isinstance(pose, PoseTable) and pose.segments is not None
-    key = "segments" if segments else "shape"
-    if (pose.shape == "folded" or segments) and not issues.at((*path, key)):
+    key = "shape" if pose.segments is None else "segments"
+    if (pose.shape == "folded" or pose.segments) and not issues.at((*path, key)):
         try:
             build_pose(pose, arm, mapping)
         except ProblemError as error:
@@ -219,11 +218,11 @@ def _check_built_pose(
     if not low <= at <= high:
         words = f"outside the range of the feed axis, {file_length(low, 6)} to {file_length(high, 6)}"
         issues.add((*path, "feed"), words)
-    straight = "0" if isinstance(table, ArmTable) else "[0, 0]"
     # A list of the wrong length is reported elsewhere.
     given: Sequence[Any] = pose.joints_deg or []
     for k, (held, bends) in enumerate(zip(arm.held(at), given, strict=False)):
         if held and np.max(np.abs(bends)) > ANGLE_TOLERANCE:
+            straight = "[0, 0]" if np.ndim(bends) else "0"
             words = f"this joint is still inside the guide tube of the feed axis; expected {straight}"
             issues.add((*path, "joints_deg", k), words)
 

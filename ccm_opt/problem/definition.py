@@ -21,7 +21,6 @@ from ccm_opt.problem.options import (
     RetimingName,
     SimulationOptions,
     VerificationOptions,
-    Weights,
 )
 from ccm_opt.problem.poses import Goal, JointPose, Stop, Tolerances
 from ccm_opt.robot.arm import Arm, Axes, MappingName
@@ -45,33 +44,41 @@ def defects(problem: "Problem") -> Iterator[str]:
     yield from _name_defects("planner.mapping", problem.planner.mapping, get_args(MappingName))
     yield from drive_defects(problem.arm, problem.limits, problem.planner, problem.simulation)
     yield from array_defects("simulation.gravity", problem.simulation.gravity, (3,), positive=False)
-    if not 0.0 <= problem.joint_error < np.pi:
-        yield f"joint_error must be from 0 to below π rad, got {problem.joint_error}"
-    if not 0.0 < problem.contact_tolerance <= MOST_CONTACT_SHARE_OF_LENGTH * problem.arm.length:
-        yield (
-            "verification.contact_tolerance must be positive and at most a thousandth of the arm's length, got "
-            f"{problem.contact_tolerance}"
-        )
+    error, contact = problem.joint_error, problem.contact_tolerance
+    yield from _broken(
+        (0.0 <= error < np.pi, f"joint_error must be from 0 to below π rad, got {error}"),
+        (
+            0.0 < contact <= MOST_CONTACT_SHARE_OF_LENGTH * problem.arm.length,
+            f"verification.contact_tolerance must be positive and at most {_MOST_CONTACT_WORDS}, got {contact}",
+        ),
+    )
     yield from _pose_defects(problem, d)
 
 
+_MOST_CONTACT_WORDS = "a thousandth of the arm's length"
+
+
+def _broken(*rules: tuple[bool | np.bool_, str]) -> Iterator[str]:
+    """What the rules say that do not hold."""
+    yield from (line for holds, line in rules if not holds)
+
+
 def _arm_defects(arm: Arm, d: int) -> Iterator[str]:
-    if arm.links < 2 or arm.links % 2:
-        yield f"arm.links must be even and at least 2, got {arm.links}"
-    if not (arm.link_length > 0.0 and arm.radius >= 0.0):
-        yield f"arm.link_length must be positive and arm.radius not negative, got {arm.link_length} and {arm.radius}"
-    if not arm.mount_length >= 0.0:
-        yield f"arm.mount_length must not be negative, got {arm.mount_length}"
-    if not arm.joint_limit > 0.0:
-        yield f"arm.joint_limit must be positive, got {arm.joint_limit}"
-    if not arm.base_limit >= 0.0:
-        yield f"arm.base_limit must not be negative, got {arm.base_limit}"
+    yield from _broken(
+        (arm.links >= 2 and arm.links % 2 == 0, f"arm.links must be even and at least 2, got {arm.links}"),
+        (
+            arm.link_length > 0.0 and arm.radius >= 0.0,
+            f"arm.link_length must be positive and arm.radius not negative, got {arm.link_length} and {arm.radius}",
+        ),
+        (arm.mount_length >= 0.0, f"arm.mount_length must not be negative, got {arm.mount_length}"),
+        (arm.joint_limit > 0.0, f"arm.joint_limit must be positive, got {arm.joint_limit}"),
+        (arm.base_limit >= 0.0, f"arm.base_limit must not be negative, got {arm.base_limit}"),
+    )
     yield from array_defects("arm.base", arm.base, (d,), positive=False)
     yield from _unit_defects("arm.direction", arm.direction, d)
     if d == 2:
         return
-    if arm.axes != "zyx":
-        yield f'arm.axes must be "zyx" in space, got {arm.axes!r}'
+    yield from _broken((arm.axes == "zyx", f'arm.axes must be "zyx" in space, got {arm.axes!r}'))
     yield from _unit_defects("arm.up", arm.up, d)
     vectors = [np.asarray(vector) for vector in (arm.direction, arm.up)]
     if all(vector.shape == (3,) for vector in vectors) and abs(float(vectors[0] @ vectors[1])) > UNIT_ROUNDING:
@@ -155,35 +162,42 @@ def drive_defects(arm: Arm, limits: Limits, planner: PlannerOptions, simulation:
         ("simulation.controller", simulation.controller, get_args(ControllerName)),
     ):
         yield from _name_defects(key, name, names)
-    yield from _weight_defects(planner.weights)
+    yield from _broken(
+        *(
+            (0.0 <= value < np.inf, f"planner.weights.{name} must be finite and not negative, got {value}")
+            for name, value in asdict(planner.weights).items()
+        )
+    )
     yield from _point_defects(arm, limits)
-    if not 0.0 < planner.effort_share <= 1.0:
-        yield f"planner.effort_share must be above 0 and at most 1, got {planner.effort_share}"
-    if planner.retiming == "paul" and (limits.jerk is not None or limits.feed_jerk is not None):
-        yield 'limits.jerk and limits.feed_jerk need planner.retiming = "toppra", got "paul"'
-
-
-def _weight_defects(weights: Weights) -> Iterator[str]:
-    for name, value in asdict(weights).items():
-        if not 0.0 <= value < np.inf:
-            yield f"planner.weights.{name} must be finite and not negative, got {value}"
+    share = planner.effort_share
+    smooth = limits.jerk is not None or limits.feed_jerk is not None
+    yield from _broken(
+        (0.0 < share <= 1.0, f"planner.effort_share must be above 0 and at most 1, got {share}"),
+        (
+            planner.retiming != "paul" or not smooth,
+            'limits.jerk and limits.feed_jerk need planner.retiming = "toppra", got "paul"',
+        ),
+    )
 
 
 def _point_defects(arm: Arm, limits: Limits) -> Iterator[str]:
     """Limits on points: on the arm, positive, and one for each."""
-    points = limits.points
-    length = arm.length
-    for k, point in enumerate(points):
+    for k, point in enumerate(limits.points):
         name = f"limits.points[{k}]"
-        if point.at is not None and not 0.0 <= point.at <= length * (1.0 + 1e-9):
-            yield f"{name}.at must be from 0 to the arm's length, {length:g} m, got {point.at}"
-        for key in ("velocity", "acceleration"):
-            if not getattr(point, key) > 0.0:
-                yield f"{name}.{key} must be positive, or left out when it is not limited, got {getattr(point, key)}"
-        if np.isinf(point.velocity) and np.isinf(point.acceleration):
-            yield f"{name} limits neither velocity nor acceleration"
-        if point.at in [other.at for other in points[:k]]:
-            yield f"{name} limits the {point.name} a second time"
+        others = [other.at for other in limits.points[:k]]
+        on_arm = point.at is None or 0.0 <= point.at <= arm.length * (1.0 + 1e-9)
+        yield from _broken(
+            (on_arm, f"{name}.at must be from 0 to the arm's length, {arm.length:g} m, got {point.at}"),
+            _positive(f"{name}.velocity", point.velocity),
+            _positive(f"{name}.acceleration", point.acceleration),
+            (min(point.velocity, point.acceleration) < np.inf, f"{name} limits neither velocity nor acceleration"),
+            (point.at not in others, f"{name} limits the {point.name} a second time"),
+        )
+
+
+def _positive(name: str, value: float | None) -> tuple[bool, str]:
+    """The rule that a limit is positive."""
+    return value is None or value > 0.0, f"{name} must be positive, or left out when it is not limited, got {value}"
 
 
 def feed_defects(arm: Arm, limits: Limits, placed: Sequence[tuple[str, float]]) -> Iterator[str]:
@@ -191,17 +205,26 @@ def feed_defects(arm: Arm, limits: Limits, placed: Sequence[tuple[str, float]]) 
     if not arm.base_axes:
         yield from (f"{name}.feed is {value} m, but the arm has no feed axis" for name, value in placed if value)
     for axis in arm.base_axes:
-        if not axis.low < axis.high:
-            yield f"arm.feed must have low < high, got {axis.low} and {axis.high}"
-        for key in ("feed_velocity", "feed_acceleration"):
-            if getattr(limits, key) is None or not getattr(limits, key) > 0.0:
-                yield f"limits.{key} must be positive when the arm has a feed axis, got {getattr(limits, key)}"
-        for key in ("feed_force", "feed_jerk"):
-            if getattr(limits, key) is not None and not getattr(limits, key) > 0.0:
-                yield f"limits.{key} must be positive, or left out when it is not limited, got {getattr(limits, key)}"
-        for name, value in placed:
-            if not axis.low <= value <= axis.high:
-                yield f"{name}.feed must be within the range of the axis, {axis.low} to {axis.high} m, got {value}"
+        yield from _broken(
+            (axis.low < axis.high, f"arm.feed must have low < high, got {axis.low} and {axis.high}"),
+            *(
+                (
+                    bool(value and value > 0.0),
+                    f"limits.{key} must be positive when the arm has a feed axis, got {value}",
+                )
+                for key in ("feed_velocity", "feed_acceleration")
+                for value in (getattr(limits, key),)
+            ),
+            _positive("limits.feed_force", limits.feed_force),
+            _positive("limits.feed_jerk", limits.feed_jerk),
+            *(
+                (
+                    axis.low <= value <= axis.high,
+                    f"{name}.feed must be within the range of the axis, {axis.low} to {axis.high} m, got {value}",
+                )
+                for name, value in placed
+            ),
+        )
 
 
 def _positive_arrays(arm: Arm, limits: Limits) -> Iterator[_Array]:
