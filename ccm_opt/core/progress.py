@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, field, replace
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 from ccm_opt.core.errors import Diagnosis
 from ccm_opt.core.length_words import LengthUnit, in_metres, said_unit, short_length, words_in
@@ -106,19 +106,20 @@ class Stages:
         """Run a block as the stage ``name``; repeated stages add up, also when the block fails."""
         self._account()
         self._running.append(name)
-        self._announce()
+        self.tell()
         try:
             with listening(self._hear if self.progress is not None else None):
                 yield
         finally:
             self._account()
             self._running.pop()
-            self._announce()
+            self.tell()
 
-    def tell_known(self, diagnosis: Diagnosis) -> None:
-        """Tell why there is no plan, as far as that is known."""
+    def tell(self, **news: Any) -> None:
+        """Tell which stage is running, and more by the names of ``Progress``."""
         if self.progress is not None and self._running:
-            self.progress(replace(self._present(), known=diagnosis))
+            elapsed = time.process_time() - self._beginning
+            self.progress(replace(Progress(self._running[-1], elapsed, self.limit, unit=said_unit()), **news))
 
     def tell_change(self, words: str, spent: float, most: float) -> None:
         """Tell which change of a problem without a plan is tried.
@@ -128,8 +129,7 @@ class Stages:
             spent: CPU time that the search for changes has taken so far [s].
             most: that it may take [s].
         """
-        if self.progress is not None and self._running:
-            self.progress(replace(self._present(), elapsed=spent, limit=most, name=words))
+        self.tell(elapsed=spent, limit=most, name=words)
 
     def _account(self) -> None:
         """Note the time since the last change for the stage that is running."""
@@ -138,14 +138,5 @@ class Stages:
             self.timings[self._running[-1]] = self.timings.get(self._running[-1], 0.0) + now - self._since
         self._since = now
 
-    def _announce(self) -> None:
-        if self.progress is not None and self._running:
-            self.progress(self._present())
-
     def _hear(self, candidate: int, name: str, distance: float) -> None:
-        if self.progress is not None and self._running:
-            self.progress(replace(self._present(), candidate=candidate, name=name, distance=distance))
-
-    def _present(self) -> Progress:
-        elapsed = time.process_time() - self._beginning
-        return Progress(self._running[-1], elapsed, self.limit, unit=said_unit())
+        self.tell(candidate=candidate, name=name, distance=distance)

@@ -142,13 +142,13 @@ def explained(problem: Problem, error: NoPlanFound, trials: Trials, stages: Stag
     known = checked or _overloads(problem, error) or likely(problem, trials.until)
     old = error.diagnosis
     hints = unit_hints(problem)
-    stages.tell_known(_diagnosis(old, ranked(known), (), (*hints, *(() if binding(known) else old.advice))))
+    stages.tell(known=_diagnosis(old, ranked(known), (), (*hints, *(() if binding(known) else old.advice))))
     solved: tuple[Relaxation, ...] = ()
     with stages("changes that would help"):
         telling = replace(trials, tell=stages.tell_change)
         for relaxation in relaxations(problem, known, telling):
             solved = tuple(sorted((*solved, relaxation), key=lambda each: each.change))
-            stages.tell_known(_diagnosis(old, ranked(known, solved), solved, hints))
+            stages.tell(known=_diagnosis(old, ranked(known, solved), solved, hints))
         # What would be needed at least is of interest where no change is known that helps.
         advice = () if solved else _advice(problem, known, trials.until) or old.advice
     return type(error)(_diagnosis(old, ranked(known, solved), solved, (*hints, *advice)))

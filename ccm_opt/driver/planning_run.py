@@ -98,7 +98,7 @@ class PlanningRun:
 
     def _explained(self, failure: NoPlanFound, *, changes: bool) -> NoPlanFound:
         begun = time.process_time()
-        self.stages.tell_known(failure.diagnosis)
+        self.stages.tell(known=failure.diagnosis)
         if not changes:
             return with_proof(self.problem, failure)
         asked = self.settings.diagnosis
