@@ -6,8 +6,6 @@ section 4.2). Samples count as exact: they are what is proved.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
@@ -266,9 +264,6 @@ _FOLLOWED_CURVE = 0.05
 """Difference of a link's heading from that of a curve that was planned first [rad]. Taste: the paper's planner samples
 headings, and was seen to miss 0.02 in segments that it has nearly shrunk away."""
 
-_FEW = 64
-"""Pieces of a motion that are looked at first for the next keyframe."""
-
 
 def check_keyframes(
     arm: Arm,
@@ -300,57 +295,30 @@ def check_keyframes(
         # Beside a clamped end the fourth control point, and with it what the third bends, counts by t³ / 6, and a path
         # of even steps is beside the second at t = 0.42.
         allowed[[1, -2]] += _CLAMPED_SHARE * bent[[1, -2]]
-    path = _Chain(trajectory.positions * scale)
+    points = trajectory.positions * scale
+    pieces = np.diff(points, axis=0)
     # A motion that was given a new goal on its way has keyframes from the stop on alone.
     rests = (0, *trajectory.stops)
-    piece = min(rests, key=lambda rest: float(np.linalg.norm(path.points[rest] - wanted[0])))
+    piece = min(rests, key=lambda rest: float(np.linalg.norm(points[rest] - wanted[0])))
     worst = (0.0, 1.0, "")
     for number, (keyframe, most) in enumerate(zip(wanted, allowed.tolist(), strict=True), start=1):
-        found, least = path.first_near(keyframe, piece if number < len(wanted) else len(path.points) - 2, most)
+        first = piece if number < len(wanted) else len(pieces) - 1
+        away = _distances_from_pieces(keyframe, points[first:-1], pieces[first:])
+        near = np.flatnonzero(away <= most)
         # The first piece that is near enough leaves most of the motion to the keyframes that follow.
-        piece = found if least <= most else piece
+        found = int(near[0] if len(near) else np.argmin(away))
+        least = float(away[found])
+        piece = first + found if len(near) else piece
         worst = max(worst, (least, most, f"keyframe {number}"), key=lambda met: met[0] / met[1])
     return Check(name, worst[0], worst[1], "rad", worst[2], passed=worst[0] <= worst[1])
 
 
-@dataclass(frozen=True)
-class _Chain:
-    """Straight pieces through points, shape (T, c)."""
-
-    points: FloatArray
-
-    @cached_property
-    def _pieces(self) -> tuple[FloatArray, FloatArray]:
-        """The pieces, shape (T − 1, c), and the squares of their lengths."""
-        pieces = np.diff(self.points, axis=0)
-        return pieces, np.maximum(np.einsum("tc,tc->t", pieces, pieces), np.finfo(np.float64).tiny)
-
-    def first_near(self, point: FloatArray, first: int, most: float) -> tuple[int, float]:
-        """The first piece, from one of them on, that is no farther from a point than so much, and how far it is.
-
-        Where there is none it is the nearest of these pieces.
-        """
-        nearest = (first, np.inf)
-        count = _FEW
-        while first < len(self.points) - 1:
-            away = self._distances(point, slice(first, first + count))
-            near = np.flatnonzero(away <= most)
-            k = int(near[0] if len(near) else np.argmin(away))
-            if away[k] < nearest[1]:
-                nearest = (first + k, float(away[k]))
-            if len(near):
-                break
-            first += count
-            # Most keyframes are passed soon after the one before.
-            count *= 2
-        return nearest
-
-    def _distances(self, point: FloatArray, some: slice) -> FloatArray:
-        """Distances of a point from some pieces, shape (n,)."""
-        pieces, squares = (values[some] for values in self._pieces)
-        away = point - self.points[:-1][some]
-        along = np.clip(np.einsum("tc,tc->t", away, pieces) / squares, 0.0, 1.0)
-        return np.asarray(np.linalg.norm(away - along[:, None] * pieces, axis=1))
+def _distances_from_pieces(point: FloatArray, starts: FloatArray, pieces: FloatArray) -> FloatArray:
+    """Distances of a point from straight pieces that begin at some points, each of shape (n, c); shape (n,)."""
+    away = point - starts
+    squares = np.maximum(np.einsum("tc,tc->t", pieces, pieces), np.finfo(np.float64).tiny)
+    along = np.clip(np.einsum("tc,tc->t", away, pieces) / squares, 0.0, 1.0)
+    return np.asarray(np.linalg.norm(away - along[:, None] * pieces, axis=1))
 
 
 def check_nearest_curves(curves: Sequence[Configuration], wanted: Sequence[Configuration]) -> Check:
