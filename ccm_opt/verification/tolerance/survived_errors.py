@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ccm_opt.core.arrays import FloatArray, IntArray
+from ccm_opt.core.arrays import FloatArray
 from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import JointTrajectory, SurvivedError
 from ccm_opt.robot.arm import Arm
@@ -107,39 +107,31 @@ class _SurfacesWithErrors(WallProof):
 
     def __init__(self, motion: ChainMotion, workspace: Workspace, levers: ErrorLevers) -> None:
         super().__init__(motion, CheckedSurfaces.of(workspace), exposed_starts(motion.arm))
-        self._clearance = workspace.clearance
-        self._levers = levers
+        self.of_links = False
+        self.clearance = workspace.clearance
+        self.levers = levers
         self.unit = levers.greatest
 
     def measure(
         self, stretches: TimeStretches, poses: FloatArray, pairs: Pairs, cutoff: FloatArray | float
     ) -> Measured:
         """What is known of the errors that the gaps of pairs survive."""
-        travels = self.motion.travels(stretches)
-        during = self._levers.of_pairs(poses, travels, pairs, of_links=False) / self.unit
-        middle = self._levers.of_pairs(poses, np.zeros_like(travels), pairs, of_links=False) / self.unit
-        known = super().measure(stretches, poses, pairs, cutoff * during + self._clearance)
-        least, most = known.least - self._clearance, known.most - self._clearance
-        by_levers = replace(known, least=survived(least, during), most=survived(most, middle))
+        return _in_errors(self, super().measure, stretches, poses, pairs, cutoff)
 
-        def along_lines(some: IntArray) -> tuple[FloatArray, FloatArray]:
-            return self._along_lines(stretches, poses, travels, pairs.where(some))
-
-        return _in_errors(by_levers, cutoff, self.unit, along_lines)
-
-    def _along_lines(
-        self, stretches: TimeStretches, poses: FloatArray, travels: FloatArray, pairs: Pairs
+    def along_lines(
+        self, stretches: TimeStretches, poses: FloatArray, travels: FloatArray, pairs: Pairs, travel: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
         """Errors that are survived along the shortest lines: throughout stretches, and at their middles, (P,) each."""
+        del travel
         k, link = pairs.stretch, pairs.link
         ends = np.stack(link_axes(poses, pairs, self._exposed), axis=1)
         parts = self.surfaces.parts_of(pairs.other)
         normals = _lines(ends, parts)
         chains = Chains(k, np.zeros_like(link), link, fixed=True)
         moved = np.maximum(travels[k, link], travels[k, link + 1])
-        of_ends = self._levers.along(poses, travels, chains, ends, moved, normals, outwards=True)
-        of_parts = self._levers.along(poses, travels, chains, parts, np.zeros(len(link)), normals, outwards=False)
-        taken = self.motion.arm.radius + self.surfaces.rounding.take(pairs.other) + self._clearance
+        of_ends = self.levers.along(poses, travels, chains, ends, moved, normals, outwards=True)
+        of_parts = self.levers.along(poses, travels, chains, parts, np.zeros(len(link)), normals, outwards=False)
+        taken = self.motion.arm.radius + self.surfaces.rounding.take(pairs.other) + self.clearance
         lost = self._lost + self._travel_along(stretches, travels, pairs, normals)
         return _survived_between(ends, parts, normals, taken, lost, of_ends, of_parts)
 
@@ -167,25 +159,18 @@ class _LinksWithErrors(LinkProof):
 
     def __init__(self, motion: ChainMotion, levers: ErrorLevers) -> None:
         super().__init__(motion, 2.0 * motion.arm.radius)
-        self._levers = levers
+        self.of_links = True
+        self.clearance = 0.0
+        self.levers = levers
         self.unit = levers.greatest
 
     def measure(
         self, stretches: TimeStretches, poses: FloatArray, pairs: Pairs, cutoff: FloatArray | float
     ) -> Measured:
         """What is known of the errors that the gaps of pairs survive."""
-        travels = self.motion.travels(stretches)
-        during = self._levers.of_pairs(poses, travels, pairs, of_links=True) / self.unit
-        middle = self._levers.of_pairs(poses, np.zeros_like(travels), pairs, of_links=True) / self.unit
-        known = super().measure(stretches, poses, pairs, cutoff * during)
-        by_levers = replace(known, least=survived(known.least, during), most=survived(known.most, middle))
+        return _in_errors(self, super().measure, stretches, poses, pairs, cutoff)
 
-        def along_lines(some: IntArray) -> tuple[FloatArray, FloatArray]:
-            return self._along_lines(stretches, poses, travels, pairs.where(some), known.travel[some])
-
-        return _in_errors(by_levers, cutoff, self.unit, along_lines)
-
-    def _along_lines(
+    def along_lines(
         self, stretches: TimeStretches, poses: FloatArray, travels: FloatArray, pairs: Pairs, travel: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
         """As for surfaces; what the gaps may lose by motion is known already, shape (P,) [m]."""
@@ -197,8 +182,8 @@ class _LinksWithErrors(LinkProof):
         # Directions are those of the world, or turn with either link; levers grow by this and what their joints travel.
         turning = 2.0 * travels_in_frame(self.motion, stretches, k, i, j)
         moved = [np.maximum(np.maximum(travels[k, link], travels[k, link + 1]), turning) for link in (j, i)]
-        of_second = self._levers.along(poses, travels, chains, second, moved[0], normals, outwards=True)
-        of_first = self._levers.along(poses, travels, chains, first, moved[1], normals, outwards=False)
+        of_second = self.levers.along(poses, travels, chains, second, moved[0], normals, outwards=True)
+        of_first = self.levers.along(poses, travels, chains, first, moved[1], normals, outwards=False)
         lost = self._lost + travel
         taken = np.full(len(k), self.thickness)
         return _survived_between(second, first, normals, taken, lost, of_second, of_first)
@@ -210,28 +195,38 @@ class _LinksWithErrors(LinkProof):
 
 
 def _in_errors(
-    known: Measured,
+    proof: "_SurfacesWithErrors | _LinksWithErrors",
+    measure: Callable[..., Measured],
+    stretches: TimeStretches,
+    poses: FloatArray,
+    pairs: Pairs,
     cutoff: FloatArray | float,
-    unit: float,
-    along_lines: Callable[[IntArray], tuple[FloatArray, FloatArray]],
 ) -> Measured:
     """What is known of errors by levers alone, and where that is not enough along the shortest lines.
 
     Args:
-        known: by levers alone.
-        cutoff: error beyond which it is enough to know that it is survived, times the unit.
-        unit: the greatest lever [m a unit].
-        along_lines: numbers of some pairs to the errors that they survive, at all times and at the middles [unit].
+        proof: of gaps, as errors that they survive.
+        measure: what is known of the gaps themselves; this and what follows as for ``prove_stretches``.
+        stretches: of time.
+        poses: at their middles.
+        pairs: in them.
+        cutoff: error beyond which it is enough to know that it is survived, times the greatest lever.
     """
-    least = known.least.copy()
+    travels = proof.motion.travels(stretches)
+    during, middle = (
+        proof.levers.of_pairs(poses, moved, pairs, of_links=proof.of_links) / proof.unit
+        for moved in (travels, np.zeros_like(travels))
+    )
+    known = measure(stretches, poses, pairs, cutoff * during + proof.clearance)
+    least = survived(known.least - proof.clearance, during)
     # Along lines more is survived than by levers, which count for boxes at moments alone, as a first guess.
     counts = np.where(known.exact, least < cutoff, known.travel == 0.0)
-    most = np.where(counts, known.most, np.inf)
+    most = np.where(counts, survived(known.most - proof.clearance, middle), np.inf)
     close = np.flatnonzero(known.exact & (least < cutoff))
     for some in np.split(close, range(_AT_ONCE, len(close), _AT_ONCE)):
-        kept, met = along_lines(some)
-        least[some] = np.maximum(least[some], unit * kept)
-        most[some] = np.maximum(most[some], unit * met)
+        kept, met = proof.along_lines(stretches, poses, travels, pairs.where(some), known.travel[some])
+        least[some] = np.maximum(least[some], proof.unit * kept)
+        most[some] = np.maximum(most[some], proof.unit * met)
     return replace(known, least=least, most=most)
 
 
