@@ -317,5 +317,4 @@ def test_a_motion_lasts_no_longer_than_a_change_of_shape_alone(seed: int) -> Non
     found = MotionPlanner().plan(problem).spline(np.linspace(0.0, 1.0, 2000))
     scale = np.append(1.0 / problem.limits.velocity[1::3], 1.0 / (problem.limits.feed_velocity or 1.0))
     times = [np.abs(np.diff(q * scale, axis=0)).max(axis=1).sum() for q in (found, alone[0].configurations)]
-    # Both are optimised, each by itself, and end where the optimiser's steps gain little more.
-    assert times[0] <= 1.05 * times[1]
+    assert times[0] <= (1.0 + 1e-4) * times[1]

@@ -308,13 +308,19 @@ def find_motion(task: MotionTask, strategies: tuple[Strategy[MotionTask, Motion]
 
 def _finished(found: Motion, task: MotionTask) -> Motion:
     """A motion optimised; one that follows its leader mostly lasts as long as its feed, and has its path's room."""
-    if found.follows and not task.user_limits and task.weights == Weights():
+    plain = not task.user_limits and task.weights == Weights()
+    if found.follows and plain:
         straight_line = found.through(found.unknowns[[0, -1]])
         if found.busiest <= _WORTH_SHORTENING * straight_line.busiest:
             return found
     ended = optimised_to_end_pose(straightened(found, task), task)
-    # In a guide tube a shorter motion may leave a smooth path no room.
-    return found if task.arm.base_axes and smooth_path(ended, task) is None else ended
+    if not task.arm.base_axes:
+        return ended
+    # A change of shape alone is optimised already; and in a guide tube a shorter motion may leave a smooth path no
+    # room.
+    gaps = [task.least_gap(each.configurations) for each in (found, ended)]
+    no_worse = plain and found.busiest <= ended.busiest and gaps[0] >= gaps[1] - 1e-6 * task.arm.length
+    return found if no_worse or smooth_path(ended, task) is None else ended
 
 
 def _is_fed(run: SpaceRun) -> bool:
