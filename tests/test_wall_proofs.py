@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from ccm_opt.core.arrays import IntArray
 from ccm_opt.robot.arm import Arm
-from ccm_opt.scene.certificate import Stretches, WallProofs, WallQuestion
+from ccm_opt.scene.certificate import Stretches, WallProofs
 from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
 
 from .oracles.wall_proofs import InterpretedWallProofs
@@ -38,11 +38,11 @@ def walls_of_all_kinds(seed: int) -> Workspace:
     return kinds[seed % len(kinds)]
 
 
-def asked_of(arm: Arm, workspace: Workspace, more: float = 0.0) -> WallQuestion:
+def asked_of(arm: Arm, workspace: Workspace, more: float = 0.0) -> WallProofs:
     """A question with numbers that are all of some account."""
     room = 1e-3 / arm.links * np.arange(arm.links)
     whole = arm.mount_length / arm.link_length
-    return WallQuestion(workspace, arm.radius + room + 1e-9 + more, (int(whole), whole - int(whole)))
+    return WallProofs(workspace, arm.radius + room + 1e-9 + more, (int(whole), whole - int(whole)))
 
 
 def pairs(columns: tuple[IntArray, IntArray]) -> set[tuple[int, int]]:
@@ -66,7 +66,7 @@ def test_compiled_proofs_are_those_of_shapely(seed: int, links: int, radius: flo
     workspace = walls_of_all_kinds(seed)
     start = arm.bends(np.array([random_headings(rng, arm, 5.0) for _ in range(3)]))
     motion = Stretches(arm, start, start + arm.bends(turn * rng.standard_normal(start.shape)), np.arange(3))
-    proofs = WallProofs(asked_of(arm, workspace))
+    proofs = asked_of(arm, workspace)
     found, touched = proofs.unproved(motion, None)
 
     # A distance within rounding of the limit may fall either way.
@@ -90,7 +90,7 @@ def test_the_hull_of_a_proved_link_is_apart(seed: int, links: int, turn: float) 
     start = arm.bends(random_headings(rng, arm, 5.0)[None])
     motion = Stretches(arm, start, start + arm.bends(turn * rng.standard_normal(start.shape)), np.arange(1))
     question = asked_of(arm, workspace)
-    left = pairs(WallProofs(question).unproved(motion, None)[0])
+    left = pairs(question.unproved(motion, None)[0])
     for link in range(links):
         hull = shapely.MultiPoint(np.vstack((motion.a[0, link : link + 2], motion.b[0, link : link + 2]))).convex_hull
         gap = min(shapely.distance(hull, wall.core) - wall.rounding for wall in workspace.walls)
@@ -105,7 +105,7 @@ def test_a_court_is_free_and_its_block_is_not(*, inside: bool) -> None:
     big = Obstacle("block", PlaneShape(shapely.Polygon(shapely.box(-9.0, -9.0, 9.0, 9.0).exterior.coords, _court(4.0))))
     arm = replace(make_arm(12, 0.01), base=np.array([6.0 if inside else 0.0, 0.3]))
     still = np.zeros((1, 12))
-    left, touched = WallProofs(asked_of(arm, Workspace(shapely.box(-20, -20, 20, 20), (big,)))).unproved(
+    left, touched = asked_of(arm, Workspace(shapely.box(-20, -20, 20, 20), (big,))).unproved(
         Stretches(arm, still, still + 0.01 * np.eye(1, 12), np.arange(1)), None
     )
     assert len(left[0]) == (12 if inside else 0)
@@ -122,5 +122,5 @@ def test_what_is_no_number_is_not_proved() -> None:
     start = np.zeros((1, 6))
     end = start.copy()
     end[0, 2] = np.nan
-    left, _ = WallProofs(asked_of(arm, Workspace(ROOM))).unproved(Stretches(arm, start, end, np.arange(1)), None)
+    left, _ = asked_of(arm, Workspace(ROOM)).unproved(Stretches(arm, start, end, np.arange(1)), None)
     assert {2, 3, 4, 5} <= set(left[1].tolist())

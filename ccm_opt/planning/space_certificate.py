@@ -27,56 +27,17 @@ _DEEPEST = 60
 """Halvings after which numbers have no middle any more."""
 
 
-class IntervalProof:
-    """Proves intervals of one arm's motions safe; not for use by two threads at once.
-
-    Args:
-        arm: the arm.
-        tree: of the surfaces.
-        gap: from every surface that has to be left beyond the arm's radius [m].
-        pair_gap: between links beyond two radii [m].
-        slack: share of a link's motion by which distances may be told too small, where that is enough for the proof.
-    """
-
-    def __init__(self, arm: Arm, tree: SurfaceTree, gap: float, pair_gap: float, slack: float) -> None:
-        self._ends = np.empty((2, len(arm.coordinates)))
-        self._call = NativeCall(
-            "prove_interval",
-            links=arm.links, fed=len(arm.base_axes), length=arm.link_length, mount=arm.mount_length,
-            first_link=min(int(arm.mount_length / arm.link_length + 1e-9), arm.links),
-            first_pair=arm.first_self_pair if arm.self_collision else arm.links,
-            wall=arm.radius + gap, pair=2.0 * arm.radius + pair_gap, slack=slack,
-            start=arm.base, base=arm.base_rotation, before=self._ends[0], after=self._ends[1],
-            surfaces=None if tree.search is None else tree.search.for_c,
-            # Where the interval before has ended, and what is known of there: nowhere at first.
-            end=np.full(len(arm.coordinates), np.nan), told=np.zeros((2, 2, arm.links)),
-        )  # fmt: skip
-
-    def safe(self, before: FloatArray, after: FloatArray, depth: int) -> bool:
-        """Whether the motion between two configurations, each of shape (c,), is proved to touch nothing.
-
-        Args:
-            before: at its beginning.
-            after: at its end.
-            depth: how often it may be halved.
-        """
-        self._ends[0] = before
-        self._ends[1] = after
-        self._call.fields.depth = min(max(depth, 0), _DEEPEST)
-        self._call()
-        return bool(self._call.fields.safe)
-
-
 @dataclass(frozen=True, eq=False)
 class SpaceCertificate:
-    """Proves that a motion whose coordinates are linear between keyframes touches nothing.
+    """Proves that a motion whose coordinates are linear between keyframes touches nothing; for one thread at a time.
 
     Attributes:
         arm: the arm.
         tree: of the surfaces.
         gap: from every wall that has to be left beyond the arm's radius [m].
         pair_gap: between links beyond two radii [m].
-        settings: how often intervals are halved.
+        settings: how often intervals are halved, and by which share of a link's motion distances may be told too small
+            where that is enough for the proof.
     """
 
     arm: Arm
@@ -96,12 +57,39 @@ class SpaceCertificate:
         return self.arm.radius + self.gap
 
     @cached_property
-    def _proof(self) -> IntervalProof:
-        return IntervalProof(self.arm, self.tree, self.gap, self.pair_gap, self.settings.slack)
+    def _ends(self) -> FloatArray:
+        """Of the interval that C looks at, shape (2, c)."""
+        return np.empty((2, len(self.arm.coordinates)))
+
+    @cached_property
+    def _call(self) -> NativeCall:
+        """The proof of one interval; it knows where the one before has ended."""
+        arm = self.arm
+        return NativeCall(
+            "prove_interval",
+            links=arm.links, fed=len(arm.base_axes), length=arm.link_length, mount=arm.mount_length,
+            first_link=min(int(arm.mount_length / arm.link_length + 1e-9), arm.links),
+            first_pair=arm.first_self_pair if arm.self_collision else arm.links,
+            wall=self.kept, pair=2.0 * arm.radius + self.pair_gap, slack=self.settings.slack,
+            start=arm.base, base=arm.base_rotation, before=self._ends[0], after=self._ends[1],
+            surfaces=None if self.tree.search is None else self.tree.search.for_c,
+            # What is known of the end of the interval before: nothing at first.
+            end=np.full(len(arm.coordinates), np.nan), told=np.zeros((2, 2, arm.links)),
+        )  # fmt: skip
 
     def safe(self, before: FloatArray, after: FloatArray, depth: int | None = None) -> bool:
-        """Whether the motion between two configurations, each of shape (c,), is proved to touch nothing."""
-        return self._proof.safe(before, after, self.settings.depth if depth is None else depth)
+        """Whether the motion between two configurations, each of shape (c,), is proved to touch nothing.
+
+        Args:
+            before: at its beginning.
+            after: at its end.
+            depth: how often it may be halved; as often as the settings say when None.
+        """
+        depth = self.settings.depth if depth is None else depth
+        self._ends[:] = before, after
+        self._call.fields.depth = min(max(depth, 0), _DEEPEST)
+        self._call()
+        return bool(self._call.fields.safe)
 
     def failures(self, keyframes: FloatArray, depth: int | None = None) -> IntArray:
         """Intervals of a motion through keyframes, shape (K, c), that are not proved to be safe."""

@@ -127,9 +127,9 @@ Links: TypeAlias = tuple[IntArray, IntArray]
 """Stretch and link, each of shape (k,)."""
 
 
-@dataclass(frozen=True)
-class WallQuestion:
-    """How far links keep from walls.
+@dataclass(frozen=True, eq=False)
+class WallProofs:
+    """What the certificate asks about links and walls.
 
     Attributes:
         workspace: the walls.
@@ -141,17 +141,6 @@ class WallQuestion:
     least: FloatArray
     mount: tuple[int, float]
 
-
-@dataclass(frozen=True, eq=False)
-class WallProofs:
-    """What the certificate asks about links and walls.
-
-    Attributes:
-        question: walls and distances.
-    """
-
-    question: WallQuestion
-
     def unproved(self, stretches: Stretches, links: Links | None) -> tuple[Links, IntArray]:
         """Links that are not proved clear, and the stretches in which one of these touches a wall half-way.
 
@@ -159,7 +148,7 @@ class WallProofs:
             stretches: of a motion.
             links: what is looked at; None for all links beyond the mount, stretch by stretch.
         """
-        mount, share = self.question.mount
+        mount, share = self.mount
         of_arm = stretches.arm.links
         most = len(stretches.owner) * max(0, of_arm - mount) if links is None else len(links[0])
         found = np.empty((2, most), dtype=np.int64)
@@ -179,9 +168,9 @@ class WallProofs:
     @cached_property
     def _walls(self) -> dict[str, Any]:
         """What C knows of the walls, by its names."""
-        walls = self.question.workspace.wall_segments
+        walls = self.workspace.wall_segments
         return {
-            "least": self.question.least,
+            "least": self.least,
             "segments": walls.ends,
             "rounding": walls.rounding,
             "largest_rounding": float(walls.rounding.max()),
@@ -315,7 +304,7 @@ class Certificate:
     def _wall_proofs(self) -> WallProofs:
         arm = self.arm
         least = arm.radius + self.workspace.clearance + self.spare + max(self.settings.touch, self._rounding)
-        return WallProofs(WallQuestion(self.workspace, np.full(arm.links, least), self._mount))
+        return WallProofs(self.workspace, np.full(arm.links, least), self._mount)
 
     @cached_property
     def _mount(self) -> tuple[int, float]:

@@ -9,7 +9,7 @@ import numpy.typing as npt
 import shapely
 
 from ccm_opt.core.arrays import FloatArray, IntArray
-from ccm_opt.scene.certificate import Links, Stretches, WallQuestion
+from ccm_opt.scene.certificate import Links, Stretches, WallProofs
 
 
 @dataclass(frozen=True)
@@ -20,7 +20,7 @@ class InterpretedWallProofs:
         question: walls and distances.
     """
 
-    question: WallQuestion
+    question: WallProofs
 
     def unproved(self, stretches: Stretches, links: Links | None) -> tuple[Links, IntArray]:
         """As ``WallProofs``."""

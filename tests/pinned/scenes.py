@@ -32,7 +32,7 @@ from ccm_opt.robot.arm import Arm, Feed
 from ccm_opt.robot.configuration import Configuration
 from ccm_opt.robot.frames import joint_names, revolute_angles
 from ccm_opt.scene.bad_pose import refuse_bad_pose, room_advice
-from ccm_opt.scene.certificate import Certificate, PairProofs, Stretches, WallProofs, WallQuestion
+from ccm_opt.scene.certificate import Certificate, PairProofs, Stretches, WallProofs
 from ccm_opt.scene.contact_finder import WallFinder
 from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
 from ccm_opt.verification.chain_motion import ChainMotion
@@ -348,9 +348,9 @@ def proved_motions(scale: float) -> None:
         Certificate.allowing_contact(arm, room).failures(arm.bends(turned), depth=3)
         spans = Stretches(arm, arm.bends(turned)[:-1], arm.bends(turned)[1:], np.arange(2))
         least = arm.radius + 0.002 + 0.001 * np.arange(links)
-        asked = WallQuestion(room, least, (k % 3, 0.3))
-        WallProofs(asked).unproved(spans, None)
-        WallProofs(asked).unproved(spans, (np.array([0, 1, 1]), np.array([3, 3, 4])))
+        asked = (room, least, (k % 3, 0.3))
+        WallProofs(*asked).unproved(spans, None)
+        WallProofs(*asked).unproved(spans, (np.array([0, 1, 1]), np.array([3, 3, 4])))
         pairs, _ = PairProofs(arm.first_self_pair, 2.0 * least).unproved(spans, None)
         PairProofs(arm.first_self_pair, 2.0 * least).unproved(spans, tuple(rows[:3] for rows in pairs))
         spans.moved.sum()

@@ -56,11 +56,6 @@ class MotionCertificate:
         """
         return failed_intervals(self.limits, q, depth)
 
-    def safe(self, before: FloatArray, after: FloatArray, depth: int | None = None) -> bool:
-        """Whether the motion between two configurations, each of shape (c,), is certified."""
-        edge = np.stack((before, after))
-        return not any(len(limit.failures(edge, depth)) for limit in reversed(self.limits))
-
     def heading_failures(self, headings: FloatArray) -> IntArray:
         """The same of link headings at the keyframes, shape (K, links) [rad]."""
         return self.failures(self.arm.bends(headings))
