@@ -71,16 +71,10 @@ def _curve_fails(problem: Problem, error: ConfigurationNotFound) -> Finding:
 
 def unit_hints(problem: Problem) -> tuple[str, ...]:
     """Advice where a unit looks wrong: lengths about a thousand times off, joint limits in radians; mostly none."""
-    hints = [*_of_lengths(problem)]
-    bounds = problem.workspace.box
-    if bounds is not None:
-        beyond = np.maximum(np.maximum(bounds[0] - problem.arm.base, problem.arm.base - bounds[1]), 0.0)
-        hints += _of_room(problem, float(np.ptp(bounds, axis=0).max()), float(np.linalg.norm(beyond)))
-    return (*hints, *_of_limits(problem))
+    return tuple(f"check the units: {hint}" for hint in _hints(problem))
 
 
-def _of_lengths(problem: Problem) -> Iterator[str]:
-    """Lengths beside the arm's."""
+def _hints(problem: Problem) -> Iterator[str]:
     arm = problem.arm
     lengths = [
         ("arm.radius", arm.radius, _THICK),
@@ -93,23 +87,19 @@ def _of_lengths(problem: Problem) -> Iterator[str]:
     for name, length, (least, most) in lengths:
         times = length / arm.length
         if least <= times <= most:
-            yield f"check the units: {name} is {times:.3g} times the arm's length, as if one were in mm, the other in m"
-
-
-def _of_room(problem: Problem, size: float, reach: float) -> Iterator[str]:
-    """A room in which the arm is lost, into which it does not go, or from which its base is far away."""
-    share = size / problem.arm.length
-    if share > _THOUSAND[0] or share < _SMALL_ROOM or reach / problem.arm.length > _THOUSAND[0]:
-        yield f"check the units: the room is {share:.3g} times as large as the arm is long"
-
-
-def _of_limits(problem: Problem) -> Iterator[str]:
-    """A joint limit of as many degrees as one would give radians, with which the arm can hardly bend."""
-    arm = problem.arm
+            yield f"{name} is {times:.3g} times the arm's length, as if one were in mm, the other in m"
+    bounds = problem.workspace.box
+    if bounds is not None:
+        # A room in which the arm is lost, into which it does not go, or from which its base is far away.
+        share = float(np.ptp(bounds, axis=0).max()) / arm.length
+        beyond = np.maximum(np.maximum(bounds[0] - arm.base, arm.base - bounds[1]), 0.0)
+        if max(share, float(np.linalg.norm(beyond)) / arm.length) > _THOUSAND[0] or share < _SMALL_ROOM:
+            yield f"the room is {share:.3g} times as large as the arm is long"
+    # A joint limit of as many degrees as one would give radians, with which the arm can hardly bend.
     degrees = float(np.rad2deg(arm.joint_limit))
     if degrees <= np.pi and (arm.links - 1) * arm.joint_limit < _HARDLY_BENDS:
         yield (
-            f"check the units: arm.joint_limit_deg = {degrees:.4g} lets all joints together bend by "
+            f"arm.joint_limit_deg = {degrees:.4g} lets all joints together bend by "
             f"{degrees * (arm.links - 1):.3g}°; {degrees:.4g} rad would be {np.rad2deg(degrees):.4g}°"
         )
 
