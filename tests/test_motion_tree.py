@@ -87,7 +87,7 @@ def test_a_single_tree_settles_on_the_goal() -> None:
     """Without any pose at the goal the tree from the start finds one."""
     scene = open_scene(2)
     task = motion_task(scene.problem(TipGoal(scene.goal_tip.position)))
-    poses = search_by_trees(runs_of(replace(task, guesses=(), further_guesses=lambda: iter(()))))
+    poses = search_by_trees(runs_of(replace(task, guesses=(), further_guesses=())))
     assert np.hypot(*(poses[-1].points[-1] - scene.goal_tip.position)) < EXACT
     assert is_certified(scene, scene.arm.headings(np.array([pose.q for pose in poses])))
 
@@ -201,7 +201,7 @@ def test_what_is_remembered_is_made_once() -> None:
             yield np.array([float(k)])
 
     remembered = CachedItems(items())
-    assert next(remembered())[0] == 0.0
+    assert next(iter(remembered))[0] == 0.0
     assert made == [0]
-    assert [item[0] for item in remembered()] == [item[0] for item in remembered()] == [0.0, 1.0, 2.0]
+    assert [item[0] for item in remembered] == [item[0] for item in remembered] == [0.0, 1.0, 2.0]
     assert made == [0, 1, 2]

@@ -191,7 +191,7 @@ def _checks(recorded: Sequence[Check], checks: Sequence[Check], settings: Verifi
 
 def _survived(problem: Problem, trajectory: JointTrajectory, recorded: Sequence[SurvivedError]) -> Check:
     """Recorded errors that are survived: each is proved once more, and larger ones are not looked for."""
-    models: Mapping[str, ErrorModel] = {**error_models(problem.arm)}
+    models: Mapping[str, ErrorModel] = {str(name): model for name, model in error_models(problem.arm).items()}
     wrong = []
     for error in recorded:
         model = models.get(error.name)

@@ -71,7 +71,7 @@ class MotionTask(SearchTask):
         guesses: configurations of possible goal poses to interpolate to, each of shape (c,); made when first asked for.
         tip_paths: classes of tip motions, most promising first.
         clamped: whether the first link must keep its heading.
-        further_guesses: makes more such poses, when the first do not help.
+        further_guesses: more such poses, for when the first do not help; made likewise.
         slowness: of the joints; None when all are alike.
         end_poses: better configurations at the goal than one in which a motion of an arm ends, the best first, all of
             shape (c,).
@@ -85,7 +85,7 @@ class MotionTask(SearchTask):
     guesses: Iterable[FloatArray] = ()
     tip_paths: tuple[TipPath, ...] = ()
     clamped: bool = False
-    further_guesses: Callable[[], Iterator[FloatArray]] = field(default=lambda: iter(()))
+    further_guesses: Iterable[FloatArray] = ()
     slowness: JointSlowness | None = None
     end_poses: EndPosesOffered = field(default=lambda _arm, _end: ())
     fed_space: FedSpace | None = None
@@ -268,10 +268,6 @@ class CachedItems:
 
     def __iter__(self) -> Iterator[FloatArray]:
         """All items from the first."""
-        return self()
-
-    def __call__(self) -> Iterator[FloatArray]:
-        """All items from the first."""
         for k in count():
             if k == len(self._known):
                 item = next(self._items, None)
@@ -300,6 +296,6 @@ def coarsened(task: MotionTask, links: int) -> MotionTask:
         start=resampled(task.start),
         goal_pose=None if task.goal_pose is None else resampled(task.goal_pose),
         guesses=CachedItems(resampled(guess) for guess in task.guesses),
-        further_guesses=lambda: (resampled(guess) for guess in task.further_guesses()),
+        further_guesses=CachedItems(resampled(guess) for guess in task.further_guesses),
         slowness=None if task.slowness is None else task.slowness.resampled(links),
     )

@@ -47,7 +47,7 @@ def backward_tasks(task: MotionTask, stepper: Stepper) -> Iterator[MotionTask | 
         useful = not task.user_limits
         yield replace(turned, tip_paths=turning_by(turned.tip_paths, turn)) if useful else None
         return
-    for guess in chain(task.guesses, task.further_guesses()):
+    for guess in chain(task.guesses, task.further_guesses):
         goal = pose_at_goal(task, stepper, guess)
         yield None if goal is None else _exchanged(task, goal.q, goal.points)
 
@@ -101,7 +101,7 @@ def ending_in(task: MotionTask, q: FloatArray) -> MotionTask:
         goal=GoalPose(points[-1], task.arm.link_rotations(q)[-1, :, 0]),
         goal_pose=q,
         guesses=(q,),
-        further_guesses=lambda: iter(()),
+        further_guesses=(),
         tip_paths=tip_paths_in(first.free_space, task.arm.joint_positions_at(task.start), (points,), first.shrink),
     )
 

@@ -432,7 +432,7 @@ class PlanarRun(SearchRun[MotionTask, LinkSpace]):
         if self.goal.coordinates is not None:
             yield self.stepper.pose(self.goal.coordinates)
             return
-        for guess in chain(self.task.guesses, self.task.further_guesses()):
+        for guess in chain(self.task.guesses, self.task.further_guesses):
             pose = pose_at_goal(self.task, self.stepper, guess)
             if pose is not None:
                 yield pose
