@@ -242,7 +242,7 @@ def test_long_links_that_bend_far_go_round_gentle_bends_too() -> None:
     problem = disturbed_job(62000, "wing-box", 16, SPACE_PROBLEMS, "long links")
     soup = problem.workspace.soup
     task = space_task(problem, SurfaceTree.of(soup), Deadline.after(60.0), SpaceMotionSettings())
-    radii = {allowance.radius for allowance in bend_allowances(task.arm, task.unit)}
+    radii = {radius for radius, _ in bend_allowances(task.arm, task.unit)}
     through_joints = 0.5 * task.arm.link_length / np.sin(0.5 * task.arm.joint_limit)
     assert max(radii) > 1.5 * through_joints
     motion = find_by_ways(task)

@@ -261,20 +261,10 @@ class FollowableWays:
         grid = self.grid
         search = FollowSearch(grid.low, grid.cell, self.price, left, self._arcs, self.radius, self.unit, most)
         frame = _frame(start.direction)
-        arcs = self._found(search, goal, start.place, frame)
-        return None if arcs is None else self._places(search, goal, start.place, frame, arcs)
-
-    def _found(self, search: FollowSearch, goal: WayEnd, place: FloatArray, frame: FloatArray) -> list[int] | None:
-        """Numbers of the arcs of a way to where two more lead to the goal."""
-        if self.deadline.passed():
+        arcs = None if self.deadline.passed() else search.arcs_from(start.place, frame, goal)
+        if arcs is None:
             return None
-        return search.arcs_from(place, frame, goal)
-
-    def _places(
-        self, search: FollowSearch, goal: WayEnd, place: FloatArray, frame: FloatArray, arcs: list[int]
-    ) -> FloatArray | None:
-        """Places on a way of some arcs from a state, and from there to the goal, shape (m, 3) [m]."""
-        parts = [place[None]]
+        parts = [start.place[None]]
         for k in arcs:
             parts.append(parts[-1][-1] + search.arcs.places[k] @ frame.T)
             frame = frame @ search.arcs.turns[k]

@@ -26,6 +26,7 @@ Each step draws the tip to its target and the links to the reference, and keeps 
 are. The fold travels on as long as the tip keeps up.
 """
 
+from bisect import bisect_left
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cache, partial
@@ -377,15 +378,7 @@ def leaving_joint(stepper: Stepper, start: Pose, path: TipPath) -> tuple[int, Fl
 
 def _last_true(holds: Callable[[int], bool], last: int) -> int:
     """Largest k in [0, last] for which a condition holds that holds at 0 and, once false, stays false."""
-    low = 0
-    high = last
-    while low < high:
-        middle = (low + high + 1) // 2
-        if holds(middle):
-            low = middle
-        else:
-            high = middle - 1
-    return low
+    return bisect_left(range(1, last + 1), 1, key=lambda k: int(not holds(k)))
 
 
 def fold_about_to_travel(

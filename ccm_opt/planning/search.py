@@ -31,6 +31,7 @@ from ccm_opt.problem import OptimiserName, Weights
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.configuration import Configuration
 from ccm_opt.scene.bad_pose import joints_at_limits, room_advice
+from ccm_opt.scene.contact_finder import ContactFinder
 
 TREES = "trees"
 """Name of what trees find, among the names of candidates."""
@@ -142,6 +143,10 @@ class SearchTask(ABC):
     @abstractmethod
     def certificate(self) -> MotionCertificate:
         """Of motions, and of paths between their samples."""
+
+    @abstractmethod
+    def finder(self, margin: float, reach: float) -> ContactFinder:
+        """A finder of contacts with a planning margin and a reach [m]."""
 
     @abstractmethod
     def program(self, motion: CurveMotion[Any], margin: float | None = None) -> MotionProgram[Any]:

@@ -4,7 +4,6 @@ Where the base stands in a narrow room itself, as in a bottle, no fold has room 
 what lies in the passage can be drawn back along itself, as out of a gate, while the rest bows to one side and coils up.
 """
 
-from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
@@ -39,6 +38,8 @@ almost stands still in places cannot be timed well. Taste."""
 _PUT_OFF = 0.5
 """Probability with which a seed other than 0 puts a candidate off until the others have been tried. Taste."""
 
+_NEAR = 0.05
+"""Gap below which what is near is named, as a share of the arm's length. Taste."""
 _CORNER = 0.02
 """Turn that makes a corner of a path [rad]. Taste."""
 _FEW_CORNERS = 2
@@ -207,7 +208,7 @@ CurveType = TypeVar("CurveType", bound=CurveUnknowns)
 
 
 @dataclass(frozen=True, eq=False)
-class SearchRun(ABC, Generic[TaskType, CurveType]):
+class SearchRun(Generic[TaskType, CurveType]):
     """One run through candidates, with one stepper: each is led along, what stalls is recorded.
 
     Attributes:
@@ -279,9 +280,10 @@ class SearchRun(ABC, Generic[TaskType, CurveType]):
             raise Stalled(guide.describe(poses[-1]), poses)
         return [*poses, *(self.stepper.pose(v) for v in self.stepper.space.pieces(poses[-1].v, end)[1:])]
 
-    @abstractmethod
     def tightest(self, pose: Pose) -> tuple[int, str, float] | None:
         """What a pose nearly touches: link from 1, name, gap [m]; None when nothing is near."""
+        finder = self.task.finder(0.0, _NEAR * self.task.arm.length)
+        return finder.tightest(finder.find(pose.points))
 
 
 @dataclass(frozen=True, eq=False)
@@ -418,11 +420,6 @@ class PlanarRun(SearchRun[MotionTask, LinkSpace]):
                     raise
                 poses = poses + stalled.poses[1:]
         return poses
-
-    def tightest(self, pose: Pose) -> tuple[int, str, float] | None:
-        """The contact that is furthest inside its margin."""
-        finder = self.stepper.finder
-        return finder.tightest(finder.find(pose.points))
 
     def _certified(self, poses: list[Pose]) -> bool:
         return len(self.task.certificate.failures(configurations_of(poses))) == 0

@@ -161,15 +161,15 @@ def _straight_on(run: PlanarRun, ways: TipWays) -> Iterator[GuideCandidate]:
     shortest = min(run.task.tip_paths, key=lambda path: path.length)
     along_arm = ways.straight_on(run.start)
     if along_arm is not None:
-        yield _led(run, "as the arm lies", along_arm)
+        yield _candidate(run, "as the arm lies", along_arm)
     # The same path, mostly.
     if along_arm is None or abs(path_length(along_arm) - shortest.length) > SHORTEST:
-        yield _led(run, "the shortest", shortest.taut)
+        yield _candidate(run, "the shortest", shortest.taut)
     lengths = FOLD_LENGTHS[:1]
     yield from pulled_over(run.stepper, run.start, None, shortest, lengths)
 
 
-def _led(run: PlanarRun, which: str, taut: FloatArray) -> GuideCandidate:
+def _candidate(run: PlanarRun, which: str, taut: FloatArray) -> GuideCandidate:
     name = f"tip-led, {which}, path of {long_length(path_length(taut))}"
     return GuideCandidate(name, partial(led_along, run.stepper, taut))
 
@@ -220,9 +220,7 @@ class TipWalks:
         taut, onto_goal = self.ways.drawn(begin, self.rng)
         if taut is None:
             return None
-        poses, arrived = self._led_to_end(run, begin, taut)
-        if arrived and onto_goal:
-            poses, arrived = self._settled(run, poses)
+        poses, arrived = self._led(run, begin, taut, onto_goal=onto_goal)
         if len(poses) < 2:
             return None
         failing = run.task.certificate.failures(configurations_of(poses))
@@ -233,20 +231,17 @@ class TipWalks:
             self.reached.add(node, certified[1:])
         return None
 
-    def _led_to_end(self, run: PlanarRun, begin: Pose, taut: FloatArray) -> tuple[list[Pose], bool]:
-        """Poses with the tip led along a path, of a goal that is a set no farther than into it; whether to its end."""
+    def _led(self, run: PlanarRun, begin: Pose, taut: FloatArray, *, onto_goal: bool) -> tuple[list[Pose], bool]:
+        """Poses with the tip led along a path, no farther than into a goal that is a set, and onto it; whether all."""
+        poses = [begin]
         guide = led_along(run.stepper, taut)
         try:
-            return follow(run.stepper, guide, begin, run.task.deadline, into=run.goal), True
-        except Stalled as stalled:
-            return stalled.poses, False
-
-    def _settled(self, run: PlanarRun, poses: list[Pose]) -> tuple[list[Pose], bool]:
-        """The poses, led on from the last onto the goal; and whether it is met."""
-        try:
-            return poses + settle(run.stepper, run.goal, poses[-1], run.task.deadline)[1:], True
+            poses = follow(run.stepper, guide, begin, run.task.deadline, into=run.goal)
+            if onto_goal:
+                poses = poses + settle(run.stepper, run.goal, poses[-1], run.task.deadline)[1:]
         except Stalled as stalled:
             return poses + stalled.poses[1:], False
+        return poses, True
 
     def _beginning(self) -> int:
         """Number of the pose where the next walk begins: the start, or rather one near the goal and seldom used."""

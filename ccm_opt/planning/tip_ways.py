@@ -65,25 +65,16 @@ _SPARE_LENGTH = 2.0
 """By how much a way may be longer than what an arm can be fed [u]."""
 
 
-@dataclass(frozen=True)
-class BendAllowance:
-    """What is counted on where an arm that follows its tip bends.
-
-    Attributes:
-        radius: of the tightest bend [m].
-        beside: how far a link reaches out of it between its joints, beyond what a nominal link does [m].
-    """
-
-    radius: float
-    beside: float
-
-
-def bend_allowances(arm: Arm, unit: float) -> list[BendAllowance]:
-    """What is counted on for an arm in bends, in turn.
+def bend_allowances(arm: Arm, unit: float) -> list[tuple[float, float]]:
+    """What is counted on where an arm that follows its tip bends, in turn.
 
     Args:
         arm: the arm.
         unit: length u of its nominal links [m].
+
+    Returns:
+        Radii of the tightest bend, and how far a link reaches out of it between its joints, beyond what a nominal link
+        does [m].
     """
     # Half of the largest bend; a link that spans a right angle and more counts as one that spans a right angle.
     half = 0.5 * min(arm.joint_limit, np.pi / 2.0)
@@ -96,7 +87,7 @@ def bend_allowances(arm: Arm, unit: float) -> list[BendAllowance]:
     found = []
     for radius in radii:
         height = max(arm.link_length**2 - unit**2, 0.0) / (8.0 * radius)
-        found += [BendAllowance(radius, beside) for beside in dict.fromkeys((height, 0.0))]
+        found += [(radius, beside) for beside in dict.fromkeys((height, 0.0))]
     return found
 
 
@@ -203,16 +194,17 @@ class SpaceTipWays:
                 yield TipWay("behind the tip, more freely", way, _CLOSE)
 
     def _followable(
-        self, cells: int, allowance: BendAllowance, price: tuple[float, float], approach: float
+        self, cells: int, allowance: tuple[float, float], price: tuple[float, float], approach: float
     ) -> FloatArray | None:
         """A way past all places with bends that the arm can take behind its tip."""
         task = self.task
         nearness, margin = price
-        grid = self._grid(cells, margin, allowance.beside, self._longest_followed)
+        radius, beside = allowance
+        grid = self._grid(cells, margin, beside, self._longest_followed)
         avoided = self._followed
         dear = _prices(grid, avoided, _DETOUR_PRICE) if avoided else None
         prices = grid.prices(nearness, dear)
-        search = FollowableWays(grid, prices, allowance.radius, task.unit, task.deadline)
+        search = FollowableWays(grid, prices, radius, task.unit, task.deadline)
         most = self._longest_followed
         goals = [WayEnd(place, None) for place in task.via]
         # The last link lies on the way, not on a chord of a bend, where it is as long as a link.

@@ -72,18 +72,6 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
         goal = replace(goal, position=whole.tip, direction=whole.tip_direction, coordinates=end)
         return cls(task, stepper, stepper.pose(np.append(start, 0.0)), goal)
 
-    def tightest(self, pose: Pose) -> tuple[int, str, float] | None:
-        """The nearest surface."""
-        task = self.task
-        first, segments = task.arm.exposed_links(pose.points)
-        near = task.tree.nearest(segments, task.contact_certificate.kept + 0.5 * task.arm.length)
-        k = int(np.argmin(near.gap))
-        owner = int(near.owner[k])
-        if owner < 0:
-            return None
-        name = f"'{task.names[owner]}'" if owner < len(task.names) else "a wall"
-        return (first + k + 1, name, float(near.gap[k]) - task.arm.radius)
-
     # ------------------------------------------------------------ led by the tip
     def by_first_ways(self, failures: list[Failure]) -> SpaceMotion | None:
         """Along the ways of the tip that are tried first."""
