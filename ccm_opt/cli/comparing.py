@@ -6,13 +6,12 @@ They fit into eighty columns with two methods: figures stand in rows, methods in
 import itertools
 import json
 import sys
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from pathlib import Path
 
 from rich.console import Console
 from rich.markup import escape
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
 from ccm_opt.cli.cancelling import CANCELLED
@@ -183,30 +182,22 @@ def _run(
     cases: Sequence[Case], methods: Sequence[str], workers: Workers, place: Path, time_limit: float | None
 ) -> Comparison:
     """Make the runs that the journal at a place does not have."""
-    with open_journal(place) as journal, _display(len(cases) * len(methods)) as progress:
+    with open_journal(place) as journal:
         for method, count in outdated(journal, cases, methods).items():
             runs = "1 run" if count == 1 else f"{count} runs"
             warn(f"{runs} of {method} in {place} had other code; they are made anew")
-        return compare(cases, methods, workers, journal, time_limit=time_limit, progress=progress)
+        return compare(
+            cases, methods, workers, journal, time_limit=time_limit, progress=_telling(len(cases) * len(methods))
+        )
 
 
-@contextmanager
-def _display(count: int) -> Iterator[Callable[[Run], None]]:
-    """Count the runs on stderr: on a terminal by a bar, elsewhere by a line for each."""
-    console = Console(stderr=True, emoji=False)
-    if output().quiet:
-        yield lambda _: None
-        return
-    if not console.is_terminal:
-        numbers = itertools.count(1)
+def _telling(count: int) -> Callable[[Run], None]:
+    """What counts the runs on stderr, a line for each."""
+    numbers = itertools.count(1)
 
-        def tell(run: Run) -> None:
+    def tell(run: Run) -> None:
+        if not output().quiet:
             sys.stderr.write(f"{next(numbers)} of {count} runs: {run.problem}, {run.method}: {run.outcome}\n")
             sys.stderr.flush()
 
-        yield tell
-        return
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=console, transient=True) as progress:
-        task = progress.add_task("runs", total=count)
-        yield lambda run: progress.update(task, advance=1, description=escape(f"{run.problem}, {run.method}"))
+    return tell

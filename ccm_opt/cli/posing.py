@@ -15,11 +15,10 @@ from ccm_opt.cli.cancelling import last_steps_uninterrupted
 from ccm_opt.cli.loading import NO_TERMS, NamedProblems, NamedTerms, loaded_terms
 from ccm_opt.cli.outcome import SOLVED, print_result, run_all
 from ccm_opt.cli.output import output
-from ccm_opt.cli.solving import tell_where
+from ccm_opt.cli.solving import failures_recorded
 from ccm_opt.cli.stage_clock import STATUS_REFRESHES, StageClock, ended_when_silent, stage_display
 from ccm_opt.cli.tables import columned_table, report_console, stage_line, units_of, value_table
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.core.errors import Diagnosis, NoPlanFound
 from ccm_opt.core.executors import DaskWorkers, LocalWorkers, ThisProcess, Workers
 from ccm_opt.io.folder import POSE_RECORD, REACH_RECORD, check_target
 from ccm_opt.io.records import pose_json
@@ -64,7 +63,12 @@ def pose_files(
 def _find_and_write_pose(problem: Problem, out: Path, terms: NamedTerms, *, pictures: bool) -> int:
     check_target(out / problem.name, POSE_RECORD)
     with stage_display(problem.name) as clock:
-        found = _find_or_record_failure(problem, out, clock, terms)
+        clock.begin("loading")
+        from ccm_opt.driver.finding_pose import find_pose  # noqa: PLC0415 - loads casadi
+
+        arguments = loaded_terms(*terms)
+        with failures_recorded(problem, out, clock, pictures=False, write=write_pose_failure) as progress:
+            found = find_pose(problem, progress=progress, **arguments)
         clock.begin("writing")
         drawn = {}
         if pictures:
@@ -75,33 +79,6 @@ def _find_and_write_pose(problem: Problem, out: Path, terms: NamedTerms, *, pict
         folder = write_pose(found, out, drawn)
         clock.finish()
     return print_result(lambda: _print_pose(found, clock, folder), SOLVED, lambda: _pose_data(found, folder))
-
-
-def _find_or_record_failure(problem: Problem, out: Path, clock: StageClock, terms: NamedTerms) -> StaticPose:
-    """Ask the static question; where there is no answer, the record of why is left in the output folder.
-
-    Raises:
-        NoPlanFound: its diagnosis is written to ``pose.json``.
-        KeyboardInterrupt: a record with the status ``cancelled`` is written.
-    """
-    clock.begin("loading")
-    from ccm_opt.driver.finding_pose import find_pose  # noqa: PLC0415 - loads casadi
-
-    arguments = loaded_terms(*terms)
-
-    def record(status: str, diagnosis: Diagnosis) -> None:
-        folder = write_pose_failure(problem, status, diagnosis, out, clock.timings)
-        tell_where(folder, out / problem.name, "why there is no new one is recorded")
-
-    try:
-        with ended_when_silent(problem.name, problem.planner, clock, record) as progress:
-            return find_pose(problem, progress=progress, **arguments)
-    except NoPlanFound as error:
-        record(error.status, error.diagnosis)
-        raise
-    except KeyboardInterrupt:
-        record("cancelled", Diagnosis("cancelled by the user", clock.current or "configuration"))
-        raise
 
 
 def _pose_data(found: StaticPose, folder: Path) -> dict[str, object]:

@@ -26,7 +26,7 @@ from ccm_opt.problem import Problem
 
 
 def failure_recorder(
-    problem: Problem, out: Path, clock: StageClock, *, pictures: bool
+    problem: Problem, out: Path, clock: StageClock, *, pictures: bool, write: Callable[..., Path] = write_failure
 ) -> Callable[[str, Diagnosis], None]:
     """What writes the record of a problem without a plan, given its status and diagnosis.
 
@@ -35,11 +35,12 @@ def failure_recorder(
         out: directory of the output folders.
         clock: knows the stages so far.
         pictures: whether the page is drawn too.
+        write: the record.
     """
 
     def record(status: str, diagnosis: Diagnosis) -> None:
         # The record first: it must be there whatever becomes of the page.
-        folder = write_failure(problem, status, diagnosis, out, clock.timings)
+        folder = write(problem, status, diagnosis, out, clock.timings)
         # Who has pressed Ctrl-C is not to wait for a page.
         if pictures and status != "cancelled":
             from ccm_opt.viz.failure_page import failure_html  # noqa: PLC0415 - most need no view
@@ -52,14 +53,20 @@ def failure_recorder(
 
 
 @contextmanager
-def failures_recorded(problem: Problem, out: Path, clock: StageClock, *, pictures: bool) -> Iterator[None]:
-    """Plan inside it; a problem without a plan leaves the record of why in the output folder.
+def failures_recorded(
+    problem: Problem, out: Path, clock: StageClock, *, pictures: bool, write: Callable[..., Path] = write_failure
+) -> Iterator[Callable[..., None]]:
+    """Plan inside it; a problem without a plan, or whose planning falls silent, leaves the record of why.
 
     Args:
         problem: what is solved.
         out: directory of the output folders.
         clock: knows the stages so far.
         pictures: whether the page is drawn too.
+        write: the record.
+
+    Yields:
+        What is to be told how far the work has come.
 
     Raises:
         NoPlanFound: its diagnosis is written to ``solution.json``.
@@ -68,9 +75,11 @@ def failures_recorded(problem: Problem, out: Path, clock: StageClock, *, picture
             the plan where there is one already.
         MemoryError: or whatever else says that memory ran out before there was a reason; a record of that is written.
     """
-    record = failure_recorder(problem, out, clock, pictures=pictures)
+    record = failure_recorder(problem, out, clock, pictures=pictures, write=write)
+    in_short = failure_recorder(problem, out, clock, pictures=False, write=write)
     try:
-        yield
+        with ended_when_silent(problem.name, problem.planner, clock, in_short) as progress:
+            yield progress
     except NoPlanFound as error:
         record(error.status, error.diagnosis)
         raise
@@ -92,7 +101,7 @@ def failures_recorded(problem: Problem, out: Path, clock: StageClock, *, picture
         if known is not None:
             # What was being made is free again by now; without the room for a record, the error alone has to do.
             with suppress(MemoryError):
-                failure_recorder(problem, out, clock, pictures=False)(NoPlanFound(known).status, known)
+                in_short(NoPlanFound(known).status, known)
         if clock.known is not None and short:
             advice = (*clock.known.advice, "more memory, which ran out while changes that would help were sought")
             raise NoPlanFound(replace(clock.known, advice=advice)) from error
@@ -172,9 +181,7 @@ def _solve(
             ways = (pareto, pareto_files, pareto_pictures, print_pareto)
         plan, files_of, pictures_of, tell = ways
         arguments = loaded_terms(*terms)
-        recorded = failures_recorded(problem, out, clock, pictures=pictures)
-        of_silence = failure_recorder(problem, out, clock, pictures=False)
-        with recorded, ended_when_silent(problem.name, problem.planner, clock, of_silence) as progress:
+        with failures_recorded(problem, out, clock, pictures=pictures) as progress:
             found = plan(problem, progress=progress, explain=explain, **arguments)
         clock.begin("writing")
         files: Mapping[str, bytes] = files_of(found)

@@ -69,47 +69,25 @@ def polygon_patch(polygon: shapely.Polygon, **look: object) -> PathPatch:
 
 
 def _name(axes: Axes, obstacle: Obstacle) -> None:
-    """The obstacle's name in the part of it that is seen, upright when that is; none where it has no room."""
-    left, right = axes.get_xlim()
-    low, high = axes.get_ylim()
-    outline = obstacle.outline()
-    seen = shapely.intersection(outline, shapely.box(left, low, right, high))
-    if seen.is_empty:
+    """The obstacle's name in the largest part of it that is seen, upright when that is; none where it has no room."""
+    left, right, low, high = *axes.get_xlim(), *axes.get_ylim()
+    parts = shapely.get_parts(shapely.intersection(obstacle.outline(), shapely.box(left, low, right, high)))
+    seen = max(parts, key=shapely.area, default=shapely.Polygon())
+    if not seen.area:
         return
-    # A point inside it that is as far from its edge as can be: there the name is least in the way.
-    if isinstance(seen, shapely.Polygon):
-        place = shapely.get_coordinates(shapely.maximum_inscribed_circle(seen))[0]
-    else:
-        place = shapely.get_coordinates(shapely.point_on_surface(seen))[0]
-    xmin, ymin, xmax, ymax = shapely.bounds(seen)
-    upright = ymax - ymin > 1.5 * (xmax - xmin)
-    along, across = (ymax - ymin, xmax - xmin) if upright else (xmax - xmin, ymax - ymin)
-    pixels = min(axes.bbox.width / (right - left), axes.bbox.height / (high - low))
-    points = 72.0 / float(axes.figure.dpi) * pixels
-    length = _NAME_SIZE * _WIDTH_OF_LETTER * len(obstacle.name)
-    if along * points < length or across * points < _NAME_SIZE:
-        return
+    bounds = np.reshape(shapely.bounds(seen), (2, 2))
+    width, height = np.ptp(bounds, axis=0)
     # In a box the middle looks better than the first of the many places that are as far from its edge.
-    box = seen.area > 0.95 * (xmax - xmin) * (ymax - ymin)
-    x, y = (0.5 * (xmin + xmax), 0.5 * (ymin + ymax)) if box else place
+    box = seen.area > 0.95 * width * height
+    place = bounds.mean(axis=0) if box else shapely.get_coordinates(shapely.maximum_inscribed_circle(seen))[0]
+    upright = height > 1.5 * width
+    pixels = min(axes.bbox.width / (right - left), axes.bbox.height / (high - low))
+    half = 0.5 * _NAME_SIZE * np.array([_WIDTH_OF_LETTER * len(obstacle.name), 1.0]) * axes.figure.dpi / 72.0 / pixels
+    words = shapely.box(*(place - half[:: -1 if upright else 1]), *(place + half[:: -1 if upright else 1]))
     # A name that runs out of a narrow or crooked shape hides its outline, and what is beside it.
-    wide, high = (_NAME_SIZE, length) if upright else (length, _NAME_SIZE)
-    half = 0.5 * np.array([wide, high]) / points
-    words = shapely.box(x - half[0], y - half[1], x + half[0], y + half[1])
-    if shapely.intersection(seen, words).area < _INSIDE * words.area:
-        return
-    axes.text(
-        x,
-        y,
-        obstacle.name,
-        rotation=90 if upright else 0,
-        ha="center",
-        va="center",
-        fontsize=_NAME_SIZE,
-        color=style.BOUNDARY,
-        clip_on=True,
-        zorder=2,
-    )
+    if shapely.intersection(seen, words).area >= _INSIDE * words.area:
+        look = {"ha": "center", "va": "center", "fontsize": _NAME_SIZE, "color": style.BOUNDARY, "clip_on": True}
+        axes.text(*place, obstacle.name, rotation=90 if upright else 0, zorder=2, **look)
 
 
 def draw_body(

@@ -206,12 +206,8 @@ def _place(check: CheckWords) -> Markup:
     if check.time is None:
         return joined((check.where,))
     between = ", " if check.where else ""
-    return joined((check.where, between, time_button(check.time)))
-
-
-def time_button(time: float) -> Markup:
-    """A time on which a click shows the arm at that time."""
-    return element("button", f"{time:.2f} s", type="button", cls="link", data_time=f"{time:.4f}")
+    look = {"type": "button", "cls": "link", "data_time": f"{check.time:.4f}"}
+    return joined((check.where, between, element("button", f"{check.time:.2f} s", **look)))
 
 
 def used_bar(share: float | None) -> Markup | None:

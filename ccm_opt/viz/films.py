@@ -165,48 +165,6 @@ def encoder() -> str | None:
     return shutil.which("ffmpeg")
 
 
-def video_settings(settings: FilmSettings = FILM) -> FilmSettings:
-    """The settings of a film with the size and the frames of a video."""
-    return replace(
-        settings,
-        longest_side=settings.video_side,
-        frames_a_second=settings.video_frames_a_second,
-        most_frames=_MOST_VIDEO_FRAMES,
-    )
-
-
-def film_mp4(film: Film) -> bytes:
-    """A film as a video.
-
-    Args:
-        film: with the settings of `video_settings`.
-
-    Returns:
-        The content of an MP4 file.
-
-    Raises:
-        ProblemError: there is no ffmpeg, or it cannot encode.
-    """
-    program = encoder()
-    if program is None:
-        raise ProblemError("a video needs the program ffmpeg, which is not found; install it, or leave out 'mp4'")
-    settings = film.settings
-    rate = settings.frames_a_second
-    frames = list(film.frames())
-    still = frames[-1:] * round(rate * settings.last_frame / 1e3)
-    width, height = frames[0].size
-    raw = ("-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}", "-r", str(rate), "-i", "-")
-    with tempfile.TemporaryDirectory() as folder:
-        # The index of an MP4 stands at its beginning, so that it cannot be written into a pipe.
-        out = Path(folder) / "motion.mp4"
-        content = b"".join(frame.tobytes() for frame in (*frames, *still))
-        command = [program, "-loglevel", "error", "-y", *raw, *_QUALITY, str(out)]
-        done = subprocess.run(command, input=content, capture_output=True, check=False)  # noqa: S603 - no shell
-        if done.returncode != 0:
-            raise ProblemError(f"ffmpeg cannot encode the video: {done.stderr.decode(errors='replace').strip()}")
-        return out.read_bytes()
-
-
 def motion_gif(plan: DrawnPlan, scene: SeenScene | None = None) -> bytes:
     """The motion of a plan as an animated GIF, in real time unless it is too long for that: the content of a file."""
     return film_of(plan, scene=scene).gif()
@@ -222,4 +180,22 @@ def motion_mp4(plan: DrawnPlan, settings: FilmSettings | None = None) -> bytes:
     Raises:
         ProblemError: there is no ffmpeg, or it cannot encode.
     """
-    return film_mp4(film_of(plan, video_settings(settings or _usual_settings(plan))))
+    program = encoder()
+    if program is None:
+        raise ProblemError("a video needs the program ffmpeg, which is not found; install it, or leave out 'mp4'")
+    usual = settings or _usual_settings(plan)
+    rate = usual.video_frames_a_second
+    of_video = {"longest_side": usual.video_side, "frames_a_second": rate, "most_frames": _MOST_VIDEO_FRAMES}
+    frames = list(film_of(plan, replace(usual, **of_video)).frames())
+    still = frames[-1:] * round(rate * usual.last_frame / 1e3)
+    width, height = frames[0].size
+    raw = ("-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}", "-r", str(rate), "-i", "-")
+    with tempfile.TemporaryDirectory() as folder:
+        # The index of an MP4 stands at its beginning, so that it cannot be written into a pipe.
+        out = Path(folder) / "motion.mp4"
+        content = b"".join(frame.tobytes() for frame in (*frames, *still))
+        command = [program, "-loglevel", "error", "-y", *raw, *_QUALITY, str(out)]
+        done = subprocess.run(command, input=content, capture_output=True, check=False)  # noqa: S603 - no shell
+        if done.returncode != 0:
+            raise ProblemError(f"ffmpeg cannot encode the video: {done.stderr.decode(errors='replace').strip()}")
+        return out.read_bytes()

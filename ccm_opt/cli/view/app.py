@@ -12,9 +12,9 @@ import threading
 import time
 from collections.abc import Callable
 from contextlib import redirect_stdout
-from dataclasses import dataclass, field
 from functools import partial
 from math import floor
+from queue import Empty, SimpleQueue
 from typing import Any
 from unittest import mock
 
@@ -34,23 +34,18 @@ from ccm_opt.problem.solution import Check
 from ccm_opt.viz.document import PageUnits
 
 
-@dataclass
 class Replanner:
     """Takes changes from any thread, plans them in one of its own, and tells what came of it.
 
-    Attributes:
+    Args:
         live: the plan that follows.
         told: called, in the planner's thread, with the plan's answer or what is wrong with what was asked.
         settings: when it is quiet enough to plan anew.
     """
 
-    live: LivePlan
-    told: Callable[[LiveAnswer | str], None]
-    settings: ViewSettings = VIEW
-    _wanted: Callable[[], LiveAnswer] | None = None
-    _fresh: bool = False
-    _ended: bool = False
-    _changed: threading.Condition = field(default_factory=threading.Condition)
+    def __init__(self, live: LivePlan, told: Callable[[LiveAnswer | str], None], settings: ViewSettings = VIEW) -> None:
+        self._live, self._told, self._settings = live, told, settings
+        self._asked: SimpleQueue[Callable[[], LiveAnswer] | None] = SimpleQueue()
 
     def start(self) -> None:
         """Begin to plan."""
@@ -58,35 +53,29 @@ class Replanner:
 
     def ask(self, change: Callable[[], LiveAnswer]) -> None:
         """Ask for a change; one that was asked for and not begun is forgotten."""
-        with self._changed:
-            self._wanted = change
-            self._changed.notify()
+        self._asked.put(change)
 
     def end(self) -> None:
         """Plan nothing more."""
-        with self._changed:
-            self._ended = True
-            self._changed.notify()
+        self._asked.put(None)
 
     def _run(self) -> None:
-        while (change := self._next()) is not None:
+        """Make the last change that was asked for; after some quiet a plan from nothing."""
+        quiet = None
+        while True:
             try:
-                self.told(change())
+                change = self._asked.get(timeout=quiet)
+                while not self._asked.empty():
+                    change = self._asked.get()
+                quiet = self._settings.quiet
+            except Empty:
+                change, quiet = partial(self._live.plan_anew, self._settings.anew), None
+            if change is None:
+                return
+            try:
+                self._told(change())
             except CcmError as error:
-                self.told(str(error))
-
-    def _next(self) -> Callable[[], LiveAnswer] | None:
-        """The next change; after some quiet a plan from nothing; None at the end."""
-        with self._changed:
-            while not self._ended:
-                if self._wanted is not None:
-                    change, self._wanted, self._fresh = self._wanted, None, True
-                    return change
-                heard = self._changed.wait(self.settings.quiet if self._fresh else None)
-                if not heard and self._fresh:
-                    self._fresh = False
-                    return partial(self.live.plan_anew, self.settings.anew)
-        return None
+                self._told(str(error))
 
 
 def direction_of(wxyz: FloatArray) -> FloatArray:
