@@ -19,7 +19,6 @@ from ccm_opt.io.controller_points import controller_points, trajectory_texts
 from ccm_opt.io.folder import ARRAYS, model_meshes, model_texts
 from ccm_opt.io.glb import motion_glb
 from ccm_opt.io.reading_back import (
-    RecordedResults,
     SavedMotion,
     load_any_problem,
     load_motion,
@@ -30,7 +29,7 @@ from ccm_opt.io.records import arrays_npz, bends_of_arrays, room_data
 from ccm_opt.io.robot_models import MESHES, URDF_MESHES
 from ccm_opt.io.text_agreement import check_of_data, checks_of_texts
 from ccm_opt.problem import Problem
-from ccm_opt.problem.solution import Check, RoomRecord
+from ccm_opt.problem.solution import Check
 from ccm_opt.verification.verifier import left_unchecked, verify
 from ccm_opt.viz.checks_section import checks_in_words
 
@@ -61,8 +60,14 @@ def _check(folder: Path, constraints: tuple[str, ...]) -> int:
     whole = len(own) > len(MALFORMED)
     room = room_over_time(problem, motion.trajectory, problem.wanted_gap, own) if whole else None
     left_out = left_unchecked(problem, motion.trajectory) if room is not None else ()
-    of_record = [] if room is None else _checks_of_record(folder, problem, motion, recorded, own, room, left_out)
-    checks = (*own, *of_terms, *of_record)
+    checks = (*own, *of_terms)
+    if room is not None:
+        from ccm_opt.driver.record_agreement import checks_of_record  # noqa: PLC0415 - loads the simulation
+
+        # Whatever else the folder says of the motion is held against it.
+        of_data = check_of_data(recorded.data, problem, motion.trajectory, room, left_out)
+        of_texts = checks_of_texts(folder, problem, motion.trajectory, motion.joints, own)
+        checks = (*checks, *checks_of_record(problem, motion, recorded, own, room), of_data, *of_texts)
     passed = all(check.passed for check in checks)
     left_out = left_out if passed else ()
     verdict = "every check holds" if passed else "refused"
@@ -99,25 +104,6 @@ def _check(folder: Path, constraints: tuple[str, ...]) -> int:
         }
 
     return print_result(show, SOLVED if passed else NO_PLAN, data)
-
-
-def _checks_of_record(
-    folder: Path,
-    problem: Problem,
-    motion: SavedMotion,
-    recorded: RecordedResults,
-    own: tuple[Check, ...],
-    room: RoomRecord,
-    left_out: Sequence[str],
-) -> list[Check]:
-    """Whatever else the folder says of the motion, held against it."""
-    from ccm_opt.driver.record_agreement import checks_of_record  # noqa: PLC0415 - loads the simulation
-
-    return [
-        *checks_of_record(problem, motion, recorded, own, room),
-        check_of_data(recorded.data, problem, motion.trajectory, room, left_out),
-        *checks_of_texts(folder, problem, motion.trajectory, motion.joints, own),
-    ]
 
 
 def _checks_of_constraints(problem: Problem, motion: SavedMotion, references: tuple[str, ...]) -> tuple[Check, ...]:

@@ -141,16 +141,11 @@ def draw_section(
     axes.set_xlabel(f"from the base [{problem.length_unit}]; dotted: wanted gap", fontsize=style.FONT_SIZE)
     axes.set_ylabel(f"off the axis [{problem.length_unit}]", fontsize=style.FONT_SIZE)
     axes.tick_params(length=2.5, color=style.WALL_EDGE, labelsize=style.FONT_SIZE)
-    _title_and_legend(axes, title)
+    axes.set_title(title, fontsize=style.FONT_SIZE, loc="left", pad=14, y=1.0)
+    # Between the title and the section, which has no room to spare, the legend stands in one line.
+    axes.legend(
+        loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4, frameon=False, fontsize=style.FONT_SIZE - 1.5,
+        borderpad=0.0, borderaxespad=0.2, handlelength=1.4, handletextpad=0.4, columnspacing=0.9,
+    )  # fmt: skip
     for spine in axes.spines.values():
         spine.set_visible(False)
-
-
-def _title_and_legend(axes: Axes, title: str) -> None:
-    """The title, and between it and the section, which has no room to spare, the legend in one line."""
-    size = style.FONT_SIZE - 1.5
-    axes.set_title(title, fontsize=style.FONT_SIZE, loc="left", pad=14, y=1.0)
-    axes.legend(
-        loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4, frameon=False, fontsize=size, borderpad=0.0,
-        borderaxespad=0.2, handlelength=1.4, handletextpad=0.4, columnspacing=0.9,
-    )  # fmt: skip

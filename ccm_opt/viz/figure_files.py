@@ -58,15 +58,6 @@ _COMPRESSION = 3
 """Of PNG files, from 1 to 9. Measured: 87 kB in 13 ms, where 6, the usual, takes 83 kB in 18 ms [taste]."""
 
 
-def figure_png(draw: Callable[[], Figure]) -> bytes:
-    """The content of the PNG file of a figure.
-
-    Args:
-        draw: makes the figure; it runs, and the figure is rendered, while the fonts are in force.
-    """
-    return figure_file(draw, "png")
-
-
 def figure_pixels(figure: Figure) -> Image.Image:
     """A figure drawn, RGB: what is behind it is white, and a channel that says so would make files larger."""
     canvas = FigureCanvasAgg(figure)

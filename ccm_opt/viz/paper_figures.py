@@ -31,7 +31,7 @@ from ccm_opt.viz.arm_drawing import (
     draw_workspace,
     whole_room,
 )
-from ccm_opt.viz.figure_files import FigureFormat, figure_file, figure_png, label_axes, label_axis
+from ccm_opt.viz.figure_files import FigureFormat, figure_file, label_axes, label_axis
 from ccm_opt.viz.plan import draw_goals, even_steps
 from ccm_opt.viz.settings import PICTURES
 from ccm_opt.viz.views import SeenScene, action_window, draw_pose, seen_window, window_of
@@ -274,7 +274,7 @@ def pareto_png(found: ParetoPlans) -> bytes:
     Returns:
         The content of a PNG file.
     """
-    return figure_png(lambda: pareto_figure(found))
+    return figure_file(lambda: pareto_figure(found), "png")
 
 
 def pareto_figure(found: ParetoPlans) -> Figure:

@@ -15,7 +15,7 @@ from ccm_opt.problem.solution import BindingSide, ReachMap, StaticPose
 from ccm_opt.viz import figure_files as style
 from ccm_opt.viz.arm_drawing import PLANE, SLANTED, Side, draw_workspace, polygon_patch, whole_room
 from ccm_opt.viz.arm_section import draw_section
-from ccm_opt.viz.figure_files import figure_png
+from ccm_opt.viz.figure_files import figure_file
 from ccm_opt.viz.plan import ARROW_IN_LINKS, draw_goal
 from ccm_opt.viz.settings import PICTURES
 from ccm_opt.viz.views import SeenScene, Sheet, draw_base, draw_pose, dress_view, layout_of, window_of
@@ -30,7 +30,7 @@ _BAR_SHARE = 0.02
 
 def pose_png(found: StaticPose) -> bytes:
     """The picture of a pose: the content of a PNG file."""
-    return figure_png(lambda: pose_figure(found))
+    return figure_file(lambda: pose_figure(found), "png")
 
 
 def pose_figure(found: StaticPose) -> Figure:
@@ -92,7 +92,7 @@ def _bar(found: StaticPose, side: BindingSide) -> list[tuple[float, float]]:
 
 def reach_png(found: ReachMap) -> bytes:
     """The picture of a map: the content of a PNG file."""
-    return figure_png(lambda: reach_figure(found))
+    return figure_file(lambda: reach_figure(found), "png")
 
 
 def reach_figure(found: ReachMap) -> Figure:
@@ -126,15 +126,13 @@ def _draw_cells(axes: Axes, found: ReachMap) -> None:
     half = 0.5 * found.step
     x, y = found.axes
     extent = (x[0] - half, x[-1] + half, y[0] - half, y[-1] + half)
-    limits = (axes.get_xlim(), axes.get_ylim())
+    axes.autoscale(enable=False)
     # Beyond the grid everything is farther away than the arm is long.
     boundary = found.problem.workspace.boundary
     room = polygon_patch(boundary, facecolor=style.PROVED, edgecolor=style.BOUNDARY, linewidth=1.6, zorder=0.4)
     axes.add_patch(room)
     cells = axes.imshow(colours, origin="lower", extent=extent, interpolation="nearest", aspect="equal", zorder=0.5)
     cells.set_clip_path(room)
-    axes.set_xlim(limits[0])
-    axes.set_ylim(limits[1])
 
 
 def _name_colour(axes: Axes, colour: Any, label: str) -> None:
@@ -172,8 +170,7 @@ def _reach_in_space(found: ReachMap) -> Figure:
     colours = _colours(found)
     for (axes, side), across in zip(sheet.views, _ACROSS, strict=True):
         low, high = side(window)
-        axes.set_xlim(low[0], high[0])
-        axes.set_ylim(low[1], high[1])
+        axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
         number = int(np.argmin(np.abs(axes_of_cells[across] - place[across])))
         slice_ = np.take(colours, number, axis=across).swapaxes(0, 1)
         extent = (low[0], high[0], low[1], high[1])
@@ -232,8 +229,7 @@ def _draw_cloud(axes: Axes, found: ReachMap, scene: SeenScene) -> None:
     flat = side(about)
     low = flat.min(axis=0) - found.step
     high = flat.max(axis=0) + found.step
-    axes.set_xlim(low[0], high[0])
-    axes.set_ylim(low[1], high[1])
+    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
     scene.draw(axes, side)
     axes.set_aspect("equal", adjustable="box", anchor="NW")
     ahead = np.cross(side.across, side.up)

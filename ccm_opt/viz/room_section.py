@@ -53,8 +53,10 @@ def room_sentences(room: RoomRecord, units: PageUnits, most: int = 3) -> Iterato
         yield f"and {left} more stretch{'es' if left > 1 else ''} with less than the wanted gap"
     if room.short and room.possible is not None and room.possible.by != "wanted gap":
         yield _bound(room.possible, units)
-    if room.price is not None:
-        yield _price(room.price)
+    if room.price is not None and room.price < 0.0:
+        yield f"with the wanted gap the motion is even {-room.price:.3g} s shorter than without one"
+    elif room.price is not None:
+        yield f"the wanted gap costs {room.price:.3g} s"
 
 
 def _least_gap(room: RoomRecord, units: PageUnits) -> str:
@@ -84,13 +86,6 @@ def _bound(possible: PossibleGap, units: PageUnits) -> str:
         one, other = possible.walls
         return f"the way between '{one}' and '{other}' leaves no more than {most} on either side"
     return f"no motion keeps more than {most}: {_BOUNDS.get(possible.by, 'no more is wanted')}"
-
-
-def _price(seconds: float) -> str:
-    """What the wanted gap costs against the motion that wants none."""
-    if seconds < 0.0:
-        return f"with the wanted gap the motion is even {-seconds:.3g} s shorter than without one"
-    return f"the wanted gap costs {seconds:.3g} s"
 
 
 def room_section(room: RoomRecord | None, units: PageUnits) -> Markup | None:

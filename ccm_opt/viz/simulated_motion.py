@@ -17,7 +17,7 @@ from ccm_opt.verification.tolerance.error_model import moved_by_joint_errors
 from ccm_opt.viz import figure_files as style
 from ccm_opt.viz.arm_drawing import PLANE, SIDES, Side, whole_room
 from ccm_opt.viz.arm_section import draw_section
-from ccm_opt.viz.figure_files import figure_png
+from ccm_opt.viz.figure_files import figure_file
 from ccm_opt.viz.settings import PICTURES
 from ccm_opt.viz.views import (
     SPACE_DOTS_PER_INCH,
@@ -45,7 +45,7 @@ def simulation_png(
         joints: the plan for all revolutes.
         simulated: what the arm did.
     """
-    return figure_png(lambda: _simulation_figure(problem, trajectory, joints, simulated))
+    return figure_file(lambda: _simulation_figure(problem, trajectory, joints, simulated), "png")
 
 
 def simulated_samples(trajectory: JointTrajectory, simulated: SimulatedMotion) -> int:
@@ -54,12 +54,6 @@ def simulated_samples(trajectory: JointTrajectory, simulated: SimulatedMotion) -
     if verdict.outcome != "diverged" or verdict.time is None:
         return len(trajectory.time)
     return max(int(np.searchsorted(trajectory.time, verdict.time)), 1)
-
-
-def poses_at(shares: tuple[float, ...], time: FloatArray, points: FloatArray) -> FloatArray:
-    """The poses at given shares of the duration, shape (len(shares), links + 1, 2 or 3) [m]."""
-    samples = np.searchsorted(time, np.array(shares) * time[-1])
-    return np.asarray(points[samples], dtype=np.float64)
 
 
 def draw_errors(
@@ -99,7 +93,8 @@ def _simulation_figure(
         sides = SIDES[:2]
     figure, grid = _sheet_with_errors([np.ptp(side(window), axis=0) for side in sides])
     scene = SeenScene(problem)
-    between = poses_at(_SIMULATED_POSES, trajectory.time[:reached], points)
+    time = trajectory.time[:reached]
+    between = points[np.searchsorted(time, np.array(_SIMULATED_POSES) * time[-1])]
     for row, side in enumerate(sides):
         axes = figure.add_subplot(grid[row, 0])
         scene.begin_view(axes, side, window)
@@ -136,7 +131,7 @@ def tolerance_png(problem: Problem, trajectory: JointTrajectory, error: Survived
         trajectory: the plan.
         error: of the joints, that it survives.
     """
-    return figure_png(lambda: _tolerance_figure(problem, trajectory, error))
+    return figure_file(lambda: _tolerance_figure(problem, trajectory, error), "png")
 
 
 def _tolerance_figure(problem: Problem, trajectory: JointTrajectory, error: SurvivedError) -> Figure:
@@ -153,7 +148,12 @@ def _tolerance_figure(problem: Problem, trajectory: JointTrajectory, error: Surv
         axes.plot(*side(off).T, color=style.PRESSED, linewidth=1.1, zorder=8, label="with the worst errors")
         _mark_limiting_place(axes, side, error)
     if sheet.section is not None:
-        _draw_section_with_errors(sheet.section, problem, points, moved)
+        draw_section(sheet.section, problem, points, "section along the arm, and how far errors take it")
+        arm, unit = problem.arm, METRES[problem.length_unit]
+        along = arm.link_length * (np.arange(arm.links) + 0.5) / unit
+        for sign in (1.0, -1.0):
+            edge = sign * (arm.radius + moved) / unit
+            sheet.section.plot(along, edge, color=style.START_EDGE, linewidth=1.0, zorder=4)
     survived = f"survives joint errors of {np.rad2deg(error.size):.3g}°"
     sheet.finish(f"{problem.name} at {trajectory.time[number]:.2f} s: {survived}")
     return sheet.figure
@@ -184,13 +184,3 @@ def _mark_limiting_place(axes: Axes, side: Side, error: SurvivedError) -> None:
             *side(np.array(error.place)), marker="x", markersize=8, markeredgewidth=2.0, linestyle="none", zorder=9,
             color=style.PRESSED, label="what limits them",
         )  # fmt: skip
-
-
-def _draw_section_with_errors(axes: Axes, problem: Problem, points: FloatArray, moved: FloatArray) -> None:
-    """The section along the arm, with how far errors take it."""
-    draw_section(axes, problem, points, "section along the arm, and how far errors take it")
-    arm = problem.arm
-    unit = METRES[problem.length_unit]
-    along = arm.link_length * (np.arange(arm.links) + 0.5) / unit
-    for sign in (1.0, -1.0):
-        axes.plot(along, sign * (arm.radius + moved) / unit, color=style.START_EDGE, linewidth=1.0, zorder=4)

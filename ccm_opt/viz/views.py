@@ -150,7 +150,9 @@ class SeenScene:
         picture[..., 3] = (1.0 - (1.0 - _GLASS) ** np.arange(len(self.bodies) + 1))[sheets]
         extent = (low[0], high[0], low[1], high[1])
         axes.imshow(picture, extent=extent, origin="lower", interpolation="bilinear", zorder=1, aspect="auto")
-        self._draw_edges(axes, side)
+        # Each edge by itself: where several lie upon each other they are darker.
+        ends = side(np.concatenate([np.zeros((0, 2, 3)), *self.edges]))
+        axes.add_collection(LineCollection(list(ends), colors=style.WALL_EDGE, linewidths=0.4, alpha=0.7, zorder=1.5))
 
     def draw_cut(self, axes: Axes, side: Side, across: int, at: float) -> None:
         """Draw the outlines along which a plane cuts the bodies.
@@ -172,12 +174,6 @@ class SeenScene:
             share = (height[through] / (height - next_height)[through])[:, None]
             ends = (cut[through] + share * (following - cut)[through]).reshape(-1, 2, 3)
             axes.add_collection(LineCollection(list(side(ends)), colors=style.WALL_EDGE, linewidths=0.9, zorder=1.5))
-
-    def _draw_edges(self, axes: Axes, side: Side) -> None:
-        """All sharp edges, each by itself: where several lie upon each other they are darker."""
-        ends = side(np.concatenate([np.zeros((0, 2, 3)), *self.edges]))
-        edges = LineCollection(list(ends), colors=style.WALL_EDGE, linewidths=0.4, alpha=0.7, zorder=1.5)
-        axes.add_collection(edges)
 
     def draw_room(self, axes: Axes, side: Side) -> None:
         """Draw the outline of the room where there is one."""
