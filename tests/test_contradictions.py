@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 import casadi as ca
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 import ccm_opt
@@ -42,6 +42,8 @@ FORMS = {
     st.lists(st.floats(0.0, 3.0), min_size=2, max_size=2),
     st.lists(st.floats(0.0, 1.0), min_size=2, max_size=2),
 )
+@example("quotient through zero", [0.25, 2.2e-309], [0.0, 0.0], [0.0, 0.0])
+@example("quotient through zero", [0.25, -2.2e-309], [0.0, 0.0], [0.0, 0.0])
 def test_intervals_hold_every_value(form: str, low: list[float], width: list[float], share: list[float]) -> None:
     """The value at any point of a box lies within the bounds for the box."""
     function = ca.Function("form", [X], [FORMS[form]])

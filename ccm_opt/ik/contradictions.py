@@ -90,7 +90,10 @@ def _inverse(a: Intervals) -> Intervals:
     crosses = (a.low <= 0.0) & (a.high >= 0.0)
     safe = np.where(crosses, 1.0, a.low)
     safe_high = np.where(crosses, 1.0, a.high)
-    return Intervals(np.where(crosses, -np.inf, 1.0 / safe_high), np.where(crosses, np.inf, 1.0 / safe))
+    # What overflows is as large as any number, and no larger: a quotient by it may be one.
+    most = np.finfo(np.float64).max
+    low = np.minimum(1.0 / safe_high, most)
+    return Intervals(np.where(crosses, -np.inf, low), np.where(crosses, np.inf, np.maximum(1.0 / safe, -most)))
 
 
 def _square(a: Intervals) -> Intervals:
