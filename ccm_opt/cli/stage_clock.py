@@ -202,8 +202,9 @@ def _ended_by_signal() -> Iterator[None]:
 
     The handler is the C library's own ``_exit``: where a solver spins, none of Python's would ever be called.
     """
-    library = ctypes.CDLL(None)
-    library.signal(ENDING, library._exit)  # noqa: SLF001 - its name in C
+    with suppress(OSError, AttributeError):  # without it the process is killed
+        library = ctypes.CDLL(None)
+        library.signal(ENDING, library._exit)  # noqa: SLF001 - its name in C
     try:
         yield
     finally:
