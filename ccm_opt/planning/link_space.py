@@ -113,13 +113,20 @@ class LinkSpace(CurveUnknowns):
 
     def pose(self, v: FloatArray) -> Pose:
         """The pose at coordinates, shape (p,)."""
-        q = self.configurations(v)
+        return self.poses(v[None])[0]
+
+    def poses(self, unknowns: FloatArray) -> tuple[Pose, ...]:
+        """The poses at several coordinates, shape (m, p)."""
+        q = self.configurations(unknowns)
         headings = self.arm.headings(q)
         cos = np.cos(headings)
         sin = np.sin(headings)
-        frames = np.stack((cos, -sin, sin, cos), axis=-1).reshape(-1, 2, 2)
-        points = self.arm.joint_positions_at(q)
-        return Pose(v, q, self.slopes, points, self.jacobians(headings), self._turning, frames)
+        frames = np.stack((cos, -sin, sin, cos), axis=-1).reshape(*headings.shape, 2, 2)
+        made = (unknowns, q, self.arm.joint_positions_at(q), self.jacobians(headings), frames)
+        return tuple(
+            Pose(v, at, self.slopes, points, moving, self._turning, turned)
+            for v, at, points, moving, turned in zip(*made, strict=True)
+        )
 
     @cached_property
     def _turning(self) -> FloatArray:
