@@ -27,6 +27,12 @@ class PlanarSweep(Sweep):
         """Link headings, shape (K + 1, links) [rad]."""
         return self.space.arm.headings(self.configurations)
 
+    @property
+    def turn_metrics(self) -> FloatArray:
+        """Squared turns of the links by the coordinates, the same everywhere, shape (K + 1, p, p)."""
+        metric = self.space.heading_metric
+        return np.broadcast_to(metric, (len(self.unknowns), *metric.shape))
+
     @cached_property
     def turns(self) -> FloatArray:
         """Turns of the links over the intervals Δφ, shape (K, links) [rad]."""

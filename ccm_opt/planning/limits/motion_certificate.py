@@ -80,6 +80,8 @@ def failing_edges(
         unknowns: at the keyframes, shape (K + 1, p).
         depth: bisections of an interval that are allowed; as many as the certificate's settings say when None.
     """
+    if curve.affine:
+        return failed_intervals(limits, curve.configurations(unknowns), depth)
     edges = [curve.pieces(before, after)[:-1] for before, after in pairwise(unknowns)]
     owner = np.repeat(np.arange(len(edges)), [len(edge) for edge in edges])
     places = np.array([*(v for edge in edges for v in edge), unknowns[-1]])
