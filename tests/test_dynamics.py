@@ -22,7 +22,7 @@ from ccm_opt.dynamics.runtime.inverse_dynamics import (
 from ccm_opt.dynamics.simulation.controller import CompiledLoop
 from ccm_opt.io.robot_models import mjcf_text, urdf_text
 from ccm_opt.robot.arm import Arm, Axes, Feed
-from ccm_opt.robot.pose_report import tip_jacobian
+from ccm_opt.robot.jacobians import tip_jacobian
 from tests.dynamics_arms import loose_limits, random_states, smooth_trajectory, swan_neck
 from tests.oracles.interpreted_function import InterpretedFunction
 from tests.oracles.interpreted_loop import InterpretedLoop

@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 
 from ccm_opt.core.errors import ProblemError
 from ccm_opt.robot.arm import Arm, Axes, Feed
-from ccm_opt.robot.frames import frame_transforms, joint_positions_3d, revolute_angles
+from ccm_opt.robot.frames import frame_transforms, joint_positions_3d
 from ccm_opt.robot.inverse_kinematics import ball_angles
-from ccm_opt.robot.pose_report import point_jacobians, pose_issues, tip_jacobian
+from ccm_opt.robot.jacobians import point_jacobians, tip_jacobian
 from tests.dynamics_arms import swan_neck
 
 AXES: tuple[Axes, ...] = ("zyx", "zyz")
@@ -70,22 +70,3 @@ def test_angles_are_found_wherever_the_base_is_fed() -> None:
         ball_angles(arm, points + np.array([0.0, 0.01, 0.0]))
     with pytest.raises(ProblemError, match="off the arm's base"):
         ball_angles(arm, joint_positions_3d(arm, q, 0.35))
-
-
-def test_bad_poses_are_reported_joint_by_joint() -> None:
-    """A link bent past its limit and a ball near its singularity are named with their figures; a good pose is not."""
-    arm = swan_neck(4)
-    good = revolute_angles(arm, np.array([0.5, -0.3, 0.2, 0.1]))
-    assert pose_issues(arm, good) == ()
-    bad = good.copy()
-    bad[3], bad[4], bad[1] = 0.9, 0.9, np.deg2rad(89.0)
-    first, second = pose_issues(arm, bad)
-    assert (first.joint, first.kind, second.joint, second.kind) == ("ball01_bend", "singular", "ball02_bend", "limit")
-    assert second.value == pytest.approx(np.arccos(np.cos(0.9) ** 2))
-    assert "determinant 0.017" in first.text
-
-
-def test_a_straight_zyz_ball_is_reported_singular() -> None:
-    """The paper's own table is singular where the arm is straight."""
-    issues = pose_issues(swan_neck(4, "zyz"), np.zeros(12))
-    assert [issue.kind for issue in issues] == ["singular"] * 4
