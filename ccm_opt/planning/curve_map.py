@@ -88,7 +88,7 @@ class CurveMap(CurveUnknowns):
         feeds = self._feeds(v)
         places = self._places_at(feeds)
         turns = self._turns(v, places, self._shapes(places))
-        return np.concatenate((turns.reshape(len(v), -1), feeds), axis=1)
+        return np.concatenate((turns.reshape(len(v), 2 * self.arm.links), feeds), axis=1)
 
     def pose(self, v: FloatArray) -> Pose:
         """The pose of unknowns, shape (p,)."""

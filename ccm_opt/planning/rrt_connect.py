@@ -208,8 +208,10 @@ class ConnectSearch:
         self.extensions += count
 
         # All or nothing: nodes where an extension was stopped would all lie in contact, with little way on from there.
-        free = self.free_shares(start, end) >= 1.0
-        free &= self.draws.travel(start, end) > _LEAST
+        free = self.draws.travel(start, end) > _LEAST
+        # Where it is narrow most ends touch something, and one pose is soon looked at.
+        free[free] = self.free_shares(end[free], end[free]) >= 1.0
+        free[free] = self.free_shares(start[free], end[free]) >= 1.0
         added = tree.add(end[free], parents[free])
         if len(added) and len(self.trees[1 - side]):
             self._connect(side, added)

@@ -351,6 +351,16 @@ def _drawing(number: int) -> Strategy[SpaceRun, SpaceMotion]:
     return Strategy(CONNECT, lambda run, failed: run.by_connecting(number, failed), _passes_none, costly=True)
 
 
+def _sampling(number: int) -> Strategy[SpaceRun, SpaceMotion]:
+    """Sampled trees, for arms on a fixed base: of a fed one joints come out one by one on no straight way."""
+    return Strategy(
+        f"sampled {CONNECT}",
+        lambda run, failed: run.by_sampling(number, failed),
+        lambda run: _passes_none(run) and not _is_fed(run) and run.task.user is None,
+        costly=number > 0,
+    )
+
+
 def _by_stages(run: SpaceRun, failures: list[Failure]) -> SpaceMotion | None:
     return run.by_stages(find_by_ways, failures)
 
@@ -358,8 +368,10 @@ def _by_stages(run: SpaceRun, failures: list[Failure]) -> SpaceMotion | None:
 WAYS: tuple[Strategy[SpaceRun, SpaceMotion], ...] = (
     Strategy("first ways of the tip", SpaceRun.by_first_ways),
     Strategy("withdrawal", SpaceRun.by_withdrawing, _is_fed),
+    _sampling(0),
     _poses(whole=True),
     Strategy("other ways of the tip", SpaceRun.by_other_ways, costly=True),
+    _sampling(1),
     _poses(whole=False),
     _drawing(0),
     _drawing(1),

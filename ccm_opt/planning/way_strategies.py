@@ -11,13 +11,14 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.errors import MotionNotFound
 from ccm_opt.planning.continuation import Guide, Stalled, follow, settle
 from ccm_opt.planning.curve_map import KNOTS, CurveMap
-from ccm_opt.planning.drawn_poses import CurveDraws, goal_poses, swung, withdrawn
+from ccm_opt.planning.drawn_poses import CurveDraws, free_goal_poses, goal_poses, swung, withdrawn
 from ccm_opt.planning.followable_ways import feeds_to_end, fitted_slide, slid_along
 from ccm_opt.planning.goal import GoalPose
 from ccm_opt.planning.guides import ArmTrack, TipLed, TrackLed
 from ccm_opt.planning.motion import SpaceMotion
 from ccm_opt.planning.passed_places import passings
 from ccm_opt.planning.pose import Pose
+from ccm_opt.planning.sampled_motions import SampledMotions
 from ccm_opt.planning.search import Failure
 from ccm_opt.planning.search_run import SearchRun
 from ccm_opt.planning.space_task import SpaceTask
@@ -50,6 +51,18 @@ _GOALS = 8
 """Poses at the goal that the second tree grows from."""
 _DRAWN = "a sampler"
 """Name of what trees find."""
+_SAMPLED = 100
+"""Number of the first draws of sampled trees, among those of a task."""
+_SAMPLED_ROUNDS = ((3, 2000), (6, 30_000))
+"""Poses at the goal that sampled trees grow from, and extensions: at first, and after other ways. Taste: an extension
+takes some 50 µs."""
+_SAMPLED_EDGE = 1.0
+"""Longest extension of sampled trees, in the norm of turns of the links [rad]. Measured on two confined scenes: 2 and 4
+find a way later."""
+_BATCH = (8, 64)
+"""Extensions of sampled trees that are looked at together."""
+_SMOOTH = 0.9
+"""Share of their targets that are smooth shapes anywhere; with half as many trees meet later (measured likewise)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -255,6 +268,32 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
         return self.attempt(
             _DRAWN, partial(self._met, partial(draws.way, rng, _EXTENSIONS, self.task.deadline)), failures
         )
+
+    def by_sampling(self, number: int, failures: list[Failure]) -> SpaceMotion | None:
+        """Find a motion by trees whose edges are looked at by samples, and certified where the trees meet.
+
+        Args:
+            number: of the round.
+            failures: is added to.
+        """
+        most, extensions = _SAMPLED_ROUNDS[number]
+        rng = self._draws(_SAMPLED + number)
+        if self.goal.coordinates is not None:
+            goals = [self.stepper.pose(self.goal.coordinates)]
+        else:
+            goals = list(islice(free_goal_poses(self.task, self.stepper, self._motions, rng), most))
+        if not goals:
+            return None
+        draws = CurveDraws(
+            self.stepper, self.start, goals, batch=_BATCH, longest=_SAMPLED_EDGE, motions=self._motions, smooth=_SMOOTH
+        )
+        way = partial(draws.way, rng, extensions, self.task.deadline)
+        return self.attempt("a quick sampler", partial(self._met, way), failures)
+
+    @cached_property
+    def _motions(self) -> SampledMotions:
+        task = self.task
+        return SampledMotions(task.arm, task.tree, task.kept, np.asarray(task.scene).reshape(-1, 3))
 
     def _goals(self, rng: np.random.Generator) -> Iterator[Pose]:
         """The pose of the whole arm that is asked, or poses drawn at the goal."""
