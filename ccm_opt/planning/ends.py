@@ -82,15 +82,16 @@ def resolve_ends(problem: Problem) -> Ends:
     clamped = not problem.arm.base_axes and stands_flush(problem, start)
     arm = clamped_arm(problem.arm) if clamped else problem.arm
     refuse_bad_pose(arm, problem.workspace, start, "start", _REACH)
-    if isinstance(problem.goal, TipGoal):
-        refuse_blocked_tip(problem, problem.goal)
-        return Ends(start, tip_goal(problem, problem.goal), None, clamped)
-    q = _within_limits(problem, problem.goal)
+    goal = problem.goal
+    if goal.for_joints is None:
+        refuse_blocked_tip(problem, goal.for_tip)
+        return Ends(start, tip_goal(problem, goal.for_tip), None, clamped)
+    q = _within_limits(problem, goal.for_joints)
     # A base that is clamped at the start is so at the goal only if it has not turned.
     at_goal = arm if q[0] == start[0] else problem.arm
     refuse_bad_pose(at_goal, problem.workspace, q, "goal", _REACH)
-    goal = GoalPose(arm.joint_positions_at(q)[-1], arm.link_rotations(q)[-1, :, 0])
-    return Ends(start, goal, q, clamped)
+    tip = GoalPose(arm.joint_positions_at(q)[-1], arm.link_rotations(q)[-1, :, 0])
+    return Ends(start, tip, q, clamped)
 
 
 def _configuration(problem: Problem, pose: JointPose, which: str) -> FloatArray:

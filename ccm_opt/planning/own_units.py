@@ -25,7 +25,6 @@ from ccm_opt.problem import (
     Problem,
     SimulationOptions,
     Stop,
-    TipGoal,
     Tolerances,
     VerificationOptions,
 )
@@ -179,9 +178,9 @@ class OwnUnits:
         return JointPose.along(arm, self._in_units(pose.curve), pose.mapping, feed)
 
     def _goal(self, goal: Goal, arm: Arm) -> Goal:
-        if isinstance(goal, TipGoal):
-            return replace(goal, position=self._lengths(goal.position))
-        return self._pose(goal, arm)
+        if goal.for_joints is None:
+            return replace(goal.for_tip, position=self._lengths(goal.for_tip.position))
+        return self._pose(goal.for_joints, arm)
 
     def _tolerances(self, tolerances: Tolerances) -> Tolerances:
         return replace(tolerances, position=self._length(tolerances.position))

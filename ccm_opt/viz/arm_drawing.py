@@ -86,8 +86,8 @@ def _name(axes: Axes, obstacle: Obstacle) -> None:
     words = shapely.box(*(place - half[:: -1 if upright else 1]), *(place + half[:: -1 if upright else 1]))
     # A name that runs out of a narrow or crooked shape hides its outline, and what is beside it.
     if shapely.intersection(seen, words).area >= _INSIDE * words.area:
-        look = {"ha": "center", "va": "center", "fontsize": _NAME_SIZE, "color": style.BOUNDARY, "clip_on": True}
-        axes.text(*place, obstacle.name, rotation=90 if upright else 0, zorder=2, **look)
+        text = axes.text(place[0], place[1], obstacle.name, rotation=90 if upright else 0, zorder=2, clip_on=True)
+        text.set(ha="center", va="center", fontsize=_NAME_SIZE, color=style.BOUNDARY)
 
 
 def draw_body(

@@ -344,7 +344,7 @@ def plan_data(solution: Solution, units: PageUnits) -> dict[str, object]:
         units: of the page.
     """
     problem, points = solution.problem, solution.joint_positions
-    data = {
+    data: dict[str, object] = {
         "unit": units.data(),
         "scene": scene_data(problem, points.reshape(-1, problem.dimension)),
         "marks": goal_times(solution),

@@ -334,8 +334,8 @@ class ViewerApp:
     def _build_player(self) -> None:
         gui = self.server.gui
         with gui.add_folder("Play"):
-            self._play = gui.add_checkbox("playing", initial_value=True)
-            self._slider = gui.add_slider("time [s]", 0.0, self._end, 0.001, 0.0)
+            self._play: Any = gui.add_checkbox("playing", initial_value=True)
+            self._slider: Any = gui.add_slider("time [s]", 0.0, self._end, 0.001, 0.0)
             self._speed = gui.add_dropdown("speed", SPEEDS, initial_value="1")
 
         self._slider.on_update(self._slid)
