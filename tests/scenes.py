@@ -22,7 +22,7 @@ from ccm_opt.core.deadline import Deadline
 from ccm_opt.planning.curve_routes import find_guesses, find_routes, route_room, tip_paths_along
 from ccm_opt.planning.ends import resolve_ends
 from ccm_opt.planning.limits.clearance_rows import motion_rows
-from ccm_opt.planning.limits.limit_stack import ContactLimit, limits_with
+from ccm_opt.planning.limits.limit_stack import ContactLimit, assembled_limits
 from ccm_opt.planning.link_space import LinkSpace
 from ccm_opt.planning.motion_task import MotionTask
 from ccm_opt.planning.optimisation.interval_rows import IntervalRows
@@ -115,7 +115,7 @@ def make_stepper(scene: Scene, margin: float = MARGIN) -> tuple[Stepper, Pose]:
     settings = StepSettings()
     rows = partial(motion_rows, workspace=scene.workspace)
     contact = ContactLimit(finder, Certificate(scene.arm, scene.workspace), settings, rows)
-    limits = limits_with(scene.arm, contact, settings)
+    limits = assembled_limits(scene.arm, contact, settings)
     stepper = Stepper(space, limits, finder=finder)
     return stepper, stepper.pose(v)
 

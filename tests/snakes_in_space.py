@@ -13,7 +13,7 @@ from ccm_opt.robot.arm import Arm, Feed
 from ccm_opt.scene.bodies import BOX_FACES, box_corners
 from ccm_opt.scene.distances.enclosures import segment_distances
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
-from ccm_opt.scene.surfaces import SurfaceSoup
+from ccm_opt.scene.surfaces import TriangleSoup
 
 
 def snake(
@@ -40,16 +40,16 @@ def snake(
     )
 
 
-def balls(centres: FloatArray, radius: float) -> SurfaceSoup:
+def balls(centres: FloatArray, radius: float) -> TriangleSoup:
     """Balls as triangles that are points, with a rounding."""
-    return SurfaceSoup.joined(
+    return TriangleSoup.joined(
         (f"ball {k + 1}", np.repeat(centre[None], 3, axis=0)[None], radius) for k, centre in enumerate(centres)
     )
 
 
-def boxes(corners: list[tuple[list[float], list[float]]]) -> SurfaceSoup:
+def boxes(corners: list[tuple[list[float], list[float]]]) -> TriangleSoup:
     """Boxes between two corners each."""
-    return SurfaceSoup.joined(
+    return TriangleSoup.joined(
         (f"box {k + 1}", box_corners(np.array(low), np.array(high))[BOX_FACES], 0.0)
         for k, (low, high) in enumerate(corners)
     )
@@ -57,7 +57,7 @@ def boxes(corners: list[tuple[list[float], list[float]]]) -> SurfaceSoup:
 
 def task_of(
     arm: Arm,
-    soup: SurfaceSoup,
+    soup: TriangleSoup,
     goal: GoalPose | None,
     *,
     goal_pose: FloatArray | None = None,
@@ -86,7 +86,7 @@ def task_of(
     )
 
 
-def least_gaps(arm: Arm, soup: SurfaceSoup, keyframes: FloatArray, samples: int = 40) -> tuple[float, float]:
+def least_gaps(arm: Arm, soup: TriangleSoup, keyframes: FloatArray, samples: int = 40) -> tuple[float, float]:
     """Least gaps from walls and between distant links at dense samples of a motion linear between keyframes [m]."""
     share = np.linspace(0.0, 1.0, samples, endpoint=False)[:, None]
     q = np.concatenate([a + share * (b - a) for a, b in pairwise(keyframes)])

@@ -3,15 +3,15 @@
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray, IntArray
-from ccm_opt.scene.surfaces import SurfaceSoup
+from ccm_opt.scene.surfaces import TriangleSoup
 
 
-def soup(triangles: FloatArray, rounding: FloatArray, owner: IntArray) -> SurfaceSoup:
+def soup(triangles: FloatArray, rounding: FloatArray, owner: IntArray) -> TriangleSoup:
     """Surfaces of owners without telling names."""
-    return SurfaceSoup(triangles, rounding, owner, tuple(f"body {k}" for k in range(int(owner.max(initial=-1)) + 1)))
+    return TriangleSoup(triangles, rounding, owner, tuple(f"body {k}" for k in range(int(owner.max(initial=-1)) + 1)))
 
 
-def random_triangles(rng: np.random.Generator, count: int) -> SurfaceSoup:
+def random_triangles(rng: np.random.Generator, count: int) -> TriangleSoup:
     """Triangles of many sizes about the origin, among them segments, points, slivers and rounded ones."""
     size = rng.exponential(0.2, (count, 1, 1))
     corners = rng.uniform(-1.0, 1.0, (count, 1, 3)) + size * rng.normal(size=(count, 3, 3))
@@ -63,7 +63,7 @@ def _from_triangles(points: FloatArray, triangles: FloatArray) -> FloatArray:
     return best
 
 
-def slow_gaps(segments: FloatArray, scene: SurfaceSoup, reach: float) -> FloatArray:
+def slow_gaps(segments: FloatArray, scene: TriangleSoup, reach: float) -> FloatArray:
     """Least distance of each segment from all triangles less their rounding, cut off at the reach, shape (k,)."""
     gaps = slow_distances(segments, scene.triangles) - scene.rounding
     return np.minimum(np.min(gaps, axis=1), reach)

@@ -71,7 +71,7 @@ def rows_of_mapping(links: int) -> ca.Function:
     """The mapping's ties, and what keeps joints among their pieces."""
     frames = PlanarFrames(SEGMENTS, links)
     _, ties = frames.link_rows()
-    kept = frames.joints.kept_among()
+    kept = frames.joints.joint_order_rows()
     return ca.Function("rows", [frames.parts[0].variables, frames.lies], [ties.expression, kept.expression])
 
 

@@ -27,7 +27,7 @@ from ccm_opt.cli.compare.methods import METHODS, check_methods, code_of, method_
 from ccm_opt.cli.compare.running import Comparison, compare
 from ccm_opt.cli.compare.runs import Run, Task, execute, failed_run, open_journal
 from ccm_opt.cli.compare.space_clutter import KEPT_OFF, links_apart
-from ccm_opt.cli.compare.suites import SUITES, Case, cases_of_files, cases_of_suite, distinct, shared_folder
+from ccm_opt.cli.compare.suites import SUITES, Case, cases_from_files, distinct, shared_folder, suite_cases
 from ccm_opt.cli.comparing import compare_methods
 from ccm_opt.core.errors import ProblemError
 from ccm_opt.core.executors import LocalWorkers
@@ -59,7 +59,7 @@ def small_cases(tmp_path: Path, count: int = 3) -> tuple[Case, ...]:
     for k in range(count):
         (tmp_path / f"p{k}.toml").write_text(TO_JOINTS.replace('"small"', f'"small-{k}"'))
     (tmp_path / "tip.toml").write_text(SMALL_PROBLEM.replace('"small"', '"tip"'))
-    return cases_of_files(sorted(tmp_path.glob("*.toml")))
+    return cases_from_files(sorted(tmp_path.glob("*.toml")))
 
 
 def wanted(tmp_path: Path, **changes: object) -> dict[str, Any]:
@@ -83,7 +83,7 @@ def in_threads(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.parametrize("suite", [*SUITES, "clutter-3"])
 def test_a_seed_gives_the_same_problem_everywhere(suite: str) -> None:
     """Two makings of one case agree in every number; another seed differs."""
-    first, again = (cases_of_suite(suite, 2, first_seed=7) for _ in range(2))
+    first, again = (suite_cases(suite, 2, first_seed=7) for _ in range(2))
     assert first == again
     one, two, other = first[0].problem(), again[0].problem(), first[1].problem()
     assert one.name == f"{suite}-7"
@@ -109,20 +109,20 @@ def test_starts_and_goals_of_random_problems_touch_nothing(suite: str) -> None:
 
 def test_the_shared_suite_is_the_problem_files() -> None:
     """All files of the folder with a fixed base, in the order of their names; fewer when asked."""
-    cases = cases_of_suite("shared")
+    cases = suite_cases("shared")
     fixed = [path.stem for path in PROBLEMS.glob("*.toml") if not path.stem.startswith("feed-")]
     assert [case.name for case in cases] == sorted(fixed)
-    assert cases_of_suite("shared", 2) == cases[:2]
+    assert suite_cases("shared", 2) == cases[:2]
     assert shared_folder() == PROBLEMS
 
 
 def test_what_is_no_suite_is_refused_with_the_names() -> None:
     """An unknown name, and more shared problems than there are, say what to try."""
     with pytest.raises(ProblemError, match="shared, open-space, clutter-20"):
-        cases_of_suite("open-sapce")
-    count = len(cases_of_suite("shared"))
+        suite_cases("open-sapce")
+    count = len(suite_cases("shared"))
     with pytest.raises(ProblemError, match=f"has {count} problems"):
-        cases_of_suite("shared", count + 1)
+        suite_cases("shared", count + 1)
 
 
 def test_two_problems_of_one_name_are_refused(tmp_path: Path) -> None:
@@ -136,7 +136,7 @@ def test_two_problems_of_one_name_are_refused(tmp_path: Path) -> None:
 
 def small_problem_again(tmp_path: Path) -> tuple[Case, ...]:
     """The first file, read again."""
-    return cases_of_files([tmp_path / "p0.toml"])
+    return cases_from_files([tmp_path / "p0.toml"])
 
 
 # ---------------------------------------------------------------- methods
@@ -147,7 +147,7 @@ def test_every_method_of_the_table_makes_a_planner(name: str) -> None:
     """Each method makes something with a ``plan``, and its options are options of a problem."""
     if name == "ompl":
         pytest.importorskip("ompl.geometric")
-    problem = method_named(name).prepared(cases_of_suite("open-space", 1)[0].problem(), 3.0)
+    problem = method_named(name).prepared(suite_cases("open-space", 1)[0].problem(), 3.0)
     assert callable(method_named(name).planner(problem).plan)
     prepared = problem.planner
     assert prepared.time_limit == 3.0
@@ -198,7 +198,7 @@ def test_every_way_to_fail_is_an_outcome_with_a_reason(tmp_path: Path) -> None:
     assert "ZeroDivisionError: no plan for small-0 (comparison_tasks.py, line" in crash.reason
     blocked = tmp_path / "blocked.toml"
     blocked.write_text(TO_JOINTS.replace("[0.0, 10.0, 10.0, 10.0]", "[120.0, 0.0, 0.0, 0.0]"))
-    refused = execute(Task(cases_of_files([blocked])[0], STRAIGHT))
+    refused = execute(Task(cases_from_files([blocked])[0], STRAIGHT))
     assert refused.outcome == "refused"
     assert "wall clearance" in refused.reason
 
@@ -219,7 +219,7 @@ def test_keys_tell_runs_apart(tmp_path: Path) -> None:
 def forget_code() -> None:
     """Forget digests of planners' code, and end the process that has loaded it."""
     code_of.cache_clear()
-    method_code._digest_of_package.cache_clear()
+    method_code._package_digest.cache_clear()
     running._end_kept()
 
 
@@ -289,7 +289,7 @@ def test_a_worker_with_other_code_makes_no_run(tmp_path: Path) -> None:
 
 def test_problems_are_written_as_files_that_say_the_same(tmp_path: Path) -> None:
     """Random problems and those of files can be loaded again; nothing that says something else is replaced."""
-    cases = (*cases_of_suite("clutter-20", 2), *cases_of_suite("duct", 1), *small_cases(tmp_path))
+    cases = (*suite_cases("clutter-20", 2), *suite_cases("duct", 1), *small_cases(tmp_path))
     files = write_problems(cases, tmp_path / "problems")
     assert [file.stem for file in files] == [case.name for case in cases]
     for case, file in zip(cases, files, strict=True):
@@ -322,7 +322,7 @@ def test_a_comparison_goes_on_where_it_stopped(tmp_path: Path) -> None:
         assert sorted(made) == sorted(case.name for case in cases[2:])
         assert compare(cases, (STRAIGHT,), workers, journal) == whole
     assert workers.opened == 2
-    assert [run.problem for run in whole.runs_of(STRAIGHT)] == [case.name for case in cases]
+    assert [run.problem for run in whole.method_runs(STRAIGHT)] == [case.name for case in cases]
     assert len(path.read_text().splitlines()) == len(cases)
 
 
@@ -332,7 +332,7 @@ def test_what_crashed_is_run_again(tmp_path: Path) -> None:
     with open_journal(path) as journal:
         journal.append(failed_run(Task(cases[0], STRAIGHT), RuntimeError("worker died")))
     with open_journal(path) as journal:
-        assert compare(cases, (STRAIGHT,), InThread(), journal).runs_of(STRAIGHT)[0].solved
+        assert compare(cases, (STRAIGHT,), InThread(), journal).method_runs(STRAIGHT)[0].solved
 
 
 def made_comparison() -> Comparison:
@@ -451,4 +451,4 @@ def test_workers_of_a_comparison_are_processes(tmp_path: Path) -> None:
     with open_journal(tmp_path / "one.jsonl") as one, open_journal(tmp_path / "two.jsonl") as two:
         here = compare(cases, (STRAIGHT,), InThread(), one)
         there = compare(cases, (STRAIGHT,), LocalWorkers(1), two)
-    assert [run.outcome for run in here.runs_of(STRAIGHT)] == [run.outcome for run in there.runs_of(STRAIGHT)]
+    assert [run.outcome for run in here.method_runs(STRAIGHT)] == [run.outcome for run in there.method_runs(STRAIGHT)]

@@ -60,8 +60,8 @@ def test_a_suite_with_every_kind_of_planner_ends(tmp_path: Path) -> None:
     bad = [f"tests.comparison_tasks:{name}Planner" for name in ("Dying", "Leaving", "Rubbish", "Broken", "Nowhere")]
     with open_journal(tmp_path / "journal.jsonl") as journal:
         found = compare(cases, (*bad, STRAIGHT), LocalWorkers(2), journal, time_limit=1.0)
-    assert [run.solved for run in found.runs_of(STRAIGHT)] == [True, False]
-    assert all(run.outcome != "solved" and run.reason for name in bad for run in found.runs_of(name))
+    assert [run.solved for run in found.method_runs(STRAIGHT)] == [True, False]
+    assert all(run.outcome != "solved" and run.reason for name in bad for run in found.method_runs(name))
     assert len((tmp_path / "journal.jsonl").read_text().splitlines()) == len(cases) * (len(bad) + 1)
 
 

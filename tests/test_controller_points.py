@@ -14,7 +14,7 @@ import ccm_opt
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.io.controller_points import controller_points, message_checks, spared, trajectory_texts
 from ccm_opt.io.reading import parse_problem
-from ccm_opt.io.text_agreement import checks_of_texts
+from ccm_opt.io.text_agreement import text_checks
 from ccm_opt.problem.solution import JointTrajectory
 from ccm_opt.verification.interpolated_message import Message, _effort_bow, _Steps
 from ccm_opt.verification.newton_euler import drive_efforts
@@ -332,7 +332,5 @@ def test_a_message_may_be_slower_than_the_plan(written: Mapping[str, Folder], tm
     states = replace(found.joints, velocities=0.5 * found.joints.velocities)
     folder.texts["trajectory.yaml"] = trajectory_texts(replace(found, trajectory=slower, joints=states))[1]
     folder.write(tmp_path / "slower")
-    checks = checks_of_texts(
-        tmp_path / "slower", solution.problem, solution.trajectory, solution.joints, solution.checks
-    )
+    checks = text_checks(tmp_path / "slower", solution.problem, solution.trajectory, solution.joints, solution.checks)
     assert all(check.passed for check in checks)

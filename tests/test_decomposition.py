@@ -14,8 +14,8 @@ from ccm_opt.robot.decomposition import (
     interpolate,
     merge_segments,
     move_boundary,
-    rest_of,
-    start_of,
+    segment_head,
+    segment_tail,
 )
 from ccm_opt.robot.segment import CurvatureSegment
 
@@ -94,7 +94,7 @@ def test_add_then_delete_is_the_identity(base: CurvatureSegment, tip: CurvatureS
 def test_start_and_rest_make_the_whole(segment: CurvatureSegment, at: float) -> None:
     """The first part of a segment with the rest added is the segment."""
     length = at * segment.length
-    parts = add_segment(alone(start_of(segment, length)), rest_of(segment, length))
+    parts = add_segment(alone(segment_head(segment, length)), segment_tail(segment, length))
     assert_same_curve(parts, alone(segment))
 
 

@@ -180,7 +180,7 @@ def test_the_widest_way_is_half_the_gap() -> None:
     """Bisection finds the margin at which the gap closes, and both of its walls."""
     problem = screened(0.05, gap=0.07)
     (way,) = passages(problem, Deadline.never())
-    assert way.widest(way.room).of_any_length == pytest.approx(0.035, rel=5e-3)
+    assert way.widest(way.room).unbounded_excess == pytest.approx(0.035, rel=5e-3)
     (finding,) = failed(problem)
     assert (finding.kind, set(finding.obstacles)) == ("too thick", {"upper", "lower"})
     assert finding.place == pytest.approx((0.425, 0.0), abs=0.03)

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from ccm_opt.cli.loading import TIMES
 from ccm_opt.core.errors import ProblemFileError
 from ccm_opt.io.reading import load_problem
-from ccm_opt.io.rules import told_outside
+from ccm_opt.io.rules import outside_message
 
 from .conftest import SMALL_PROBLEM
 from .test_cli_output import run
@@ -115,7 +115,7 @@ def test_a_scale_that_is_off_by_a_unit_is_told(scale: float, low: tuple[float, f
     room = np.array([[-1.0, 0.05], [1.0, 1.0]])
     box = np.array([low, np.add(low, size)]) / scale
     keys = "workspace.scale workspace.offset"
-    told = told_outside("a.dxf", box, np.zeros(2), room, "m", scale=2.0, keys=keys)
+    told = outside_message("a.dxf", box, np.zeros(2), room, "m", scale=2.0, keys=keys)
     assert f"workspace.scale = {2.0 * scale:.6g} would" in told
 
 

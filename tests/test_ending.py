@@ -91,7 +91,7 @@ def test_a_motion_that_lacks_room_gets_more_of_it(seed: int) -> None:
     task = replace(motion_task(problem, guessing=True), wanted_gap=problem.wanted_gap)
     found = find_motion(replace(task, optimiser="none"))
     grazing = optimise(found, task, rounds=1)
-    to_end = task.ending_at(grazing.unknowns[-1], grazing.configurations[-1])
+    to_end = task.with_goal_pose(grazing.unknowns[-1], grazing.configurations[-1])
     widened = with_more_room(grazing, grazing, to_end)
     assert widened.configurations[[0, -1]] == pytest.approx(grazing.configurations[[0, -1]], abs=1e-9)
     frames = [swept(a, b, 10) for a, b in pairwise(task.arm.headings(widened.configurations))]

@@ -17,7 +17,7 @@ from ccm_opt.cli.written_plans import exported_files
 from ccm_opt.io.controller_points import number_rows
 from ccm_opt.io.folder import write_solution
 from ccm_opt.io.glb import motion_glb
-from ccm_opt.io.records import arrays_npz, bends_of_arrays, solution_arrays
+from ccm_opt.io.records import arrays_npz, bend_arrays, solution_arrays
 from ccm_opt.io.robot_models import urdf_text
 from ccm_opt.problem.solution import Solution
 from ccm_opt.robot.frames import revolute_angles
@@ -167,7 +167,7 @@ def test_zeros_take_no_room(small_solution: Solution) -> None:
     """The whole arrays take little more than those of the bends alone, and the same ones give the same bytes."""
     whole = solution_arrays(small_solution)
     plain = io.BytesIO()
-    np.savez(plain, **bends_of_arrays(whole))  # type: ignore[arg-type]
+    np.savez(plain, **bend_arrays(whole))  # type: ignore[arg-type]
     assert len(arrays_npz(whole)) < 1.1 * len(plain.getvalue())
     assert arrays_npz(whole) == arrays_npz(whole)
 

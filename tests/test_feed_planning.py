@@ -16,7 +16,7 @@ from ccm_opt.driver.metrics import leader_deviation
 from ccm_opt.driver.pipeline import solve
 from ccm_opt.io.reading import load_problem
 from ccm_opt.planning.ends import resolve_ends
-from ccm_opt.planning.leader import LINKS_PER_SAMPLE, SAMPLE_PERIOD, LeaderPath, path_of_pose, pose_on, slide
+from ccm_opt.planning.leader import LINKS_PER_SAMPLE, SAMPLE_PERIOD, LeaderPath, pose_on_path, pose_path, slide
 from ccm_opt.planning.leader_paths import ElasticBand
 from ccm_opt.planning.led_strategies import LedWays
 from ccm_opt.planning.limits.guide_tube import GuideTubeLimit
@@ -142,10 +142,10 @@ def test_an_arm_is_drawn_back_along_its_own_shape(turn: float, share: float) -> 
     arm = fed_arm()
     bow_path = bow(arm, turn)
     feed = share * bow_path.base_with_tip_at_end(arm.links, LINK)
-    bends = pose_on(arm, bow_path, feed)
-    path = path_of_pose(arm, bends, feed, 0.8 + 1.4 * LINK)
+    bends = pose_on_path(arm, bow_path, feed)
+    path = pose_path(arm, bends, feed, 0.8 + 1.4 * LINK)
     assert path is not None
-    assert np.allclose(pose_on(arm, path, feed), bends, atol=1e-7)
+    assert np.allclose(pose_on_path(arm, path, feed), bends, atol=1e-7)
     drawn = slide(arm, path, feed, 0.0)
     places = drawn[:, -1:] + LINK * np.arange(arm.links)
     assert not drawn[:, :-1][places < 0.8].any()
@@ -157,7 +157,7 @@ def test_no_own_path_with_a_bend_at_the_hole() -> None:
     arm = fed_arm()
     bends = np.zeros(arm.links)
     bends[8] = 0.4
-    assert path_of_pose(arm, bends, 0.4, 0.8 + 1.4 * LINK) is None
+    assert pose_path(arm, bends, 0.4, 0.8 + 1.4 * LINK) is None
 
 
 def test_reversed_paths() -> None:
@@ -299,7 +299,7 @@ def test_feed_and_shape_change_at_once() -> None:
 
     def lying_on(path: LeaderPath) -> JointPose:
         feed = path.base_with_tip_at_end(arm.links, LINK)
-        return JointPose(pose_on(arm, path, feed), feed)
+        return JointPose(pose_on_path(arm, path, feed), feed)
 
     problem = make_problem(arm, make_room(), lying_on(end), lying_on(start))
     solution = solve(problem)

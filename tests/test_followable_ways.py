@@ -95,7 +95,7 @@ def random_search(seed: int, directed: bool) -> tuple[FollowSearch, WayEnd, Floa
     wide = grid.gaps > UNIT
     goal = somewhere(wide)
     price = grid.prices(1.0)
-    left = grid.costs_to(goal, price)
+    left = grid.costs_to_go(goal, price)
     assert left is not None
     start = somewhere(wide & (left < 0.4))
     arcs = WayArcs.of(UNIT, RADIUS, grid.cell)
@@ -112,8 +112,8 @@ def test_c_and_python_search_alike(seed: int, directed: bool) -> None:
     search, goal, place, frame = random_search(seed, directed)
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(followable_ways, "MOST_STATES", 1 + seed % 1200)
-        found = search.arcs_from(place, frame, goal)
-        assert found == SearchByPython(search, goal).arcs_from(place, frame)
+        found = search.connecting_arc_indices(place, frame, goal)
+        assert found == SearchByPython(search, goal).connecting_arc_indices(place, frame)
 
 
 def test_no_way_turns_round_where_there_is_no_room_to() -> None:
@@ -146,7 +146,7 @@ def test_costs_to_a_place_are_those_of_the_cheapest_ways() -> None:
     grid = tip_grid(tree, (np.array([-0.1, -0.4, -0.4]), np.array([0.7, 0.4, 0.4])), 20_000, KEPT, 0.1)
     price = grid.prices(3.0)
     goal = np.array([0.6, 0.1, 0.1])
-    costs = grid.costs_to(goal, price)
+    costs = grid.costs_to_go(goal, price)
     assert costs is not None
     for start in np.array([[0.0, 0.0, 0.0], [0.3, 0.2, -0.2], [0.6, -0.3, 0.3]]):
         way = grid.cheapest_way(start, goal, 3.0)

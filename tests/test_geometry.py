@@ -9,14 +9,14 @@ from hypothesis import strategies as st
 from ccm_opt.core.polyline import (
     WHOLE_TURN,
     arc_lengths,
-    heading_of,
     leg_headings,
-    legs_at,
+    leg_indices,
     nearest_place,
     path_length,
     points_at,
     sweep_on_side,
     unit_vector,
+    vector_heading,
     vector_headings,
     whole_turns,
     without_repeats,
@@ -67,7 +67,7 @@ def test_a_sweep_stays_on_its_side(angle: float, side: int) -> None:
 @given(st.floats(-3.14, 3.14))
 def test_headings_undo_unit_vectors(heading: float) -> None:
     """The heading of the unit vector of a heading is that heading, alone and in an array."""
-    assert heading_of(unit_vector(heading)) == pytest.approx(heading, abs=1e-14)
+    assert vector_heading(unit_vector(heading)) == pytest.approx(heading, abs=1e-14)
     assert vector_headings(unit_vector(np.array([[heading]])))[0, 0] == pytest.approx(heading, abs=1e-14)
 
 
@@ -89,7 +89,7 @@ def test_a_place_lies_on_its_leg(seed: int, share: float) -> None:
     points = random_polyline(seed)
     arcs = arc_lengths(points)
     place = share * arcs[-1]
-    leg = int(legs_at(arcs, np.array([place]))[0])
+    leg = int(leg_indices(arcs, np.array([place]))[0])
     assert arcs[leg] <= place <= arcs[leg + 1]
     ahead = points[leg] + (place - arcs[leg]) * unit_vector(float(leg_headings(points)[leg]))
     assert ahead == pytest.approx(points_at(points, arcs, place), abs=1e-9)

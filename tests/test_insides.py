@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from ccm_opt.cli.commands import app
 from ccm_opt.core.arrays import BoolArray, FloatArray
-from ccm_opt.io.mesh_obstacles import mended_mesh
+from ccm_opt.io.mesh_obstacles import repaired_mesh
 from ccm_opt.io.raw_mesh import RawMesh
 from ccm_opt.scene.bodies import BOX_FACES, BoxBody, CapsuleBody, CylinderBody, MeshBody, SphereBody, box_corners
 from ccm_opt.scene.distances.insides import depth_inside, distance_from_triangles, encloses
@@ -139,7 +139,7 @@ def as_files_have_it(triangles: FloatArray, rng: np.random.Generator, *, may_tur
 
 def as_read(triangles: FloatArray) -> MeshBody:
     """The body that a file with such triangles becomes."""
-    mended = mended_mesh(RawMesh.of_corners(triangles))
+    mended = repaired_mesh(RawMesh.of_corners(triangles))
     return MeshBody(mended.vertices, mended.faces)
 
 

@@ -147,7 +147,7 @@ def test_a_defect_of_the_room_keeps_the_plan(swing: Solution, monkeypatch: pytes
     def fails(*_: object, **__: object) -> None:
         raise ZeroDivisionError
 
-    monkeypatch.setattr(kept_plan, "room_of", fails)
+    monkeypatch.setattr(kept_plan, "clearance_along", fails)
     solution = ccm_opt.solve(swing.problem)
     assert solution.room is None
     assert solution.simulation.verdict.followed

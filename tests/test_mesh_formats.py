@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.errors import ProblemError
-from ccm_opt.io.mesh_obstacles import mended_mesh, read_mesh_file
-from ccm_opt.io.raw_mesh import MeshSettings, RawMesh, triangles_of
+from ccm_opt.io.mesh_obstacles import read_mesh_file, repaired_mesh
+from ccm_opt.io.raw_mesh import MeshSettings, RawMesh, triangulate_faces
 from ccm_opt.scene.bodies import BOX_FACES
 from tests.space_files import CUBE, binary_stl, is_closed, linked, model_3mf, object_3mf, three_mf
 
@@ -154,7 +154,7 @@ COMMENTED = (
 )
 def test_what_a_format_allows_is_read(tmp_path: Path, name: str, content: bytes) -> None:
     """However a cube is written down, it is a closed cube."""
-    mended = mended_mesh(read(tmp_path, name, content))
+    mended = repaired_mesh(read(tmp_path, name, content))
     assert (len(mended.vertices), is_closed(mended)) == (8, True)
     assert area(mended) == pytest.approx(6.0)
 
@@ -162,7 +162,7 @@ def test_what_a_format_allows_is_read(tmp_path: Path, name: str, content: bytes)
 def test_vertices_told_backwards_belong_to_what_stands_before_them(tmp_path: Path) -> None:
     """In a second object of an OBJ file -1 is its own last vertex: two cubes are two cubes."""
     both = obj(QUADS, first=-8) + "o second\n" + obj(QUADS, vertices=GRID + 3.0, first=-8)
-    mesh = mended_mesh(read(tmp_path, "part.obj", both.encode()))
+    mesh = repaired_mesh(read(tmp_path, "part.obj", both.encode()))
     assert (len(mesh.faces), is_closed(mesh), mesh.mended) == (24, True, ())
     assert np.ptp(mesh.vertices, axis=0) == pytest.approx([4.0, 4.0, 4.0])
 
@@ -369,7 +369,7 @@ def test_a_flat_face_is_cut_into_triangles_that_cover_it(seed: int, count: int) 
     size = 0.5 * np.sum(flat[:, 0] * following[:, 1] - flat[:, 1] * following[:, 0])
     turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
     vertices = np.vstack((rng.normal(size=(2, 3)), flat @ turn.T + rng.normal(size=3)))
-    cut = triangles_of(vertices, np.arange(2, count + 2), np.array([count]))
+    cut = triangulate_faces(vertices, np.arange(2, count + 2), np.array([count]))
     sides = vertices[cut[:, 1:]] - vertices[cut[:, :1]]
     along = np.cross(sides[:, 0], sides[:, 1]) @ np.cross(turn[:, 0], turn[:, 1])
     assert len(cut) == count - 2
@@ -381,7 +381,7 @@ def test_faces_that_cross_themselves_are_covered() -> None:
     """Of a star drawn in one line no place within its tips is left open, and faces stay in their order."""
     points = np.exp(0.8j * np.pi * np.arange(5))
     vertices = np.column_stack((points.real, points.imag, np.zeros(5)))
-    cut = triangles_of(vertices, np.array([0, 1, 2, 3, 4, 0, 1, 2, 3, 0, 4]), np.array([5, 0, 4, 2]))
+    cut = triangulate_faces(vertices, np.array([0, 1, 2, 3, 4, 0, 1, 2, 3, 0, 4]), np.array([5, 0, 4, 2]))
     assert cut.tolist()[:3] == [[0, 1, 2], [0, 2, 3], [0, 3, 4]]
     assert len(cut) == 5
 
@@ -391,7 +391,7 @@ def test_places_that_are_none_are_no_warning(odd: float) -> None:
     """Faces of any number of corners are cut without a warning; what is no place is refused after that, by name."""
     vertices = np.vstack((GRID, [[0.0, odd, 0.0], [1.01, 3.0, 4.0]]))
     for face in ([4, 9, 6, 8, 9, 3], [4, 7, 6, 8, 5, 3], [8, 0, 9, 5]):
-        assert len(triangles_of(vertices, np.array(face), np.array([len(face)]))) == len(face) - 2
+        assert len(triangulate_faces(vertices, np.array(face), np.array([len(face)]))) == len(face) - 2
 
 
 def test_a_face_that_cannot_be_cut_flat_is_cut_as_a_fan() -> None:
@@ -400,7 +400,7 @@ def test_a_face_that_cannot_be_cut_flat_is_cut_as_a_fan() -> None:
     places = [[0, 0, 0], [0, far, 1], [1, 1, -far], [1e-320, 0, 0], [0, -far, 0], [0, -far, 0]]
     vertices = np.array(places, dtype=np.float64)
     face = np.array([0, 3, 1, 4, 4, 5])
-    assert len(triangles_of(vertices, face, np.array([6]))) == 4
+    assert len(triangulate_faces(vertices, face, np.array([6]))) == 4
 
 
 def test_signalling_numbers_of_a_ply_file_are_no_warning(tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 import ccm_opt
 from ccm_opt.core.errors import ProblemFileError
-from ccm_opt.io.mesh_obstacles import mended_mesh, read_mesh_file
+from ccm_opt.io.mesh_obstacles import read_mesh_file, repaired_mesh
 from ccm_opt.io.raw_mesh import MeshSettings, RawMesh
 from ccm_opt.scene.bodies import BOX_FACES
 from ccm_opt.scene.shells import repeated
@@ -48,7 +48,7 @@ def volume(mesh: RawMesh) -> float:
 def test_every_format_gives_the_same_surface(tmp_path: Path, name: str, content: bytes) -> None:
     """A cube is a closed mesh of volume 1 in whichever format it is, and nothing of it is mended."""
     (tmp_path / name).write_bytes(content)
-    mended = mended_mesh(read_mesh_file(tmp_path / name))
+    mended = repaired_mesh(read_mesh_file(tmp_path / name))
     assert (len(mended.vertices), len(mended.faces)) == (8, 12)
     assert (is_closed(mended), mended.mended) == (True, ())
     assert volume(mended) == pytest.approx(1.0)
@@ -217,7 +217,7 @@ def test_parts_without_triangles_are_left_out(tmp_path: Path) -> None:
 @pytest.mark.parametrize("far", [1e30, np.inf, np.nan])
 def test_vertices_that_no_triangle_has_may_be_anywhere(far: float) -> None:
     """They are left out, and do not make the others' triangles small."""
-    mended = mended_mesh(RawMesh(np.vstack(([[0.0, far, 0.0]], CUBE)), BOX_FACES + 1))
+    mended = repaired_mesh(RawMesh(np.vstack(([[0.0, far, 0.0]], CUBE)), BOX_FACES + 1))
     assert (len(mended.vertices), is_closed(mended), mended.mended) == (8, True, ())
     assert volume(mended) == pytest.approx(1.0)
 
@@ -226,12 +226,12 @@ def test_what_is_mended_is_told() -> None:
     """Triangles that are there twice, or are an edge of others, are left out; one that is alone stays."""
     vertices = np.concatenate((CUBE, [[0.5, 0.0, 0.0], [3.0, 0.0, 0.0]]))
     faces = np.concatenate((BOX_FACES, BOX_FACES[:2], [[0, 8, 1], [1, 1, 0]]))
-    mended = mended_mesh(RawMesh(vertices, faces))
+    mended = repaired_mesh(RawMesh(vertices, faces))
     assert (len(mended.faces), is_closed(mended)) == (12, True)
     assert mended.mended == ("left out 2 triangles without area", "left out 2 repeated triangles")
-    alone = mended_mesh(RawMesh(vertices, np.concatenate((faces, [[0, 9, 9]]))))
+    alone = repaired_mesh(RawMesh(vertices, np.concatenate((faces, [[0, 9, 9]]))))
     assert (len(alone.faces), is_closed(alone)) == (13, True)
-    assert not is_closed(mended_mesh(RawMesh(CUBE, BOX_FACES[1:])))
+    assert not is_closed(repaired_mesh(RawMesh(CUBE, BOX_FACES[1:])))
 
 
 def test_repeated_triangles_among_vertices_without_end() -> None:
@@ -252,7 +252,7 @@ def test_reading_many_triangles(tmp_path: Path) -> None:
     flat = np.zeros((1_000_000, 3), dtype=np.intp)
     (tmp_path / "flat.stl").write_bytes(binary_stl(CUBE, flat))
     with pytest.raises(ccm_opt.ProblemError, match="1000000 of 1000000 triangles have no area"):
-        mended_mesh(read_mesh_file(tmp_path / "flat.stl"))
+        repaired_mesh(read_mesh_file(tmp_path / "flat.stl"))
     around = np.linspace(0.0, 2.0 * np.pi, 360, endpoint=False)
     big, small = (grid.ravel() for grid in np.meshgrid(around, around, indexing="ij"))
     beside = 1.0 + 0.3 * np.cos(small)
@@ -263,5 +263,5 @@ def test_reading_many_triangles(tmp_path: Path) -> None:
     a, b, c, d = (corner.ravel() for corner in corners)
     faces = np.concatenate((np.column_stack((a, b, c)), np.column_stack((a, c, d))))
     (tmp_path / "torus.stl").write_bytes(binary_stl(torus, faces))
-    mended = mended_mesh(read_mesh_file(tmp_path / "torus.stl"))
+    mended = repaired_mesh(read_mesh_file(tmp_path / "torus.stl"))
     assert (len(mended.faces), is_closed(mended), mended.mended) == (len(faces), True, ())

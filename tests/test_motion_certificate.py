@@ -40,10 +40,10 @@ seeds = st.integers(0, 2**32 - 1)
 
 def certified(arm: Arm, workspace: Workspace, *keyframes: FloatArray) -> bool:
     """Whether the piecewise-linear motion through keyframes is certified."""
-    return len(Certificate(arm, workspace).failures(configurations_of(arm, np.array(keyframes)))) == 0
+    return len(Certificate(arm, workspace).failures(stack_configurations(arm, np.array(keyframes)))) == 0
 
 
-def configurations_of(arm: Arm, poses: FloatArray) -> FloatArray:
+def stack_configurations(arm: Arm, poses: FloatArray) -> FloatArray:
     """Configurations of link headings and the base in link lengths, shape (..., c)."""
     bends = arm.bends(poses[..., : arm.links])
     return np.concatenate((bends, arm.link_length * poses[..., arm.links :]), axis=-1)

@@ -54,7 +54,7 @@ def goal_coordinates(stepper: Stepper, headings: FloatArray) -> FloatArray:
     return stepper.space.fitted(stepper.space.arm.bends(headings))
 
 
-def configurations_of(poses: list[Pose]) -> FloatArray:
+def stack_configurations(poses: list[Pose]) -> FloatArray:
     """The configurations of poses."""
     return np.array([pose.q for pose in poses])
 
@@ -101,7 +101,7 @@ def test_every_candidate_reaches_its_end_in_the_open(turn: float, heading: float
         assert poses[0] is start
         assert arrived, candidate.name
         assert np.hypot(*(poses[-1].points[-1] - scene.goal_tip.position)) < 0.1
-        assert len(Certificate(scene.arm, room).failures(configurations_of(poses))) == 0
+        assert len(Certificate(scene.arm, room).failures(stack_configurations(poses))) == 0
 
 
 @pytest.mark.planning
@@ -112,7 +112,7 @@ def test_wherever_a_candidate_leads_it_leads_safely(seed: int) -> None:
     stepper, start = make_stepper(scene)
     paths = motion_task(scene.problem()).tip_paths[:1]
     for candidate in first_candidates(stepper, start, (goal_coordinates(stepper, scene.goal),), paths):
-        headings = scene.arm.headings(configurations_of(followed(stepper, start, candidate)[0]))
+        headings = scene.arm.headings(stack_configurations(followed(stepper, start, candidate)[0]))
         fine = np.vstack([swept(a, b, 4)[:-1] for a, b in pairwise(headings)])
         assert min(sweep_gaps(scene.arm, scene.workspace, fine)) > 0.0, candidate.name
 
@@ -184,7 +184,7 @@ def test_a_stalled_guide_tells_the_way_there() -> None:
     poses = caught.value.poses
     assert poses[0] is start
     assert np.abs(np.cumsum(poses[-1].q - start.q)).max() > 0.2
-    assert min(sweep_gaps(scene.arm, scene.workspace, scene.arm.headings(configurations_of(poses)))) > 0.0
+    assert min(sweep_gaps(scene.arm, scene.workspace, scene.arm.headings(stack_configurations(poses)))) > 0.0
 
 
 def test_a_passed_deadline_stops_the_continuation() -> None:
@@ -229,9 +229,9 @@ def test_settling_ends_on_the_goal(heading: bool) -> None:
     goal = GoalPose(pose.points[-1] + inwards, turn)
     poses = settle(stepper, goal, pose, later())
     assert goal.errors(poses[-1]) == pytest.approx((0.0, 0.0), abs=10.0 * GoalSettings().polish_tolerance)
-    assert min(sweep_gaps(scene.arm, scene.workspace, scene.arm.headings(configurations_of(poses)))) > 0.0
+    assert min(sweep_gaps(scene.arm, scene.workspace, scene.arm.headings(stack_configurations(poses)))) > 0.0
     within = 0.5 * (1.0 + StepSettings().limit_share) * scene.arm.bend_limits + 1e-9
-    assert (np.abs(configurations_of(poses)) <= within).all()
+    assert (np.abs(stack_configurations(poses)) <= within).all()
 
 
 def test_settling_behind_an_obstacle_stalls() -> None:
@@ -352,7 +352,7 @@ def led_motion(seed: int) -> tuple[Scene, FloatArray]:
         poses = follow(stepper, guide, start, later(), patience=5)
     except Stalled as stalled:
         poses = stalled.poses
-    return scene, configurations_of(poses)
+    return scene, stack_configurations(poses)
 
 
 @pytest.mark.parametrize("seed", range(6))

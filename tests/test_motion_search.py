@@ -25,7 +25,7 @@ from ccm_opt.planning.passage_widths import fitting_margins
 from ccm_opt.planning.planner import MotionPlanner
 from ccm_opt.planning.search import Failure, Strategy
 from ccm_opt.planning.settings import GoalSettings
-from ccm_opt.planning.strategies import by_candidates, find_motion, is_divided
+from ccm_opt.planning.strategies import find_by_candidates, find_motion, is_divided
 from ccm_opt.problem import JointPose, Problem, TipGoal
 from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.certificate import Certificate
@@ -52,8 +52,8 @@ SCENES = {"clutter 1": clutter(1), "clutter 4": clutter(4), "clutter of 40": clu
 
 
 CANDIDATES = (
-    Strategy("wide", by_candidates),
-    Strategy("narrow", partial(by_candidates, narrow=True), is_divided),
+    Strategy("wide", find_by_candidates),
+    Strategy("narrow", partial(find_by_candidates, narrow=True), is_divided),
 )
 """Strategies that follow guides, and nothing else."""
 
@@ -357,7 +357,7 @@ def test_guides_lead_chains_out_of_a_horn(links: int) -> None:
 
 def only_with_few_links(task: MotionTask, failures: list[Failure]) -> Motion | None:
     """What candidates find for fewer than forty links."""
-    return by_candidates(task, failures) if task.arm.links < 40 else None
+    return find_by_candidates(task, failures) if task.arm.links < 40 else None
 
 
 def test_what_cannot_be_lifted_is_found_again() -> None:

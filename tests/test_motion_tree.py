@@ -18,7 +18,7 @@ from ccm_opt.planning.pose_tree import PoseTree
 from ccm_opt.planning.search import TREES, Strategy
 from ccm_opt.planning.search_run import PlanarRun
 from ccm_opt.planning.settings import GoalSettings
-from ccm_opt.planning.strategies import TREE_MARGINS, by_trees, find_motion
+from ccm_opt.planning.strategies import TREE_MARGINS, find_by_trees, find_motion
 from ccm_opt.planning.tree_search import TreeSearch, search_by_trees
 from ccm_opt.problem import JointPose, TipGoal
 from ccm_opt.scene.certificate import Certificate
@@ -47,11 +47,11 @@ class CountedDeadline(Deadline):
         return len(self.asked) > self.most
 
 
-NO_CANDIDATES = (Strategy(TREES, by_trees),)
+NO_CANDIDATES = (Strategy(TREES, find_by_trees),)
 """The search without its candidates."""
 
 
-def runs_of(task: MotionTask) -> list[PlanarRun]:
+def method_runs(task: MotionTask) -> list[PlanarRun]:
     """What the search grows its trees in."""
     return [PlanarRun.from_task(task, margin) for margin in TREE_MARGINS]
 
@@ -87,7 +87,7 @@ def test_a_single_tree_settles_on_the_goal() -> None:
     """Without any pose at the goal the tree from the start finds one."""
     scene = open_scene(2)
     task = motion_task(scene.problem(TipGoal(scene.goal_tip.position)))
-    poses = search_by_trees(runs_of(replace(task, guesses=(), further_guesses=())))
+    poses = search_by_trees(method_runs(replace(task, guesses=(), further_guesses=())))
     assert np.hypot(*(poses[-1].points[-1] - scene.goal_tip.position)) < EXACT
     assert is_certified(scene, scene.arm.headings(np.array([pose.q for pose in poses])))
 
@@ -98,7 +98,7 @@ def test_the_seed_decides() -> None:
     task = motion_task(clutter(5, 40).problem(), guessing=True)
 
     def grown(seed: int) -> FloatArray:
-        both = TreeSearch.from_runs(runs_of(replace(task, seed=seed, deadline=CountedDeadline.of(250))))
+        both = TreeSearch.from_runs(method_runs(replace(task, seed=seed, deadline=CountedDeadline.of(250))))
         both.run()
         return np.concatenate([pose.q for tree in both.trees for pose in tree.poses])
 
@@ -110,7 +110,7 @@ def test_every_edge_is_certified_and_every_node_new() -> None:
     """Parent and edge of every node pass the certificate, and no two nodes of a tree are nearer than the dispersion."""
     scene = clutter(5, 40)
     task = motion_task(scene.problem(), guessing=True)
-    both = TreeSearch.from_runs(runs_of(replace(task, deadline=CountedDeadline.of(1000))))
+    both = TreeSearch.from_runs(method_runs(replace(task, deadline=CountedDeadline.of(1000))))
     both.run()
     for tree in both.trees:
         assert len(tree) > 10
@@ -127,7 +127,7 @@ def test_a_deadline_ends_the_search_within_a_step() -> None:
     deadline = CountedDeadline.of(400)
     task = replace(motion_task(clutter(5, 40).problem()), deadline=deadline)
     with pytest.raises(Stalled, match="until the time limit"):
-        search_by_trees(runs_of(task))
+        search_by_trees(method_runs(task))
     assert len(deadline.asked) < 410
 
 
@@ -153,7 +153,7 @@ def test_trees_are_given_up_by_count_and_not_by_the_clock(monkeypatch: pytest.Mo
     task = replace(motion_task(clutter(5, 40).problem()), deadline=later(900.0))
     monkeypatch.setattr(tree_search, "MOST_EXTENSIONS", 3)
     with pytest.raises(Stalled, match="grown by all of 3 extensions"):
-        search_by_trees(runs_of(task))
+        search_by_trees(method_runs(task))
 
 
 def boxed_in() -> Scene:
@@ -178,7 +178,7 @@ def test_the_way_to_a_node_leads_through_its_ancestors() -> None:
     middle = tree.add(0, poses[1:3])
     tree.add(0, poses[5:])
     last = tree.add(middle, poses[3:5])
-    assert tree.poses_to(last) == poses[:5]
+    assert tree.poses_to_node(last) == poses[:5]
     assert tree.nearest(poses[4]) == last
 
 

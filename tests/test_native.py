@@ -22,7 +22,7 @@ FAILS = "#!/bin/sh\necho warming up >&2\necho 'x.c:1:2: error: out of paper' >&2
 @pytest.fixture
 def nowhere(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """No library where it should be."""
-    for kept in (native.native_library, native._told, native._layout_of):
+    for kept in (native.native_library, native._told, native._struct_layout):
         kept.cache_clear()
     monkeypatch.setattr(native, "LIBRARY", tmp_path / "_native.so")
 

@@ -30,7 +30,7 @@ from ccm_opt.scene.bodies import MeshBody
 from ccm_opt.scene.certificate import Certificate
 from ccm_opt.scene.contact_finder import SurfaceFinder, WallFinder, nearest_links
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
-from ccm_opt.scene.surfaces import SurfaceSoup
+from ccm_opt.scene.surfaces import TriangleSoup
 from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
 from tests.dynamics_arms import swan_neck
 from tests.oracles.space_certificate import bows
@@ -87,7 +87,7 @@ def test_places_beyond_are_refused_in_words(far: float) -> None:
 
 def links_finder(arm: Arm) -> SurfaceFinder:
     """Finds the links of an arm that are near each other."""
-    return SurfaceFinder(arm, SurfaceTree.of(SurfaceSoup.joined([])), (), 0.0, 0.01, 0.1)
+    return SurfaceFinder(arm, SurfaceTree.of(TriangleSoup.joined([])), (), 0.0, 0.01, 0.1)
 
 
 @attack
@@ -165,7 +165,7 @@ def test_followable_ways(place: FloatArray, frame: FloatArray, goal: FloatArray,
     search = FollowSearch(np.zeros(3), 0.05, np.ones(shape, np.float32), np.ones(shape), arcs, 0.3, 0.1, 2.0)
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(followable_ways, "MOST_STATES", 50)
-        search.arcs_from(place, frame, WayEnd(goal, frame[0] if directed else None))
+        search.connecting_arc_indices(place, frame, WayEnd(goal, frame[0] if directed else None))
 
 
 @attack

@@ -8,7 +8,7 @@ import pytest
 import shapely
 
 from ccm_opt import load_problem, solve
-from ccm_opt.cli.compare.comparison_page import probability, shown_title, shown_value
+from ccm_opt.cli.compare.comparison_page import format_title, format_value, probability
 from ccm_opt.cli.compare.methods import check_methods, method_named
 from ccm_opt.cli.compare.runs import QUANTITIES
 from ccm_opt.cli.compare.suites import clutter
@@ -90,9 +90,9 @@ def test_without_ompl_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> Non
 def test_numbers_of_a_comparison_are_for_people_without_exponents() -> None:
     """Lengths are in millimetres, nothing is 9.6e-12, and a tiny probability is said to be small."""
     tip = QUANTITIES[0]
-    assert shown_title(tip) == "tip error [mm]"
-    assert shown_value(tip, 9.6e-12) == "0.000"
-    assert shown_value(tip, 3.82e-4) == "0.382"
-    assert shown_value(QUANTITIES[3], 1234.5) == "1234"
+    assert format_title(tip) == "tip error [mm]"
+    assert format_value(tip, 9.6e-12) == "0.000"
+    assert format_value(tip, 3.82e-4) == "0.382"
+    assert format_value(QUANTITIES[3], 1234.5) == "1234"
     assert probability(3.3e-10) == "< 0.001"
     assert probability(0.0312) == "0.031"

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import JointTrajectory
-from ccm_opt.verification.drives import revolutes_of_bends
+from ccm_opt.verification.drives import bend_revolutes
 from ccm_opt.verification.start_and_goal import check_pauses
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION
 from tests.pinned.scenes import plan_of
@@ -24,7 +24,7 @@ def largest_at_rest(field: str, problem: Problem, trajectory: JointTrajectory) -
         return [DEFAULT_VERIFICATION.match] * trajectory.coordinates.joints + [
             DEFAULT_VERIFICATION.range_tolerance
         ] * axes
-    bends = problem.limits.velocity[revolutes_of_bends(trajectory.coordinates)]
+    bends = problem.limits.velocity[bend_revolutes(trajectory.coordinates)]
     return [
         DEFAULT_VERIFICATION.rest_share * limit for limit in (*bends, *[problem.limits.feed_velocity or 0.0] * axes)
     ]

@@ -21,7 +21,7 @@ from ccm_opt.io.reading_back import load_motion, recorded_curves, recorded_neare
 from ccm_opt.problem.solution import Solution
 from ccm_opt.viz import films as video
 from ccm_opt.viz.arm_drawing import DrawnPlan
-from ccm_opt.viz.films import film_of, motion_gif, motion_mp4
+from ccm_opt.viz.films import make_film, motion_gif, motion_mp4
 from ccm_opt.viz.plan import even_steps, plan_figure, plan_picture
 from ccm_opt.viz.settings import FILM
 from ccm_opt.viz.views import action_window
@@ -136,7 +136,7 @@ def test_the_film_lasts_as_long_as_the_motion(plan: DrawnPlan) -> None:
 def test_long_films_are_faster_than_the_motion(plan: DrawnPlan) -> None:
     """A motion of a minute has no more frames than a film may have, and its samples are evenly spread in time."""
     slow = replace(plan, trajectory=replace(plan.trajectory, time=60.0 * plan.trajectory.time))
-    film = film_of(slow)
+    film = make_film(slow)
     assert len(film.shown) == FILM.most_frames
     assert film.seconds == pytest.approx((FILM.most_frames - 1) / FILM.frames_a_second)
     spread = np.diff(slow.trajectory.time[film.shown])

@@ -119,7 +119,7 @@ def test_frames_of_the_series_are_those_of_the_curve(seed: int) -> None:
     assert isinstance(frames, BishopFrames)
     values = frames.values(asked.nearest_curve, frames.lies_at(arm.bend_pairs(asked.start)), None)
     curve = frames.curve(arm, asked.nearest_curve, 0.0)
-    wanted, _ = curve.frames_at(np.linspace(0.0, curve.length, LINKS + 1)[:-1])
+    wanted, _ = curve.sample_frames(np.linspace(0.0, curve.length, LINKS + 1)[:-1])
     w, x, y, z = values["frames"].T
     along = np.stack((w**2 + x**2 - y**2 - z**2, 2 * (x * y + w * z), 2 * (x * z - w * y)), axis=1)
     bend = float(np.max(np.linalg.norm(curve.curvature_at(np.linspace(0.0, curve.length, 100)), axis=1)))

@@ -13,7 +13,7 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.errors import UnreachableGoal
 from ccm_opt.planning.passage_widths import passage_widths
 from ccm_opt.planning.planner import MotionPlanner
-from ccm_opt.planning.tip_paths import find_tip_paths, turning_by
+from ccm_opt.planning.tip_paths import find_tip_paths, with_base_turn
 from ccm_opt.problem import JointPose, Problem, TipGoal
 from ccm_opt.scene.certificate import Certificate
 from ccm_opt.scene.free_space import FreeSpace
@@ -104,9 +104,9 @@ def test_only_tip_paths_that_turn_the_base_as_the_goal_does_remain() -> None:
     points, route = (arm.joint_positions(arm.headings(pose.bends)) for pose in (problem.start, problem.goal))
     paths = find_tip_paths(FreeSpace(problem.workspace, 1e-3), points, (route,), 0.016)
     assert {path.side for path in paths} == {1, -1}
-    assert [path.side for path in turning_by(paths, np.pi - 1e-3)] == [1]
-    assert [path.side for path in turning_by(paths, -np.pi - 1e-3)] == [-1]
-    assert turning_by(paths, 20.0) == paths
+    assert [path.side for path in with_base_turn(paths, np.pi - 1e-3)] == [1]
+    assert [path.side for path in with_base_turn(paths, -np.pi - 1e-3)] == [-1]
+    assert with_base_turn(paths, 20.0) == paths
 
 
 @given(st.floats(0.05, 0.4), st.floats(-0.8, 0.8), st.floats(-np.pi, np.pi))

@@ -27,7 +27,7 @@ from ccm_opt.viz.checks_section import checks_in_words
 from ccm_opt.viz.document import MINUS, PageUnits, coded, three_digits
 from ccm_opt.viz.failure_page import failure_data, failure_html
 from ccm_opt.viz.page import report_html
-from ccm_opt.viz.time_series import kept_samples, limit_shares, series_groups
+from ccm_opt.viz.time_series import limit_shares, select_samples, series_groups
 
 NASTY = "</script><script>alert(1)</script><b title='\"x'>&amp;"
 MILLIMETRES = PageUnits.of_arm(0.6)
@@ -210,7 +210,7 @@ def test_units_follow_the_size_of_the_arm() -> None:
 def test_thinned_curves_pass_within_the_tolerance(columns: FloatArray, tolerance: float) -> None:
     """Lines between the samples that are kept pass all others within the tolerance; extremes are kept."""
     time = np.linspace(0.0, 2.0, 60)
-    kept = kept_samples(time, columns, tolerance, 60, np.array([7], dtype=np.intp))
+    kept = select_samples(time, columns, tolerance, 60, np.array([7], dtype=np.intp))
     assert 7 in kept
     for column in columns.T:
         assert np.max(np.abs(np.interp(time, time[kept], column[kept]) - column)) <= tolerance + 1e-12

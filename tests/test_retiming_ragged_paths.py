@@ -7,10 +7,10 @@ from hypothesis import strategies as st
 
 from ccm_opt import solve
 from ccm_opt.cli.compare.methods import method_named
-from ccm_opt.cli.compare.suites import cases_of_suite
+from ccm_opt.cli.compare.suites import suite_cases
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.dynamics.retiming.motion_samples import MotionSamples
-from ccm_opt.dynamics.retiming.speed_optimizer import halved_where_unseen, unseen_gains
+from ccm_opt.dynamics.retiming.speed_optimizer import refine_unresolved, unresolved_gains
 from ccm_opt.dynamics.retiming.timing_settings import SamplingSettings
 from ccm_opt.problem.solution import JointTrajectory
 from tests.retiming_paths import even_limits, make_path, run
@@ -56,21 +56,21 @@ def test_steps_that_hide_an_acceleration_are_halved_and_no_others() -> None:
     """Of a motion that swings within one step that step is halved; one whose acceleration is linear stays as it is."""
     time = np.array([0.0, 0.1, 0.2, 0.3])
     calm = MotionSamples(time, time, np.zeros((4, 1)), time[:, None] ** 2, 2.0 * time[:, None])
-    assert np.all(unseen_gains(calm) < 1e-15)
-    assert halved_where_unseen(calm, np.ones(1)) is None
+    assert np.all(unresolved_gains(calm) < 1e-15)
+    assert refine_unresolved(calm, np.ones(1)) is None
     swinging = MotionSamples(time, time, np.zeros((4, 1)), np.array([0.0, 0.0, 0.1, 0.1])[:, None], np.zeros((4, 1)))
-    np.testing.assert_allclose(unseen_gains(swinging)[:, 0], [0.0, 0.1, 0.0])
-    halved = halved_where_unseen(swinging, np.ones(1))
+    np.testing.assert_allclose(unresolved_gains(swinging)[:, 0], [0.0, 0.1, 0.0])
+    halved = refine_unresolved(swinging, np.ones(1))
     assert halved is not None
     np.testing.assert_allclose(halved, [0.0, 0.1, 0.15, 0.2, 0.3])
     patient = SamplingSettings(unseen_share=1.0)
-    assert halved_where_unseen(swinging, np.ones(1), patient) is None
+    assert refine_unresolved(swinging, np.ones(1), patient) is None
 
 
 @pytest.mark.parametrize("seed", [104, 122])
 def test_what_hill_climbing_finds_in_open_space_is_accepted(seed: int) -> None:
     """The baseline's ragged paths are timed so that the verifier accepts them: none of these is refused."""
     method = method_named("hill-climbing")
-    problem = method.prepared(cases_of_suite("open-space", 1, seed)[0].problem())
+    problem = method.prepared(suite_cases("open-space", 1, seed)[0].problem())
     solution = solve(problem, planner=method.planner(problem), explain=False)
     assert unseen_share(solution.trajectory) < 1.0

@@ -30,7 +30,7 @@ from ccm_opt.planning.baseline.schemas import (
 )
 from ccm_opt.planning.baseline.world import World
 from ccm_opt.robot.configuration import Configuration
-from ccm_opt.robot.decomposition import add_segment, start_of
+from ccm_opt.robot.decomposition import add_segment, segment_head
 from ccm_opt.robot.segment import CurvatureSegment, SegmentType, classify
 
 OPEN = World()
@@ -167,7 +167,7 @@ def test_scm_5_feeds_and_retracts_along_the_curve() -> None:
     base = fold()
     curve = CurvatureSegment(0.6, base.tip[1], np.array([0.0, 4.0, 2.0, -3.0, 0.0]))
     track = add_segment(base, curve)
-    start = add_segment(base, start_of(curve, 0.05))
+    start = add_segment(base, segment_head(curve, 0.05))
     fed, out = run(scm_5(OPEN, start, curve, 0.5))
     retracted, back = run(scm_5(OPEN, out, curve, 0.1))
     for step in (*fed, *retracted):

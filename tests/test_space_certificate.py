@@ -13,7 +13,7 @@ from ccm_opt.robot.arm import Feed
 from ccm_opt.scene.contact_finder import SurfaceFinder, nearest_links
 from ccm_opt.scene.distances.enclosures import segment_distances
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
-from ccm_opt.scene.surfaces import SurfaceSoup
+from ccm_opt.scene.surfaces import TriangleSoup
 from tests.oracles.space_certificate import SpaceCertificateByNumpy, bows, bows_by_numpy, near_pairs_by_numpy
 from tests.snakes_in_space import balls, boxes, least_gaps, snake
 
@@ -150,7 +150,7 @@ def test_intervals_one_after_the_other_are_proved_as_each_alone(seed: int, slack
 def test_what_is_no_number_is_not_proved() -> None:
     """Not even where there is nothing to touch."""
     arm = snake(4)
-    certificate = SpaceCertificate(arm, SurfaceTree.of(SurfaceSoup.joined([])))
+    certificate = SpaceCertificate(arm, SurfaceTree.of(TriangleSoup.joined([])))
     assert certificate.safe(np.zeros(8), np.zeros(8))
     assert not certificate.safe(np.zeros(8), np.full(8, np.nan))
 

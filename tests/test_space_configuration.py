@@ -53,7 +53,7 @@ def test_frames_solve_the_equations_of_bishop(seed: int) -> None:
     # The splines' third derivatives jump at knots, which large steps would smear.
     most = curve.length / 100.0
     solved = solve_ivp(slope, (0.0, curve.length), start, "DOP853", arc, rtol=1e-12, atol=1e-13, max_step=most).y
-    frames, places = curve.frames_at(arc)
+    frames, places = curve.sample_frames(arc)
     # The tolerances of the oracle add up over its steps.
     np.testing.assert_allclose(places, solved[:3].T, rtol=0.0, atol=1e-8)
     np.testing.assert_allclose(np.swapaxes(frames, 1, 2).reshape(-1, 9), solved[3:].T, rtol=0.0, atol=1e-8)
@@ -72,7 +72,7 @@ def test_curves_of_the_plane_embed_exactly(seed: int) -> None:
     base, plane = random.normal(size=3), random_rotation(random)
     curve = laid_into_space(flat, base, plane)
     arc = np.sort(random.uniform(0.0, flat.length, 20))
-    frames, places = curve.frames_at(arc)
+    frames, places = curve.sample_frames(arc)
     np.testing.assert_allclose(places, base + flat.positions_at(arc) @ plane[:, :2].T, atol=1e-11)
     heading = flat.heading_at(arc)
     along = np.column_stack((np.cos(heading), np.sin(heading))) @ plane[:, :2].T
@@ -110,7 +110,7 @@ def test_segments_join_and_the_tip_is_the_last_place(seed: int) -> None:
     random = np.random.default_rng(seed)
     curve = random_curve(random)
     joint = curve.boundaries[1]
-    frames, places = curve.frames_at(np.array([joint - 1e-9, joint, joint + 1e-9, curve.length]))
+    frames, places = curve.sample_frames(np.array([joint - 1e-9, joint, joint + 1e-9, curve.length]))
     np.testing.assert_allclose(frames[:3], np.broadcast_to(frames[1], (3, 3, 3)), atol=1e-7)
     np.testing.assert_allclose(places[:3], np.broadcast_to(places[1], (3, 3)), atol=1e-8)
     position, direction = curve.tip

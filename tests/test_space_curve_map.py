@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from ccm_opt.planning.curve_map import CurveMap, feed_to_next_stop
 from ccm_opt.robot.arm import Feed
-from ccm_opt.robot.biarc import free_before, free_shares_of_bends, straight_at_exit
+from ccm_opt.robot.biarc import bend_shares, free_before, straight_at_exit
 from tests.arms import held_bends
 from tests.oracles.chains import space_chain_by_numpy
 from tests.oracles.curve_shapes import shapes_by_numpy
@@ -73,7 +73,7 @@ def test_shapes_by_c_and_by_numpy_agree(seed: int, links: int) -> None:
     rng = np.random.default_rng(seed)
     curve, _ = CurveMap.through(snake(links, feed=fed), np.zeros(2 * links + 1))
     places = rng.uniform(-0.5, 1.2, size=links)
-    expected = shapes_by_numpy(curve, places) * free_shares_of_bends(curve.arm, places)[:, None]
+    expected = shapes_by_numpy(curve, places) * bend_shares(curve.arm, places)[:, None]
     assert curve._shapes(places) == pytest.approx(expected, abs=1e-12)
 
 

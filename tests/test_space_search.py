@@ -25,7 +25,7 @@ from ccm_opt.planning.strategies import find_by_ways
 from ccm_opt.problem import Weights
 from ccm_opt.robot.arm import Feed
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
-from ccm_opt.scene.surfaces import SurfaceSoup
+from ccm_opt.scene.surfaces import TriangleSoup
 from tests.arms import held_bends
 from tests.snakes_in_space import balls, boxes, least_gaps, snake, task_of, tip_grid
 
@@ -33,7 +33,7 @@ GOAL = GoalPose(np.array([0.55, 0.35, 0.3]), np.array([0.0, 0.6, 0.8]))
 BALLS = balls(np.array([[0.5, 0.25, 0.1], [0.7, -0.2, 0.2], [0.3, 0.3, -0.2], [0.6, 0.1, 0.45]]), 0.08)
 
 
-def judged(task: SpaceTask, soup: SurfaceSoup, motion: SpaceMotion) -> None:
+def judged(task: SpaceTask, soup: TriangleSoup, motion: SpaceMotion) -> None:
     """A motion begins at the start, keeps limits and touches nothing, between its keyframes too."""
     arm = task.arm
     q = motion.configurations
@@ -109,7 +109,7 @@ def test_a_motion_to_a_pose_of_the_whole_arm() -> None:
     curve, v = CurveMap.through(arm, np.zeros(24))
     wiggle = 0.02 * rng.normal(size=24)  # no curve shows this
     goal = np.clip(curve.configuration(v + 0.25 * rng.normal(size=len(v))) + wiggle, -0.7, 0.7)
-    task = task_of(arm, SurfaceSoup.joined([]), None, goal_pose=goal)
+    task = task_of(arm, TriangleSoup.joined([]), None, goal_pose=goal)
     motion = optimise(find_by_ways(task), task)
     assert motion.configurations[0] == pytest.approx(task.start, abs=1e-12)
     assert motion.configurations[-1] == pytest.approx(goal, abs=1e-9)
@@ -148,7 +148,7 @@ def test_a_fed_arm_passes_a_hole_and_keeps_straight_in_its_tube() -> None:
 def test_a_fed_arm_does_not_slow_down_where_joints_leave_its_tube() -> None:
     """The smooth path of an even motion carries the base evenly, while one joint after the other begins to bend."""
     arm = snake(20, length=0.8, feed=Feed(-0.8, 0.0, 0.0))
-    task = task_of(arm, SurfaceSoup.joined([]), GOAL, start=np.append(np.zeros(40), -0.8))
+    task = task_of(arm, TriangleSoup.joined([]), GOAL, start=np.append(np.zeros(40), -0.8))
     curve, start = CurveMap.through(arm, task.start)
     end = start.copy()
     end[curve.feed_column] = -0.1 / curve.scale[curve.feed_column]
@@ -176,7 +176,7 @@ def fed_motion(blended_last_held: float) -> tuple[SpaceTask, SpaceMotion]:
     unknowns = np.linspace(np.append(start, 1.0), end, 25)
     still_held = int(np.flatnonzero(np.any(curve.configurations(unknowns)[:, :40] != 0.0, axis=1))[0]) - 1
     unknowns[still_held, -1] = blended_last_held
-    task = task_of(arm, SurfaceSoup.joined([]), None, start=np.append(np.zeros(40), -0.9), goal_pose=pose)
+    task = task_of(arm, TriangleSoup.joined([]), None, start=np.append(np.zeros(40), -0.9), goal_pose=pose)
     return task, SpaceMotion(curve, unknowns, curve.configurations(unknowns), "")
 
 
@@ -237,7 +237,7 @@ def test_a_smooth_path_does_not_spend_the_wanted_room_of_its_motion() -> None:
 def test_the_tip_passes_the_places_on_the_way() -> None:
     """The tip comes near every place that it was told to pass."""
     via = np.array([0.6, -0.4, -0.2])
-    task = task_of(snake(16), SurfaceSoup.joined([]), GOAL, via=(via,))
+    task = task_of(snake(16), TriangleSoup.joined([]), GOAL, via=(via,))
     motion = find_by_ways(task)
     tips = task.arm.joint_positions_at(motion.configurations)[:, -1]
     assert np.linalg.norm(tips - via, axis=1).min() < 1.5 * task.unit
@@ -322,7 +322,7 @@ def test_no_way_is_found_after_the_deadline() -> None:
     in_time = tip_grid(tree, (np.full(3, -0.5), np.full(3, 0.5)), 4000, 0.02, 0.1)
     assert in_time.cheapest_way(*ends, 3.0) is not None
     assert replace(in_time, deadline=Deadline.after(-1.0)).cheapest_way(*ends, 3.0) is None
-    assert replace(in_time, deadline=Deadline.after(-1.0)).costs_to(ends[1], in_time.prices(3.0)) is None
+    assert replace(in_time, deadline=Deadline.after(-1.0)).costs_to_go(ends[1], in_time.prices(3.0)) is None
 
 
 def test_an_arm_of_many_links_moves_as_one_of_few() -> None:

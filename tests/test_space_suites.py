@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ccm_opt.cli.compare.comparison_files import write_problems
-from ccm_opt.cli.compare.suites import SPACE_SUITES, Case, cases_of_suite
+from ccm_opt.cli.compare.suites import SPACE_SUITES, Case, suite_cases
 from ccm_opt.core.errors import ProblemError
 from ccm_opt.io.reading import load_problem
 from ccm_opt.problem import Problem, TipGoal
@@ -40,14 +40,14 @@ def tip_of(problem: Problem) -> TipGoal:
 )
 def test_a_seed_gives_the_same_problem_in_space(suite: str) -> None:
     """Two makings of one case agree in every number, another seed differs, and no end touches anything."""
-    cases = (*cases_of_suite(suite, 1, 7), *cases_of_suite(suite, 2, 7))
+    cases = (*suite_cases(suite, 1, 7), *suite_cases(suite, 2, 7))
     one, again, *others = map(made, cases)
     assert one.name == f"{suite.partition(':')[2] or suite}-7"
     assert np.array_equal(one.start.configuration(one.arm), again.start.configuration(again.arm))
     assert np.array_equal(one.workspace.soup.triangles, again.workspace.soup.triangles)
     # Of fewer links, an arm is as long as in the suite whose arm has its own number.
     whole = suite.split("-8-", maxsplit=1)[0]
-    length = (one if whole == suite else made(cases_of_suite(whole, 1, 7)[0])).arm.length
+    length = (one if whole == suite else made(suite_cases(whole, 1, 7)[0])).arm.length
     for problem in (one, *others):
         goal = tip_of(problem)
         if goal.direction is not None:
@@ -64,7 +64,7 @@ def test_a_seed_gives_the_same_problem_in_space(suite: str) -> None:
 
 def test_a_seed_has_the_same_ends_for_any_number_of_links() -> None:
     """Arms of few and of many links get the same job: the same base, feed and goal."""
-    few, many = (made(cases_of_suite(f"space-elbow-{links}-links", 1, 3)[0]) for links in (8, 96))
+    few, many = (made(suite_cases(f"space-elbow-{links}-links", 1, 3)[0]) for links in (8, 96))
     assert (few.arm.links, many.arm.links) == (8, 96)
     assert isinstance(few.goal, TipGoal)
     assert isinstance(many.goal, TipGoal)
@@ -78,14 +78,14 @@ def test_a_seed_has_the_same_ends_for_any_number_of_links() -> None:
 def test_what_is_no_suite_in_space_is_refused(suite: str) -> None:
     """An unknown name, and a number of links that no arm has, say what to try."""
     with pytest.raises(ProblemError, match=r"expected one of space-clutter-20, .* with an even number of links"):
-        cases_of_suite(suite)
+        suite_cases(suite)
 
 
 @pytest.mark.planning
 @pytest.mark.parametrize("suite", ["space-clutter-20", "space-wing-box-48-links", "tests.site_suites:tank_12"])
 def test_problems_in_space_are_written_as_files_that_say_the_same(tmp_path: Path, suite: str) -> None:
     """A written problem is read back with the same bodies, meshes, arm and ends, to rounding."""
-    cases = cases_of_suite(suite, 1)
+    cases = suite_cases(suite, 1)
     for case, file in zip(cases, write_problems(cases, tmp_path), strict=True):
         problem, again = made(case), load_problem(file)
         assert again.dimension == 3

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 import ccm_opt
 from ccm_opt.cli.view.app import GOAL, ViewerApp, claim_port, direction_of
-from ccm_opt.cli.view.frames import MotionFrames, turned_to
+from ccm_opt.cli.view.frames import MotionFrames, rotation_to_axis
 from ccm_opt.core.errors import ProblemError
 from ccm_opt.driver.live_plan import LivePlan
 from ccm_opt.problem import Problem, TipGoal
@@ -45,7 +45,7 @@ def test_handles_turn_as_space_does(vector: tuple[float, float, float]) -> None:
     """A quaternion of a direction turns world x to it, and gives it back; straight back too."""
     direction = np.array(vector) / np.linalg.norm(vector)
     for each in (direction, np.array([-1.0, 0.0, 0.0])):
-        wxyz = turned_to(each)
+        wxyz = rotation_to_axis(each)
         np.testing.assert_allclose(direction_of(wxyz), each, atol=1e-6)
         x = trimesh.transformations.quaternion_matrix(wxyz)[:3, 0]
         np.testing.assert_allclose(x, each, atol=1e-6)
@@ -96,10 +96,10 @@ def test_a_plan_follows_its_obstacles_or_says_why_not() -> None:
     assert live.move_obstacle("box", (0.0, -0.05, 0.0)).current
     assert live.plan.trajectory is first.trajectory
     assert live.plan.problem is live.problem
-    assert live.problem.workspace.middle_of("box") == pytest.approx([0.35, -0.35, 0.0])
+    assert live.problem.workspace.obstacle_centre("box") == pytest.approx([0.35, -0.35, 0.0])
     # Halfway along the path that the middle of the arm takes.
     on_the_way = problem().arm.joint_positions_at(first.trajectory.positions[len(first.trajectory.time) // 2])[-1]
-    answer = live.move_obstacle("ball", on_the_way - live.problem.workspace.middle_of("ball"))
+    answer = live.move_obstacle("ball", on_the_way - live.problem.workspace.obstacle_centre("ball"))
     if answer.current:
         assert all(check.passed for check in live.plan.checks)
         again = verify(live.problem, live.plan.trajectory, live.plan.joints)
@@ -108,7 +108,7 @@ def test_a_plan_follows_its_obstacles_or_says_why_not() -> None:
     else:
         assert answer.reason
     kept = live.plan
-    refused = live.move_obstacle("ball", np.array([0.2, 0.0, 0.0]) - live.problem.workspace.middle_of("ball"))
+    refused = live.move_obstacle("ball", np.array([0.2, 0.0, 0.0]) - live.problem.workspace.obstacle_centre("ball"))
     assert not refused.current
     assert "start" in refused.reason
     assert "'ball'" in refused.reason
@@ -125,7 +125,7 @@ def test_a_plan_follows_its_obstacles_or_says_why_not() -> None:
         live.move_obstacle("ball", (1e15, 0.0, 0.0))
     with pytest.raises(ProblemError, match="the scene reaches to"):
         live.move_obstacle("ball", (1e15, 0.0, 0.0))
-    assert np.all(np.abs(live.problem.workspace.middle_of("ball")) <= 1e15)
+    assert np.all(np.abs(live.problem.workspace.obstacle_centre("ball")) <= 1e15)
 
 
 @given(st.lists(st.floats(-1.0, 1.0), min_size=3, max_size=3))
@@ -148,7 +148,7 @@ def test_moved_bodies_are_the_same_elsewhere(by: list[float]) -> None:
         assert moved.obstacles[1] is room.obstacles[1]
         np.testing.assert_allclose(moved.obstacles[0].body.triangles, body.triangles + by, atol=1e-9)
         assert moved.obstacles[0].body.rounding == body.rounding
-        np.testing.assert_allclose(moved.middle_of("it"), room.middle_of("it") + by, atol=1e-12)
+        np.testing.assert_allclose(moved.obstacle_centre("it"), room.obstacle_centre("it") + by, atol=1e-12)
 
 
 @pytest.fixture
@@ -193,10 +193,10 @@ def test_the_page_plays_and_follows_its_plan(viewer: ViewerApp) -> None:
     viewer._planned(live, live.move_goal((0.22, 0.3, 0.12)))
     assert viewer._handles is not None
     for what in ("ball", "box", GOAL):
-        viewer._handles.put_on(what)
+        viewer._handles.attach_handle(what)
     viewer._planned(live, live.move_obstacle("box", (0.0, -0.1, 0.0)))
     assert "planned and verified" in viewer._status.content
     viewer._planned(
-        live, live.move_obstacle("box", np.array([0.2, 0.0, 0.0]) - live.problem.workspace.middle_of("box"))
+        live, live.move_obstacle("box", np.array([0.2, 0.0, 0.0]) - live.problem.workspace.obstacle_centre("box"))
     )
     assert "the start is in contact" in viewer._status.content

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.scene.distances.surface_tree import DEFAULT_DISTANCES, SurfaceBoxes, SurfaceSearch, SurfaceTree
-from ccm_opt.scene.surfaces import SurfaceSoup
+from ccm_opt.scene.surfaces import TriangleSoup
 
 from .oracles.numpy_surfaces import NumpySearch
 from .oracles.segment_triangle import nearest_pairs
@@ -20,7 +20,7 @@ seeds = st.integers(0, 2**32 - 1)
 reaches = st.sampled_from((0.03, 0.3, 10.0))
 
 
-def trees(scene: SurfaceSoup, leaf: int = 4) -> list[SurfaceTree]:
+def trees(scene: TriangleSoup, leaf: int = 4) -> list[SurfaceTree]:
     """The scene's trees by each way of building and searching."""
     built = [
         SurfaceBoxes.of(scene.triangles, scene.rounding, leaf),
@@ -156,7 +156,7 @@ def test_what_planes_leave_is_free(seed: int, count: int, behind: float) -> None
             np.testing.assert_allclose(sides[apart], rows.gap[own][apart], atol=1e-7)
 
 
-def points_of(points: FloatArray, rounding: float) -> SurfaceSoup:
+def points_of(points: FloatArray, rounding: float) -> TriangleSoup:
     """Balls of one radius about points, shape (p, 3)."""
     corners = np.repeat(points[:, None], 3, axis=1)
     return soup(corners, np.full(len(points), rounding), np.zeros(len(points), dtype=np.intp))

@@ -229,12 +229,12 @@ def test_what_is_known_outlives_a_search_for_changes_that_falls_silent(tmp_path:
 def test_memory_is_said_to_have_run_out_only_where_it_did(monkeypatch: pytest.MonkeyPatch) -> None:
     """Threads that are refused for their number, and files of such a name are not that."""
     monkeypatch.setattr(surroundings, "address_space", lambda: None)
-    assert not surroundings.out_of_memory(RuntimeError("can't start new thread"))
-    assert not surroundings.out_of_memory(ValueError("no file 'out of memory.toml'"))
-    assert not surroundings.out_of_memory(ImportError("failed to map segment from shared object: not permitted"))
-    assert surroundings.out_of_memory(RuntimeError("std::bad_alloc"))
+    assert not surroundings.is_out_of_memory(RuntimeError("can't start new thread"))
+    assert not surroundings.is_out_of_memory(ValueError("no file 'out of memory.toml'"))
+    assert not surroundings.is_out_of_memory(ImportError("failed to map segment from shared object: not permitted"))
+    assert surroundings.is_out_of_memory(RuntimeError("std::bad_alloc"))
     monkeypatch.setattr(surroundings, "address_space", lambda: 1_000_000)
-    assert surroundings.out_of_memory(RuntimeError("can't start new thread"))
+    assert surroundings.is_out_of_memory(RuntimeError("can't start new thread"))
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="needs a process beside it")

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from ccm_opt.core.errors import ProblemError
 from ccm_opt.io.drawing import ImportedScene, ImportOptions, import_scene
 from ccm_opt.io.svg import path_subpaths
-from ccm_opt.io.svg_document import transform_of
+from ccm_opt.io.svg_document import parse_transform
 
 HEAD = (
     'xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink" '
@@ -99,7 +99,7 @@ def test_transforms_are_those_of_another_program(calls: list[tuple[str, tuple[fl
     text = " ".join(f"{name}({', '.join(map(str, values))})" for name, values in calls)
     theirs = elements.Matrix(text)
     expected = (theirs.a, theirs.b, theirs.c, theirs.d, theirs.e, theirs.f)
-    np.testing.assert_allclose(transform_of(text)[:2].T.ravel(), expected, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(parse_transform(text)[:2].T.ravel(), expected, rtol=1e-9, atol=1e-9)
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,7 @@ import pytest
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.planning.curve_map import CurveMap
-from ccm_opt.planning.drawn_poses import unbent_from
+from ccm_opt.planning.drawn_poses import unbending_poses
 from ccm_opt.planning.strategies import find_by_ways
 from tests.snakes_in_space import boxes, least_gaps, snake, task_of
 
@@ -43,7 +43,7 @@ def test_an_arm_is_unbent_as_far_as_walls_allow(walled: bool) -> None:
     task = task_of(arm, WALL if walled else POST, None, start=start)
     curve, v = CurveMap.through(arm, task.start)
     stepper = task.stepper(curve)
-    poses = unbent_from(stepper, stepper.pose(v), task.deadline)
+    poses = unbending_poses(stepper, stepper.pose(v), task.deadline)
     ends = [np.linalg.norm(arm.joint_positions_at(pose.q)[-1]) for pose in (poses[0], poses[-1])]
     assert ends[1] > ends[0]
     assert (ends[1] > 0.999 * arm.length) != walled

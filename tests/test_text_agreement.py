@@ -8,7 +8,7 @@ from ccm_opt.cli.outcome import NO_PLAN, SOLVED
 from ccm_opt.cli.written_plans import check_folders
 from ccm_opt.io.controller_points import controller_points, trajectory_texts
 from ccm_opt.io.folder import model_texts
-from ccm_opt.io.text_agreement import checks_of_texts
+from ccm_opt.io.text_agreement import text_checks
 
 from .corruption.plans import Folder, write_plans
 
@@ -79,7 +79,7 @@ def test_numbers_that_are_infinite_or_none_are_refused(written: Folder, tmp_path
     folder.write(tmp_path / "infinite")
     solution = folder.solution
     motion = (solution.trajectory, solution.joints, solution.checks)
-    checks = checks_of_texts(tmp_path / "infinite", solution.problem, *motion)
+    checks = text_checks(tmp_path / "infinite", solution.problem, *motion)
     refused = {check.name for check in checks if not check.passed}
     assert refused == {"table against arrays", "ROS message against arrays"}
 

@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ccm_opt.viz.time_series import kept_samples
+from ccm_opt.viz.time_series import select_samples
 
 seeds = st.integers(0, 2**32 - 1)
 
@@ -22,7 +22,7 @@ def curves(rng: np.random.Generator, samples: int, width: int) -> tuple[np.ndarr
 def test_no_more_samples_are_kept_than_are_asked_for(seed: int, samples: int) -> None:
     """Beside the ends, the extremes of each curve, and those that are asked for in any case."""
     time, columns = curves(np.random.default_rng(seed), samples, 3)
-    kept = kept_samples(time, columns, 0.0, 5, np.array([samples // 2], dtype=np.intp))
+    kept = select_samples(time, columns, 0.0, 5, np.array([samples // 2], dtype=np.intp))
     assert len(kept) <= 5 + 2 + 2 * 3 + 1
     assert {0, samples // 2, samples - 1} <= set(kept.tolist())
 
@@ -32,4 +32,4 @@ def test_curves_with_gaps_are_thinned() -> None:
     time = np.arange(9.0)
     columns = np.stack((time**2, np.where(time == 4.0, np.inf, time)), axis=1)
     with np.errstate(invalid="ignore"):
-        assert {0, 4, 8} <= set(kept_samples(time, columns, 0.1, 9, np.zeros(0, dtype=np.intp)).tolist())
+        assert {0, 4, 8} <= set(select_samples(time, columns, 0.1, 9, np.zeros(0, dtype=np.intp)).tolist())

@@ -13,7 +13,7 @@ from ccm_opt.planning.motion_task import MotionTask
 from ccm_opt.planning.search import Failure
 from ccm_opt.planning.search_run import PlanarRun
 from ccm_opt.planning.settings import TipWalkSettings
-from ccm_opt.planning.tip_walks import WALKS, TipWays, by_walks, is_walked
+from ccm_opt.planning.tip_walks import WALKS, TipWays, find_by_walks, is_walked
 from tests.scenes import Scene, clutter, motion_task, sweep_gaps, swept
 
 LINKS = 24.0
@@ -40,7 +40,7 @@ def assert_right(motion: Motion, scene: Scene) -> None:
 def walked(seed: int, *, late: bool) -> tuple[Motion | None, list[Failure]]:
     """What is found, and what failed, in a scene of many walls."""
     failures: list[Failure] = []
-    return by_walks(crowded(clutter(seed, 30)), failures, late=late), failures
+    return find_by_walks(crowded(clutter(seed, 30)), failures, late=late), failures
 
 
 @pytest.mark.parametrize("late", [False, True])
@@ -69,7 +69,7 @@ def test_walks_are_left_out_where_the_tip_has_far_to_go() -> None:
     """Beyond the longest way the tip is led straight on, and that is all; the late turn walks however far it is."""
     task = crowded(clutter(3, 30), replace(FEW, longest_way=0.0))
     failures: list[Failure] = []
-    if by_walks(task, failures) is None:
+    if find_by_walks(task, failures) is None:
         assert WALKS not in [failure.candidate for failure in failures]
 
 

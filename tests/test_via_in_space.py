@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from ccm_opt.planning import way_strategies
 from ccm_opt.planning.goal import GoalPose
 from ccm_opt.planning.optimisation.optimise import optimise
-from ccm_opt.planning.passed_places import first_missed, passings
+from ccm_opt.planning.passed_places import first_violation, passings
 from ccm_opt.planning.strategies import find_by_ways
 from tests.snakes_in_space import boxes, least_gaps, snake, task_of
 
@@ -47,8 +47,8 @@ def test_passings_are_the_nearest_in_order(seed: int) -> None:
 def test_places_are_missed_in_their_order() -> None:
     """A path that passes them the other way round misses the second."""
     tips = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [2.0, 0.0, 0.0]])
-    assert first_missed(tips, tips[[1, 2]], 0.1) is None
-    number, away = first_missed(tips, tips[[2, 1]], 0.1) or (-1, 0.0)
+    assert first_violation(tips, tips[[1, 2]], 0.1) is None
+    number, away = first_violation(tips, tips[[2, 1]], 0.1) or (-1, 0.0)
     assert number == 1
     assert away == pytest.approx(1.0)
 
@@ -61,19 +61,19 @@ def test_an_optimised_motion_still_passes_a_place(links: int) -> None:
     found = find_by_ways(task)
     better = optimise(found, task)
     tips = arm.joint_positions_at(better.configurations)[:, -1]
-    assert first_missed(tips, ASIDE[None], 0.02) is None
+    assert first_violation(tips, ASIDE[None], 0.02) is None
     assert len(better.configurations) != len(found.configurations)
     assert tips[-1] == pytest.approx(GOAL.position, abs=1e-6)
 
 
 def test_where_no_way_leads_past_a_place_it_is_a_goal_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
     """The sampler and poses by inverse kinematics lead from place to place too."""
-    monkeypatch.setattr(way_strategies.SpaceRun, "by_ways", lambda *_, **__: None)
+    monkeypatch.setattr(way_strategies.SpaceRun, "follow_ways", lambda *_, **__: None)
     arm = snake(12)
     soup = boxes([([0.4, -0.6, 0.5], [0.8, 0.6, 0.6])])
     task = task_of(arm, soup, GOAL, via=(ASIDE,))
     motion = find_by_ways(task)
     assert motion.candidate == "from place to place"
     tips = arm.joint_positions_at(motion.configurations)[:, -1]
-    assert first_missed(tips, ASIDE[None], task.via_reach) is None
+    assert first_violation(tips, ASIDE[None], task.via_reach) is None
     assert min(least_gaps(arm, soup, motion.configurations)) > 0.0

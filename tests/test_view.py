@@ -22,7 +22,7 @@ from typer.testing import CliRunner
 
 import ccm_opt
 from ccm_opt.cli.commands import app as command_line
-from ccm_opt.cli.drawing import viewer_of
+from ccm_opt.cli.drawing import plan_viewer
 from ccm_opt.cli.view import settings as colours
 from ccm_opt.cli.view.app import LOOPBACK, Replanner, ViewerApp, claim_port
 from ccm_opt.cli.view.frames import MotionFrames, extruded
@@ -133,7 +133,7 @@ def test_only_the_last_place_of_a_drag_is_planned(live: LivePlan) -> None:
 @pytest.fixture
 def viewer() -> Iterator[ViewerApp]:
     """The page of the swan's neck."""
-    app = viewer_of(SWAN, PORT)
+    app = plan_viewer(SWAN, PORT)
     stop = threading.Event()
     thread = threading.Thread(target=app.run, args=(stop.is_set,))
     thread.start()
@@ -260,7 +260,7 @@ def test_a_written_plan_is_shown_as_it_was_written(tmp_path: Path) -> None:
     """A folder's own motion plays, whatever a plan made now would be; what is no plan is bad input."""
     run = CliRunner().invoke
     assert run(command_line, ["solve", str(SWAN), "--out", str(tmp_path), "--no-pictures", "-q"]).exit_code == 0
-    app = viewer_of(tmp_path / "swan-neck", PORT)
+    app = plan_viewer(tmp_path / "swan-neck", PORT)
     app.server.stop()
     with np.load(tmp_path / "swan-neck" / "solution.npz") as arrays:
         np.testing.assert_array_equal(app.frames.trajectory.time, arrays["time"])

@@ -10,7 +10,7 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.planning.continuation import Stalled, follow
 from ccm_opt.planning.pose import Pose
 from ccm_opt.planning.retraction import Withdrawal, lies_confined, ways_back, withdrawals
-from ccm_opt.planning.search_run import mouth_of_passage
+from ccm_opt.planning.search_run import passage_entry
 from ccm_opt.planning.step import Stepper
 from ccm_opt.problem import JointPose, TipGoal
 from ccm_opt.scene.certificate import Certificate
@@ -46,7 +46,7 @@ def guides_back(scene: Scene, length: float = 5.0) -> tuple[Stepper, Pose, list[
     return stepper, start, [guide for _, guide in withdrawals(stepper, start, end, ways, length)]
 
 
-def configurations_of(poses: list[Pose]) -> FloatArray:
+def stack_configurations(poses: list[Pose]) -> FloatArray:
     """The configurations of poses, shape (K, c)."""
     return np.array([pose.q for pose in poses])
 
@@ -72,7 +72,7 @@ def test_a_fold_draws_the_arm_out_of_its_duct_safely(heading: float) -> None:
     except Stalled as stalled:
         pytest.fail(str(stalled))
     assert poses[-1].points[-1][0] < 0.3
-    assert len(Certificate(scene.arm, scene.workspace).failures(configurations_of(poses))) == 0
+    assert len(Certificate(scene.arm, scene.workspace).failures(stack_configurations(poses))) == 0
     inside = [pose.points[pose.points[:, 0] > 0.3] for pose in poses]
     assert max(np.abs(points[:, 1]).max(initial=0.0) for points in inside) < 0.025
 
@@ -104,7 +104,7 @@ def test_the_arm_is_drawn_in_as_far_as_the_mouth_of_its_passage(width: float) ->
     """The mouth is where the duct begins, a sample of the way and the step before its corners off at most."""
     scene = in_duct(width, 3.0)
     stepper, start = make_stepper(scene)
-    mouth = mouth_of_passage(stepper, start, motion_task(scene.problem()).tip_paths[0])
+    mouth = passage_entry(stepper, start, motion_task(scene.problem()).tip_paths[0])
     assert mouth == pytest.approx(0.25, abs=0.05)
 
 
@@ -112,7 +112,7 @@ def test_no_arm_is_drawn_in_where_it_fills_no_passage() -> None:
     """In a hall there is no mouth."""
     scene = in_duct(0.6, 3.0)
     stepper, start = make_stepper(scene)
-    assert mouth_of_passage(stepper, start, motion_task(scene.problem()).tip_paths[0]) is None
+    assert passage_entry(stepper, start, motion_task(scene.problem()).tip_paths[0]) is None
 
 
 @pytest.mark.parametrize("kind", ["tip", "arm"])

@@ -33,14 +33,14 @@ def main() -> None:
         cancelling.ignore_interrupts()
         sys.exit(end.code)
     except (MemoryError, ImportError, OSError) as error:
-        from ccm_opt.cli.surroundings import out_of_memory  # noqa: PLC0415 - see above
+        from ccm_opt.cli.surroundings import is_out_of_memory  # noqa: PLC0415 - see above
 
-        if not out_of_memory(error):
+        if not is_out_of_memory(error):
             raise
-        _end_short_of_memory("out of memory while the libraries were loaded; solving takes 0.6 to 1 GB")
+        _exit_out_of_memory("out of memory while the libraries were loaded; solving takes 0.6 to 1 GB")
 
 
-def _end_short_of_memory(message: str) -> None:
+def _exit_out_of_memory(message: str) -> None:
     """Say it in one line, and end at once: Python's own end may need memory, too."""
     sys.stderr.write(f"error: {message}\n")
     sys.stderr.flush()
@@ -50,11 +50,11 @@ def _end_short_of_memory(message: str) -> None:
 def _run() -> None:
     import gc  # noqa: PLC0415 - see above
 
-    from ccm_opt.cli.surroundings import too_little_memory, use_sound_streams  # noqa: PLC0415 - see above
+    from ccm_opt.cli.surroundings import ensure_stdio, too_little_memory  # noqa: PLC0415 - see above
 
-    use_sound_streams()
+    ensure_stdio()
     if short := too_little_memory():
-        _end_short_of_memory(short)
+        _exit_out_of_memory(short)
     for variable in THREAD_VARIABLES:
         os.environ.setdefault(variable, "1")
     gc.set_threshold(OBJECTS_BETWEEN_COLLECTIONS)

@@ -86,10 +86,10 @@ def interrupts_insist() -> None:
     """From here on a Ctrl-C that is lost on its way is raised again, until ``interrupt_met``."""
     if threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGINT, _interrupt)
-        sys.unraisablehook = _tell_of_others
+        sys.unraisablehook = _ignore_unraisable
 
 
-def _tell_of_others(lost: "sys.UnraisableHookArgs") -> None:
+def _ignore_unraisable(lost: "sys.UnraisableHookArgs") -> None:
     """Say nothing of an interrupt that Python cannot raise where it struck, as in a finaliser: it comes again.
 
     Nor, once one was raised, of what finalisers of objects stumble over that it left half made.
@@ -109,7 +109,7 @@ def interrupt_met() -> None:
 
 
 def interrupt_unmet() -> bool:
-    """Whether Ctrl-C was pressed and nobody has answered it yet: whatever error comes out is likely to be it."""
+    """Return whether Ctrl-C was pressed and nobody has answered it yet: whatever error comes out is likely to be it."""
     return not _NOTES.met
 
 
@@ -128,7 +128,7 @@ def _interrupt(_signal: int, frame: FrameType | None) -> None:
 
 
 def _is_loading(frame: FrameType | None) -> bool:
-    """Whether a module is being loaded."""
+    """Return whether a module is being loaded."""
     while frame is not None:
         if frame.f_code.co_filename == _LOADER:
             return True
@@ -160,7 +160,7 @@ def last_steps_uninterrupted() -> None:
 
 @contextmanager
 def interrupts_as_usual() -> Iterator[None]:
-    """Whatever the block does to the handling of Ctrl-C is undone at its end."""
+    """Return whatever the block does to the handling of Ctrl-C is undone at its end."""
     _NOTES.noted = False
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -173,7 +173,7 @@ def interrupts_as_usual() -> Iterator[None]:
 
 
 def cancelled_meanwhile() -> bool:
-    """Whether Ctrl-C was noted in the last such block."""
+    """Return whether Ctrl-C was noted in the last such block."""
     return _NOTES.noted
 
 

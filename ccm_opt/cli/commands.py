@@ -471,9 +471,9 @@ def tolerance_command(
     no_pictures: Annotated[bool, typer.Option("--no-pictures", help="Leave the picture out.")] = False,
 ) -> int:
     """Say which errors of joints, links, base, walls and loads written plans survive."""
-    from ccm_opt.cli.examining import tolerance_of_folders  # noqa: PLC0415 - loads numpy
+    from ccm_opt.cli.examining import examine_tolerance  # noqa: PLC0415 - loads numpy
 
-    return tolerance_of_folders(folders, simulated=not no_simulation, pictures=not no_pictures)
+    return examine_tolerance(folders, simulated=not no_simulation, pictures=not no_pictures)
 
 
 @command(

@@ -26,18 +26,18 @@ from ccm_opt.cli.compare.comparison_files import (
 )
 from ccm_opt.cli.compare.comparison_page import (
     comparison_page,
+    format_effect,
+    format_interval,
+    format_title,
+    format_value,
     percents,
     probability,
-    shown_effect,
-    shown_interval,
-    shown_title,
-    shown_value,
     success_words,
 )
 from ccm_opt.cli.compare.methods import DEFAULT, check_methods
 from ccm_opt.cli.compare.running import Comparison, Pair, compare, outdated
 from ccm_opt.cli.compare.runs import QUANTITIES, Run, open_journal
-from ccm_opt.cli.compare.suites import SHARED, Case, cases_of_files, cases_of_suite, distinct
+from ccm_opt.cli.compare.suites import SHARED, Case, cases_from_files, distinct, suite_cases
 from ccm_opt.cli.outcome import BUG, SOLVED, complain, print_result, run_all, warn
 from ccm_opt.cli.output import output
 from ccm_opt.cli.tables import columned_table, report_console
@@ -69,26 +69,26 @@ def print_comparison(comparison: Comparison, folder: Path) -> None:
 
 
 def runs_table(comparison: Comparison) -> Table:
-    """One row a run."""
+    """Return one row a run."""
     shown = [item for item in QUANTITIES if item.key in OF_A_RUN]
-    table = columned_table("runs", ["problem", "method", "outcome", *map(shown_title, shown)], unwrapped=3)
+    table = columned_table("runs", ["problem", "method", "outcome", *map(format_title, shown)], unwrapped=3)
     for row in comparison.runs:
         for run in row:
-            values = [shown_value(item, run.figure(item.key)) for item in shown]
+            values = [format_value(item, run.figure(item.key)) for item in shown]
             table.add_row(escape(run.problem), escape(run.method), _outcome(run), *values)
     return table
 
 
 def methods_table(comparison: Comparison) -> Table:
-    """One column a method: how many problems it solves, and the medians of what it solves."""
+    """Return one column a method: how many problems it solves, and the medians of what it solves."""
     count = len(comparison.problems)
     table = columned_table(f"methods on {count} problems, medians", ["", *comparison.methods], unwrapped=1)
     solved = [comparison.solved(name) for name in comparison.methods]
     table.add_row("solved", *(f"{number}, {percents(number / max(1, count))}" for number, _ in solved))
     table.add_row("95 %", *(f"{100 * one.low:.0f} to {percents(one.high)}" for _, one in solved))
-    found = [medians(comparison.runs_of(name)) for name in comparison.methods]
+    found = [medians(comparison.method_runs(name)) for name in comparison.methods]
     for item in QUANTITIES:
-        table.add_row(escape(shown_title(item)), *(shown_value(item, each[item.key]) for each in found))
+        table.add_row(escape(format_title(item)), *(format_value(item, each[item.key]) for each in found))
     return table
 
 
@@ -100,13 +100,13 @@ def print_pair(console: Console, pair: Pair) -> None:
     columns = (f"where both solve: {both}", pair.first, pair.second, "by pairs", "95 %", "better", "p")
     table = columned_table("", columns, unwrapped=1)
     for item in pair.figures:
-        title = shown_title(item.quantity)
+        title = format_title(item.quantity)
         table.add_row(
             escape(title if item.pairs == both else f"{title}, {item.pairs}"),
-            shown_value(item.quantity, item.first),
-            shown_value(item.quantity, item.second),
-            shown_effect(item.quantity, item.effect),
-            shown_interval(item.quantity, item.interval),
+            format_value(item.quantity, item.first),
+            format_value(item.quantity, item.second),
+            format_effect(item.quantity, item.effect),
+            format_interval(item.quantity, item.interval),
             percents(item.better),
             probability(item.p_value),
         )
@@ -156,9 +156,9 @@ def compare_methods(
         with suppress(FileNotFoundError):  # a working directory that was removed has no planners
             if str(Path.cwd()) not in sys.path:
                 sys.path.append(str(Path.cwd()))  # planners beside the user, as with python -m
-        cases = list(cases_of_files(files, allow_outside=output().allow_outside))
+        cases = list(cases_from_files(files, allow_outside=output().allow_outside))
         for suite in suites if suites or files else (SHARED,):
-            cases += cases_of_suite(suite, count, seed)
+            cases += suite_cases(suite, count, seed)
         chosen = check_methods((*(methods or DEFAULT), *planners))
         if problems:
             write_problems(distinct(cases), folder / FOLDER)
@@ -192,7 +192,7 @@ def _run(
 
 
 def _telling(count: int) -> Callable[[Run], None]:
-    """What counts the runs on stderr, a line for each."""
+    """Return what counts the runs on stderr, a line for each."""
     numbers = itertools.count(1)
 
     def tell(run: Run) -> None:

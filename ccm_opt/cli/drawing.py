@@ -33,7 +33,7 @@ STILL_FIGURES = tuple(name for name in FigureName if name not in {FigureName.GIF
 def plan_pictures(
     solution: Solution, kind: FigureKind = "png", plans: "PlanPages | None" = None
 ) -> Mapping[str, bytes]:
-    """The pictures of a plan that was just made, by file name.
+    """Return the pictures of a plan that was just made, by file name.
 
     Args:
         solution: the plan.
@@ -108,7 +108,7 @@ def draw_folders(
 
 
 def drawn_files(folder: Path, figures: Sequence[FigureName], kind: FigureKind = "png") -> dict[str, bytes]:
-    """The pictures of a written plan by file name.
+    """Return the pictures of a written plan by file name.
 
     Args:
         folder: an output folder of ``ccm-opt solve``.
@@ -160,7 +160,7 @@ def view_item(item: Path, port: int, *, browser: bool) -> int:
 
 
 def _view(item: Path, port: int, *, browser: bool) -> int:
-    app = viewer_of(item, port)
+    app = plan_viewer(item, port)
     try:
         if not output().quiet:
             sys.stderr.write(f"{app.frames.problem.name}: {app.address} shows it; Ctrl-C ends it\n")
@@ -174,8 +174,8 @@ def _view(item: Path, port: int, *, browser: bool) -> int:
     return SOLVED
 
 
-def viewer_of(item: Path, port: int) -> "ViewerApp":
-    """The page of a plan.
+def plan_viewer(item: Path, port: int) -> "ViewerApp":
+    """Return the page of a plan.
 
     Raises:
         ProblemError: there is no such plan or problem, the port is taken, or the viewer is not installed.
@@ -191,13 +191,13 @@ def viewer_of(item: Path, port: int) -> "ViewerApp":
     problem = load_any_problem(item) if item.is_dir() else load_problem(item, allow_outside=output().allow_outside)
     door = claim_port(port)
     try:
-        return _viewer_at(door, item, problem)
+        return _serve_viewer(door, item, problem)
     except BaseException:
         door.close()
         raise
 
 
-def _viewer_at(door: socket, item: Path, problem: Problem) -> "ViewerApp":
+def _serve_viewer(door: socket, item: Path, problem: Problem) -> "ViewerApp":
     """Plan a problem and show it on an open socket; of a folder, show the motion that is written there."""
     from ccm_opt.cli.view.app import ViewerApp  # noqa: PLC0415 - loads viser
     from ccm_opt.cli.view.frames import MotionFrames  # noqa: PLC0415

@@ -10,9 +10,9 @@ from rich.markup import escape
 from rich.table import Table
 
 from ccm_opt.cli.loading import tell_of_scene
-from ccm_opt.cli.outcome import SOLVED, code_of_simulation, print_result, run_all
+from ccm_opt.cli.outcome import SOLVED, print_result, run_all, simulation_exit_code
 from ccm_opt.cli.output import output
-from ccm_opt.cli.tables import columned_table, peak_torque, report_console, units_of, value_table, verdict_cells
+from ccm_opt.cli.tables import columned_table, peak_torque, report_console, result_units, value_table, verdict_cells
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.errors import ProblemError, VerificationError
 from ccm_opt.core.files import put_file_or_refuse
@@ -65,7 +65,7 @@ def _describe(problem: Problem) -> int:
 
 
 def _data(problem: Problem) -> dict[str, object]:
-    """The arm in the layout of a problem file, and its link parameters in SI units and radians, for programs."""
+    """Return the arm in the layout of a problem file, and its link parameters in SI units and radians, for programs."""
     whole = problem_data(replace(problem, length_unit="m"))
     rows = zip(joint_names(problem.arm), dh_table(problem.arm), strict=True)
     parameters = [{"joint": name, **row._asdict()} for name, row in rows]
@@ -75,7 +75,7 @@ def _data(problem: Problem) -> dict[str, object]:
 
 
 def arm_lines(problem: Problem) -> list[str]:
-    """The arm in a few lines."""
+    """Return the arm in a few lines."""
     arm = problem.arm
     gravity = problem.simulation.gravity
     unit = problem.length_unit
@@ -101,7 +101,7 @@ def arm_lines(problem: Problem) -> list[str]:
 
 
 def _pointing(problem: Problem) -> str:
-    """How the base is turned."""
+    """Return how the base is turned."""
     if problem.dimension == 3:
         return f"direction {_components(problem.arm.direction)}, up {_components(problem.arm.up)}"
     return f"heading {np.rad2deg(problem.arm.base_heading):.6g} deg"
@@ -132,7 +132,7 @@ def parameter_table(problem: Problem) -> Table:
 
 
 def link_table(arm: Arm) -> Table:
-    """Mass and moments of inertia of every link; the two frames between, of no mass, are left out."""
+    """Return the mass and moments of inertia of every link; the two frames between, of no mass, are left out."""
     table = columned_table("links", ("link", "mass [kg]", "axial [kg m²]", "transverse [kg m²]", "bend limit [deg]"))
     # In space a joint has two bends, within the same limit.
     limits = np.rad2deg(arm.bend_limits.reshape(arm.links, -1)[:, 0])
@@ -164,7 +164,7 @@ def simulate_folders(
 
 
 def _with_settings(problem: Problem, options: Mapping[str, Any], disturbances: Mapping[str, Any]) -> Problem:
-    """The problem with other settings, but for those that are None.
+    """Return the problem with other settings, but for those that are None.
 
     Raises:
         ProblemError: naming the setting that is impossible.
@@ -193,7 +193,7 @@ def _simulate(folder: Path, options: Mapping[str, Any], disturbances: Mapping[st
 
         picture = simulation_png(problem, motion.trajectory, motion.joints, simulated)
         put_file_or_refuse(folder / PICTURE, picture)
-    code = code_of_simulation(problem.name, simulated.verdict)
+    code = simulation_exit_code(problem.name, simulated.verdict)
     return print_result(
         lambda: _print(problem, motion, simulated, figures),
         code,
@@ -207,11 +207,11 @@ def _simulate(folder: Path, options: Mapping[str, Any], disturbances: Mapping[st
 
 
 def _print(problem: Problem, motion: SavedMotion, simulated: SimulatedMotion, figures: Mapping[str, float]) -> None:
-    units = units_of(problem)
+    units = result_units(problem)
     table = value_table(f"{problem.name}: simulated")
     table.add_row("controller", problem.simulation.controller, "", f"step {problem.simulation.step:g} s")
     if problem.simulation.controller == "pd":
-        table.add_row("gains", *_words_of_gains(problem))
+        table.add_row("gains", *_describe_gains(problem))
     for name, value in vars(problem.simulation.disturbances).items():
         if value and name != "seed":
             table.add_row(name.replace("_", " "), f"{float(value):.4g}", "", "unknown to the controller")
@@ -229,8 +229,8 @@ def _print(problem: Problem, motion: SavedMotion, simulated: SimulatedMotion, fi
     report_console().print(table)
 
 
-def _words_of_gains(problem: Problem) -> tuple[str, str, str]:
-    """Gains of the joints' PD law: value, nothing where a limit would stand, and where they come from."""
+def _describe_gains(problem: Problem) -> tuple[str, str, str]:
+    """Return the gains of the joints' PD law: value, nothing where a limit would stand, and where they come from."""
     from ccm_opt.dynamics.simulation.controller import gains  # noqa: PLC0415 - loads casadi
 
     options = problem.simulation
@@ -242,7 +242,7 @@ def _words_of_gains(problem: Problem) -> tuple[str, str, str]:
     return value, "", "as given" if given else f"suit the arm at {options.bandwidth:g} 1/s"
 
 
-def tolerance_of_folders(folders: Sequence[Path], *, simulated: bool, pictures: bool) -> int:
+def examine_tolerance(folders: Sequence[Path], *, simulated: bool, pictures: bool) -> int:
     """Look at every folder; all are tried.
 
     Args:
@@ -262,9 +262,9 @@ def _look_at(folder: Path, *, simulated: bool, pictures: bool) -> int:
     # The certificate takes for granted that the plan itself touches nothing.
     if failures := failed_checks(verify(problem, motion.trajectory, motion.joints)):
         raise VerificationError(failures)
-    from ccm_opt.driver.surviving import tolerance_of_motion  # noqa: PLC0415 - loads casadi
+    from ccm_opt.driver.surviving import motion_tolerance  # noqa: PLC0415 - loads casadi
 
-    errors = tolerance_of_motion(problem, motion.trajectory, motion.joints, simulated=simulated)
+    errors = motion_tolerance(problem, motion.trajectory, motion.joints, simulated=simulated)
     record, picture = TOLERANCE_FILES
     put_file_or_refuse(folder / record, tolerance_json(problem.name, errors).encode())
     if pictures:
@@ -279,11 +279,11 @@ def _look_at(folder: Path, *, simulated: bool, pictures: bool) -> int:
 
 
 def tolerance_table(problem: Problem, errors: Sequence[SurvivedError]) -> Table:
-    """The errors that a plan survives, with what limits them."""
+    """Return the errors that a plan survives, with what limits them."""
     table = columned_table(f"{problem.name}: survives errors of, one at a time", ("", "up to", "asked", "limited by"))
     table.columns[-1].justify = "left"
     table.columns[-1].no_wrap = False
-    units = units_of(problem)
+    units = result_units(problem)
     in_space = problem.dimension == 3
     asked = problem.joint_error
     for error in errors:

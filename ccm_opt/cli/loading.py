@@ -12,7 +12,7 @@ import shapely
 
 from ccm_opt.cli.outcome import warn
 from ccm_opt.cli.output import output
-from ccm_opt.cli.tables import report_console, units_of
+from ccm_opt.cli.tables import report_console, result_units
 from ccm_opt.core.errors import ProblemError
 from ccm_opt.core.length_words import METRES, LengthUnit, in_unit, words_in
 from ccm_opt.ik.terms import Constraint, Cost, load_terms
@@ -31,17 +31,17 @@ TIMES = "\N{MULTIPLICATION SIGN}"
 
 def tell_of_scene(problem: Problem) -> None:
     """Tell of a problem's drawing or meshes, of what lies outside its room, and of rates that are hardly meant."""
-    tell = tell_of_meshes if problem.dimension == 3 else tell_of_drawing
+    tell = report_meshes if problem.dimension == 3 else report_drawing
     tell(problem)
-    tell_of_odd_rates(problem)
+    warn_odd_rates(problem)
 
 
-def tell_of_drawing(problem: Problem) -> None:
+def report_drawing(problem: Problem) -> None:
     """Print what became of a problem's drawing, and warn of what does not fit the arm or lies outside the room."""
     if problem.drawing is not None:
         _tell_of(problem.drawing, problem)
     boundary = problem.workspace.boundary
-    warn_of_outside(
+    warn_outside(
         problem.name,
         [each.name for each in problem.workspace.obstacles if shapely.distance(each.core, boundary) > each.rounding],
     )
@@ -60,7 +60,7 @@ def _tell_of(drawing: ImportedDrawing, problem: Problem) -> None:
         warn(f"{problem.name}: {odd}")
 
 
-def warn_of_outside(problem: str, obstacles: Sequence[str]) -> None:
+def warn_outside(problem: str, obstacles: Sequence[str]) -> None:
     """Warn of obstacles that lie wholly outside the room: the arm cannot come near them."""
     shown = ", ".join(f"'{name}'" for name in obstacles[:_MOST_LEFT_OUT])
     rest = len(obstacles) - len(obstacles[:_MOST_LEFT_OUT])
@@ -69,13 +69,13 @@ def warn_of_outside(problem: str, obstacles: Sequence[str]) -> None:
 
 
 def drawing_lines(drawing: ImportedDrawing, problem: Problem) -> Iterator[str]:
-    """A line about the obstacles, one about the layers, and one for everything that was left out.
+    """Yield a line about the obstacles, one about the layers, and one for everything that was left out.
 
     Args:
         drawing: what became of the drawing.
         problem: gives the unit of lengths.
     """
-    units = units_of(problem)
+    units = result_units(problem)
     xmin, ymin, xmax, ymax = (value / units.metres for value in drawing.box)
     corners = f"from ({xmin:.4g}, {ymin:.4g}) to ({xmax:.4g}, {ymax:.4g})"
     size = f"{xmax - xmin:.4g} {TIMES} {ymax - ymin:.4g}"
@@ -96,14 +96,14 @@ def drawing_lines(drawing: ImportedDrawing, problem: Problem) -> Iterator[str]:
         yield f"  and {rest} more left out; --verbose lists them"
 
 
-def tell_of_meshes(problem: Problem) -> None:
+def report_meshes(problem: Problem) -> None:
     """Print what became of a problem's meshes, and warn of those that do not fit the arm, and of what is outside."""
     bounds = problem.workspace.bounds
     if bounds is not None:
         boxes = [
             (each.name, box_about(each.body.triangles), each.body.rounding) for each in problem.workspace.obstacles
         ]
-        warn_of_outside(
+        warn_outside(
             problem.name,
             [name for name, (low, high), r in boxes if np.any((low - r > bounds[1]) | (high + r < bounds[0]))],
         )
@@ -124,7 +124,7 @@ def tell_of_meshes(problem: Problem) -> None:
 
 
 def mesh_lines(name: str, body: MeshBody, problem: Problem) -> Iterator[str]:
-    """A line about the mesh, and one for what was done to it.
+    """Yield a line about the mesh, and one for what was done to it.
 
     Args:
         name: of the obstacle.
@@ -146,7 +146,7 @@ def mesh_lines(name: str, body: MeshBody, problem: Problem) -> Iterator[str]:
 
 
 def _inside(body: MeshBody, unit: LengthUnit) -> str:
-    """Whether a mesh is closed, and what counts as its inside."""
+    """Return whether a mesh is closed, and what counts as its inside."""
     if not body.solid:
         return "its surface alone counts (solid = false)"
     if body.closed:
@@ -156,7 +156,7 @@ def _inside(body: MeshBody, unit: LengthUnit) -> str:
 
 
 def mesh_data(name: str, body: MeshBody) -> dict[str, object]:
-    """The same for programs, lengths in metres."""
+    """Return the same for programs, lengths in metres."""
     box = box_about(body.vertices)
     return {
         "obstacle": name,
@@ -181,7 +181,7 @@ STRONGEST_GRAVITY = 50.0
 """Twice that of Jupiter [m/s²]; on Earth in millimetres it is 9810."""
 
 
-def tell_of_odd_rates(problem: Problem) -> None:
+def warn_odd_rates(problem: Problem) -> None:
     """Warn of rates that are out of all proportion to the arm, and of a gravity that no planet has."""
     unit = problem.length_unit
     for key, rate, per in _rates(problem.limits):
@@ -222,7 +222,7 @@ class NamedProblems:
     taken: dict[str, Path] = field(default_factory=dict)
     warned: bool = False
 
-    def _warn_of_doubles(self) -> None:
+    def _warn_duplicate_names(self) -> None:
         """Warn, before the first is solved, of names that several files have, read without drawings and meshes."""
         files: dict[object, list[str]] = {}
         for file in self.files:
@@ -236,14 +236,14 @@ class NamedProblems:
                 warn(f"{' and '.join(doubles)} have the same name '{name}': their folders would be one, one is solved")
 
     def read(self, file: Path) -> Problem:
-        """The problem of a file; what became of its drawing, or of its meshes, is told.
+        """Return the problem of a file; what became of its drawing, or of its meshes, is told.
 
         Raises:
             ProblemError: the file is wrong, or names its problem as an earlier file does.
         """
         if len(self.files) > 1 and not self.warned:
             self.warned = True
-            self._warn_of_doubles()
+            self._warn_duplicate_names()
         problem = load_problem(file, changes=self.changes, allow_outside=output().allow_outside)
         first = self.taken.setdefault(problem.name, file)
         if first is not file:
@@ -258,7 +258,7 @@ NO_TERMS: NamedTerms = ((), ())
 
 
 def loaded_terms(constraints: Sequence[str], costs: Sequence[str]) -> dict[str, Any]:
-    """The constraints and the costs as arguments of ``solve`` and its like; nothing where none are named.
+    """Return the constraints and the costs as arguments of ``solve`` and its like; nothing where none are named.
 
     Raises:
         ProblemError: naming the reference that cannot be loaded.

@@ -31,7 +31,7 @@ from rich.markup import escape
 
 from ccm_opt.cli.cancelling import CANCELLED, cancelled_meanwhile, interrupt_met, interrupt_unmet, interrupts_as_usual
 from ccm_opt.cli.output import output
-from ccm_opt.cli.surroundings import out_of_memory
+from ccm_opt.cli.surroundings import is_out_of_memory
 from ccm_opt.core.errors import (
     Diagnosis,
     NativeLibraryError,
@@ -57,7 +57,7 @@ INDENT = "    "
 
 
 def folded(text: str, width: int) -> str:
-    """A text whose lines fit a width where its words allow; every line by itself, its continuation indented.
+    """Return a text whose lines fit a width where its words allow; every line by itself, its continuation indented.
 
     Args:
         text: perhaps of several lines.
@@ -143,8 +143,8 @@ def warn(message: str) -> None:
     _print_on_stderr("warning:", "yellow", message)
 
 
-def code_of_simulation(name: str, verdict: SimulationVerdict) -> int:
-    """The exit code of a simulated plan; when the arm does not follow it, the reason is printed on stderr."""
+def simulation_exit_code(name: str, verdict: SimulationVerdict) -> int:
+    """Return the exit code of a simulated plan; when the arm does not follow it, the reason is printed on stderr."""
     if verdict.followed:
         return SOLVED
     advice = "".join(f"\n  try: {line}" for line in verdict.advice)
@@ -239,8 +239,8 @@ def _cancelled() -> int:
 
 
 def _broken_off(error: Exception, name: str) -> int:
-    """What no stage has foreseen: memory is used up, or it is a bug, and its traceback is shown."""
-    if out_of_memory(error):
+    """Return what no stage has foreseen: memory is used up, or it is a bug, and its traceback is shown."""
+    if is_out_of_memory(error):
         output().note({"status": "out of memory"})
         complain(f"{name}: out of memory; solving takes 0.6 to 1 GB of address space, and more for many links")
         return BUG

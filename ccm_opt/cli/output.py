@@ -68,7 +68,7 @@ class Output:
         self.note({kind: [*earlier, message]})
 
     def document(self, exit_code: int) -> dict[str, object]:
-        """What programs are given at the end.
+        """Return what programs are given at the end.
 
         Args:
             exit_code: of the whole command.
@@ -86,7 +86,7 @@ _CURRENT: ContextVar[Output | None] = ContextVar("output of the command", defaul
 
 
 def output() -> Output:
-    """That of the command that is running; tables for people where none is."""
+    """Return that of the command that is running; tables for people where none is."""
     return _CURRENT.get() or _WITHOUT_COMMAND
 
 

@@ -17,7 +17,7 @@ from ccm_opt.cli.outcome import SOLVED, print_result, run_all
 from ccm_opt.cli.output import output
 from ccm_opt.cli.solving import failures_recorded
 from ccm_opt.cli.stage_clock import STATUS_REFRESHES, StageClock, ended_when_silent, stage_display
-from ccm_opt.cli.tables import columned_table, report_console, stage_line, units_of, value_table
+from ccm_opt.cli.tables import columned_table, report_console, result_units, stage_line, value_table
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.executors import DaskWorkers, LocalWorkers, ThisProcess, Workers
 from ccm_opt.io.folder import POSE_RECORD, REACH_RECORD, check_target
@@ -82,7 +82,7 @@ def _find_and_write_pose(problem: Problem, out: Path, terms: NamedTerms, *, pict
 
 
 def _pose_data(found: StaticPose, folder: Path) -> dict[str, object]:
-    """The record of the pose without the problem, for programs."""
+    """Return the record of the pose without the problem, for programs."""
     record: dict[str, object] = json.loads(pose_json(found))
     del record["problem"]
     return {"folder": str(folder), **record}
@@ -91,7 +91,7 @@ def _pose_data(found: StaticPose, folder: Path) -> dict[str, object]:
 def _print_pose(found: StaticPose, clock: StageClock, folder: Path) -> None:
     """Print the pose, on stdout."""
     pose = found.pose
-    units = units_of(found.problem)
+    units = result_units(found.problem)
     table = value_table(f"{found.problem.name}: best pose at the goal")
     table.add_row("gap", units.length(pose.gap), f"≥ {units.given(pose.wanted_gap, 'm')}", escape(found.nearest))
     if found.problem.dimension == 3:
@@ -117,7 +117,7 @@ def _print_pose(found: StaticPose, clock: StageClock, folder: Path) -> None:
 
 def _add_base_and_roll(table: Table, found: StaticPose) -> None:
     """Where the base is on its axis, and how the last link is rolled."""
-    units = units_of(found.problem)
+    units = result_units(found.problem)
     for axis in found.problem.arm.base_axes:
         bounds = f"{units.given(axis.low, 'm')} to {units.given(axis.high, 'm')}"
         table.add_row("feed", units.length(found.feed), bounds, "")
@@ -125,10 +125,10 @@ def _add_base_and_roll(table: Table, found: StaticPose) -> None:
 
 
 def _segment_rows(found: StaticPose) -> list[tuple[float, str]]:
-    """Length [m] of every segment of the curve, and its type, or in space where it turns, in words."""
+    """Return the length [m] of every segment of the curve, and its type, or in space where it turns, in words."""
     curve = found.curve
     if isinstance(curve, SpaceConfiguration):
-        frames, _ = curve.frames_at(curve.boundaries)
+        frames, _ = curve.sample_frames(curve.boundaries)
         words = [_turn_words(start.T @ end[:, 0]) for start, end in pairwise(frames)]
     else:
         words = [segment_words(segment) for segment in curve.segments]
@@ -143,7 +143,7 @@ def _turn_words(end: FloatArray) -> str:
 
 
 def _main_costs(costs: Mapping[str, float]) -> str:
-    """The parts of the objective that count, the largest first."""
+    """Return the parts of the objective that count, the largest first."""
     parts = sorted(costs.items(), key=lambda item: -abs(item[1]))
     return ", ".join(f"{name} {value:.3g}" for name, value in parts if abs(value) >= 5e-4)
 
@@ -199,7 +199,7 @@ def reach_files(
 def _watched(
     problem: Problem, crew: Workers, progress: Callable[[int, int], None]
 ) -> AbstractContextManager[Callable[..., None]]:
-    """Ended when a process of this machine looks at a cell without end; a cluster has bounds of its own."""
+    """Return the ended when a process of this machine looks at a cell without end; a cluster has bounds of its own."""
     if isinstance(crew, DaskWorkers):
         return nullcontext(progress)
     return ended_when_silent(problem.name, problem.planner, progress)
@@ -207,7 +207,7 @@ def _watched(
 
 @contextmanager
 def _cells_display(name: str) -> Iterator[Callable[[int, int], None]]:
-    """How many cells are reached, on stderr when that is a terminal."""
+    """Return how many cells are reached, on stderr when that is a terminal."""
     console = Console(stderr=True, emoji=False)
     if output().quiet or not console.is_terminal:
         yield lambda _reached, _cells: None
@@ -217,7 +217,7 @@ def _cells_display(name: str) -> Iterator[Callable[[int, int], None]]:
 
 
 def _reach_data(found: ReachMap, folder: Path) -> dict[str, object]:
-    """The record of the map without the problem, for programs."""
+    """Return the record of the map without the problem, for programs."""
     record: dict[str, object] = json.loads(reach_json(found))
     del record["problem"]
     return {"folder": str(folder), "status": "mapped", **record}

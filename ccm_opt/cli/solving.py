@@ -14,10 +14,10 @@ from typing import Any
 from ccm_opt.cli.cancelling import last_steps_uninterrupted
 from ccm_opt.cli.drawing import pareto_pictures, plan_pictures
 from ccm_opt.cli.loading import NO_TERMS, NamedProblems, NamedTerms, loaded_terms
-from ccm_opt.cli.outcome import code_of_simulation, print_result, run_all, warn
+from ccm_opt.cli.outcome import print_result, run_all, simulation_exit_code, warn
 from ccm_opt.cli.output import FigureKind
 from ccm_opt.cli.stage_clock import StageClock, ended_when_silent, stage_display
-from ccm_opt.cli.surroundings import MORE_MEMORY, no_search_for_cycles, out_of_memory
+from ccm_opt.cli.surroundings import MORE_MEMORY, is_out_of_memory, no_search_for_cycles
 from ccm_opt.cli.tables import print_pareto, print_solution
 from ccm_opt.core.errors import CancelledWithPlan, Diagnosis, NoPlanFound, VerificationError
 from ccm_opt.io.folder import PARETO_RECORD, RECORD, check_target, solution_files, write_folder
@@ -28,7 +28,7 @@ from ccm_opt.problem import Problem
 def failure_recorder(
     problem: Problem, out: Path, clock: StageClock, *, pictures: bool, write: Callable[..., Path] = write_failure
 ) -> Callable[[str, Diagnosis], None]:
-    """What writes the record of a problem without a plan, given its status and diagnosis.
+    """Return what writes the record of a problem without a plan, given its status and diagnosis.
 
     Args:
         problem: what is solved.
@@ -94,7 +94,7 @@ def failures_recorded(
         record("cancelled", clock.known or Diagnosis("cancelled by the user", clock.current or "planning"))
         raise
     except Exception as error:
-        short = out_of_memory(error)
+        short = is_out_of_memory(error)
         known = clock.known
         if known is None and short:
             known = Diagnosis("memory ran out", clock.current or "planning", advice=(MORE_MEMORY,))
@@ -195,12 +195,12 @@ def _solve(
         write_folder(target, {**files, **drawn})
         clock.finish()
     best = found.best if several else found
-    code = code_of_simulation(problem.name, best.simulation.verdict)
+    code = simulation_exit_code(problem.name, best.simulation.verdict)
     return print_result(lambda: tell(found, clock, str(target)), code, lambda: _data(files, target))
 
 
 def _data(files: Mapping[str, bytes], target: Path) -> dict[str, object]:
-    """The record of a plan without the problem, and of several plans their trade-off, for programs."""
+    """Return the record of a plan without the problem, and of several plans their trade-off, for programs."""
     record: dict[str, object] = json.loads(files[RECORD])
     del record["problem"]
     if PARETO_RECORD in files:

@@ -39,7 +39,7 @@ LINE_EVERY = 3.0
 
 
 def _moment() -> tuple[float, float]:
-    """Wall time and CPU time now [s]; CPU time counts finished child processes too."""
+    """Return the wall time and CPU time now [s]; CPU time counts finished child processes too."""
     times = os.times()
     return time.perf_counter(), time.process_time() + times.children_user + times.children_system
 
@@ -97,7 +97,7 @@ class StageClock:
 
 @contextmanager
 def stage_display(title: str) -> Iterator[StageClock]:
-    """A clock that tells on stderr how far the work has come.
+    """Return a clock that tells on stderr how far the work has come.
 
     On a terminal one line says so, and changes. Elsewhere plain lines are printed, from the moment on when people would
     ask; with ``--verbose`` there is a line for every stage. With ``--quiet`` there is nothing.
@@ -116,7 +116,7 @@ def stage_display(title: str) -> Iterator[StageClock]:
 
 
 def _plain_lines(title: str, *, everything: bool) -> Callable[[Progress], None]:
-    """What prints how far the work has come, line by line, not more often than people read it."""
+    """Return what prints how far the work has come, line by line, not more often than people read it."""
     due = time.monotonic() + FIRST_LINE_AFTER
     stage = ""
 
@@ -198,7 +198,7 @@ def ended_when_silent(
 
 @contextmanager
 def _ended_by_signal() -> Iterator[None]:
-    """Within it a signal ends the process at once, its number being the exit code, whatever C code runs.
+    """Return the within it a signal ends the process at once, its number being the exit code, whatever C code runs.
 
     The handler is the C library's own ``_exit``: where a solver spins, none of Python's would ever be called.
     """
@@ -218,7 +218,7 @@ def _listen(
     name: str,
     record: Recorder | None,
 ) -> NoReturn:
-    """The process that listens; it never returns."""
+    """Return the process that listens; it never returns."""
     known: Diagnosis | None = None
     try:
         signal.signal(signal.SIGINT, signal.SIG_IGN)

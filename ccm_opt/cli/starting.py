@@ -75,7 +75,7 @@ def listed_problems() -> dict[str, Path]:
 
 
 def _listed_name(file: Path) -> str:
-    """What a problem is called here: those in space may be called as others in the plane are."""
+    """Return what a problem is called here: those in space may be called as others in the plane are."""
     return f"{SPACE_FOLDER}/{file.stem}" if file.parent.name == SPACE_FOLDER else file.stem
 
 
@@ -124,7 +124,7 @@ def _copy(name: str, known: dict[str, Path], out: Path, taken: dict[Path, str]) 
 
 
 def _needed_files(file: Path) -> list[str]:
-    """The drawing and the meshes of a problem file, each once, by their paths beside it."""
+    """Return the drawing and the meshes of a problem file, each once, by their paths beside it."""
     workspace = tomllib.loads(file.read_text(encoding="utf-8")).get("workspace", {})
     named = [workspace.get("file"), *(entry.get("mesh") for entry in workspace.get("obstacles", []))]
     return list(dict.fromkeys(name for name in named if name is not None))

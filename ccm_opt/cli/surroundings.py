@@ -15,7 +15,7 @@ MORE_MEMORY = "more memory: solving takes 0.6 to 1 GB of address space, and more
 """What helps where memory runs out."""
 
 
-def use_sound_streams() -> None:
+def ensure_stdio() -> None:
     """Give every standard stream something to write to, and let it write what it has no letter for as an escape.
 
     A stream that is closed is a number that the next file gets, which then receives whatever is printed.
@@ -33,7 +33,7 @@ def use_sound_streams() -> None:
 
 
 def too_little_memory() -> str:
-    """Why nothing can be loaded, in a line; empty where it can."""
+    """Return why nothing can be loaded, in a line; empty where it can."""
     allowed = address_space()
     if allowed is None or allowed >= LEAST_ADDRESS_SPACE:
         return ""
@@ -53,7 +53,7 @@ def address_space() -> int | None:
     return None if allowed in {-1, resource.RLIM_INFINITY} else allowed
 
 
-def out_of_memory(error: BaseException | None) -> bool:
+def is_out_of_memory(error: BaseException | None) -> bool:
     """Whether an error, or what it came from, says that memory is used up, in any of the ways in which that is said."""
     seen = 0
     while error is not None and seen < _DEEPEST:

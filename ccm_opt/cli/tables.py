@@ -24,7 +24,7 @@ _WIDEST_TITLE = 28
 
 
 def value_table(title: str) -> Table:
-    """An empty table of a name, a value with its unit, its limit, and a place."""
+    """Return an empty table of a name, a value with its unit, its limit, and a place."""
     table = _plain_table(title)
     table.add_column("", no_wrap=True)
     table.add_column("value", justify="right", no_wrap=True)
@@ -36,7 +36,7 @@ def value_table(title: str) -> Table:
 def print_solution(solution: Solution, clock: StageClock, folder: str) -> None:
     """Print what came out of a solved problem, on stdout."""
     problem = solution.problem
-    units = units_of(problem)
+    units = result_units(problem)
     in_space = problem.dimension == 3
     words = checks_in_words(solution.checks, units, in_space=in_space)
     told = words if output().verbose else [check for check in words if not check.of_itself]
@@ -64,8 +64,8 @@ def print_solution(solution: Solution, clock: StageClock, folder: str) -> None:
     console.print(escape(f"written to {folder}"), soft_wrap=True)
 
 
-def units_of(problem: Problem) -> PageUnits:
-    """The units in which results of a problem are told: lengths in that of its file."""
+def result_units(problem: Problem) -> PageUnits:
+    """Return the units in which results of a problem are told: lengths in that of its file."""
     return PageUnits.of_file(problem.length_unit, problem.arm.length)
 
 
@@ -83,7 +83,7 @@ def print_not_checked(console: Console, remarks: Sequence[str]) -> None:
 
 
 def checks_table(title: str, checks: Sequence[CheckWords]) -> Table:
-    """A table of checks: worst value, limit, how much of it is used, and where."""
+    """Return a table of checks: worst value, limit, how much of it is used, and where."""
     table = _plain_table(title)
     table.add_column("", max_width=_WIDEST_TITLE)
     table.add_column("worst", justify="right", no_wrap=True)
@@ -102,7 +102,7 @@ def checks_table(title: str, checks: Sequence[CheckWords]) -> Table:
 
 
 def columned_table(title: str, columns: Sequence[str], *, unwrapped: int | None = None) -> Table:
-    """An empty table, its first column to the left and the others to the right.
+    """Return an empty table, its first column to the left and the others to the right.
 
     Args:
         title: above it, or empty.
@@ -121,19 +121,19 @@ def _plain_table(title: str) -> Table:
 
 
 def report_console() -> Console:
-    """Standard output for tables; as wide as they need when it is not a terminal."""
+    """Return the standard output for tables; as wide as they need when it is not a terminal."""
     console = Console(highlight=False, emoji=False)
     return console if console.is_terminal else Console(highlight=False, emoji=False, width=_PIPED_WIDTH)
 
 
 def verdict_cells(verdict: SimulationVerdict) -> tuple[str, str, str, str]:
-    """The verdict on a simulation, no limit, nothing used, and why, as cells of a table."""
+    """Return the verdict on a simulation, no limit, nothing used, and why, as cells of a table."""
     outcome = verdict.outcome if verdict.followed else f"[red]{verdict.outcome}[/red]"
     return outcome, "", "", escape(verdict.reason)
 
 
 def stage_line(clock: StageClock) -> str:
-    """Wall time, and CPU time in brackets, by stage and in all."""
+    """Return the wall time, and CPU time in brackets, by stage and in all."""
     stages = [f"{name} {wall:.2f} ({clock.cpu[name]:.2f})" for name, wall in clock.wall.items()]
     total = f"total {sum(clock.wall.values()):.2f} ({sum(clock.cpu.values()):.2f})"
     return "time in s (CPU): " + ", ".join([*stages, total])
@@ -142,7 +142,7 @@ def stage_line(clock: StageClock) -> str:
 def peak_torque(
     torques: FloatArray, limit: FloatArray | None, names: Sequence[str], *, in_space: bool
 ) -> tuple[str, str, str, str]:
-    """Peak torque, its limit, how much of it is used, and where it is met, as cells of a table.
+    """Return the peak torque, its limit, how much of it is used, and where it is met, as cells of a table.
 
     Args:
         torques: shape (samples, revolutes) [N m].
@@ -175,7 +175,7 @@ COLUMNS = (
 
 def print_pareto(found: ParetoPlans, clock: StageClock, folder: str) -> None:
     """Print what came out of the trade-off between time and room, on stdout."""
-    units = units_of(found.problem)
+    units = result_units(found.problem)
     table = columned_table(f"{found.problem.name}: from the fastest plan to the roomiest", COLUMNS)
     for number, plan in enumerate(found.plans, start=1):
         table.add_row(f"{number}", *_cells(plan, units), escape(_note(found, plan, number)))
@@ -204,7 +204,7 @@ def _cells(plan: ParetoPlan, units: PageUnits) -> tuple[str, ...]:
 
 
 def _gap(room: RoomRecord | None, at: Callable[[RoomRecord], NearPlace], units: PageUnits) -> str:
-    """A gap; that nothing is within reach where it is so."""
+    """Return a gap; that nothing is within reach where it is so."""
     if room is None:
         return ""
     near = at(room)
@@ -212,7 +212,7 @@ def _gap(room: RoomRecord | None, at: Callable[[RoomRecord], NearPlace], units: 
 
 
 def _note(found: ParetoPlans, plan: ParetoPlan, number: int) -> str:
-    """What there is to say of a plan beside its figures."""
+    """Return what there is to say of a plan beside its figures."""
     if plan.solution is None:
         return f"no plan: {plan.reason}"
     notes = ["recommended"] if number == found.recommended else []

@@ -10,7 +10,7 @@ import numpy as np
 
 from ccm_opt.cli.outcome import NO_PLAN, SOLVED, print_result, run_all, warn
 from ccm_opt.cli.output import ExportFormat, output
-from ccm_opt.cli.tables import checks_table, print_not_checked, print_room, report_console, units_of
+from ccm_opt.cli.tables import checks_table, print_not_checked, print_room, report_console, result_units
 from ccm_opt.core.errors import ProblemError
 from ccm_opt.core.files import put_file_or_refuse
 from ccm_opt.driver.room_over_time import room_over_time
@@ -25,9 +25,9 @@ from ccm_opt.io.reading_back import (
     read_arrays,
     recorded_results,
 )
-from ccm_opt.io.records import arrays_npz, bends_of_arrays, room_data
+from ccm_opt.io.records import arrays_npz, bend_arrays, room_data
 from ccm_opt.io.robot_models import MESHES, URDF_MESHES
-from ccm_opt.io.text_agreement import check_of_data, checks_of_texts
+from ccm_opt.io.text_agreement import record_data_check, text_checks
 from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import Check
 from ccm_opt.verification.verifier import left_unchecked, verify
@@ -55,19 +55,19 @@ def _check(folder: Path, constraints: tuple[str, ...]) -> int:
     motion = load_motion(folder, problem.arm)
     recorded = recorded_results(folder)
     own = verify(problem, motion.trajectory, motion.joints)
-    of_terms = _checks_of_constraints(problem, motion, constraints) if constraints else ()
+    of_terms = _constraint_checks(problem, motion, constraints) if constraints else ()
     # What is malformed ends the list of the verifier's checks, and nothing else can be held against it.
     whole = len(own) > len(MALFORMED)
     room = room_over_time(problem, motion.trajectory, problem.wanted_gap, own) if whole else None
     left_out = left_unchecked(problem, motion.trajectory) if room is not None else ()
     checks = (*own, *of_terms)
     if room is not None:
-        from ccm_opt.driver.record_agreement import checks_of_record  # noqa: PLC0415 - loads the simulation
+        from ccm_opt.driver.record_agreement import record_checks  # noqa: PLC0415 - loads the simulation
 
         # Whatever else the folder says of the motion is held against it.
-        of_data = check_of_data(recorded.data, problem, motion.trajectory, room, left_out)
-        of_texts = checks_of_texts(folder, problem, motion.trajectory, motion.joints, own)
-        checks = (*checks, *checks_of_record(problem, motion, recorded, own, room), of_data, *of_texts)
+        of_data = record_data_check(recorded.data, problem, motion.trajectory, room, left_out)
+        of_texts = text_checks(folder, problem, motion.trajectory, motion.joints, own)
+        checks = (*checks, *record_checks(problem, motion, recorded, own, room), of_data, *of_texts)
     passed = all(check.passed for check in checks)
     left_out = left_out if passed else ()
     verdict = "every check holds" if passed else "refused"
@@ -85,12 +85,12 @@ def _check(folder: Path, constraints: tuple[str, ...]) -> int:
 
     def show() -> None:
         console = report_console()
-        words = checks_in_words(checks, units_of(problem), in_space=problem.dimension == 3)
+        words = checks_in_words(checks, result_units(problem), in_space=problem.dimension == 3)
         told = [check for check in words if output().verbose or not check.of_itself or not check.passed]
         console.print(checks_table(f"{problem.name}: {verdict}", told))
         if len(told) < len(words):
             console.print(f"{len(words) - len(told)} checks of the plan against itself hold too")
-        print_room(console, room, units_of(problem))
+        print_room(console, room, result_units(problem))
         print_not_checked(console, left_out)
 
     def data() -> dict[str, object]:
@@ -106,8 +106,10 @@ def _check(folder: Path, constraints: tuple[str, ...]) -> int:
     return print_result(show, SOLVED if passed else NO_PLAN, data)
 
 
-def _checks_of_constraints(problem: Problem, motion: SavedMotion, references: tuple[str, ...]) -> tuple[Check, ...]:
-    """One check for every constraint; in a plan with stops one for every constraint and leg, as when it was made.
+def _constraint_checks(problem: Problem, motion: SavedMotion, references: tuple[str, ...]) -> tuple[Check, ...]:
+    """Return one check for every constraint.
+
+    In a plan with stops one for every constraint and leg, as when it was made.
 
     Raises:
         ProblemError: when a constraint cannot be loaded, or not be checked from files alone.
@@ -200,7 +202,7 @@ def exported_files(
     motion = load_motion(folder, problem.arm)  # refuses what is no plan of this arm
     if kind == "npz":
         arrays = read_arrays(folder / ARRAYS)
-        return {"": arrays_npz(bends_of_arrays(arrays) if bends_only else arrays)}
+        return {"": arrays_npz(bend_arrays(arrays) if bends_only else arrays)}
     if kind == "glb":
         return {"": motion_glb(problem, motion.trajectory)}
     points = controller_points(problem, motion.trajectory, motion.joints, recorded_results(folder).checks)

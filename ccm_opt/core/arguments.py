@@ -68,13 +68,13 @@ def expect_callable(value: object, what: str, hint: str = "") -> None:
 
 
 def refusal(value: object, what: str, hint: str = "") -> str:
-    """The sentence that refuses a value."""
+    """Return the sentence that refuses a value."""
     advice = f"; {hint}" if hint else ""
     return f"expected {what}, got {in_words(value)}{advice}"
 
 
 def in_words(value: object) -> str:
-    """A value with its kind, in a few words."""
+    """Return a value with its kind, in a few words."""
     if value is None:
         return "None"
     shown = repr(value)
@@ -111,7 +111,7 @@ class Arguments:
             self.metres = METRES[str(self.unit)]
 
     def number(self, name: str, value: object, *, least: float = -math.inf, above: float = -math.inf) -> float:
-        """A finite number.
+        """Return a finite number.
 
         Args:
             name: of the argument.
@@ -129,18 +129,18 @@ class Arguments:
         return math.nan
 
     def length(self, name: str, value: object, *, least: float = -math.inf, above: float = -math.inf) -> float:
-        """A length that is given in the unit, in metres."""
+        """Return a length that is given in the unit, in metres."""
         return self.metres * self.number(name, value, least=least, above=above)
 
     def whole(self, name: str, value: object, least: int) -> int:
-        """A whole number of at least so much; that where it is none."""
+        """Return a whole number of at least so much; that where it is none."""
         if is_whole(value) and value >= least:
             return int(value)
         self._refused(name, f"a whole number of at least {least}", value)
         return least
 
     def numbers(self, name: str, value: object, count: int, what: str = "numbers") -> FloatArray:
-        """So many finite numbers, shape (count,); zeros where they are none."""
+        """Return the so many finite numbers, shape (count,); zeros where they are none."""
         found = finite_array(value)
         if found is None or found.shape != (count,):
             self._refused(name, f"{count} {what}", value)
@@ -148,7 +148,7 @@ class Arguments:
         return found
 
     def each(self, name: str, value: object, count: int, *, above: float = -math.inf) -> FloatArray:
-        """One number for all of ``count``, or one for each, shape (count,)."""
+        """Return one number for all of ``count``, or one for each, shape (count,)."""
         if isinstance(value, (Sequence, np.ndarray)) and not isinstance(value, str):
             found = self.numbers(name, value, count)
             if np.any(found <= above) and np.any(found):
@@ -185,19 +185,19 @@ class Arguments:
 
 
 def is_number(value: object) -> TypeGuard[float]:
-    """Whether a value is a finite number; true and false are none."""
+    """Return whether a value is a finite number; true and false are none."""
     if isinstance(value, (bool, np.bool_)):
         return False
     return isinstance(value, Real) and math.isfinite(value)
 
 
 def is_whole(value: object) -> TypeGuard[int]:
-    """Whether a value is a whole number; true and false are none."""
+    """Return whether a value is a whole number; true and false are none."""
     return isinstance(value, Integral) and not isinstance(value, (bool, np.bool_))
 
 
 def finite_array(value: object) -> FloatArray | None:
-    """A value as an array of numbers of at most ``LARGEST``, or None where it is none."""
+    """Return a value as an array of numbers of at most ``LARGEST``, or None where it is none."""
     if isinstance(value, (str, bytes)):
         return None
     try:

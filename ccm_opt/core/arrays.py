@@ -19,5 +19,5 @@ SHORTEST = 1e-6
 
 
 def in_space(places: FloatArray) -> FloatArray:
-    """Places of the plane with a third coordinate of zero, others as they are, shape (..., d) to (..., 3)."""
+    """Return places of the plane with a third coordinate of zero, others as they are, shape (..., d) to (..., 3)."""
     return np.pad(places, [(0, 0)] * (places.ndim - 1) + [(0, 3 - places.shape[-1])])

@@ -27,12 +27,12 @@ class Deadline:
 
     @classmethod
     def after(cls, seconds: float) -> "Deadline":
-        """The moment after so much CPU time from now on."""
+        """Return the moment after so much CPU time from now on."""
         return cls(time.process_time() + seconds, time.monotonic() + WALL_GUARD * seconds)
 
     @classmethod
     def never(cls) -> "Deadline":
-        """No end at all."""
+        """Return no end at all."""
         return cls(math.inf, math.inf)
 
     @property
@@ -42,11 +42,11 @@ class Deadline:
         return min(self.cpu - time.process_time(), guarded)
 
     def passed(self) -> bool:
-        """Whether it is over."""
+        """Return whether it is over."""
         return self.left < 0.0
 
     def within(self, seconds: float) -> "Deadline":
-        """This moment, or that after so much CPU time from now on, whichever is earlier."""
+        """Return the this moment, or that after so much CPU time from now on, whichever is earlier."""
         other = Deadline.after(seconds)
         return Deadline(min(self.cpu, other.cpu), min(self.wall, other.wall))
 

@@ -164,7 +164,7 @@ class Diagnosis:
 
 
 def sentences(reason: str) -> tuple[str, ...]:
-    """What a reason says, the most important first; semicolons stand between its sentences."""
+    """Return what a reason says, the most important first; semicolons stand between its sentences."""
     return tuple(reason.split("; "))
 
 

@@ -57,7 +57,7 @@ class DaskWorkers:
 
     @contextmanager
     def open(self) -> Iterator[tuple[Executor, int]]:
-        """An executor of the cluster; the scheduler repeats what a lost worker was at.
+        """Return an executor of the cluster; the scheduler repeats what a lost worker was at.
 
         Raises:
             ProblemError: when Dask is not installed or the cluster cannot be reached.
@@ -73,16 +73,16 @@ class DaskWorkers:
         # busy machine one message holds many. It asks how many whenever it connects, as after a machine stood still.
         none_kept = import_module("dask").config.set({MESSAGES_KEPT: 0})
         with _unheard("distributed", "distributed.client", "tornado.application"), none_kept:
-            client = self._client_of(distributed)
+            client = self._connect_client(distributed)
             try:
-                yield self._executor_of(client)
+                yield self._make_executor(client)
             finally:
                 # A scheduler that is gone does not answer any more.
                 with suppress(OSError, TimeoutError, CancelledError):
                     client.close(timeout=_FAREWELL)
 
-    def _client_of(self, distributed: Any) -> Any:
-        """A client that is connected.
+    def _connect_client(self, distributed: Any) -> Any:
+        """Return a client that is connected.
 
         Raises:
             ProblemError: when there is no scheduler, or the client's thread is given no time to run in.
@@ -100,7 +100,7 @@ class DaskWorkers:
                     raise ProblemError(f"no Dask scheduler answers at {self.address}: {reason}") from error
         raise ProblemError("this machine is too busy for a client of Dask to start")
 
-    def _executor_of(self, client: Any) -> tuple[Executor, int]:
+    def _make_executor(self, client: Any) -> tuple[Executor, int]:
         try:
             in_background(partial(client.wait_for_workers, 1, timeout=self.timeout)).result(self.timeout)
             threads = sum(in_background(client.nthreads).result(self.timeout).values())
@@ -151,7 +151,7 @@ class Workers(Protocol):
     """Opens executors."""
 
     def open(self) -> "Any":
-        """A context manager around (executor, number of tasks handed over at a time)."""
+        """Return a context manager around (executor, number of tasks handed over at a time)."""
         ...
 
 
@@ -161,7 +161,7 @@ class ThisProcess:
 
     @contextmanager
     def open(self) -> Iterator[tuple[Executor, int]]:
-        """An executor that runs tasks itself, one at a time."""
+        """Return an executor that runs tasks itself, one at a time."""
         yield _Immediate(), 1
 
 
@@ -169,7 +169,7 @@ class _Immediate(Executor):
     """Runs a task while it is submitted."""
 
     def submit(self, fn: Callable[..., RESULT], /, *args: Any, **kwargs: Any) -> "Future[RESULT]":
-        """The future of a task that is over; Ctrl-C ends the caller, not the task alone."""
+        """Return the future of a task that is over; Ctrl-C ends the caller, not the task alone."""
         future: Future[RESULT] = Future()
         try:
             future.set_result(fn(*args, **kwargs))
@@ -190,7 +190,7 @@ class LocalWorkers:
 
     @contextmanager
     def open(self) -> Iterator[tuple[Executor, int]]:
-        """An executor with fresh processes; they are ended at the exit, also when they are still at work.
+        """Return an executor with fresh processes; they are ended at the exit, also when they are still at work.
 
         Raises:
             ProblemError: the system allows none.
@@ -279,7 +279,7 @@ def _until_broken(
 
 
 def _next_done(pending: Collection["Future[RESULT]"], executor: Executor) -> "Future[RESULT]":
-    """The next future that is over.
+    """Return the next future that is over.
 
     Raises:
         ProblemError: the cluster is gone; Dask cancels its futures then, and leaves some of them open.
@@ -297,7 +297,7 @@ _LOST = "the cluster was lost; start it anew, and give the same command again"
 
 
 def _submitted(executor: Executor, function: Callable[[TASK], RESULT], task: TASK) -> "Future[RESULT]":
-    """The future of a task; when it cannot be handed over, one that says why.
+    """Return the future of a task; when it cannot be handed over, one that says why.
 
     Raises:
         ProblemError: the cluster is gone.

@@ -16,7 +16,7 @@ _AT_ONCE = getattr(os, "O_NONBLOCK", 0)
 
 
 def read_plain(path: Path, most_bytes: int) -> bytes:
-    """The content of a regular file.
+    """Return the content of a regular file.
 
     Args:
         path: of the file, or of a link to one.
@@ -85,19 +85,19 @@ def put_file_or_refuse(place: Path, content: bytes, advice: str = "") -> None:
 
 
 def _umask() -> int:
-    """What new files of this process are not allowed."""
+    """Return what new files of this process are not allowed."""
     mask = os.umask(0)
     os.umask(mask)
     return mask
 
 
 def strict_text(record: Mapping[str, object]) -> str:
-    """The text of a record, numpy's numbers and arrays among its values; ends with a line break."""
+    """Return the text of a record, numpy's numbers and arrays among its values; ends with a line break."""
     return json.dumps(_strict(record), indent=2, ensure_ascii=False, allow_nan=False, default=_plain) + "\n"
 
 
 def _strict(value: object) -> object:
-    """The same value with null for every number that is not finite."""
+    """Return the same value with null for every number that is not finite."""
     if isinstance(value, float):
         return float(value) if math.isfinite(value) else None
     if isinstance(value, Mapping):
@@ -108,6 +108,6 @@ def _strict(value: object) -> object:
 
 
 def _plain(value: object) -> object:
-    """Numpy scalars and arrays, and mappings that are not dictionaries, as JSON knows them."""
+    """Return the numpy scalars and arrays, and mappings that are not dictionaries, as JSON knows them."""
     convert = getattr(value, "tolist", None)
     return _strict(convert()) if convert is not None else str(value)

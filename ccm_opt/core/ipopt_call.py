@@ -56,12 +56,12 @@ def ipopt_call() -> Iterator[None]:
     Raises:
         BaseException: what the handler of Ctrl-C raised during the block, usually ``KeyboardInterrupt``.
     """
-    with _LOCK, _interrupt_kept():
+    with _LOCK, _deferred_interrupt():
         yield
 
 
 @contextmanager
-def _interrupt_kept() -> Iterator[None]:
+def _deferred_interrupt() -> Iterator[None]:
     """Raise at the end of the block what the handler of SIGINT raised inside it."""
     handler = signal.getsignal(signal.SIGINT)
     if threading.current_thread() is not threading.main_thread() or not callable(handler):

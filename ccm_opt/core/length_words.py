@@ -24,7 +24,7 @@ _DIGITS = 15
 
 
 def in_unit(metres: float, unit: LengthUnit) -> float:
-    """A length in a unit, such that it becomes the same number of metres again if any number does.
+    """Return a length in a unit, such that it becomes the same number of metres again if any number does.
 
     Args:
         metres: the length [m].
@@ -58,12 +58,12 @@ class _Rule:
     figures: int
 
     def number(self, value: float, size: float) -> str:
-        """A value [m] without its unit, with the digits that suit a size [m]."""
+        """Return a value [m] without its unit, with the digits that suit a size [m]."""
         enough = size / self.metres >= self.enough or size == 0.0
         return f"{value / self.metres:.{self.decimals}f}" if enough else f"{value / self.metres:.{self.figures}g}"
 
     def words(self, value: float) -> str:
-        """A value [m] with its unit."""
+        """Return a value [m] with its unit."""
         return f"{self.number(value, abs(value))} {self.unit}"
 
 
@@ -120,12 +120,12 @@ def _said(speech: _Speech) -> Iterator[None]:
 
 
 def said_unit() -> LengthUnit:
-    """The unit in which lengths are said."""
+    """Return the unit in which lengths are said."""
     return _SPEECH.get().unit
 
 
 def in_metres(length: float) -> float:
-    """A length in metres."""
+    """Return a length in metres."""
     return length * _SPEECH.get().metres
 
 
@@ -142,7 +142,7 @@ def short_length(length: float) -> str:
 
 
 def file_length(length: float, figures: int = 4) -> str:
-    """A length as it stands in the problem file, for those who have to write it there."""
+    """Return a length as it stands in the problem file, for those who have to write it there."""
     unit = _SPEECH.get().unit
     value = in_metres(length) / METRES[unit]
     # What has more figures before the point is written with all of them: nobody reads powers of ten.
@@ -151,7 +151,7 @@ def file_length(length: float, figures: int = 4) -> str:
 
 
 def place(point: FloatArray | tuple[float, ...]) -> str:
-    """A place (x, y), or (x, y, z) in space, with its unit."""
+    """Return a place (x, y), or (x, y, z) in space, with its unit."""
     rule = _LONG[_SPEECH.get().unit]
     coordinates = [in_metres(float(coordinate)) for coordinate in point]
     size = max(map(abs, coordinates))
@@ -159,6 +159,6 @@ def place(point: FloatArray | tuple[float, ...]) -> str:
 
 
 def curvature(value: float) -> str:
-    """A curvature, with three figures."""
+    """Return a curvature, with three figures."""
     speech = _SPEECH.get()
     return f"{value / speech.metres * METRES[speech.unit]:.3g} 1/{speech.unit}"

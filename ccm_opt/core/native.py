@@ -82,7 +82,7 @@ def native_constant(name: str) -> int:
 
 @cache
 def _told() -> Mapping[str, Any]:
-    """Structs of the functions, as the build has read them from the source."""
+    """Return the structs of the functions, as the build has read them from the source."""
     text = ctypes.string_at(ctypes.addressof(ctypes.c_char.in_dll(native_library(), "native_layouts")))
     told: Mapping[str, Any] = json.loads(text)
     return told
@@ -97,7 +97,7 @@ def _function(name: str) -> Any:
 
 
 @cache
-def _layout_of(function: str) -> _Layout:
+def _struct_layout(function: str) -> _Layout:
     if function not in _told():
         raise NativeLibraryError(f"the compiled library {LIBRARY} is older than its source: {_HOW_TO_BUILD}")
     return _layout(_told()[function])
@@ -124,8 +124,8 @@ def _layout(fields: list[tuple[str, Any, str]]) -> _Layout:
 
 
 def element_type(function: str, field: str) -> np.dtype[Any]:
-    """Type of the elements that a pointer of a function's struct points to, for arrays of structs."""
-    dtype = _layout_of(function).pointers[field].dtype
+    """Return the type of the elements that a pointer of a function's struct points to, for arrays of structs."""
+    dtype = _struct_layout(function).pointers[field].dtype
     return np.dtype(dtype)
 
 
@@ -150,7 +150,7 @@ class NativeCall:
     """
 
     def __init__(self, name: str, **values: Any) -> None:
-        self._layout = _layout_of(name)
+        self._layout = _struct_layout(name)
         self._kept: dict[str, object] = {}
         self.fields: Any = self._layout.type()
         self.function = _function(name)
@@ -187,7 +187,7 @@ def _fill(struct: Any, layout: _Layout, values: Mapping[str, Any], kept: dict[st
 
 
 def _owner(pointer: _Pointer, value: Any, name: str) -> Any:
-    """What holds the memory that a pointer gets."""
+    """Return what holds the memory that a pointer gets."""
     if isinstance(value, np.ndarray) and value.dtype == pointer.dtype and pointer.struct is None:
         flags = value.flags
         if flags.c_contiguous and (pointer.read_only or flags.writeable):

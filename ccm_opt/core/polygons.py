@@ -7,29 +7,29 @@ from ccm_opt.core.arrays import TINY, FloatArray
 
 
 def cross(a: FloatArray, b: FloatArray) -> FloatArray:
-    """The scalar cross product a × b of plane vectors, shapes (..., 2) broadcast to (...)."""
+    """Return the scalar cross product a × b of plane vectors, shapes (..., 2) broadcast to (...)."""
     product: FloatArray = a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
     return product
 
 
 def after_each(vertices: FloatArray) -> FloatArray:
-    """The vertex after each vertex of a closed ring, shape (m, 2)."""
+    """Return the vertex after each vertex of a closed ring, shape (m, 2)."""
     return np.concatenate((vertices[1:], vertices[:1]))
 
 
 def signed_area(vertices: FloatArray) -> float:
-    """The area of a simple polygon [m²], positive when ``vertices`` (m, 2) run counter-clockwise."""
+    """Return the area of a simple polygon [m²], positive when ``vertices`` (m, 2) run counter-clockwise."""
     x, y = vertices.T
     return 0.5 * float(x[:-1] @ y[1:] - x[1:] @ y[:-1] + x[-1] * y[0] - x[0] * y[-1])
 
 
 def counter_clockwise(vertices: FloatArray) -> FloatArray:
-    """The same polygon with its vertices (m, 2) running counter-clockwise."""
+    """Return the same polygon with its vertices (m, 2) running counter-clockwise."""
     return vertices if signed_area(vertices) >= 0.0 else vertices[::-1]
 
 
 def is_convex(vertices: FloatArray, tolerance: float = 1e-12) -> bool:
-    """Whether a counter-clockwise polygon turns left, or goes straight on, at each vertex.
+    """Return whether a counter-clockwise polygon turns left, or goes straight on, at each vertex.
 
     Args:
         vertices: shape (m, 2) [m].
@@ -42,14 +42,14 @@ def is_convex(vertices: FloatArray, tolerance: float = 1e-12) -> bool:
 
 
 def without_short_edges(vertices: FloatArray, shortest: float = 1e-12) -> FloatArray:
-    """Vertices (m, 2) of a closed ring without those nearer than ``shortest`` [m] to the one before."""
+    """Return the vertices (m, 2) of a closed ring without those nearer than ``shortest`` [m] to the one before."""
     before = np.concatenate((vertices[-1:], vertices[:-1]))
     kept: FloatArray = vertices[np.linalg.norm(vertices - before, axis=1) > shortest]
     return kept
 
 
 def half_planes(vertices: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """The half-planes ``normals @ x <= offsets`` whose intersection is a convex polygon.
+    """Return the half-planes ``normals @ x <= offsets`` whose intersection is a convex polygon.
 
     Args:
         vertices: counter-clockwise, no two alike in succession, shape (m, 2) [m].
@@ -64,7 +64,7 @@ def half_planes(vertices: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def clip(vertices: FloatArray, normal: FloatArray, offset: float) -> FloatArray:
-    """The part of a convex polygon with ``normal @ x <= offset`` (one step of Sutherland & Hodgman, 1974).
+    """Return the part of a convex polygon with ``normal @ x <= offset`` (one step of Sutherland & Hodgman, 1974).
 
     Args:
         vertices: counter-clockwise, shape (m, 2) [m].
@@ -93,7 +93,7 @@ def clip(vertices: FloatArray, normal: FloatArray, offset: float) -> FloatArray:
 
 
 def intersection(vertices: FloatArray, normals: FloatArray, offsets: FloatArray) -> FloatArray:
-    """The part of a convex polygon (m, 2) within the half-planes ``normals @ x <= offsets``; shape (k, 2)."""
+    """Return the part of a convex polygon (m, 2) within the half-planes ``normals @ x <= offsets``; shape (k, 2)."""
     for normal, offset in zip(normals, offsets, strict=True):
         if len(vertices) == 0:
             break
@@ -102,7 +102,7 @@ def intersection(vertices: FloatArray, normals: FloatArray, offsets: FloatArray)
 
 
 def chords(normals: FloatArray, offsets: FloatArray, through: FloatArray, directions: FloatArray) -> FloatArray:
-    """The parts of lines inside a convex polygon that hold given points.
+    """Return the parts of lines inside a convex polygon that hold given points.
 
     Args:
         normals: of the polygon's half-planes, shape (m, 2).
@@ -123,7 +123,7 @@ def chords(normals: FloatArray, offsets: FloatArray, through: FloatArray, direct
 
 
 def nearest_on_segments(points: FloatArray, segments: FloatArray) -> FloatArray:
-    """The nearest points of segments (..., 2, 2) to points (..., 2), broadcast; shape (..., 2) [m]."""
+    """Return the nearest points of segments (..., 2, 2) to points (..., 2), broadcast; shape (..., 2) [m]."""
     tail = segments[..., 0, :]
     along = segments[..., 1, :] - tail
     fraction = np.sum((points - tail) * along, axis=-1) / np.maximum(np.sum(along * along, axis=-1), 1e-300)
@@ -137,7 +137,7 @@ _ARC = 8
 
 
 def mitred(shape: shapely.Geometry, distance: float, limit: float = 5.0) -> shapely.Geometry:
-    """A shape grown by a distance, its corners prolonged to points: all that is within the distance is inside.
+    """Return a shape grown by a distance, its corners prolonged to points: all that is within the distance is inside.
 
     Args:
         shape: polygons of the plane [m].
@@ -156,7 +156,7 @@ def mitred(shape: shapely.Geometry, distance: float, limit: float = 5.0) -> shap
 
 
 def _needle_tips(shape: shapely.Geometry) -> FloatArray:
-    """Corners at which an outline turns back on itself, shape (k, 2) [m]."""
+    """Return the corners at which an outline turns back on itself, shape (k, 2) [m]."""
     tips = [np.zeros((0, 2))]
     for ring in shapely.get_rings(shape):
         corners = shapely.get_coordinates(ring)[:-1]

@@ -22,7 +22,7 @@ def wrap(angle: FloatArray) -> FloatArray: ...
 
 
 def wrap(angle: float | FloatArray) -> float | FloatArray:
-    """The same direction in [-π, π), of one angle or of an array of any shape [rad]."""
+    """Return the same direction in [-π, π), of one angle or of an array of any shape [rad]."""
     # The remainder of a positive divisor is never negative, so half a turn either way becomes -π.
     return (angle + np.pi) % WHOLE_TURN - np.pi
 
@@ -36,7 +36,7 @@ def whole_turns(angle: FloatArray) -> FloatArray: ...
 
 
 def whole_turns(angle: float | FloatArray) -> float | FloatArray:
-    """The multiple of 2π nearest to an angle, or to each of an array of any shape [rad].
+    """Return the multiple of 2π nearest to an angle, or to each of an array of any shape [rad].
 
     Added to a, the whole turns of b - a give the same direction as a, at most half a turn away from b.
     """
@@ -44,7 +44,7 @@ def whole_turns(angle: float | FloatArray) -> float | FloatArray:
 
 
 def sweep_on_side(angle: float, side: int) -> float:
-    """The same change of direction made by turning to one side only [rad].
+    """Return the same change of direction made by turning to one side only [rad].
 
     Args:
         angle: the change, up to whole turns [rad].
@@ -53,38 +53,41 @@ def sweep_on_side(angle: float, side: int) -> float:
     return side * ((side * angle) % WHOLE_TURN)
 
 
-def heading_of(vector: FloatArray) -> float:
-    """Direction of a vector, shape (2,), in [-π, π] [rad]; 0 for the zero vector."""
+def vector_heading(vector: FloatArray) -> float:
+    """Return the direction of a vector, shape (2,), in [-π, π] [rad]; 0 for the zero vector."""
     return float(np.arctan2(vector[1], vector[0]))
 
 
 def vector_headings(vectors: FloatArray) -> FloatArray:
-    """Direction of each vector, shape (..., 2) to (...), in [-π, π] [rad]."""
+    """Return the direction of each vector, shape (..., 2) to (...), in [-π, π] [rad]."""
     return np.asarray(np.arctan2(vectors[..., 1], vectors[..., 0]), dtype=np.float64)
 
 
 def unit_vector(heading: float | FloatArray) -> FloatArray:
-    """The unit vector with a heading, or with each of an array, shape (...) to (..., 2) [rad]."""
+    """Return the unit vector with a heading, or with each of an array, shape (...) to (..., 2) [rad]."""
     return np.stack((np.cos(heading), np.sin(heading)), axis=-1)
 
 
 def leg_lengths(points: FloatArray) -> FloatArray:
-    """Length of each leg between vertices, shape (k, d) to (k - 1,) [m]."""
+    """Return the length of each leg between vertices, shape (k, d) to (k - 1,) [m]."""
     return np.asarray(np.linalg.norm(np.diff(points, axis=0), axis=1), dtype=np.float64)
 
 
 def arc_lengths(points: FloatArray) -> FloatArray:
-    """Length of the polyline up to each vertex, shape (k, d) to (k,) [m]; the first is 0, the last is the whole."""
+    """Return the length of the polyline up to each vertex, shape (k, d) to (k,) [m].
+
+    The first is 0, the last is the whole.
+    """
     return np.concatenate(([0.0], np.cumsum(leg_lengths(points))))
 
 
 def path_length(points: FloatArray) -> float:
-    """The length [m] of a polyline, points of shape (k, d)."""
+    """Return the length [m] of a polyline, points of shape (k, d)."""
     return float(np.sum(leg_lengths(points)))
 
 
 def points_at(points: FloatArray, arcs: FloatArray, places: FloatArray | float) -> FloatArray:
-    """Points at lengths along a polyline; its ends beyond them.
+    """Return the points at lengths along a polyline; its ends beyond them.
 
     Args:
         points: the vertices, shape (k, d) [m].
@@ -97,7 +100,7 @@ def points_at(points: FloatArray, arcs: FloatArray, places: FloatArray | float) 
     return np.stack([np.interp(places, arcs, coordinate) for coordinate in points.T], axis=-1)
 
 
-def legs_at(arcs: FloatArray, places: FloatArray) -> IntArray:
+def leg_indices(arcs: FloatArray, places: FloatArray) -> IntArray:
     """Number of the leg that each place lies on, the later one at a vertex; the end legs beyond the ends.
 
     Args:
@@ -114,12 +117,15 @@ def leg_headings(points: FloatArray) -> FloatArray:
 
 
 def without_repeats(points: FloatArray, apart: float) -> FloatArray:
-    """The vertices (k, d) less those that are no farther than ``apart`` [m] from the one before; the first stays."""
+    """Return the vertices (k, d) less those that are no farther than ``apart`` [m] from the one before.
+
+    The first stays.
+    """
     return points[np.concatenate(([True], leg_lengths(points) > apart))]
 
 
 def nearest_place(points: FloatArray, arcs: FloatArray, target: FloatArray, candidates: FloatArray) -> float:
-    """The candidate arc length at which a polyline is nearest to a point.
+    """Return the candidate arc length at which a polyline is nearest to a point.
 
     Args:
         points: the vertices, shape (k, d) [m].

@@ -16,7 +16,7 @@ def solve_small_qp(
     sense: npt.NDArray[np.intc],
     most_iterations: int | None = None,
 ) -> FloatArray | None:
-    """The best δ, shape (p,); None where there is none, or the solver jams, runs out of iterations, or raises.
+    """Return the best δ, shape (p,); None where there is none, or the solver jams, runs out of iterations, or raises.
 
     Args:
         hessian: positive definite, shape (p, p).

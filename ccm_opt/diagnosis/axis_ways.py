@@ -12,7 +12,7 @@ from scipy.sparse import csgraph
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.deadline import Deadline
 from ccm_opt.diagnosis.cell_tree import CellTree
-from ccm_opt.diagnosis.contact import overlap_missed
+from ccm_opt.diagnosis.contact import touching_overlap
 from ccm_opt.diagnosis.gaps import SurfaceGaps, beside
 from ccm_opt.diagnosis.keyed_poses import tip_places
 from ccm_opt.diagnosis.way_search import FINEST, Answer, WayEnds, WaySearch
@@ -87,7 +87,7 @@ class AxisWays(Ways):
     def room(self) -> float:
         """Distance that the axis needs from the surfaces, as far as these do not stand out of the obstacles [m]."""
         need = self.arm.radius + self.problem.workspace.clearance - self.gaps.stands_out
-        return max(need, 0.0) - overlap_missed(self.arm)
+        return max(need, 0.0) - touching_overlap(self.arm)
 
     @cached_property
     def ends(self) -> WayEnds:
@@ -136,13 +136,16 @@ class AxisWays(Ways):
         return 0.0 if self.shortest is None else way_length(self.shortest)
 
     def bound(self, known: float) -> float:
-        """Distance from surfaces that no way keeps more than, at most the room; some way keeps a known one [m]."""
+        """Return the distance from surfaces that no way keeps more than, at most the room.
+
+        Some way keeps a known one [m].
+        """
         if self.room <= 0.0 or self.search.answer(self.room, self.arm.length, _MORE_CELLS) != "closed":
             return self.room
         return self.widest_between(known, self.room, 0.5 * (known + self.room)).most
 
     def widest(self, most: float) -> WidestWay:
-        """The widest way that keeps at most so much distance from surfaces [m]."""
+        """Return the widest way that keeps at most so much distance from surfaces [m]."""
         length = self.arm.length
         if most > self.room and self.search.answer(most, length, _MORE_CELLS) != "closed":
             place = self.search.narrowest(length)
@@ -152,7 +155,7 @@ class AxisWays(Ways):
         return self.widest_between(low, most, trial)
 
     def widest_between(self, low: float, high: float, trial: float) -> WidestWay:
-        """The widest way that is no longer than the arm, by bisection.
+        """Return the widest way that is no longer than the arm, by bisection.
 
         Args:
             low: distance from surfaces that some way is known to keep; 0 where none is [m].
@@ -179,7 +182,10 @@ class AxisWays(Ways):
         return WidestWay(high, exact, closed, narrow, walls, way=way)
 
     def opening(self, place: FloatArray, *, closed: bool) -> tuple[str, ...]:
-        """Obstacles beside a place (3,) without any one of which there is a way; else such near the straight way."""
+        """Return the obstacles beside a place (3,) without any one of which there is a way.
+
+        Else such near the straight way.
+        """
         if closed:
             return self._closing
         walls = beside(self.gaps, place, FINEST * max(self.room, 0.0))
@@ -190,7 +196,7 @@ class AxisWays(Ways):
 
     @lru_cache(maxsize=32)  # noqa: B019 - lives as long as the searches that it keeps
     def _without(self, name: str) -> WaySearch | None:
-        """The search where one obstacle is left out; None where there still is no way, and for the room."""
+        """Return the search where one obstacle is left out; None where there still is no way, and for the room."""
         workspace = self.problem.workspace.without(name)
         if len(workspace.obstacles) == len(self.problem.workspace.obstacles) or self.until.passed():
             return None
@@ -209,8 +215,11 @@ class AxisWays(Ways):
         sizes = {each.name: float(np.ptp(each.body.triangles, axis=(0, 1)).max()) for each in obstacles}
         return tuple(sorted(opened, key=lambda name: sizes[name]))
 
-    def seen_in(self, name: str, place: FloatArray) -> FloatArray:
-        """Where a way that an obstacle closes leads through it, or nearest to it, (3,) [m]; else the place given."""
+    def blocking_place(self, name: str, place: FloatArray) -> FloatArray:
+        """Return where a way that an obstacle closes leads through it, or nearest to it, (3,) [m].
+
+        Else the place given.
+        """
         search = self._without(name)
         way = None if search is None else shortest_in(search, search.cells.tree, self.room)
         if way is None:
@@ -220,8 +229,8 @@ class AxisWays(Ways):
         along = (way[:-1] + share * (way[1:] - way[:-1])).reshape(-1, 3)
         return np.asarray(along[int(np.argmax([depth_inside(body, each) for each in along]))])
 
-    def mends_of_length(self) -> dict[str, float]:
-        """Up to which length of a link every way is closed, as far as is known, by its key [m]."""
+    def length_remedies(self) -> dict[str, float]:
+        """Return the up to which length of a link every way is closed, as far as is known, by its key [m]."""
         low = self.arm.length
         high = self.least
         for _ in range(_HALVINGS):
@@ -234,9 +243,9 @@ class AxisWays(Ways):
 
 
 def shortest_in(search: WaySearch, tree: SurfaceTree, room: float) -> FloatArray | None:
-    """Corners of a short way through the cubes that have a room, shape (m, 3) [m]; None where there is none."""
+    """Return corners of a short way through the cubes that have a room, shape (m, 3) [m]; None where there is none."""
     cells = search.cells
-    start, goal = search.cubes_of_ends()
+    start, goal = search.end_cubes()
     usable = (cells.least >= room) & (search.sides < 1) | start
     pairs = cells.pairs[np.all(usable[cells.pairs], axis=1)]
     middles = cells.middles

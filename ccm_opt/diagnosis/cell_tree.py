@@ -47,7 +47,7 @@ class CellTree:
 
     @classmethod
     def over(cls, tree: SurfaceTree, box: FloatArray, cells: int, reach: float) -> "CellTree":
-        """Cubes of one size over a box.
+        """Return the cubes of one size over a box.
 
         Args:
             tree: of the surfaces.
@@ -96,7 +96,7 @@ class CellTree:
         return np.asarray(self.gap - self.half_diagonals)
 
     def distances_from(self, start: FloatArray, end: FloatArray) -> FloatArray:
-        """Distance of the middle of each cube from a segment between two places (3,), shape (n,) [m]."""
+        """Return the distance of the middle of each cube from a segment between two places (3,), shape (n,) [m]."""
         way = end - start
         middles = self.middles
         square = float(way @ way)
@@ -122,7 +122,7 @@ class CellTree:
         places = np.zeros(len(self), dtype=np.intp)
         places[kept] = np.arange(len(kept))
         places[parents] = len(kept) + 8 * np.arange(len(parents))
-        pairs = _handed_on(self.pairs, chosen, places, self, low, size)
+        pairs = _inherited_pairs(self.pairs, chosen, places, self, low, size)
         inner = (places[parents][:, None, None] + _PARTS).reshape(-1, 2)
         gaps = np.concatenate((self.gap[kept], gap))
         pairs = np.concatenate((pairs, inner)).astype(np.intp)
@@ -130,7 +130,7 @@ class CellTree:
 
 
 def _neighbours(numbers: IntArray) -> IntArray:
-    """Pairs of cells of a grid that share a side, an edge or a corner, shape (m, 2)."""
+    """Return the pairs of cells of a grid that share a side, an edge or a corner, shape (m, 2)."""
     found = []
     for step in product((-1, 0, 1), repeat=3):
         if step <= (0, 0, 0):
@@ -141,10 +141,10 @@ def _neighbours(numbers: IntArray) -> IntArray:
     return np.concatenate(found).astype(np.intp)
 
 
-def _handed_on(
+def _inherited_pairs(
     pairs: IntArray, chosen: BoolArray, places: IntArray, before: "CellTree", low: IntArray, size: IntArray
 ) -> IntArray:
-    """The pairs of cubes that touched and still do, when some were split.
+    """Return the pairs of cubes that touched and still do, when some were split.
 
     Args:
         pairs: of the cubes before, shape (m, 2).
@@ -170,7 +170,7 @@ def _handed_on(
 def _parts_that_touch(
     pairs: IntArray, side: int, low: IntArray, size: IntArray, others_low: IntArray, others_size: IntArray
 ) -> IntArray:
-    """Pairs whose cube on one side is replaced by those of its eight parts that touch the other, shape (k, 2).
+    """Return pairs whose cube on one side is replaced by those of its eight parts that touch the other, shape (k, 2).
 
     Args:
         pairs: of the first of eight parts, on that side, and another cube.

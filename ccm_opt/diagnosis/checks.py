@@ -20,7 +20,7 @@ from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.core.deadline import Deadline
 from ccm_opt.core.errors import Finding
 from ccm_opt.core.length_words import words_for_unit
-from ccm_opt.diagnosis.contact import contact_at_poses, contact_at_tips, overlap_missed, strong_enough
+from ccm_opt.diagnosis.contact import contact_at_poses, contact_at_tips, strong_enough, touching_overlap
 from ccm_opt.diagnosis.keyed_poses import WholePose, whole_poses
 from ccm_opt.diagnosis.ranking import degrees, listed, point
 from ccm_opt.diagnosis.reach import supple_enough, within_joint_limits, within_reach
@@ -53,12 +53,12 @@ CellLabels: TypeAlias = np.ndarray[tuple[int, ...], np.dtype[np.int32]]
 
 
 def two_links_turn(problem: Problem) -> Iterator[Finding]:
-    """Goals of the whole arm that the first two links cannot turn to from the start; some milliseconds."""
+    """Yield the goals of the whole arm that the first two links cannot turn to from the start; some milliseconds."""
     yield from _shut_off(problem, 2)
 
 
 def three_links_turn(problem: Problem) -> Iterator[Finding]:
-    """The same of the first two links, or else of the first three; some tenths of a second."""
+    """Yield the same of the first two links, or else of the first three; some tenths of a second."""
     for links in (2, 3):
         found = tuple(_shut_off(problem, links))
         if found:
@@ -132,19 +132,21 @@ class FirstLinkCells:
         return np.asarray(2.0 * self.arm.bend_limits[: self.links] / np.array(self.counts))
 
     def joined(self, start: WholePose, goal: WholePose, turns: float = 0.0) -> bool:
-        """Whether a chain of open cells joins two poses within what they may be missed by; true where one is closed.
+        """Return whether a chain of open cells joins two poses within what they may be missed by.
+
+        True where one is closed.
 
         Args:
             start: one pose.
             goal: the other.
             turns: whole turns that are added to the first bend of the goal [rad].
         """
-        first = self._labels_at(start, 0.0)
-        last = self._labels_at(goal, turns)
+        first = self._pose_labels(start, 0.0)
+        last = self._pose_labels(goal, turns)
         return not first or not last or bool(first & last)
 
-    def _labels_at(self, pose: WholePose, turns: float) -> set[int]:
-        """Numbers of the pieces of open cells in which a pose may lie; none where it lies in closed cells."""
+    def _pose_labels(self, pose: WholePose, turns: float) -> set[int]:
+        """Return numbers of the pieces of open cells in which a pose may lie; none where it lies in closed cells."""
         limits = self.arm.bend_limits[: self.links]
         bends = pose.q[: self.links].copy()
         bends[0] += turns
@@ -187,17 +189,17 @@ class FirstLinkCells:
         return numbers
 
     def _raster(self, link: int) -> BlockedRaster:
-        """Places at which a link is too near to a wall in every pose of a cell that has its middle there."""
+        """Return the places at which a link is too near to a wall in every pose of a cell that has its middle there."""
         half_widths = 0.5 * self.widths[: link + 1]
         moved = self.arm.link_length * float(np.cumsum(half_widths).sum())
-        gap = self.radius + self.workspace.clearance - moved - overlap_missed(self.arm)
+        gap = self.radius + self.workspace.clearance - moved - touching_overlap(self.arm)
         half = (1.0 + _ROUNDING) * self.reach
         cells = _RASTER_CELLS * self.links
         return BlockedRaster.around(self.near, self.arm.base, half, gap, cells)
 
 
 def _finding(problem: Problem, cells: FirstLinkCells, start: WholePose, goal: WholePose) -> Finding:
-    """What shuts the first links off from a goal, and what would open the way."""
+    """Return what shuts the first links off from a goal, and what would open the way."""
     arm = problem.arm
     opening = _opening(cells, start, goal)
     nearest = _by_distance(cells)
@@ -230,14 +232,14 @@ def _finding(problem: Problem, cells: FirstLinkCells, start: WholePose, goal: Wh
 
 
 def _by_distance(cells: FirstLinkCells) -> tuple[str, ...]:
-    """Names of the obstacles near the first links, the nearest to the base first."""
+    """Return the names of the obstacles near the first links, the nearest to the base first."""
     base = shapely.Point(cells.arm.base)
     walls = sorted(cells.near.obstacles, key=lambda wall: shapely.distance(wall.core, base) - wall.rounding)
     return tuple(wall.name for wall in walls)
 
 
 def _opening(cells: FirstLinkCells, start: WholePose, goal: WholePose) -> tuple[str, ...]:
-    """Obstacles near the base each of which alone shuts the way, the nearest first."""
+    """Return the obstacles near the base each of which alone shuts the way, the nearest first."""
     names = _by_distance(cells)[:_MOST_REMOVED]
 
     def opened(name: str) -> bool:
@@ -248,7 +250,10 @@ def _opening(cells: FirstLinkCells, start: WholePose, goal: WholePose) -> tuple[
 
 
 def _other_turn(cells: FirstLinkCells, start: WholePose, goal: WholePose) -> float | None:
-    """The first bend of the goal a whole turn on or back that is not shut off [rad]; None where there is none."""
+    """Return the first bend of the goal a whole turn on or back that is not shut off [rad].
+
+    None where there is none.
+    """
     bend = float(goal.q[0])
     for turns in (2.0 * np.pi, -2.0 * np.pi):
         # A bend in no open cell would count as joined.
@@ -259,7 +264,7 @@ def _other_turn(cells: FirstLinkCells, start: WholePose, goal: WholePose) -> flo
 
 
 def _opening_radius(cells: FirstLinkCells, start: WholePose, goal: WholePose) -> float:
-    """The largest radius, to some accuracy, of which the cells prove nothing [m]."""
+    """Return the largest radius, to some accuracy, of which the cells prove nothing [m]."""
     low = 0.0
     high = cells.radius
     for _ in range(_BISECTIONS):
@@ -291,7 +296,7 @@ BUT_WAYS = tuple(check for check in NECESSARY if check is not wide_and_short_eno
 def failed(
     problem: Problem, checks: tuple[Check, ...] = NECESSARY, until: Deadline | None = None
 ) -> tuple[Finding, ...]:
-    """What some checks find, in their order.
+    """Return what some checks find, in their order.
 
     Args:
         problem: what was asked.
@@ -299,11 +304,11 @@ def failed(
         until: when nothing more is looked at; each check has an end of its own, too.
     """
     last = until or Deadline.never()
-    return found_in_own_units(problem, lambda p: (each for check in checks for each in _found(check, p, last)))
+    return find_scaled(problem, lambda p: (each for check in checks for each in _found(check, p, last)))
 
 
-def found_in_own_units(problem: Problem, find: Callable[[Problem], Iterable[Finding]]) -> tuple[Finding, ...]:
-    """What is found of a problem, in the plane in units of its arm as planning has them; told in metres."""
+def find_scaled(problem: Problem, find: Callable[[Problem], Iterable[Finding]]) -> tuple[Finding, ...]:
+    """Return what is found of a problem, in the plane in units of its arm as planning has them; told in metres."""
     if problem.dimension == 3:
         return tuple(find(problem))
     units = OwnUnits(problem.arm.length)

@@ -32,7 +32,7 @@ def contact_at_poses(problem: Problem) -> Iterator[Finding]:
 
 
 def contact_at_tips(problem: Problem) -> Iterator[Finding]:
-    """Every obstacle that the tip touches at a goal of its own; deepest first."""
+    """Yield every obstacle that the tip touches at a goal of its own; deepest first."""
     gaps = gaps_of(problem.workspace)
     for place in tip_places(problem):
         yield from _deepest_first(_touched_by_tip(problem, gaps, place))
@@ -42,13 +42,13 @@ def _deepest_first(findings: Iterator[Finding]) -> list[Finding]:
     return sorted(findings, key=lambda finding: -(finding.measured or 0.0))
 
 
-def overlap_missed(arm: Arm) -> float:
+def touching_overlap(arm: Arm) -> float:
     """Overlap that counts as touching in a proof [m]: what touches is not hit, and rounding is not contact."""
     return _TOUCHING * arm.length
 
 
 def _touched_by_links(problem: Problem, gaps: Gaps, pose: WholePose) -> Iterator[Finding]:
-    """Every obstacle that a pose touches, at the link that is deepest in it."""
+    """Yield every obstacle that a pose touches, at the link that is deepest in it."""
     arm = problem.arm
     first, segments = arm.exposed_links(arm.joint_positions_at(pose.q))
     if not len(segments):
@@ -59,11 +59,11 @@ def _touched_by_links(problem: Problem, gaps: Gaps, pose: WholePose) -> Iterator
         k = int(np.argmin(found.gaps))
         touch = _touch(problem, pose.name, pose.key, f"link {first + k + 1}", found, k, 0.0)
         lacking = need - found.gaps - found.error - pose.link_play(arm)[first:]
-        yield replace(touch, proved=bool(np.max(lacking) > overlap_missed(arm)))
+        yield replace(touch, proved=bool(np.max(lacking) > touching_overlap(arm)))
 
 
 def _touched_by_tip(problem: Problem, gaps: Gaps, place: TipPlace) -> Iterator[Finding]:
-    """Obstacles that leave the tip, or with a direction the last link, no room within the tolerances."""
+    """Yield the obstacles that leave the tip, or with a direction the last link, no room within the tolerances."""
     arm = problem.arm
     if arm.mount_length >= arm.length:
         return
@@ -80,12 +80,12 @@ def _touched_by_tip(problem: Problem, gaps: Gaps, place: TipPlace) -> Iterator[F
     body = np.stack((tip - back, tip))[None]
     need = arm.radius + problem.workspace.clearance
     for found in gaps.touched(body, need):
-        if found.gaps[0] + found.error + play - need < -overlap_missed(arm):
+        if found.gaps[0] + found.error + play - need < -touching_overlap(arm):
             yield _touch(problem, place.name, place.key, what, found, 0, play)
 
 
 def _touch(problem: Problem, name: str, key: str, what: str, found: ObstacleGap, k: int, play: float) -> Finding:
-    """One contact, with the radius and the clearance that would just end it.
+    """Return one contact, with the radius and the clearance that would just end it.
 
     Args:
         problem: what was asked.
@@ -127,12 +127,12 @@ def _touch(problem: Problem, name: str, key: str, what: str, found: ObstacleGap,
 
 
 def gap_words(gap: float) -> str:
-    """A gap in words [m]; what rounding leaves of one is none that a length tells anything of."""
+    """Return a gap in words [m]; what rounding leaves of one is none that a length tells anything of."""
     return short_length(gap) if gap > ROUNDING else "a hair"
 
 
 def _self_touched(arm: Arm, pose: WholePose) -> Iterator[Finding]:
-    """The two distant links that overlap most."""
+    """Yield the two distant links that overlap most."""
     i, j = arm.self_pairs
     if len(i) == 0:
         return
@@ -148,7 +148,7 @@ def _self_touched(arm: Arm, pose: WholePose) -> Iterator[Finding]:
     yield Finding(
         "contact",
         f"{pose.key}: {pose.name} is in contact: links {i[k] + 1} and {j[k] + 1} overlap by {short_length(overlap)}",
-        proved=bool((crossing and not play.any()) or overlap > play[i[k]] + play[j[k]] + overlap_missed(arm)),
+        proved=bool((crossing and not play.any()) or overlap > play[i[k]] + play[j[k]] + touching_overlap(arm)),
         key=pose.key,
         place=point(points[i[k]]),
         measured=overlap,
@@ -158,7 +158,7 @@ def _self_touched(arm: Arm, pose: WholePose) -> Iterator[Finding]:
 
 
 def strong_enough(problem: Problem) -> Iterator[Finding]:
-    """Poses that some joint cannot hold; only for a base that stands still."""
+    """Yield the poses that some joint cannot hold; only for a base that stands still."""
     torque = problem.limits.torque
     # What a guide tube bears no joint has to.
     if torque is None or problem.arm.base_axes:
@@ -177,7 +177,7 @@ def strong_enough(problem: Problem) -> Iterator[Finding]:
 
 
 def _lighter(problem: Problem, pose: WholePose) -> FloatArray:
-    """By how much the tolerances of a pose can lower each revolute's load, at most, shape (3 links,) [N m]."""
+    """Return by how much the tolerances of a pose can lower each revolute's load, at most, shape (3 links,) [N m]."""
     arm = problem.arm
     play = pose.link_play(arm)
     weights = float(np.linalg.norm(problem.simulation.gravity)) * np.append(arm.masses, arm.payload)
@@ -217,5 +217,5 @@ def overloaded(problem: Problem, where: str, number: int, load: float) -> Findin
 
 
 def joint_words(arm: Arm, number: int) -> str:
-    """A revolute in words: its ball, counted from 1, and its name."""
+    """Return a revolute in words: its ball, counted from 1, and its name."""
     return f"joint {number // 3 + 1} ({joint_names(arm)[number]})"

@@ -8,7 +8,7 @@ import numpy as np
 from ccm_opt.core.deadline import Deadline
 from ccm_opt.core.errors import ConfigurationNotFound, Diagnosis, Finding, NoPlanFound, Relaxation
 from ccm_opt.core.progress import Stages
-from ccm_opt.diagnosis.checks import AT_ONCE, BUT_WAYS, NECESSARY, failed, found_in_own_units, hopeless, no_way
+from ccm_opt.diagnosis.checks import AT_ONCE, BUT_WAYS, NECESSARY, failed, find_scaled, hopeless, no_way
 from ccm_opt.diagnosis.contact import joint_words, overloaded
 from ccm_opt.diagnosis.keyed_poses import tip_goal
 from ccm_opt.diagnosis.parameters import Parameter, WholeChange
@@ -34,12 +34,12 @@ _HARDLY_BENDS = 1.5707963267948966
 
 
 def likely(problem: Problem, until: Deadline) -> tuple[Finding, ...]:
-    """What is likely to stand in the way, the tightest first; looked for until a deadline."""
-    return found_in_own_units(problem, lambda p: (*tight_ways(p, until), *_curve(p)))
+    """Return what is likely to stand in the way, the tightest first; looked for until a deadline."""
+    return find_scaled(problem, lambda p: (*tight_ways(p, until), *_curve(p)))
 
 
 def _curve(problem: Problem) -> Iterator[Finding]:
-    """Why the curve of the shortest route has no configuration at the goal, in the words of the NLP's rows."""
+    """Yield why the curve of the shortest route has no configuration at the goal, in the words of the NLP's rows."""
     if problem.arm.base_axes or problem.dimension == 3:
         return
     try:
@@ -55,7 +55,7 @@ def _curve(problem: Problem) -> Iterator[Finding]:
 
 
 def _curve_fails(problem: Problem, error: ConfigurationNotFound) -> Finding:
-    """The NLP's broken rows as a finding: constraint, arc length, place, and the wall that is nearest there."""
+    """Return the NLP's broken rows as a finding: constraint, arc length, place, and the wall that is nearest there."""
     rows = error.diagnosis.evidence.get("rows")
     places = [tuple(row["place"]) for row in rows] if isinstance(rows, list) else []
     walls = tuple(dict.fromkeys(nearest_walls(problem.workspace, np.array(place), 1)[0] for place in places))
@@ -70,7 +70,10 @@ def _curve_fails(problem: Problem, error: ConfigurationNotFound) -> Finding:
 
 
 def unit_hints(problem: Problem) -> tuple[str, ...]:
-    """Advice where a unit looks wrong: lengths about a thousand times off, joint limits in radians; mostly none."""
+    """Return the advice where a unit looks wrong: lengths about a thousand times off, joint limits in radians.
+
+    Mostly none.
+    """
     return tuple(f"check the units: {hint}" for hint in _hints(problem))
 
 
@@ -110,7 +113,10 @@ the bound. Taste."""
 
 
 def with_proof(problem: Problem, error: NoPlanFound) -> NoPlanFound:
-    """The same error with what proves that there is no plan, if anything does; no change of the problem is tried."""
+    """Return the same error with what proves that there is no plan, if anything does.
+
+    No change of the problem is tried.
+    """
     old = error.diagnosis
     findings = old.findings or ranked(failed(problem))
     reason = findings[0].reason if findings and not old.findings else old.reason
@@ -145,7 +151,7 @@ def explained(problem: Problem, error: NoPlanFound, trials: Trials, stages: Stag
 
 
 def _overloads(problem: Problem, error: NoPlanFound) -> tuple[Finding, ...]:
-    """The joint that timing found too weak to hold the arm somewhere on the path, if that is how it ended."""
+    """Return the joint that timing found too weak to hold the arm somewhere on the path, if that is how it ended."""
     evidence = error.diagnosis.evidence
     number, torque, place = (evidence.get(name) for name in ("revolute", "torque", "path_position"))
     if problem.limits.torque is None or not isinstance(number, int) or not isinstance(torque, float):
@@ -163,7 +169,7 @@ def _diagnosis(
 
 
 def _advice(problem: Problem, findings: tuple[Finding, ...], until: Deadline) -> tuple[str, ...]:
-    """What would be needed at least, as far as is known, when no try of it succeeded.
+    """Return what would be needed at least, as far as is known, when no try of it succeeded.
 
     Nothing is advised of which the necessary checks prove that it is not enough.
     """
@@ -187,7 +193,7 @@ def _least_with_hope(
     bound: float,
     until: Deadline,
 ) -> float | None:
-    """The least change, from the bound on, that the necessary checks let pass; None where none of them does."""
+    """Return the least change, from the bound on, that the necessary checks let pass; None where none of them does."""
     beyond = tuple(bound * (1.0 + step) ** candidate.easier for step in _ADVISED_STEPS)
     for tried in candidate.tried or beyond:
         value = candidate.rounded(problem, tried)

@@ -12,7 +12,7 @@ from ccm_opt.core.arrays import ROUNDING, FloatArray
 from ccm_opt.scene.distances.enclosures import deepest_enclosure
 from ccm_opt.scene.distances.insides import depth_inside
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
-from ccm_opt.scene.surfaces import SurfaceSoup
+from ccm_opt.scene.surfaces import TriangleSoup
 from ccm_opt.scene.workspace import BOUNDARY_NAME, ROOM_NAME, Obstacle, Workspace
 
 _SAMPLES = np.linspace(0.0, 1.0, 9)
@@ -59,10 +59,10 @@ class Gaps(Protocol):
         """Distance of segments (k, 2, d) from the nearest wall or surface, cut off at a reach, shape (k,) [m]."""
 
     def each(self, segments: FloatArray, reach: float) -> Iterator[ObstacleGap]:
-        """Every obstacle, and the room, that is nearer to some of the segments (k, 2, d) than a distance [m]."""
+        """Return every obstacle, and the room, that is nearer to some of the segments (k, 2, d) than a distance [m]."""
 
     def touched(self, segments: FloatArray, need: float) -> Iterator[ObstacleGap]:
-        """Every one that is nearer than is needed, by more than rounding [m]."""
+        """Return every one that is nearer than is needed, by more than rounding [m]."""
 
 
 def gaps_of(workspace: Workspace) -> Gaps:
@@ -71,7 +71,9 @@ def gaps_of(workspace: Workspace) -> Gaps:
 
 
 def beside(gaps: Gaps, place: FloatArray, least: float) -> tuple[str, ...]:
-    """Names of the obstacles that are nearest to a place, and of others that are hardly farther; the nearest first.
+    """Return the names of the obstacles that are nearest to a place, and of others that are hardly farther.
+
+    The nearest first.
 
     Args:
         gaps: of the workspace.
@@ -85,7 +87,7 @@ def beside(gaps: Gaps, place: FloatArray, least: float) -> tuple[str, ...]:
 
 
 def depth_beyond(gaps: Gaps, place: FloatArray, direction: FloatArray, room: float, most: float) -> float:
-    """How far from a place an axis may be moved in a direction [m].
+    """Return how far from a place an axis may be moved in a direction [m].
 
     Args:
         gaps: of the workspace.
@@ -117,13 +119,13 @@ class WallGaps:
     workspace: Workspace
 
     def distances(self, segments: FloatArray, reach: float) -> FloatArray:
-        """Distance of segments (k, 2, 2) from the nearest wall, cut off at a reach, shape (k,) [m]."""
+        """Return the distance of segments (k, 2, 2) from the nearest wall, cut off at a reach, shape (k,) [m]."""
         lines = _lines(segments)
         gaps = [shapely.distance(lines, wall.core) - wall.rounding for wall in self.workspace.walls]
         return np.asarray(np.clip(np.min(gaps, axis=0), 0.0, reach))
 
     def each(self, segments: FloatArray, reach: float) -> Iterator[ObstacleGap]:
-        """Every wall that is nearer to some of the segments (k, 2, 2) than a distance [m]."""
+        """Yield every wall that is nearer to some of the segments (k, 2, 2) than a distance [m]."""
         lines = _lines(segments)
         for wall in self.workspace.walls:
             found = self._from_wall(wall, lines)
@@ -131,11 +133,11 @@ class WallGaps:
                 yield found
 
     def touched(self, segments: FloatArray, need: float) -> Iterator[ObstacleGap]:
-        """Every wall that is nearer than is needed, by more than rounding [m]."""
+        """Return every wall that is nearer than is needed, by more than rounding [m]."""
         return self.each(segments, need - ROUNDING)
 
     def _from_wall(self, wall: Obstacle, lines: Any) -> ObstacleGap:
-        """Distances from one wall: inside of a polygon, and outside of the room, the depth."""
+        """Return the distances from one wall: inside of a polygon, and outside of the room, the depth."""
         gaps = shapely.distance(lines, wall.core) - wall.rounding
         of_room = wall.name == BOUNDARY_NAME
         room = self.workspace.boundary
@@ -158,7 +160,7 @@ class WallGaps:
 
 
 def _lines(segments: FloatArray) -> Any:
-    """Segments (k, 2, 2) as geometries; those of no length as places, shape (k,)."""
+    """Return the segments (k, 2, 2) as geometries; those of no length as places, shape (k,)."""
     stand = np.all(segments[:, 0] == segments[:, 1], axis=1)
     lines: Any = shapely.linestrings(segments)
     points: Any = shapely.points(segments[:, 0])
@@ -186,11 +188,11 @@ class SurfaceGaps:
         return max((each.body.error for each in self.workspace.obstacles), default=0.0)
 
     def distances(self, segments: FloatArray, reach: float) -> FloatArray:
-        """Distance of segments (k, 2, 3) from the nearest surface, cut off at a reach, shape (k,) [m]."""
+        """Return the distance of segments (k, 2, 3) from the nearest surface, cut off at a reach, shape (k,) [m]."""
         return self.tree.distances(segments, reach)
 
     def each(self, segments: FloatArray, reach: float) -> Iterator[ObstacleGap]:
-        """Every obstacle, and the room, that is nearer to some of the segments (k, 2, 3) than a distance [m]."""
+        """Yield every obstacle, and the room, that is nearer to some of the segments (k, 2, 3) than a distance [m]."""
         low = segments.min(axis=(0, 1)) - reach
         high = segments.max(axis=(0, 1)) + reach
         for obstacle in self.workspace.obstacles:
@@ -209,7 +211,7 @@ class SurfaceGaps:
                 yield found
 
     def touched(self, segments: FloatArray, need: float) -> Iterator[ObstacleGap]:
-        """Every one that is nearer than is needed, by more than rounding [m]."""
+        """Yield every one that is nearer than is needed, by more than rounding [m]."""
         # One look at all surfaces at once: mostly there is nothing near, and no obstacle is looked at by itself.
         nearest = float(self.tree.distances(segments, need).min())
         if nearest < need - ROUNDING or deepest_enclosure(self.workspace, segments[:, 1]) is not None:
@@ -217,9 +219,9 @@ class SurfaceGaps:
 
 
 def _from_obstacle(obstacle: Obstacle, segments: FloatArray, reach: float) -> ObstacleGap:
-    """Distances from one obstacle: from its surface, and inside of it the depth."""
+    """Return the distances from one obstacle: from its surface, and inside of it the depth."""
     body = obstacle.body
-    tree = SurfaceTree.of(SurfaceSoup.joined([(obstacle.name, body.triangles, body.rounding)]))
+    tree = SurfaceTree.of(TriangleSoup.joined([(obstacle.name, body.triangles, body.rounding)]))
     near = tree.nearest(segments, reach)
     gaps = near.gap.copy()
     places = near.point.copy()
@@ -236,7 +238,7 @@ def _from_obstacle(obstacle: Obstacle, segments: FloatArray, reach: float) -> Ob
 
 
 def _from_room(bounds: FloatArray, segments: FloatArray) -> ObstacleGap:
-    """Distances from the sides of the room, negative by how far a segment reaches out of it.
+    """Return the distances from the sides of the room, negative by how far a segment reaches out of it.
 
     The distance from a side is linear along a segment, so that its ends tell the least.
     """

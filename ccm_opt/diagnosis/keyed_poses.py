@@ -35,7 +35,7 @@ TipPlace: TypeAlias = KeyedGoal[TipGoal]
 
 
 def keyed_goals(problem: Problem) -> Iterator[KeyedGoal[Goal]]:
-    """All goals in order."""
+    """Yield all goals in order."""
     goals = (*problem.stops, Stop(problem.goal, problem.tolerances))
     for k, stop in enumerate(goals):
         several = len(goals) > 1
@@ -44,12 +44,12 @@ def keyed_goals(problem: Problem) -> Iterator[KeyedGoal[Goal]]:
 
 
 def tip_goal(problem: Problem) -> TipGoal | None:
-    """The last goal of a problem where it is for the tip; None where it is for the whole arm."""
+    """Return the last goal of a problem where it is for the tip; None where it is for the whole arm."""
     return problem.goal.for_tip
 
 
 def tip_places(problem: Problem) -> Iterator[TipPlace]:
-    """Every goal for the tip alone."""
+    """Yield every goal for the tip alone."""
     for asked in keyed_goals(problem):
         if asked.goal.for_tip:
             yield KeyedGoal(asked.name, f"{asked.key}.position", asked.goal.for_tip, asked.tolerances)
@@ -81,14 +81,14 @@ class WholePose:
         return np.asarray(np.minimum(self.bend_play * bends, np.pi))
 
     def link_play(self, arm: Arm) -> FloatArray:
-        """Farthest that any point of each link may lie from where it is in the pose, shape (links,) [m]."""
+        """Return the farthest that any point of each link may lie from where it is in the pose, shape (links,) [m]."""
         # The end of link j adds up what the turns of all links up to it do; a turn moves a direction by its chord.
         chords = 2.0 * np.sin(0.5 * self.turn_play(arm))
         return np.asarray(self.base_play + arm.link_length * np.cumsum(chords))
 
 
 def whole_poses(problem: Problem) -> Iterator[WholePose]:
-    """The start, then every goal that says where all links are."""
+    """Yield the start, then every goal that says where all links are."""
     arm = problem.arm
     yield WholePose("the start", "start", problem.start.configuration(arm))
     for asked in keyed_goals(problem):

@@ -13,7 +13,7 @@ from ccm_opt.core.arrays import ROUNDING, FloatArray
 from ccm_opt.core.deadline import Deadline
 from ccm_opt.core.errors import Finding
 from ccm_opt.core.length_words import METRES, LengthUnit, file_length
-from ccm_opt.core.polyline import heading_of
+from ccm_opt.core.polyline import vector_heading
 from ccm_opt.diagnosis.checks import hopeless
 from ccm_opt.diagnosis.contact import contact_at_tips
 from ccm_opt.diagnosis.gaps import SurfaceGaps
@@ -59,7 +59,7 @@ def moved_goals(
     findings: tuple[Finding, ...],
     until: Deadline,
 ) -> Iterator[Parameter]:
-    """By how far, and which way, the goal's direction or its position may have to be moved; at most one of each.
+    """Yield by how far, and which way, the goal's direction or its position may have to be moved; at most one of each.
 
     Args:
         problem: what was asked; nothing where its goal is for the whole arm, or the last of several.
@@ -89,7 +89,7 @@ def moved_goals(
 
 # ------------------------------------------------------------ directions
 def _least_turned(problem: Problem, goal: TipGoal, until: Deadline) -> FloatArray | None:
-    """The nearest direction (d,) that neither contact nor bends refuse; None for none, or for the goal's own."""
+    """Return the nearest direction (d,) that neither contact nor bends refuse; None for none, or for the goal's own."""
     wanted = goal.direction
     if wanted is None:
         return None
@@ -113,7 +113,7 @@ def _least_turned(problem: Problem, goal: TipGoal, until: Deadline) -> FloatArra
 
 
 def _all_across(wanted: FloatArray) -> FloatArray:
-    """Unit vectors across a direction, all round it, shape (k, d)."""
+    """Return the unit vectors across a direction, all round it, shape (k, d)."""
     if len(wanted) == 2:
         left = np.array([-wanted[1], wanted[0]])
         return np.stack((left, -left))
@@ -123,7 +123,7 @@ def _all_across(wanted: FloatArray) -> FloatArray:
 
 
 def _across(wanted: FloatArray, taken: FloatArray) -> FloatArray:
-    """The unit vector across one direction that lies on the way to another; any where they are opposite."""
+    """Return the unit vector across one direction that lies on the way to another; any where they are opposite."""
     across = taken - (taken @ wanted) * wanted
     length = float(np.linalg.norm(across))
     if length > ROUNDING:
@@ -149,7 +149,7 @@ def turned_direction(problem: Problem, end: FloatArray) -> Parameter | None:
 
 
 def _turned(goal: TipGoal, towards: FloatArray, bound: float | None, tried: tuple[float, ...]) -> Parameter:
-    """The direction of a goal that has one, turned by an angle towards another (d,)."""
+    """Return the direction of a goal that has one, turned by an angle towards another (d,)."""
     assert goal.direction is not None  # noqa: S101 - said by who asks
     wanted = goal.direction / np.linalg.norm(goal.direction)
     across = _across(wanted, towards / np.linalg.norm(towards))
@@ -164,7 +164,7 @@ def _turned(goal: TipGoal, towards: FloatArray, bound: float | None, tried: tupl
     def words(by: float) -> str:
         if planar:
             sign = float(np.sign(wanted[0] * across[1] - wanted[1] * across[0]))
-            heading = np.rad2deg(heading_of(wanted) + sign * by)
+            heading = np.rad2deg(vector_heading(wanted) + sign * by)
             return f"goal.heading_deg turned by {np.rad2deg(by):.4g}°, to {heading:.2f}°"
         components = ", ".join(f"{float(component):.{_DECIMALS}f}" for component in told(by))
         return f"goal.direction turned by {np.rad2deg(by):.4g}°, to ({components})"
@@ -203,7 +203,7 @@ def _may_be_due_to_direction(finding: Finding) -> bool:
 
 # ------------------------------------------------------------ places
 def _position(problem: Problem, goal: TipGoal, place: FloatArray, *, inside: bool) -> Parameter:
-    """The goal's position moved towards a place, by a distance; beyond the place where that is on an edge."""
+    """Return the goal's position moved towards a place, by a distance; beyond the place where that is on an edge."""
     offset = place - goal.position
     distance = float(np.linalg.norm(offset))
     # The edge of the tolerance may be there already.
@@ -232,7 +232,7 @@ def _position(problem: Problem, goal: TipGoal, place: FloatArray, *, inside: boo
 
 
 def _in_file(place: FloatArray, unit: LengthUnit) -> str:
-    """A place (d,) [m] as it is written in the problem's file, to a tenth of a millimetre."""
+    """Return a place (d,) [m] as it is written in the problem's file, to a tenth of a millimetre."""
     decimals = {"m": 4, "mm": 1, "in": 3}[unit]
     return f"({', '.join(f'{float(coordinate) / METRES[unit]:.{decimals}f}' for coordinate in place)})"
 
@@ -249,7 +249,10 @@ def _near_places(problem: Any, goal: Any) -> Iterator[tuple[FloatArray, bool]]:
 
 
 def _free_places(problem: Problem, goal: TipGoal) -> Iterator[tuple[FloatArray, bool]]:
-    """The nearest place of a polygon that the last link, with the goal's direction, can take; then such of a grid."""
+    """Yield the nearest place of a polygon that the last link, with the goal's direction, can take.
+
+    Then such of a grid.
+    """
     places = _free_polygon(problem, goal)
     if shapely.is_empty(places):
         return
@@ -268,7 +271,7 @@ def _free_places(problem: Problem, goal: TipGoal) -> Iterator[tuple[FloatArray, 
 
 
 def _free_polygon(problem: Problem, goal: TipGoal) -> shapely.Geometry:
-    """Where the tip can be as far as walls at the last link and the length of the arm tell."""
+    """Return where the tip can be as far as walls at the last link and the length of the arm tell."""
     arm = problem.arm
     need = arm.radius + problem.workspace.clearance
     room = problem.workspace.boundary.buffer(-need)
@@ -326,7 +329,7 @@ def _roomy_places(problem: Problem, goal: TipGoal) -> Iterator[FloatArray]:
 
 
 def _roomy(gaps: SurfaceGaps, box: FloatArray, need: float) -> FloatArray:
-    """Middles of the cells of a grid over a box that keep a distance from all surfaces, shape (k, 3) [m]."""
+    """Return the middles of the cells of a grid over a box that keep a distance from all surfaces, shape (k, 3) [m]."""
     sides = box[1] - box[0]
     # A flat box has few cells rather than tiny ones.
     sides = np.maximum(sides, float(np.max(sides)) / _CELLS ** (1.0 / 3.0))

@@ -61,7 +61,7 @@ class Parameter:
     paths_stay: bool = True
 
     def rounded(self, problem: Problem, value: float) -> float:
-        """A value rounded to some figures, to the easier side: so what is reported is what was solved."""
+        """Return a value rounded to some figures, to the easier side: so what is reported is what was solved."""
         reported = value * self.scale(problem)
         if reported <= 0.0:
             return 0.0
@@ -72,7 +72,7 @@ class Parameter:
         return float(count / 10.0**digits / self.scale(problem))
 
     def relaxation(self, problem: Problem, value: float, bound: float | None) -> Relaxation:
-        """What is reported when a problem was solved with a value."""
+        """Return what is reported when a problem was solved with a value."""
         given = self.read(problem)
         sign = "≥" if self.easier > 0 else "≤"
         change = abs(value - given) / max(abs(given if self.whole is None else self.whole), 1e-300)
@@ -86,27 +86,30 @@ class Parameter:
 
 
 def _with_radius(problem: Problem, radius: float) -> Problem:
-    """Another radius; a mount as long as the radius goes on being so, and solid cylinders stay solid cylinders."""
+    """Return the another radius.
+
+    A mount as long as the radius goes on being so, and solid cylinders stay solid cylinders.
+    """
     arm = problem.arm
     mount = radius if arm.mount_length == arm.radius else arm.mount_length
     return replace(problem, arm=_as_cylinders(arm, replace(arm, radius=radius, mount_length=mount)))
 
 
 def _as_cylinders(old: Arm, new: Arm) -> Arm:
-    """The new arm with the inertia of solid cylinders where the old arm's is that."""
+    """Return the new arm with the inertia of solid cylinders where the old arm's is that."""
     given = (old.inertia_axial, old.inertia_transverse)
-    if new.radius <= 0.0 or not all(map(np.allclose, given, _of_cylinders(old))):
+    if new.radius <= 0.0 or not all(map(np.allclose, given, _cylinder_inertia(old))):
         return new
-    axial, transverse = _of_cylinders(new)
+    axial, transverse = _cylinder_inertia(new)
     return replace(new, inertia_axial=axial, inertia_transverse=transverse)
 
 
-def _of_cylinders(arm: Arm) -> tuple[FloatArray, FloatArray]:
+def _cylinder_inertia(arm: Arm) -> tuple[FloatArray, FloatArray]:
     """Inertia of links that are solid cylinders, about their axes and across them, shape (links,) each [kg m²]."""
     return arm.masses * arm.radius**2 / 2.0, arm.masses * (3.0 * arm.radius**2 + arm.link_length**2) / 12.0
 
 
-def _with_feed_to(problem: Problem, high: float) -> Problem:
+def _with_feed_range(problem: Problem, high: float) -> Problem:
     feed = problem.arm.feed
     return problem if feed is None else replace(problem, arm=replace(problem.arm, feed=replace(feed, high=high)))
 
@@ -124,7 +127,7 @@ def _with_mass(problem: Problem, share: float) -> Problem:
 
 
 def _uniform(values: FloatArray | None) -> float:
-    """What all values are, or 1 where they differ, so that shares of them are told."""
+    """Return what all values are, or 1 where they differ, so that shares of them are told."""
     return 1.0 if values is None or np.ptp(values) else float(values[0])
 
 
@@ -141,12 +144,12 @@ def _torque_words(problem: Problem, share: float) -> str:
 
 
 def _per_file_unit(problem: Problem) -> float:
-    """What lengths are multiplied by to be in the unit of the problem's file, in which they are rounded."""
+    """Return what lengths are multiplied by to be in the unit of the problem's file, in which they are rounded."""
     return 1.0 / METRES[problem.length_unit]
 
 
 def _no_curves(problem: Problem) -> bool:
-    """Whether no end is a curve, whose length would have to change with the arm's."""
+    """Return whether no end is a curve, whose length would have to change with the arm's."""
     return not any(getattr(end, "curve", None) for end in (problem.start, problem.goal))
 
 
@@ -171,7 +174,7 @@ FEED_RANGE = Parameter(
     "arm.feed.range",
     +1,
     lambda p: p.arm.base_range[1],
-    _with_feed_to,
+    _with_feed_range,
     lambda _, v: f"the upper end of arm.feed.range ? {file_length(v)}",
     _per_file_unit,
     fits=lambda p: p.arm.feed is not None,
@@ -248,12 +251,12 @@ class WholeChange:
     part: Callable[[Any, FloatArray], Parameter | None] = lambda *_: None
 
     def relaxation(self) -> Relaxation:
-        """What is reported when the problem was solved with it."""
+        """Return what is reported when the problem was solved with it."""
         return Relaxation(self.words, self.key, self.value)
 
 
 def without_obstacle(name: str) -> WholeChange:
-    """The problem without one obstacle."""
+    """Return the problem without one obstacle."""
     return WholeChange(
         f"obstacle '{name}' removed",
         "workspace.obstacles",
@@ -263,12 +266,14 @@ def without_obstacle(name: str) -> WholeChange:
 
 
 def without_term(name: str, kind: str) -> WholeChange:
-    """The problem without one constraint or cost of the user's."""
+    """Return the problem without one constraint or cost of the user's."""
     return WholeChange(f"{kind} '{name}' dropped", f"{kind}s", name, lambda problem: problem, name)
 
 
 def wider_room(problem: Problem, findings: tuple[Finding, ...]) -> WholeChange | None:
-    """The problem in bounds that hold its start and its goals; None where other things than a room's sides matter.
+    """Return the problem in bounds that hold its start and its goals.
+
+    None where other things than a room's sides matter.
 
     Args:
         problem: what was asked.

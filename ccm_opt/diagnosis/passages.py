@@ -15,7 +15,7 @@ import shapely
 from ccm_opt.core.arrays import ROUNDING, SHORTEST, FloatArray
 from ccm_opt.core.deadline import Deadline
 from ccm_opt.core.polygons import cross, mitred
-from ccm_opt.diagnosis.contact import overlap_missed
+from ccm_opt.diagnosis.contact import touching_overlap
 from ccm_opt.diagnosis.gaps import Gaps, WallGaps
 from ccm_opt.diagnosis.keyed_poses import TipPlace, tip_places
 from ccm_opt.diagnosis.ways import Ways, WidestWay
@@ -41,7 +41,7 @@ _MOST_CORNERS = 2000
 def shortest_way(
     space: shapely.Polygon, start: FloatArray, goal: FloatArray, longest: float, most_corners: int
 ) -> float | None:
-    """Length of the shortest way [m], or ``longest`` where there is none that is shorter.
+    """Return the length of the shortest way [m], or ``longest`` where there is none that is shorter.
 
     Args:
         space: free space in one piece, with its holes.
@@ -161,7 +161,10 @@ class WideSpace(FreeSpace):
         return max(found[0].length - self.tolerance, 0.0) if found else np.inf
 
     def shortest_proved(self, longest: float, most_corners: int) -> float | None:
-        """Length of the shortest path of all to the goal's tolerance, not above ``longest`` [m]; None if not proved."""
+        """Return the length of the shortest path of all to the goal's tolerance, not above ``longest`` [m].
+
+        None if not proved.
+        """
         if not self.connected:
             return longest
         piece, _ = self.components_of_ends
@@ -170,7 +173,7 @@ class WideSpace(FreeSpace):
 
 
 def _disc(middle: FloatArray, radius: float) -> shapely.Geometry:
-    """A polygon that contains the disc."""
+    """Return a polygon that contains the disc."""
     # A disc of no width would have no outline to be cut out.
     wide = max(radius, SHORTEST) / np.cos(np.pi / (4 * _ARC_SIDES))
     disc: shapely.Geometry = shapely.buffer(shapely.Point(middle), wide, quad_segs=_ARC_SIDES)
@@ -186,7 +189,7 @@ def passages(problem: Problem, until: Deadline) -> Iterator["PassageWays"]:
 
 
 def beyond_hole(problem: Problem, place: TipPlace) -> Problem | None:
-    """The problem of an arm that begins at the hole, fed in as far as can be, with one goal for the tip.
+    """Return the problem of an arm that begins at the hole, fed in as far as can be, with one goal for the tip.
 
     The guide tube holds the arm straight up to the hole, so the axis of an arm whose tip is elsewhere passes through
     it, and the arm reaches no farther beyond it than the range of its feed lets it.
@@ -251,17 +254,17 @@ class PassageWays(Ways):
         return self.at(self.room)
 
     def at(self, inflation: float, workspace: Workspace | None = None) -> WideSpace:
-        """Free space with another inflation, or in another workspace."""
+        """Return the free space with another inflation, or in another workspace."""
         arm = self.arm
         # Touching is not hitting: a passage exactly as wide as the arm is open.
-        kept = max(inflation - overlap_missed(arm), SHORTEST)
+        kept = max(inflation - touching_overlap(arm), SHORTEST)
         ends = (self.place.goal.position, self.place.tolerances.position)
         return WideSpace(workspace or self.problem.workspace, kept, arm.base, arm.mount_length, *ends)
 
     @property
     def closed(self) -> bool:
         """Whether it is proved that no way is wide and short enough."""
-        return not self.space.connected or self.least > self.arm.length + overlap_missed(self.arm)
+        return not self.space.connected or self.least > self.arm.length + touching_overlap(self.arm)
 
     @property
     def closed_to_short_arms(self) -> bool:
@@ -290,19 +293,22 @@ class PassageWays(Ways):
         return max(self._largest(self.room, lambda inflation: self.at(inflation).connected), known)
 
     def widest(self, most: float) -> WidestWay:
-        """The widest way that keeps at most so much distance from walls [m]."""
+        """Return the widest way that keeps at most so much distance from walls [m]."""
         of_any = self._largest(most, lambda inflation: self.at(inflation).connected)
         within = self._largest(of_any, self._short_enough) if of_any else 0.0
         place = self._missing_link(self.at(_BEYOND * of_any if of_any else SHORTEST))
         return WidestWay(
-            within, exact=True, closed=not of_any, place=place, walls=self._beside(place), of_any_length=of_any
+            within, exact=True, closed=not of_any, place=place, walls=self._beside(place), unbounded_excess=of_any
         )
 
     def _short_enough(self, inflation: float) -> bool:
         return self.at(inflation).shortest <= self.arm.length
 
     def _largest(self, high: float, holds: Callable[[float], bool]) -> float:
-        """The largest inflation up to ``high`` that satisfies a monotone condition, by bisection; 0 when none does."""
+        """Return the largest inflation up to ``high`` that satisfies a monotone condition, by bisection.
+
+        0 when none does.
+        """
         if holds(high):
             return high
         if not holds(SHORTEST):
@@ -318,13 +324,13 @@ class PassageWays(Ways):
         return low
 
     def _missing_link(self, space: WideSpace) -> FloatArray:
-        """Where the pieces of free space that hold base and goal come nearest to each other, shape (2,) [m]."""
+        """Return where the pieces of free space that hold base and goal come nearest to each other, shape (2,) [m]."""
         if space.polygons.is_empty:
             return np.asarray(0.5 * (self.arm.base + self.place.goal.position))
         return np.asarray(shapely.get_coordinates(shapely.shortest_line(*space.components_of_ends)).mean(axis=0))
 
     def _beside(self, place: FloatArray) -> tuple[str, ...]:
-        """The two walls nearest to a place; one alone when the place is inside it."""
+        """Return the two walls nearest to a place; one alone when the place is inside it."""
         first, *others = nearest_walls(self.problem.workspace, place, 2)
         core = next(wall.core for wall in self.problem.workspace.walls if wall.name == first)
         inside = first != BOUNDARY_NAME and shapely.distance(core, shapely.Point(place)) == 0.0
@@ -343,8 +349,8 @@ class PassageWays(Ways):
             if not self.until.passed() and self.at(self.room, workspace.without(name)).shortest <= self.arm.length
         )
 
-    def mends_of_length(self) -> dict[str, float]:
-        """What would do, by keys, where all ways are too long [m]."""
+    def length_remedies(self) -> dict[str, float]:
+        """Return what would do, by keys, where all ways are too long [m]."""
         asked = self.problem.arm
         lacking = self.least - self.arm.length
         bounds = {"arm.link_length": (asked.length + lacking) / asked.links}

@@ -15,7 +15,7 @@ from ccm_opt.problem.solution import PossibleGap, RoomRecord
 
 
 def possible_gap(problem: Problem, room: RoomRecord) -> PossibleGap | None:
-    """An upper bound on the least gap of every motion that ends exactly at its goals.
+    """Return an upper bound on the least gap of every motion that ends exactly at its goals.
 
     No motion has more than its start has, than a pose of the whole arm that a goal fixes, or, where the goal is the
     tip's, than the tip or the last link has there. And the arm, which reaches from its base to the goal at last, has
@@ -51,7 +51,7 @@ def possible_gap(problem: Problem, room: RoomRecord) -> PossibleGap | None:
 
 
 def _goal_gaps(problem: Problem, room: RoomRecord) -> Iterator[float]:
-    """What every goal leaves: its whole pose, the last link of a tip with a direction, or the tip [m]."""
+    """Yield what every goal leaves: its whole pose, the last link of a tip with a direction, or the tip [m]."""
     gaps = gaps_of(problem.workspace)
     kept = problem.arm.radius + problem.workspace.clearance
     places = {place.key: place.goal for place in tip_places(problem)}

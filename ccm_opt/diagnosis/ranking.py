@@ -40,7 +40,7 @@ def ranked(
     relaxations: tuple[Relaxation, ...] = (),
     most: int = _FINDINGS,
 ) -> tuple[Finding, ...]:
-    """Findings, most important first: what is proved, then what the smallest change mends, then as they came.
+    """Return findings, most important first: what is proved, then what the smallest change mends, then as they came.
 
     Args:
         findings: in any order.
@@ -92,16 +92,16 @@ def diameter_words(problem: Problem) -> str:
 
 
 def degrees(angle: float) -> str:
-    """An angle."""
+    """Return an angle."""
     return f"{np.rad2deg(angle):.1f}°"
 
 
 def point(place: FloatArray) -> tuple[float, ...]:
-    """A place as a finding keeps it."""
+    """Return a place as a finding keeps it."""
     return tuple(float(coordinate) for coordinate in place)
 
 
 def listed(names: tuple[str, ...]) -> str:
-    """Names of walls, quoted: 'a', 'b' and 'c'."""
+    """Return the names of walls, quoted: 'a', 'b' and 'c'."""
     quoted = [f"'{name}'" for name in names]
     return " and ".join([", ".join(quoted[:-1]), quoted[-1]]) if len(quoted) > 1 else "".join(quoted)

@@ -9,7 +9,7 @@ from scipy.optimize import brentq
 from ccm_opt.core.arrays import ROUNDING, FloatArray
 from ccm_opt.core.errors import Finding
 from ccm_opt.core.length_words import in_metres, long_length
-from ccm_opt.diagnosis.contact import overlap_missed
+from ccm_opt.diagnosis.contact import touching_overlap
 from ccm_opt.diagnosis.keyed_poses import TipPlace, tip_places, whole_poses
 from ccm_opt.diagnosis.ranking import degrees, point
 from ccm_opt.problem import Problem
@@ -24,7 +24,7 @@ _DIRECTIONS_NEAR = 50
 
 
 def within_reach(problem: Problem) -> Iterator[Finding]:
-    """Goals of the tip that are farther from every place of the base than the arm is long."""
+    """Yield the goals of the tip that are farther from every place of the base than the arm is long."""
     arm = problem.arm
     for place in tip_places(problem):
         goal = place.goal.position
@@ -48,19 +48,19 @@ def within_reach(problem: Problem) -> Iterator[Finding]:
 
 
 def nearest_base(arm: Arm, place: FloatArray) -> FloatArray:
-    """The place of the base that is nearest to a place (d,), shape (d,) [m]."""
+    """Return the place of the base that is nearest to a place (d,), shape (d,) [m]."""
     low, high = arm.base_range
     along = float(np.clip((place - arm.base) @ arm.direction, low, high))
     return np.asarray(arm.base + along * arm.direction)
 
 
 def _from_base(arm: Arm, place: FloatArray) -> float:
-    """Distance of a place from the nearest place of the base [m]."""
+    """Return the distance of a place from the nearest place of the base [m]."""
     return float(np.linalg.norm(place - nearest_base(arm, place)))
 
 
 def _feed_that_reaches(arm: Arm, place: TipPlace) -> dict[str, float]:
-    """The least upper end of the feed axis from which the arm reaches a goal [m]; nothing where none does."""
+    """Return the least upper end of the feed axis from which the arm reaches a goal [m]; nothing where none does."""
     if arm.feed is None:
         return {}
     towards = place.goal.position - arm.base
@@ -73,7 +73,7 @@ def _feed_that_reaches(arm: Arm, place: TipPlace) -> dict[str, float]:
 
 
 def within_joint_limits(problem: Problem) -> Iterator[Finding]:
-    """Poses at which a bend is beyond its limit."""
+    """Yield the poses at which a bend is beyond its limit."""
     arm = problem.arm
     limits = arm.bend_limits
     a_joint = arm.coordinates.bends_a_joint
@@ -98,7 +98,7 @@ def within_joint_limits(problem: Problem) -> Iterator[Finding]:
 
 
 def supple_enough(problem: Problem) -> Iterator[Finding]:
-    """Goals of the tip that the joints cannot turn to."""
+    """Yield the goals of the tip that the joints cannot turn to."""
     arm = problem.arm
     for place in tip_places(problem):
         turned = list(_turned_far_enough(arm, place))
@@ -111,7 +111,7 @@ def supple_enough(problem: Problem) -> Iterator[Finding]:
 
 
 def most_turn(arm: Arm, limit: float) -> float:
-    """Most angle between a link and the next where each bend of a joint has a limit [rad].
+    """Return most angle between a link and the next where each bend of a joint has a limit [rad].
 
     With two bends the next link points in (cos a cos b, sin a cos b, −sin b) as seen from the one before, so that the
     angle is arccos (cos a cos b): largest with both at the limit up to a right angle, beyond with one of them zero.
@@ -122,14 +122,14 @@ def most_turn(arm: Arm, limit: float) -> float:
 
 
 def least_limit(arm: Arm, turn: float) -> float:
-    """The limit of every bend with which a joint turns by an angle [rad]."""
+    """Return the limit of every bend with which a joint turns by an angle [rad]."""
     if arm.coordinates.bends_a_joint > 1 and turn <= 0.5 * np.pi:
         return float(np.arccos(np.sqrt(np.cos(turn))))
     return turn
 
 
 def _turned_far_enough(arm: Arm, place: TipPlace) -> Iterator[Finding]:
-    """The tip's direction, and that of the goal, lie within the sum of all turns.
+    """Yield the tip's direction, and that of the goal, lie within the sum of all turns.
 
     Directions of links are a chain on the unit sphere whose steps are the turns. The direction from base to tip is a
     positive combination of them. A chain shorter than π lies within half its length of its middle, a convex cap; so
@@ -141,27 +141,27 @@ def _turned_far_enough(arm: Arm, place: TipPlace) -> Iterator[Finding]:
     tip = place.goal.direction
     if tip is not None:
         turn = angle_between(tip, arm.direction) - place.tolerances.heading
-        yield from _short_of_turn(arm, place, "from the base's direction to the goal's", turn, base)
+        yield from _insufficient_turn(arm, place, "from the base's direction to the goal's", turn, base)
     # A base that is fed sees the goal in many directions.
     if arm.base_axes or distance <= place.tolerances.position:
         return
     # The tip may be anywhere in the tolerance, so the goal may be seen in another direction by that.
     aside = float(np.arcsin(min(place.tolerances.position / distance, 1.0)))
     turn = angle_between(towards, arm.direction) - aside
-    yield from _short_of_turn(arm, place, "from the base's direction towards the goal", turn, base)
+    yield from _insufficient_turn(arm, place, "from the base's direction towards the goal", turn, base)
     if tip is not None:
         turn = angle_between(towards, tip) - aside - place.tolerances.heading
-        yield from _short_of_turn(arm, place, "from the way to the goal to its direction", turn, 0.0)
+        yield from _insufficient_turn(arm, place, "from the way to the goal to its direction", turn, 0.0)
 
 
 def angle_between(one: FloatArray, other: FloatArray) -> float:
-    """Angle between two directions of any length [rad]."""
+    """Return the angle between two directions of any length [rad]."""
     one = one / np.linalg.norm(one)
     other = other / np.linalg.norm(other)
     return 2.0 * float(np.arctan2(np.linalg.norm(one - other), np.linalg.norm(one + other)))
 
 
-def _short_of_turn(arm: Arm, place: TipPlace, what: str, turn: float, base: float) -> Iterator[Finding]:
+def _insufficient_turn(arm: Arm, place: TipPlace, what: str, turn: float, base: float) -> Iterator[Finding]:
     """A turn that is more than all joints, and the first by its own, can make, with the limits that would do [rad]."""
     most = (arm.links - 1) * most_turn(arm, arm.joint_limit) + base
     if turn <= most + ROUNDING:
@@ -202,7 +202,7 @@ def _curled_enough(arm: Arm, place: TipPlace) -> Iterator[Finding]:
 
 
 def least_chord(links: int, length: float, bend: float) -> float:
-    """The least distance from base to tip of links whose bends are at most so large [m].
+    """Return the least distance from base to tip of links whose bends are at most so large [m].
 
     Of all chains of equal links whose bends do not exceed ``bend`` the regular arc has the shortest chord, as long as
     arc and chord together are convex (Cauchy's arm lemma; Schur's theorem for curves): n bend ≤ 2π. It is
@@ -231,7 +231,7 @@ class TurnCaps:
     place: TipPlace
 
     def farthest(self, ways: FloatArray) -> FloatArray:
-        """How far the tip can be from the base along directions at most, shape (k, d) to (k,) [m].
+        """Return how far the tip can be from the base along directions at most, shape (k, d) to (k,) [m].
 
         Link i points within its i − 1 turns and the base's of the base's direction, and within what turns are left of
         the tip's; so along w it reaches no farther than l cos of how much w is outside of either cap.
@@ -246,7 +246,7 @@ class TurnCaps:
         return np.asarray(arm.link_length * np.cos(np.clip(outside, 0.0, np.pi)).sum(axis=1))
 
     def missing(self, ways: FloatArray) -> FloatArray:
-        """By how much the arm falls short of the goal along directions, wherever its base is, shape (k,) [m]."""
+        """Return by how much the arm falls short of the goal along directions, wherever its base is, shape (k,) [m]."""
         arm = self.arm
         ends = arm.base + np.outer(arm.base_range, arm.direction)
         needed = ((self.place.goal.position - ends) @ ways.T).min(axis=0)
@@ -273,7 +273,7 @@ def _angles(ways: FloatArray, direction: FloatArray) -> FloatArray:
 
 
 def spread_directions(count: int, dimension: int) -> FloatArray:
-    """Directions as near to each other as so many spread evenly over a sphere, (k, d); in the plane on a circle.
+    """Return directions as near to each other as so many spread evenly over a sphere, (k, d); in the plane on a circle.
 
     Over the sphere they lie on a spiral by the golden ratio.
     """
@@ -288,9 +288,9 @@ def spread_directions(count: int, dimension: int) -> FloatArray:
 
 
 def _both_at_once(arm: Arm, place: TipPlace) -> Iterator[Finding]:
-    """The goal lies in the convex hull of where the tip can be with its direction, beginning in the base's."""
+    """Yield the goal lies in the convex hull of where the tip can be with its direction, beginning in the base's."""
     missing, way = TurnCaps(arm, place).worst()
-    if missing <= overlap_missed(arm):
+    if missing <= touching_overlap(arm):
         return
     reached = "with its direction " if place.goal.direction is not None else ""
     sharpest = degrees(most_turn(arm, arm.joint_limit))

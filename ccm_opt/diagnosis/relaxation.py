@@ -81,7 +81,7 @@ class Trials:
         return time.process_time() - self.begun
 
     def succeeds(self, problem: Problem, words: str, dropped: str = "", *, hurried: bool = False) -> bool:
-        """Whether a problem, perhaps less a term of the user's, is solved within its share of the time.
+        """Return whether a problem, perhaps less a term of the user's, is solved within its share of the time.
 
         Args:
             problem: what is tried.
@@ -105,7 +105,7 @@ class Trials:
         return True
 
     def holds(self, problem: Problem) -> bool:
-        """Whether the last plan is one for this problem as well; nothing is planned for that."""
+        """Return whether the last plan is one for this problem as well; nothing is planned for that."""
         try:
             self.hold_again(problem, self.plans[-1])
         except (NoPlanFound, VerificationError, ProblemError):
@@ -114,7 +114,7 @@ class Trials:
 
 
 def _in_haste(problem: Problem, limit: float) -> Problem:
-    """The problem with a time limit [s], and with nothing asked for that only makes motions better."""
+    """Return the problem with a time limit [s], and with nothing asked for that only makes motions better."""
     # An arm that is hardly strong enough may need the shorter way.
     plain = problem.planner.optimiser if problem.limits.torque is not None else "none"
     return replace(problem, planner=replace(problem.planner, time_limit=limit, optimiser=plain, wanted_gap=0.0))
@@ -149,7 +149,7 @@ def relaxations(problem: Problem, findings: tuple[Finding, ...], trials: Trials)
 
 
 def _as_little_as_helps(change: WholeChange, problem: Problem, trials: Trials, *, hurried: bool) -> Relaxation | None:
-    """A change with which the problem is solved, or as much of it as is needed; None where it is not solved."""
+    """Return a change with which the problem is solved, or as much of it as is needed; None where it is not solved."""
     if not trials.succeeds(change.changed(problem), change.words, change.term, hurried=hurried):
         return None
     part = change.part(problem, trials.ended(trials.plans[-1]))
@@ -171,7 +171,7 @@ def candidates(
     until: Deadline,
     most_omitted: int = _MOST_OMITTED,
 ) -> Iterator[Parameter | WholeChange]:
-    """What may mend all that is proved, or else all that is likely, most promising first.
+    """Yield what may mend all that is proved, or else all that is likely, most promising first.
 
     Args:
         problem: what was asked.
@@ -201,14 +201,14 @@ def candidates(
 
 
 def _removable(proved: tuple[Finding, ...], findings: tuple[Finding, ...]) -> list[str]:
-    """Obstacles whose removal may mend all that is proved, or else all that is likely; the room stays."""
+    """Return the obstacles whose removal may mend all that is proved, or else all that is likely; the room stays."""
     names = [name for finding in proved or findings for name in finding.obstacles if name not in ROOM_NAMES]
     mending = [name for name in names if all(name in finding.obstacles for finding in proved)]
     return list(dict.fromkeys(mending))
 
 
 def hardest_bound(parameter: Parameter, findings: tuple[Finding, ...]) -> float | None:
-    """The value that a parameter must reach to mend all findings; None when they say nothing about it."""
+    """Return the value that a parameter must reach to mend all findings; None when they say nothing about it."""
     bounds = [finding.bounds[parameter.key] for finding in findings if parameter.key in finding.bounds]
     if not bounds:
         return None
@@ -224,7 +224,9 @@ def least_change(
     hurried: bool = False,
     solved: bool = False,
 ) -> Relaxation | None:
-    """The least change of a parameter, within the steps, with which the problem is solved; None when none is found.
+    """Return the least change of a parameter, within the steps, with which the problem is solved.
+
+    None when none is found.
 
     Args:
         parameter: what is changed.
@@ -254,7 +256,7 @@ def least_change(
 def _closed_in(
     parameter: Parameter, problem: Problem, failed: Sequence[float], worked: float, trials: Trials, *, hurried: bool
 ) -> float:
-    """A value that works, close to one that does not, by bisection while there is time.
+    """Return a value that works, close to one that does not, by bisection while there is time.
 
     Args:
         parameter: what is changed.

@@ -116,18 +116,18 @@ class WaySearch:
         return self._best_chain(greatest, length)[0]
 
     def narrowest(self, length: float) -> FloatArray:
-        """Where the chain with the most room in the middles of its cubes has the least of it, shape (3,) [m]."""
+        """Return where the chain with the most room in the middles of its cubes has the least of it, shape (3,) [m]."""
         chain = self._best_chain(self.cells.gap, length)[1]
         if not len(chain):
             return 0.5 * (self.ends.start + self.ends.goal)
-        at_mount = self.cubes_of_ends()[0][chain]
+        at_mount = self.end_cubes()[0][chain]
         least = int(np.argmin(np.where(at_mount, np.inf, self.cells.gap[chain])))
         return np.asarray(self.cells.middles[chain[least]])
 
     # ------------------------------------------------------------ how it is found
     def _state(self, room: float, length: float) -> "_State":
-        """What the cubes are for a room and a length; new insides of bodies are looked at first."""
-        start, goal = self.cubes_of_ends()
+        """Return what the cubes are for a room and a length; new insides of bodies are looked at first."""
+        start, goal = self.end_cubes()
         within = self._within(length)
         while True:
             passable = within & (self.cells.greatest >= room) & (self.sides < 1) | start
@@ -138,7 +138,7 @@ class WaySearch:
                 return state
 
     def _within(self, length: float) -> BoolArray:
-        """Cubes in the box through which a way may lead that is no longer than a length."""
+        """Return the cubes in the box through which a way may lead that is no longer than a length."""
         ends = self.ends
         cells = self.cells
         through = cells.distances_from(ends.start, ends.end) + cells.distances_from(ends.goal, ends.goal)
@@ -146,8 +146,8 @@ class WaySearch:
         inside = np.all((cells.middles + half > self.box[0]) & (cells.middles - half < self.box[1]), axis=1)
         return np.asarray(inside & (through - 2.0 * cells.half_diagonals <= length + ends.tolerance))
 
-    def cubes_of_ends(self) -> tuple[BoolArray, BoolArray]:
-        """Cubes of the base, and of the goal."""
+    def end_cubes(self) -> tuple[BoolArray, BoolArray]:
+        """Return the cubes of the base, and of the goal."""
         cells = self.cells
         ends = self.ends
         start = cells.distances_from(ends.start, ends.end) <= cells.half_diagonals + ends.mount
@@ -155,7 +155,7 @@ class WaySearch:
         return start, goal
 
     def _insides_found(self, state: "_State") -> bool:
-        """Whether some cubes that are reached turn out to be inside of bodies.
+        """Return whether some cubes that are reached turn out to be inside of bodies.
 
         Cubes that no surface meets and that touch lie on the same side of all surfaces, so that one of them tells.
         """
@@ -184,11 +184,11 @@ class WaySearch:
         self.sides = self.sides[origins]
 
     def _best_chain(self, room: FloatArray, length: float) -> tuple[float, IntArray]:
-        """The chain from base to goal whose least room is greatest: that room, and its cubes in order.
+        """Return the chain from base to goal whose least room is greatest: that room, and its cubes in order.
 
         It lies in the spanning tree whose pairs have the most room.
         """
-        start, goal = self.cubes_of_ends()
+        start, goal = self.end_cubes()
         usable = self._within(length) & (self.sides < 1) | start
         sources, targets = np.flatnonzero(start), np.flatnonzero(goal & usable)
         if not len(sources) or not len(targets):
@@ -270,7 +270,10 @@ class _State:
         return np.asarray(unsure & (chain <= np.min(chain[unsure]) + spread))
 
     def _steps(self, sources: BoolArray) -> FloatArray:
-        """How many unsure cubes the shortest chain from some cubes to each has, with it; ∞ where there is none."""
+        """Return how many unsure cubes the shortest chain from some cubes to each has, with it.
+
+        ∞ where there is none.
+        """
         # Free cubes that touch are one node of the graph: to pass through all of them costs one step.
         count = len(self.open)
         passable = self.free | self.start
@@ -291,7 +294,7 @@ def groups(pairs: IntArray, count: int) -> IntArray:
 
 
 def _depths(graph: sparse.csr_matrix, root: int) -> FloatArray:
-    """How many steps every node of a graph is from one of them; ∞ where it is not joined with it."""
+    """Return how many steps every node of a graph is from one of them; ∞ where it is not joined with it."""
     order, before = csgraph.breadth_first_order(graph, root, directed=False)
     place = np.empty(graph.shape[0], dtype=np.intp)
     place[order] = np.arange(len(order))

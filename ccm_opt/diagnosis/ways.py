@@ -54,7 +54,7 @@ class WidestWay:
     closed: bool
     place: FloatArray
     walls: tuple[str, ...]
-    of_any_length: float = 0.0
+    unbounded_excess: float = 0.0
     way: FloatArray | None = None
 
 
@@ -118,29 +118,32 @@ class Ways(ABC):
 
     @abstractmethod
     def widest(self, most: float) -> WidestWay:
-        """The widest way that keeps at most so much distance [m]."""
+        """Return the widest way that keeps at most so much distance [m]."""
 
     @abstractmethod
     def bound(self, known: float) -> float:
-        """Distance that no way keeps more than, at most the room, where some way keeps a known one [m]."""
+        """Return the distance that no way keeps more than, at most the room, where some way keeps a known one [m]."""
 
     @abstractmethod
     def opening(self, place: FloatArray, *, closed: bool) -> tuple[str, ...]:
-        """Obstacles without any one of which there is a way, those most to the point first.
+        """Return the obstacles without any one of which there is a way, those most to the point first.
 
         Args:
             place: where the way is closed, or has to turn, shape (d,) [m].
             closed: whether there is none that deserves the name, so that other places may be as much to the point.
         """
 
-    def seen_in(self, name: str, place: FloatArray) -> FloatArray:
-        """Where ways lead through an obstacle that closes them, (d,) [m]; a place beside it where that is unknown."""
+    def blocking_place(self, name: str, place: FloatArray) -> FloatArray:
+        """Return where ways lead through an obstacle that closes them, (d,) [m].
+
+        A place beside it where that is unknown.
+        """
         del name
         return place
 
     @abstractmethod
-    def mends_of_length(self) -> dict[str, float]:
-        """What would do, by keys, where all ways are too long [SI]."""
+    def length_remedies(self) -> dict[str, float]:
+        """Return what would do, by keys, where all ways are too long [SI]."""
 
 
 def tip_ways(problem: Problem, until: Deadline) -> Iterator[Ways]:
@@ -157,7 +160,7 @@ def tip_ways(problem: Problem, until: Deadline) -> Iterator[Ways]:
 
 
 def wide_and_short_enough(problem: Problem, until: Deadline) -> Iterator[Finding]:
-    """Goals of the tip without a way that is wide and short enough."""
+    """Yield the goals of the tip without a way that is wide and short enough."""
     for ways in _closed_ways(problem, until):
         yield _too_long(ways) if ways.shortest is not None and ways.least > ways.arm.length else _too_thick(ways)
 
@@ -180,23 +183,23 @@ def _closed_ways(problem: Problem, until: Deadline) -> Iterator[Ways]:
 
 
 def _is_detour(ways: Ways) -> bool:
-    """Whether the shortest way is known and longer than the straight one, which is a matter of reach."""
+    """Return whether the shortest way is known and longer than the straight one, which is a matter of reach."""
     straight = float(np.linalg.norm(ways.place.goal.position - ways.arm.base)) - ways.place.tolerances.position
     return ways.shortest_is_proved and ways.least > (1.0 + _DETOUR) * straight
 
 
 def way_length(way: FloatArray) -> float:
-    """Length of a way [m]."""
+    """Return the length of a way [m]."""
     return float(leg_lengths(way).sum())
 
 
-def corners_of(way: FloatArray | None) -> tuple[tuple[float, ...], ...]:
-    """A way as a finding keeps it."""
+def way_corners(way: FloatArray | None) -> tuple[tuple[float, ...], ...]:
+    """Return a way as a finding keeps it."""
     return () if way is None else tuple(point(place) for place in way)
 
 
 def _too_long(ways: Ways) -> Finding:
-    """All ways that are wide enough are longer than the arm, or than what it has beyond its hole."""
+    """Return all ways that are wide enough are longer than the arm, or than what it has beyond its hole."""
     arm = ways.arm
     way = ways.shortest
     assert way is not None  # noqa: S101 - said by who asks
@@ -217,13 +220,13 @@ def _too_long(ways: Ways) -> Finding:
         measured=ways.least,
         allowed=arm.length,
         obstacles=tuple(dict.fromkeys((*ways.opening(corner, closed=False), *walls))),
-        way=corners_of(way),
-        bounds=ways.mends_of_length(),
+        way=way_corners(way),
+        bounds=ways.length_remedies(),
     )
 
 
 def _farthest_off(way: FloatArray) -> FloatArray:
-    """The corner of a way that is farthest from the straight line between its ends, shape (d,) [m]."""
+    """Return the corner of a way that is farthest from the straight line between its ends, shape (d,) [m]."""
     along = way[-1] - way[0]
     along = along / max(float(np.linalg.norm(along)), 1e-300)
     off = way - way[0]
@@ -232,7 +235,7 @@ def _farthest_off(way: FloatArray) -> FloatArray:
 
 
 def _too_thick(ways: Ways) -> Finding:
-    """No way is wide enough: the widest there is, or none for an arm of any width."""
+    """Return no way is wide enough: the widest there is, or none for an arm of any width."""
     widest = ways.widest(ways.room)
     opened = ways.opening(widest.place, closed=widest.closed)
     arm = ways.problem.arm
@@ -241,7 +244,7 @@ def _too_thick(ways: Ways) -> Finding:
     if widest.closed:
         who = opened[:3] or widest.walls
         if opened:
-            widest = replace(widest, place=ways.seen_in(opened[0], widest.place))
+            widest = replace(widest, place=ways.blocking_place(opened[0], widest.place))
         thin = f"{short_length(2.0 * widest.most)} in diameter" if widest.most > 0.0 else "any width"
         verb = "close" if not opened and len(who) > 1 else "closes"
         reason = (
@@ -250,7 +253,7 @@ def _too_thick(ways: Ways) -> Finding:
         )
         gap = 0.0
     else:
-        gap = 2.0 * max(widest.most, widest.of_any_length)
+        gap = 2.0 * max(widest.most, widest.unbounded_excess)
         known = short_length(gap) if widest.exact else f"{short_length(gap)} at most"
         reason = (
             f"the arm is too thick: every way to the goal is closed to it; the widest leads through a gap of {known} "
@@ -271,18 +274,18 @@ def _too_thick(ways: Ways) -> Finding:
         measured=gap,
         allowed=2.0 * (arm.radius + clearance),
         obstacles=tuple(dict.fromkeys((*opened, *widest.walls))),
-        way=corners_of(widest.way),
+        way=way_corners(widest.way),
         bounds=bounds,
     )
 
 
 def between(walls: tuple[str, ...]) -> str:
-    """Where a gap is: between several obstacles, or in one that has a hole."""
+    """Return where a gap is: between several obstacles, or in one that has a hole."""
     return f"between {listed(walls)}" if len(walls) > 1 else f"in {listed(walls)}"
 
 
 def tight_ways(problem: Problem, until: Deadline) -> tuple[Finding, ...]:
-    """What is likely to stand in the way though it is not proved to, the tightest first."""
+    """Return what is likely to stand in the way though it is not proved to, the tightest first."""
     found: list[Finding] = []
     for ways in tip_ways(problem, until):
         found += _narrow(ways)
@@ -294,7 +297,7 @@ def tight_ways(problem: Problem, until: Deadline) -> tuple[Finding, ...]:
 
 
 def _narrow(ways: Ways) -> Iterator[Finding]:
-    """The narrowest place of the widest way against the diameter."""
+    """Yield the narrowest place of the widest way against the diameter."""
     if ways.room <= 0.0:
         return
     widest = ways.widest(_NARROW * ways.room)
@@ -311,13 +314,13 @@ def _narrow(ways: Ways) -> Iterator[Finding]:
         measured=gap,
         allowed=need,
         obstacles=widest.walls,
-        way=corners_of(widest.way),
+        way=way_corners(widest.way),
         bounds={"arm.radius": ways.problem.arm.radius},
     )
 
 
 def _short(ways: Ways, way: FloatArray) -> Iterator[Finding]:
-    """The length of the shortest way that was found against the arm's."""
+    """Yield the length of the shortest way that was found against the arm's."""
     length = way_length(way)
     if ways.arm.length <= _SHORT * length:
         yield Finding(
@@ -332,7 +335,7 @@ def _short(ways: Ways, way: FloatArray) -> Iterator[Finding]:
 
 
 def _stiff(ways: Ways, way: FloatArray) -> Iterator[Finding]:
-    """The sharpest turns of that way against the tightest bend of the arm, given the room that there is.
+    """Yield the sharpest turns of that way against the tightest bend of the arm, given the room that there is.
 
     A turn by α round an inner corner from which the arm may be moved outwards by h leaves room for an arc of radius
     h cos(α/2) / (1 − cos(α/2)); links of length l turn by β to a radius l / (2 tan(β/2)).
@@ -369,7 +372,7 @@ def _stiff(ways: Ways, way: FloatArray) -> Iterator[Finding]:
 
 
 def simplified(way: FloatArray, tolerance: float) -> FloatArray:
-    """A way without the corners that lie near the straight lines between the others, shape (k, d) [m].
+    """Return a way without the corners that lie near the straight lines between the others, shape (k, d) [m].
 
     A way pulled round something has many corners that turn a little; here they are one. Source: D. Douglas and T.
     Peucker, Algorithms for the reduction of the number of points required to represent a digitized line, 1973.

@@ -65,7 +65,7 @@ def refuse_without_effect(problem: Problem) -> None:
 
 
 def named_terms(reason: str, constraints: Sequence[Constraint], costs: Sequence[Cost]) -> tuple[tuple[str, str], ...]:
-    """Kind and name of every constraint and cost that binds a plan, those first that a reason names."""
+    """Return the kind and name of every constraint and cost that binds a plan, those first that a reason names."""
     hard = [("constraint", each.name) for each in constraints if not each.soft]
     soft = [("constraint", each.name) for each in constraints if each.soft]
     every = [*hard, *soft, *(("cost", each.name) for each in costs)]
@@ -73,7 +73,7 @@ def named_terms(reason: str, constraints: Sequence[Constraint], costs: Sequence[
 
 
 def compiled_terms(arm: Arm, constraints: Sequence[Constraint], costs: Sequence[Cost]) -> "UserTerms | None":
-    """The user's constraints and costs for an arm; None when there are none.
+    """Return the user's constraints and costs for an arm; None when there are none.
 
     Raises:
         ProblemError: they are no lists, or one of them cannot be used.
@@ -119,7 +119,7 @@ def refuse_contradictions(problem: Problem, terms: UserTerms | None) -> None:
 
 
 def _breaks_start(problem: Problem, terms: UserTerms) -> bool:
-    """Whether the start breaks a constraint: then the input is bad, and the planner says so."""
+    """Return whether the start breaks a constraint: then the input is bad, and the planner says so."""
     start = problem.start.configuration(problem.arm)
     misses = (
         float(item.residuals(start[None], np.zeros(1))[0])

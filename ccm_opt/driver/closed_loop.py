@@ -151,7 +151,10 @@ def simulated_once(
 
 
 def _figures(trajectory: JointTrajectory, simulated: SimulatedMotion, seen: Seen | None) -> Mapping[str, float]:
-    """Tracking errors, time at limits, and least clearances at all times; where it touches, those of a contact."""
+    """Return the tracking errors, time at limits, and least clearances at all times.
+
+    Where it touches, those of a contact.
+    """
     figures = {"tracking_error_rad": simulated.tracking_error, "saturated_time_s": simulated.saturated_time}
     errors = np.abs(simulated.base_positions - trajectory.base_positions)
     for name, error in zip(trajectory.coordinates.base_names, errors.T, strict=True):
@@ -164,7 +167,7 @@ def _figures(trajectory: JointTrajectory, simulated: SimulatedMotion, seen: Seen
 
 
 def _alike(coarse: JudgedMotion, fine: JudgedMotion, share: float) -> bool:
-    """Whether half the step changed so little that the step is not what keeps the arm from following."""
+    """Return whether half the step changed so little that the step is not what keeps the arm from following."""
     if fine.rank != coarse.rank or fine.motion.verdict.outcome in ("diverged", "not simulated"):
         return False
     error = coarse.motion.tracking_error
@@ -172,7 +175,7 @@ def _alike(coarse: JudgedMotion, fine: JudgedMotion, share: float) -> bool:
 
 
 def _touched(verdict: SimulationVerdict, touch: Touch) -> SimulationVerdict:
-    """The verdict on a run in which the arm touches something, with what its drives did besides."""
+    """Return the verdict on a run in which the arm touches something, with what its drives did besides."""
     return replace(
         verdict,
         outcome="touched",
@@ -185,7 +188,7 @@ def _touched(verdict: SimulationVerdict, touch: Touch) -> SimulationVerdict:
 
 
 def _at_a_smaller_step(motion: SimulatedMotion, asked: SimulationVerdict) -> SimulatedMotion:
-    """A run with a smaller step than asked for, whose verdict says so."""
+    """Return a run with a smaller step than asked for, whose verdict says so."""
     verdict = motion.verdict
     if verdict.followed:
         # Where a step that is too long leads says nothing of an arm that follows.
@@ -199,7 +202,7 @@ def _at_a_smaller_step(motion: SimulatedMotion, asked: SimulationVerdict) -> Sim
 def not_simulated(
     trajectory: JointTrajectory, joints: JointStates, step: float, reason: str, advice: tuple[str, ...] = ()
 ) -> SimulatedMotion:
-    """An arm that was not simulated: it stands where the plan begins.
+    """Return an arm that was not simulated: it stands where the plan begins.
 
     Args:
         trajectory: the plan.
@@ -224,7 +227,7 @@ def seen(
     trajectory: JointTrajectory,
     simulated: SimulatedMotion,
 ) -> Seen | None:
-    """What a simulated arm comes near to; None when no step was run, or an arm of the plane left it.
+    """Return what a simulated arm comes near to; None when no step was run, or an arm of the plane left it.
 
     In space rolls that the controller does not hold at zero count too: the arm is where its revolutes put it.
 
@@ -260,12 +263,12 @@ def seen(
 
 
 def _least(near: NearestOfSamples) -> float:
-    """The least gap [m]; inf where nothing was near at any sample."""
+    """Return the least gap [m]; inf where nothing was near at any sample."""
     return float(np.min(near.gap, where=near.link > 0, initial=np.inf))
 
 
 def _as_far_as_needed(problem: Problem, points: FloatArray) -> GapsAtSamples:
-    """The gaps of poses, looked for no farther than the least of them is: of surfaces up to a link's length."""
+    """Return the gaps of poses, looked for no farther than the least of them is: of surfaces up to a link's length."""
     few = points[:: max(1, len(points) // _FIRST_LOOKS)]
     arm = problem.arm
     far = arm.length if arm.dimension == 2 else arm.link_length

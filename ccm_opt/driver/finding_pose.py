@@ -14,7 +14,7 @@ from ccm_opt.core.progress import Progress, Stages
 from ccm_opt.core.threads import on_one_thread
 from ccm_opt.diagnosis.explain import refuse_impossible
 from ccm_opt.driver.arguments import compiled_terms, expect_arguments, refuse_contradictions, refuse_without_effect
-from ccm_opt.driver.pose_failure import PoseTry, no_pose, tried_from
+from ccm_opt.driver.pose_failure import PoseTry, improved_poses, no_pose
 from ccm_opt.driver.settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.ik.compiled_terms import UserTerms
 from ccm_opt.ik.goal_poses import GoalPoses
@@ -23,7 +23,7 @@ from ccm_opt.ik.pose_solver import ArmPose
 from ccm_opt.ik.terms import Constraint, Cost
 from ccm_opt.planning.ends import GapsAtSamples, clamped_arm, refuse_goal, resolve_ends
 from ccm_opt.planning.goal_pose import for_arm, pose_record, poses_at_goal
-from ccm_opt.planning.own_units import in_own_units
+from ccm_opt.planning.own_units import planning_units
 from ccm_opt.planning.pose_beginnings import PoseBeginning, in_plane, in_space
 from ccm_opt.planning.space_task import space_task
 from ccm_opt.problem import Problem
@@ -79,7 +79,7 @@ def find_pose(
             refuse_impossible(problem)
         if problem.dimension == 3:
             return _found(problem, terms, stages, numbers)
-        with in_own_units(problem) as units:
+        with planning_units(problem) as units:
             found = _found(units.scaled(problem), terms, stages, numbers)
     metres = units.metres
     record = units.record_in_metres(found.pose)
@@ -108,7 +108,7 @@ def _refuse_other_questions(problem: Problem) -> None:
 
 
 def _found(problem: Problem, terms: UserTerms | None, stages: Stages, settings: Settings) -> StaticPose:
-    """The best pose of all beginnings.
+    """Return the best pose of all beginnings.
 
     Raises:
         NoPlanFound: no pose was found.
@@ -120,7 +120,7 @@ def _found(problem: Problem, terms: UserTerms | None, stages: Stages, settings: 
     with stages("configuration"):
         tries: list[PoseTry] = []
         for beginning in beginnings:
-            tries.append(tried_from(asked, beginning, deadline))
+            tries.append(improved_poses(asked, beginning, deadline))
             if deadline.passed() and any(each.best is not None for each in tries):
                 break
         tries.sort(key=lambda each: each.cost)
@@ -162,7 +162,7 @@ def _in_space(problem: Problem, terms: UserTerms | None, settings: Settings, dea
 
 
 def binding_sides(asked: GoalPoses, pose: ArmPose, start: FloatArray) -> Iterator[BindingSide]:
-    """The sides that a pose leans on, the largest multiplier first.
+    """Yield the sides that a pose leans on, the largest multiplier first.
 
     Args:
         asked: what the NLP was asked.
@@ -186,7 +186,10 @@ def binding_sides(asked: GoalPoses, pose: ArmPose, start: FloatArray) -> Iterato
 def _normal(
     drawn: list[JointRegions], joint: int, side: int, place: FloatArray, gap: float, allowed: float
 ) -> FloatArray | None:
-    """The side's outward normal, shape (d,), in the regions by which the place has just the gap to it; None in none."""
+    """Return the side's outward normal, shape (d,), in the regions by which the place has just the gap to it.
+
+    None in none.
+    """
     for regions in drawn:
         for each in np.flatnonzero((regions.joint == joint) & (regions.number == side)):
             inwards = regions.normals[each]

@@ -46,7 +46,7 @@ logger = logging.getLogger(__name__)
 
 
 def gap_between_walls(problem: Problem, points: FloatArray, most: float) -> PossibleGap | None:
-    """The gap of an arm in the middle between the two walls nearest to each other that a pose passes between.
+    """Return the gap of an arm in the middle between the two walls nearest to each other that a pose passes between.
 
     Where the axis crosses the shortest line between two walls, it is no farther from one of them than half-way. No
     motion that leads between the two there has more.
@@ -76,20 +76,20 @@ def gap_between_walls(problem: Problem, points: FloatArray, most: float) -> Poss
 
 
 def _apart(one: Obstacle, other: Obstacle, axis: shapely.LineString) -> float:
-    """Distance between two walls where an axis crosses their shortest line [m]; inf where it does not."""
+    """Return the distance between two walls where an axis crosses their shortest line [m]; inf where it does not."""
     line = shapely.shortest_line(one.core, other.core)
     if not shapely.intersects(line, axis):
         return float(np.inf)
     return float(shapely.length(line)) - one.rounding - other.rounding
 
 
-def room_of(
+def clearance_along(
     problem: Problem,
     trajectory: JointTrajectory,
     checks: Sequence[Check],
     settings: Settings = DEFAULT_SETTINGS,
 ) -> RoomRecord:
-    """The record of the room that a verified motion keeps.
+    """Return the record of the room that a verified motion keeps.
 
     Args:
         problem: what was asked.
@@ -106,15 +106,15 @@ def room_of(
     if problem.dimension == 3:
         # To flood the room for the widest way takes as long as to plan.
         return room
-    bounds = list(_bounds_of_passages(problem, trajectory, room))
+    bounds = list(_passage_bounds(problem, trajectory, room))
     general = possible_gap(problem, room)
     if general is not None:
         bounds.append(general)
     return replace(room, possible=min(bounds, key=lambda bound: bound.value, default=None))
 
 
-def _bounds_of_passages(problem: Problem, trajectory: JointTrajectory, room: RoomRecord) -> Iterator[PossibleGap]:
-    """What the walls leave between which the arm stands where it misses most of the wanted gap on its way."""
+def _passage_bounds(problem: Problem, trajectory: JointTrajectory, room: RoomRecord) -> Iterator[PossibleGap]:
+    """Yield what the walls leave between which the arm stands where it misses most of the wanted gap on its way."""
     for part in room.short:
         if part.cause != "passage":
             continue
@@ -130,11 +130,11 @@ PACKAGES = ("ccm-opt", "casadi", "daqp", "numpy", "piqp", "scipy", "shapely", "t
 
 @cache
 def versions() -> Mapping[str, str]:
-    """Versions of Python and of the packages a result depends on."""
+    """Return the versions of Python and of the packages a result depends on."""
     return {"python": platform.python_version(), **{name: version(name) for name in PACKAGES}}
 
 
-def as_it_stands(
+def draft_solution(
     problem: Problem,
     plan: VerifiedPlan,
     stages: Stages,
@@ -143,7 +143,7 @@ def as_it_stands(
     room: RoomRecord | None = None,
     tolerance: tuple[SurvivedError, ...] = (),
 ) -> Solution:
-    """The solution that a verified plan is, as far as it is known.
+    """Return the solution that a verified plan is, as far as it is known.
 
     Args:
         problem: what was asked.
@@ -200,11 +200,11 @@ def described(
 
     def so_far() -> Solution:
         known = {**of_simulation, **figures}
-        return as_it_stands(problem, plan, stages, simulated, known, room, tolerance)
+        return draft_solution(problem, plan, stages, simulated, known, room, tolerance)
 
     try:
         with stages("room"):
-            of_room = partial(room_of, problem, plan.trajectory, plan.checks, settings)
+            of_room = partial(clearance_along, problem, plan.trajectory, plan.checks, settings)
             room = kept(of_room, "the room of the motion was not measured", lambda _: None)
         with stages("tolerance"):
             of_errors = partial(tolerance_at_once, problem, plan.trajectory, settings)
@@ -217,7 +217,7 @@ def described(
 
 
 def kept(stage: Callable[[], Result], what: str, instead: Callable[[Exception], Result]) -> Result:
-    """What a stage makes of a verified plan.
+    """Return what a stage makes of a verified plan.
 
     Args:
         stage: makes it.
@@ -232,7 +232,10 @@ def kept(stage: Callable[[], Result], what: str, instead: Callable[[Exception], 
 
 
 def simulated_motion(problem: Problem, plan: VerifiedPlan) -> tuple[SimulatedMotion, Mapping[str, float]]:
-    """The simulated motion and its figures; one that stands still where a defect keeps it from being simulated."""
+    """Return the simulated motion and its figures.
+
+    One that stands still where a defect keeps it from being simulated.
+    """
     stage = partial(simulate_and_check, problem, plan.trajectory, plan.joints)
     return kept(stage, "the plan was not simulated", partial(_stands_still, problem, plan))
 

@@ -65,12 +65,15 @@ class Leg:
 
 
 def whole_path(legs: Sequence[Leg]) -> JointPath:
-    """The paths of all legs, end to end, each over an equal share of [0, 1]; the spline has a corner at every stop."""
+    """Return the paths of all legs, end to end, each over an equal share of [0, 1].
+
+    The spline has a corner at every stop.
+    """
     return end_to_end([leg.path for leg in legs])
 
 
 def end_to_end(paths: Sequence[JointPath]) -> JointPath:
-    """Paths each of which begins where the one before ends, as one path; see ``whole_path``."""
+    """Return the paths each of which begins where the one before ends, as one path; see ``whole_path``."""
     if len(paths) == 1:
         return paths[0]
 
@@ -128,22 +131,22 @@ def plan_legs(
             except NoPlanFound as error:
                 if len(goals) == 1:
                     raise
-                raise type(error)(_of_goal(error.diagnosis, number, len(goals))) from error
+                raise type(error)(_goal_diagnosis(error.diagnosis, number, len(goals))) from error
             known.append((leg, path))
         legs.append(Leg(leg, path))
         start = JointPose.from_configuration(path.spline(1.0), problem.arm.coordinates)
     return tuple(legs)
 
 
-def _of_goal(found: Diagnosis, number: int, count: int) -> Diagnosis:
-    """A diagnosis that says which of several goals it is about."""
+def _goal_diagnosis(found: Diagnosis, number: int, count: int) -> Diagnosis:
+    """Return a diagnosis that says which of several goals it is about."""
     return replace(
         found, reason=f"goal {number} of {count}: {found.reason}", evidence={**found.evidence, "goal": number}
     )
 
 
 def way_back(legs: Sequence[Leg], goal: Goal) -> JointPath | None:
-    """The paths of the last legs backwards, to where the latest of them that fits began.
+    """Return the paths of the last legs backwards, to where the latest of them that fits began.
 
     Args:
         legs: that are planned.
@@ -165,7 +168,7 @@ def way_back(legs: Sequence[Leg], goal: Goal) -> JointPath | None:
 
 
 def recorded_path(recorded: Sequence[tuple[Problem, JointPath]], problem: Problem) -> JointPath | None:
-    """The path of a problem whose path is known; None where something that decides it has changed.
+    """Return the path of a problem whose path is known; None where something that decides it has changed.
 
     Limits of torque and masses of links change no path, so none is planned twice.
     """
@@ -173,7 +176,10 @@ def recorded_path(recorded: Sequence[tuple[Problem, JointPath]], problem: Proble
 
 
 def _same_geometry(one: Problem, other: Problem) -> bool:
-    """Whether all that decides a path is the same; parts that ``replace`` has left alone are the very same objects."""
+    """Return whether all that decides a path is the same.
+
+    Parts that ``replace`` has left alone are the very same objects.
+    """
     numbers = [each.name for each in fields(one.arm) if each.name not in _OF_DRIVES]
     parts = ("workspace", "start", "goal", "stops")
     return (

@@ -15,13 +15,13 @@ from ccm_opt.core.progress import Progress, Stages
 from ccm_opt.core.threads import on_one_thread
 from ccm_opt.diagnosis.explain import refuse_closed, refuse_impossible
 from ccm_opt.driver.arguments import compiled_terms, expect_arguments, refuse_without_effect
-from ccm_opt.driver.kept_plan import as_it_stands, described
+from ccm_opt.driver.kept_plan import described, draft_solution
 from ccm_opt.driver.legs import plan_legs
 from ccm_opt.driver.settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.driver.verified_plan import VerifiedPlan, failed_checks, timed_and_verified
 from ccm_opt.ik.terms import Constraint, Cost
 from ccm_opt.planning.motion import Motion
-from ccm_opt.planning.own_units import in_own_units
+from ccm_opt.planning.own_units import planning_units
 from ccm_opt.planning.planner import MotionPlanner
 from ccm_opt.planning.settings import CurvePlannerSettings
 from ccm_opt.problem import Problem
@@ -43,7 +43,7 @@ _END_ROUNDS = 3
 
 
 def _hurried(curve: CurvePlannerSettings) -> CurvePlannerSettings:
-    """Settings for plans in the plane that are soon followed by others."""
+    """Return the settings for plans in the plane that are soon followed by others."""
     optimisation = replace(curve.motion.optimisation, free_rounds=_FREE_ROUNDS, end_rounds=_END_ROUNDS)
     return replace(curve, motion=replace(curve.motion, optimisation=optimisation))
 
@@ -74,7 +74,7 @@ class _FollowingPlanner:
         planner = self.quick if self.hurried else self.thorough
         if problem.dimension == 3:
             return planner.plan(problem)
-        with in_own_units(problem) as units:
+        with planning_units(problem) as units:
             path, self.known = planner.planned(units.scaled(problem), self.known)
         return units.path_in_metres(path, problem.arm)
 
@@ -157,7 +157,7 @@ class LivePlan:
 
     @staticmethod
     def suits(problem: Problem) -> bool:
-        """Whether a problem can be planned live."""
+        """Return whether a problem can be planned live."""
         fed = bool(problem.arm.base_axes) and problem.dimension == 2
         return not (fed or problem.stops or problem.joint_error) and problem.planner.method == "nlp"
 
@@ -245,7 +245,7 @@ class LivePlan:
         return LiveAnswer(self.current, self.reason, time.process_time() - begin)
 
     def finished(self, progress: Callable[[Progress], None] | None = None) -> Solution:
-        """The plan with the room that it keeps, the errors that it survives, and its simulation.
+        """Return the plan with the room that it keeps, the errors that it survives, and its simulation.
 
         Args:
             progress: as for ``solve``.
@@ -264,7 +264,7 @@ class LivePlan:
         return LiveAnswer(self.current, self.reason, time.process_time() - begin)
 
     def _within(self, time_limit: float) -> Problem:
-        """The problem as it is, with another limit of CPU time [s]."""
+        """Return the problem as it is, with another limit of CPU time [s]."""
         return replace(self.problem, planner=replace(self.problem.planner, time_limit=time_limit))
 
     def _attempt(self, problem: Problem) -> None:
@@ -314,12 +314,12 @@ class LivePlan:
     def _keep(self, verified: VerifiedPlan, stages: Stages) -> None:
         """Take a plan of the problem as it is."""
         self._verified = verified
-        self.plan = as_it_stands(self.problem, verified, stages)
+        self.plan = draft_solution(self.problem, verified, stages)
         self.current = True
         self.reason = ""
 
     def _vector(self, value: object, what: str) -> FloatArray:
-        """A vector of the problem's dimension, shape (d,).
+        """Return a vector of the problem's dimension, shape (d,).
 
         Raises:
             ProblemError: it is none.
@@ -346,5 +346,5 @@ class LivePlan:
 
 
 def _wall_gap(checks: Sequence[Check]) -> float:
-    """Least gap to walls [m]; inf where there are none."""
+    """Return the least gap to walls [m]; inf where there are none."""
     return next((each.worst for each in checks if each.name == "wall clearance"), inf)

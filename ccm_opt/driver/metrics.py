@@ -11,7 +11,7 @@ from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import Check, JointPath, JointStates, JointTrajectory, SimulatedMotion, goal_errors
 from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
-from ccm_opt.scene.surfaces import SurfaceSoup
+from ccm_opt.scene.surfaces import TriangleSoup
 from ccm_opt.verification.interpolated_message import interpolation_deviation
 
 _PLACES_PER_LINK = 8
@@ -39,7 +39,7 @@ class LeaderDeviation:
 
 
 def leader_deviation(arm: Arm, positions: FloatArray) -> LeaderDeviation | None:
-    """The deviation of a motion from the path of its leader, the tip; None where nothing follows one.
+    """Return the deviation of a motion from the path of its leader, the tip; None where nothing follows one.
 
     Args:
         arm: the arm.
@@ -68,7 +68,7 @@ def _distances(points: FloatArray, path: FloatArray, arm: Arm) -> tuple[FloatArr
     # A leg of the path is a triangle without area.
     legs = np.stack((path[:-1], path[1:], path[1:]), axis=1)
     owner = np.arange(len(legs), dtype=np.intp)
-    tree = SurfaceTree.of(SurfaceSoup(legs, np.zeros(len(legs)), owner, ("",) * len(legs)))
+    tree = SurfaceTree.of(TriangleSoup(legs, np.zeros(len(legs)), owner, ("",) * len(legs)))
     near = tree.nearest(np.stack((points, points), axis=1), 2.0 * arm.length)
     return near.gap, _straight_legs(path, arm.link_length)[near.owner]
 
@@ -92,7 +92,7 @@ def leaders_path(arm: Arm, poses: FloatArray, joints: FloatArray) -> FloatArray:
 
 
 def _straight_legs(path: FloatArray, reach: float) -> BoolArray:
-    """Whether a path, shape (m, 3), turns by little within a reach to either side of each of its legs, (m − 1,).
+    """Return whether a path, shape (m, 3), turns by little within a reach to either side of each of its legs, (m − 1,).
 
     Args:
         path: the corners.
@@ -118,20 +118,20 @@ def metrics(
     simulated: SimulatedMotion,
     checks: tuple[Check, ...],
 ) -> Mapping[str, float]:
-    """The figures of merit of a plan, named with their units."""
-    figures = dict(figures_of_motion(problem, trajectory, joints, checks))
+    """Return the figures of merit of a plan, named with their units."""
+    figures = dict(motion_figures(problem, trajectory, joints, checks))
     figures["keyframes"] = float(len(path.keyframes))
     figures["tracking_error_rad"] = simulated.tracking_error
     return figures
 
 
-def figures_of_motion(
+def motion_figures(
     problem: Problem, trajectory: JointTrajectory, joints: JointStates, checks: tuple[Check, ...]
 ) -> Mapping[str, float]:
-    """Those figures that the motion itself has, so that whoever has its arrays can make them again."""
+    """Return those figures that the motion itself has, so that whoever has its arrays can make them again."""
     bends = trajectory.bend_angles
     if problem.dimension == 3:
-        turns = bend_of_joints(problem.arm.bend_pairs(trajectory.positions))
+        turns = total_bends(problem.arm.bend_pairs(trajectory.positions))
         ends = _in_space(problem, trajectory)
     else:
         turns = np.abs(bends)
@@ -171,14 +171,14 @@ def _in_the_plane(problem: Problem, trajectory: JointTrajectory) -> dict[str, fl
 
 
 def _in_space(problem: Problem, trajectory: JointTrajectory) -> dict[str, float]:
-    """How the arm ends."""
+    """Return how the arm ends."""
     errors = goal_errors(problem, trajectory.positions[-1])
     ends = {"tip_error_m": errors.position, "direction_error_rad": errors.direction, "tip_roll_rad": errors.roll}
     return {name: error for name, error in ends.items() if error is not None}
 
 
 def _leader_figures(problem: Problem, trajectory: JointTrajectory) -> dict[str, float]:
-    """How well an arm follows its tip where its base is fed, as figures of merit."""
+    """Return how well an arm follows its tip where its base is fed, as figures of merit."""
     found = leader_deviation(problem.arm, trajectory.positions)
     if found is None:
         return {}
@@ -189,7 +189,7 @@ def _leader_figures(problem: Problem, trajectory: JointTrajectory) -> dict[str, 
     }
 
 
-def bend_of_joints(pairs: FloatArray) -> FloatArray:
-    """Angle between the links on both sides of a joint from its two bends, shape (..., 2) to (...) [rad]."""
+def total_bends(pairs: FloatArray) -> FloatArray:
+    """Return the angle between the links on both sides of a joint from its two bends, shape (..., 2) to (...) [rad]."""
     cos = np.cos(pairs[..., 0]) * np.cos(pairs[..., 1])
     return np.asarray(np.arccos(np.clip(cos, -1.0, 1.0)))

@@ -134,7 +134,7 @@ def pareto(
 def _roomiest(
     fastest: Solution, tried: Callable[[float, int], ParetoPlan], settings: Settings, trade_off: ParetoSettings
 ) -> ParetoPlan:
-    """The plan for the largest wanted gap that the scene has.
+    """Return the plan for the largest wanted gap that the scene has.
 
     That is some times the default, or what any motion can keep at most.
     """
@@ -170,12 +170,12 @@ def _refuse_planners_without_gaps(problem: Problem) -> None:
 
 
 def _planning_time(solution: Solution) -> float:
-    """CPU time of everything but the simulation [s]."""
+    """Return the CPU time of everything but the simulation [s]."""
     return sum(seconds for stage, seconds in solution.timings.items() if stage != "simulation")
 
 
 def _priced(plan: ParetoPlan, fastest: float) -> ParetoPlan:
-    """The plan with what its wanted gap costs in time."""
+    """Return the plan with what its wanted gap costs in time."""
     solution = plan.solution
     if solution is None or solution.room is None or plan.wanted_gap == 0.0:
         return plan
@@ -229,7 +229,7 @@ class Judgement:
         return self.trade_off.same_gap * self.length
 
     def worth(self, plan: ParetoPlan) -> float:
-        """Its least gap as far as it counts [m]."""
+        """Return the its least gap as far as it counts [m]."""
         return min(plan.gap, self.most_gap)
 
     def _rank(self, plan: ParetoPlan) -> tuple[float, float]:

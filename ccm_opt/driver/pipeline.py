@@ -29,7 +29,7 @@ from ccm_opt.driver.arguments import (
     refuse_contradictions,
     refuse_without_effect,
 )
-from ccm_opt.driver.kept_plan import as_it_stands, described
+from ccm_opt.driver.kept_plan import described, draft_solution
 from ccm_opt.driver.legs import Planner, Retimer
 from ccm_opt.driver.planning_run import PlanningRun
 from ccm_opt.driver.settings import DEFAULT_SETTINGS, Settings
@@ -101,11 +101,11 @@ def _lowered(terms: UserTerms, share: float) -> UserTerms:
     return terms if share == 1.0 else terms.with_costs_lowered(share)
 
 
-def best_of_tries(
+def best_try(
     problem: Problem,
     terms: UserTerms | None,
     planned: Plans,
-    as_it_stands: Callable[[Problem, VerifiedPlan], Solution],
+    draft_solution: Callable[[Problem, VerifiedPlan], Solution],
 ) -> VerifiedPlan:
     """Make as many tries as the problem names, each with the next seed and an equal share of the time.
 
@@ -115,7 +115,7 @@ def best_of_tries(
         problem: what to solve.
         terms: the user's constraints and costs.
         planned: makes a try.
-        as_it_stands: makes a solution of a problem's plan, for Ctrl-C.
+        draft_solution: makes a solution of a problem's plan, for Ctrl-C.
 
     Raises:
         NoPlanFound: no try found a plan; what the first of them said.
@@ -140,12 +140,12 @@ def best_of_tries(
     except KeyboardInterrupt as interrupt:
         if not tries.plans:
             raise
-        raise CancelledWithPlan(as_it_stands(problem, tries.best())) from interrupt
+        raise CancelledWithPlan(draft_solution(problem, tries.best())) from interrupt
     return tries.best()
 
 
 def least_gap(plan: VerifiedPlan) -> float:
-    """The least gap beyond the clearance that the verifier saw between any two bodies [m]."""
+    """Return the least gap beyond the clearance that the verifier saw between any two bodies [m]."""
     return min(check.worst - check.limit for check in plan.checks if check.name in {"wall clearance", "self-collision"})
 
 
@@ -192,8 +192,8 @@ def _reason(failure: NoPlanFound | VerificationError) -> str:
     return "the verifier refuses the plan: " + "; ".join(failure.failures)
 
 
-def short_of(problem: Problem, best: SurvivedError) -> Diagnosis:
-    """Why a motion that survives less than its problem asks for is none, and what would help."""
+def insufficient_robustness(problem: Problem, best: SurvivedError) -> Diagnosis:
+    """Return why a motion that survives less than its problem asks for is none, and what would help."""
     asked = float(np.rad2deg(problem.joint_error))
     reached = float(np.rad2deg(best.size))
     if not best.limited:
@@ -214,7 +214,7 @@ def short_of(problem: Problem, best: SurvivedError) -> Diagnosis:
 
 
 def _below(angle: float) -> str:
-    """An angle in three digits that is not above it."""
+    """Return an angle in three digits that is not above it."""
     digits = 2 - int(np.floor(np.log10(angle))) if angle > 0.0 else 0
     return f"{np.floor(angle * 10.0**digits) / 10.0**digits:.{max(digits, 0)}f}"
 
@@ -262,7 +262,7 @@ def surviving_errors(
     check = check_of(problem.joint_error, survived)
     if check.passed:
         return replace(plan, checks=(*plan.checks, check))
-    raise MotionNotFound(short_of(problem, survived))
+    raise MotionNotFound(insufficient_robustness(problem, survived))
 
 
 def solve(
@@ -317,7 +317,7 @@ def solve(
         if problem.joint_error > 0.0:
             planned = partial(surviving_errors, planned=planned, settings=numbers.tolerance)
         if problem.planner.tries > 1:
-            planned = partial(best_of_tries, planned=planned, as_it_stands=partial(as_it_stands, stages=stages))
+            planned = partial(best_try, planned=planned, draft_solution=partial(draft_solution, stages=stages))
         figures: dict[str, float] = {}
         try:
             with stages("necessary checks"):

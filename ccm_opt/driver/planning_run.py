@@ -27,7 +27,7 @@ from ccm_opt.problem.solution import JointPath, JointTrajectory
 def default_planner(
     problem: Problem, stages: Stages, terms: UserTerms | None = None, settings: Settings = DEFAULT_SETTINGS
 ) -> Planner:
-    """The planner for a problem and the user's constraints and costs.
+    """Return the planner for a problem and the user's constraints and costs.
 
     Raises:
         ProblemError: hill climbing is asked to keep constraints.
@@ -145,7 +145,7 @@ class PlanningRun:
 
 
 def _ended(plan: object) -> FloatArray:
-    """The configuration in which a plan ends, shape (c,) [rad, m]."""
+    """Return the configuration in which a plan ends, shape (c,) [rad, m]."""
     if not isinstance(plan, VerifiedPlan):
         raise ProblemError(f"{type(plan).__name__} is no plan")
     return np.asarray(plan.trajectory.positions[-1])

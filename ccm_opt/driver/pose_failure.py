@@ -58,7 +58,7 @@ class PoseTry:
         return np.inf if self.best is None else self.poses[self.best].answer.cost
 
     def begun(self, number: int) -> FloatArray:
-        """The configuration that a solution began with, shape (c,) [rad, m]."""
+        """Return the configuration that a solution began with, shape (c,) [rad, m]."""
         return np.asarray(self.poses[number - 1].q if number else self.beginning.q)
 
     @property
@@ -81,13 +81,13 @@ class PoseTry:
         return f"it touches something: {GapsAtSamples.nearest_words(self.asked.problem, pose.q)}"
 
 
-def tried_from(asked: GoalPoses, beginning: PoseBeginning, deadline: Deadline | None = None) -> PoseTry:
-    """The poses to which a beginning is improved."""
+def improved_poses(asked: GoalPoses, beginning: PoseBeginning, deadline: Deadline | None = None) -> PoseTry:
+    """Return the poses to which a beginning is improved."""
     return PoseTry(beginning, asked, () if beginning.q is None else asked.improved(beginning.q, deadline))
 
 
 def no_pose(asked: GoalPoses, tries: Sequence[PoseTry]) -> ConfigurationNotFound:
-    """The error that says why no pose at the goal was found.
+    """Return the error that says why no pose at the goal was found.
 
     Args:
         asked: what the NLP was asked.
@@ -104,7 +104,7 @@ def no_pose(asked: GoalPoses, tries: Sequence[PoseTry]) -> ConfigurationNotFound
         return ConfigurationNotFound(Diagnosis(findings[0].reason, "configuration", (), evidence, findings))
     if missed:
         softer = ("change the bounds or the goal", "make the constraint soft")
-        return ConfigurationNotFound(Diagnosis(missed_words(missed), "configuration", softer, evidence))
+        return ConfigurationNotFound(Diagnosis(describe_violations(missed), "configuration", softer, evidence))
     nearest = min((each for each in tries if each.poses), key=_miss, default=None)
     missing = next((each.beginning.missing for each in tries if each.beginning.missing is not None), None)
     reason = f"no pose was found at the goal from {len(tries)} beginnings"
@@ -119,7 +119,7 @@ def no_pose(asked: GoalPoses, tries: Sequence[PoseTry]) -> ConfigurationNotFound
 
 
 def _advice(problem: Problem) -> tuple[str, ...]:
-    """What may help the search for a pose."""
+    """Return what may help the search for a pose."""
     more = "raise planner.routes" if problem.dimension == 2 else "raise planner.time_limit"
     room = room_advice(problem.arm.radius, problem.workspace.clearance)
     free = () if getattr(problem.goal, "direction", None) is None else ("leave the goal's direction out",)
@@ -129,7 +129,9 @@ def _advice(problem: Problem) -> tuple[str, ...]:
 def with_constraint_first(
     failure: NoPlanFound, problem: Problem, terms: UserTerms | None, settings: Settings = DEFAULT_SETTINGS
 ) -> NoPlanFound:
-    """The same error; where no pose at the goal was found that keeps the user's constraints, its reason begins with it.
+    """Return the same error.
+
+    Where no pose at the goal was found that keeps the user's constraints, its reason begins with it.
 
     Args:
         failure: how the search for a motion ended.
@@ -143,37 +145,40 @@ def with_constraint_first(
     scaled = OwnUnits(problem.arm.length).scaled(problem)
     ends = resolve_ends(scaled)
     asked = poses_at_goal(scaled, ends, ends.start, terms, settings.curve.goal_pose)
-    tries = [tried_from(asked, each) for each in along_routes(scaled, ends)]
+    tries = [improved_poses(asked, each) for each in along_routes(scaled, ends)]
     missed = {} if any(each.best is not None for each in tries) else least_misses(tries)
     if not missed:
         return failure
     old = failure.diagnosis
     evidence = {**old.evidence, "missed_constraints": missed}
     advice = ("change the bounds of the constraint, or the goal", *old.advice)
-    reason = f"{missed_words(missed)}; {old.reason}"
+    reason = f"{describe_violations(missed)}; {old.reason}"
     return type(failure)(replace(old, reason=reason, evidence=evidence, advice=advice))
 
 
-def missed_words(missed: dict[str, float]) -> str:
-    """That constraints are missed at the goal, without the claim that this is proved."""
+def describe_violations(missed: dict[str, float]) -> str:
+    """Return that constraints are missed at the goal, without the claim that this is proved."""
     first = "; ".join(f"constraint '{name}', the nearest misses it by {miss:.4g}" for name, miss in missed.items())
     return f"no pose was found at the goal that keeps {first} (not proved: another pose might)"
 
 
 def least_misses(tries: Sequence[PoseTry]) -> dict[str, float]:
-    """Hard constraints that the pose which misses them least still misses, and by how much, the worst first.
+    """Return the hard constraints that the pose which misses them least still misses, and by how much, the worst first.
 
     The same beginnings are improved once more, with the constraints softened. Nothing is missed, and the result is
     empty, where that leads to no pose either: then other rows are in the way, too.
     """
-    found = [misses for each in tries if each.poses and (misses := _misses_from(each)) is not None]
+    found = [misses for each in tries if each.poses and (misses := _goal_violations(each)) is not None]
     # Where some beginning leads to a pose that misses fewer constraints, those alone are in the way.
     best = min(found, key=lambda misses: (len(misses), sum(misses.values())), default={})
     return dict(sorted(best.items(), key=lambda item: -item[1]))
 
 
-def _misses_from(each: PoseTry) -> dict[str, float] | None:
-    """What the pose misses to which one beginning leads when the constraints are soft; None when there is no pose."""
+def _goal_violations(each: PoseTry) -> dict[str, float] | None:
+    """Return what the pose misses to which one beginning leads when the constraints are soft.
+
+    None when there is no pose.
+    """
     terms = each.asked.terms
     if terms is None or not terms.hard_at_goal:
         return None
@@ -190,7 +195,7 @@ def _misses_from(each: PoseTry) -> dict[str, float] | None:
 
 
 def _worst_misses(terms: UserTerms, softened: UserTerms, q: FloatArray) -> dict[str, float]:
-    """Hard constraints that a pose misses: what is missed, and what counts beside the worst of them."""
+    """Return the hard constraints that a pose misses: what is missed, and what counts beside the worst of them."""
     misses = terms.residuals_at_goal(q)
     weights = {item.constraint.name: item.constraint.weight for item in softened.constraints}
     missed = {
@@ -209,7 +214,7 @@ def _miss(each: PoseTry) -> float:
 
 
 def _row_words(name: str, violation: float, asked: GoalPoses) -> str:
-    """A row that is violated, in the user's terms."""
+    """Return a row that is violated, in the user's terms."""
     length = asked.problem.arm.length
     what, _, rest = name.partition(": ")
     if what == "user":

@@ -141,7 +141,7 @@ def _expect_grid(step: object, headings: object, workers: object) -> None:
 
 
 def _width(problem: Problem, usual: float, step: float | None) -> float:
-    """The width of a cell [m]: the one that is asked for, or the usual share of the arm's length.
+    """Return the width of a cell [m]: the one that is asked for, or the usual share of the arm's length.
 
     Raises:
         ProblemError: it makes no sense.
@@ -161,7 +161,7 @@ def _middles(low: FloatArray, high: FloatArray, width: float) -> list[FloatArray
 
 
 def _axes(problem: Problem, width: float, settings: ReachSettings) -> tuple[FloatArray, ...]:
-    """Middles of the cells over the part of the room that the arm's length spans.
+    """Return the middles of the cells over the part of the room that the arm's length spans.
 
     Raises:
         ProblemError: the grid makes no sense.
@@ -193,7 +193,7 @@ def _directions(problem: Problem, asked: int | None, settings: ReachSettings) ->
 
 @on_one_thread()
 def _proved(problem: Problem, question: ReachQuestion, axes: Sequence[FloatArray]) -> tuple[TipLooker, BoolArray]:
-    """Who looks at cells, and which of them are out of reach.
+    """Return who looks at cells, and which of them are out of reach.
 
     Raises:
         ProblemError: the start touches something.
@@ -204,7 +204,7 @@ def _proved(problem: Problem, question: ReachQuestion, axes: Sequence[FloatArray
         contact = contact_words(problem, looker.task, looker.task.start)
         if contact:
             raise ProblemError(f"the start is in contact: {contact}")
-    return looker, _out_of_reach(problem, axes)
+    return looker, _unreachable_cells(problem, axes)
 
 
 @on_one_thread()
@@ -217,8 +217,8 @@ def _begin(flood: TipFlood, problem: Problem, looker: TipLooker) -> None:
     flood.begin(looker, along)
 
 
-def _out_of_reach(problem: Problem, axes: Sequence[FloatArray]) -> BoolArray:
-    """Cells to whose middles the tip cannot come.
+def _unreachable_cells(problem: Problem, axes: Sequence[FloatArray]) -> BoolArray:
+    """Return the cells to whose middles the tip cannot come.
 
     They are too far away, in a body, outside of the room, too near to one of them, or where the joints cannot turn to.
     """
@@ -243,7 +243,7 @@ def _out_of_reach(problem: Problem, axes: Sequence[FloatArray]) -> BoolArray:
 
 
 def _parts(numbers: IntArray) -> Iterator[IntArray]:
-    """Numbers a thousand at a time, so that intermediate arrays stay small."""
+    """Yield the numbers a thousand at a time, so that intermediate arrays stay small."""
     yield from np.array_split(numbers, max(len(numbers) // 1000, 1))
 
 
@@ -257,5 +257,5 @@ def _behind_walls(problem: Problem, axes: Sequence[FloatArray], unknown: BoolArr
 
 
 def _at(problem: Problem, place: FloatArray) -> Problem:
-    """The problem of bringing the tip to a place."""
+    """Return the problem of bringing the tip to a place."""
     return replace(problem, goal=TipGoal(place), tolerances=_EXACTLY, stops=())

@@ -7,7 +7,7 @@ import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.driver.closed_loop import simulate_and_check
-from ccm_opt.driver.metrics import figures_of_motion
+from ccm_opt.driver.metrics import motion_figures
 from ccm_opt.io.reading_back import RecordedResults, SavedMotion, recorded_curves
 from ccm_opt.planning.link_space import nearest_curves
 from ccm_opt.problem import Problem
@@ -43,7 +43,7 @@ _OF_USER = "constraint "
 """What names of checks begin with that hold what the user asks for."""
 
 
-def checks_of_record(
+def record_checks(
     problem: Problem,
     motion: SavedMotion,
     record: RecordedResults,
@@ -66,7 +66,7 @@ def checks_of_record(
     settings = settings.for_problem(problem)
     trajectory, joints = motion.trajectory, motion.joints
     found = [check_keyframes(problem.arm, trajectory, motion.keyframes, settings)]
-    figures = dict(figures_of_motion(problem, trajectory, joints, checks))
+    figures = dict(motion_figures(problem, trajectory, joints, checks))
     if problem.dimension == 2:
         found.append(_curves(problem, motion))
     figures["keyframes"] = float(len(motion.keyframes))
@@ -88,7 +88,7 @@ def checks_of_record(
 
 
 def _curves(problem: Problem, motion: SavedMotion) -> Check:
-    """The curves behind the keyframes of a motion in the plane."""
+    """Return the curves behind the keyframes of a motion in the plane."""
     curves = recorded_curves(motion.arrays, problem.arm)
     if problem.planner.method != "nlp":
         return check_followed_curves(problem.arm, curves, motion.keyframes)
@@ -96,7 +96,7 @@ def _curves(problem: Problem, motion: SavedMotion) -> Check:
 
 
 def _at_rest(motion: SavedMotion) -> Check:
-    """An arm that was not simulated stands where the plan begins."""
+    """Return an arm that was not simulated stands where the plan begins."""
     off = [
         np.abs(motion.simulated_angles - motion.joints.angles[:1]),
         np.abs(motion.simulated_torques),
@@ -107,7 +107,7 @@ def _at_rest(motion: SavedMotion) -> Check:
 
 
 def _simulated(motion: SavedMotion, recorded: Mapping[str, object], again: SimulatedMotion) -> Check:
-    """The simulated arm against another run of the same simulation."""
+    """Return the simulated arm against another run of the same simulation."""
     name = "simulated arm against its plan"
     verdict = asdict(again.verdict)
     # Where the arm does not follow its plan, words and numbers of the verdict are as far off as the run is.
@@ -136,7 +136,7 @@ def _simulated(motion: SavedMotion, recorded: Mapping[str, object], again: Simul
 
 
 def _samples_alike(time: FloatArray, verdict: SimulationVerdict) -> int:
-    """How many samples are the same to rounding whoever runs the simulation.
+    """Return how many samples are the same to rounding whoever runs the simulation.
 
     Where the arm does not follow its plan rounding grows without bound. What grows by the same factor in equal times,
     from a unit in the last place to a tenth of a radian, has half of its digits left at half the time.
@@ -152,7 +152,7 @@ def _figures(
     figures: Mapping[str, float],
     settings: VerificationSettings,
 ) -> Check:
-    """Recorded figures of merit against those of the arrays; figures of how the plan was made cannot be."""
+    """Return the recorded figures of merit against those of the arrays; figures of how the plan was made cannot be."""
     known = {name: value for name, value in figures.items() if name in recorded}
     wrong = [name for name in recorded if name not in figures and not name.startswith(_OF_PLANNING)]
     for name, value in known.items():
@@ -164,7 +164,7 @@ def _figures(
 
 
 def _checks(recorded: Sequence[Check], checks: Sequence[Check], settings: VerificationSettings) -> Check:
-    """Recorded checks against those made anew; those that the record does not know are new.
+    """Return the recorded checks against those made anew; those that the record does not know are new.
 
     The user's constraints are known by their names alone, but of a plan that is solved they hold, too.
     """
@@ -190,7 +190,7 @@ def _checks(recorded: Sequence[Check], checks: Sequence[Check], settings: Verifi
 
 
 def _survived(problem: Problem, trajectory: JointTrajectory, recorded: Sequence[SurvivedError]) -> Check:
-    """Recorded errors that are survived: each is proved once more, and larger ones are not looked for."""
+    """Return the recorded errors that are survived: each is proved once more, and larger ones are not looked for."""
     models: Mapping[str, ErrorModel] = {str(name): model for name, model in error_models(problem.arm).items()}
     wrong = []
     for error in recorded:
@@ -206,7 +206,7 @@ def _survived(problem: Problem, trajectory: JointTrajectory, recorded: Sequence[
 
 
 def _room(recorded: Mapping[str, FloatArray], room: RoomRecord, settings: VerificationSettings) -> Check:
-    """Recorded gaps over time against those measured anew."""
+    """Return the recorded gaps over time against those measured anew."""
     wanted = {"room_time": room.time, "wall_gaps": room.wall_gaps, "self_gaps": room.self_gaps}
     wrong = [
         name

@@ -17,7 +17,7 @@ from ccm_opt.driver.kept_plan import described
 from ccm_opt.driver.legs import Planner, end_to_end
 from ccm_opt.driver.pipeline import solve
 from ccm_opt.driver.settings import DEFAULT_SETTINGS, Settings
-from ccm_opt.driver.verified_plan import VerifiedPlan, results_of_terms, verified
+from ccm_opt.driver.verified_plan import VerifiedPlan, evaluate_terms, verified
 from ccm_opt.dynamics import retiming
 from ccm_opt.dynamics.retiming.braking import braked
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics, joint_states
@@ -104,7 +104,7 @@ def _retargeted(
     stages: Stages,
     settings: Settings,
 ) -> tuple[Problem, VerifiedPlan]:
-    """The whole motion with a new goal, and the problem that it solves.
+    """Return the whole motion with a new goal, and the problem that it solves.
 
     Args:
         solution: the plan that the arm follows.
@@ -137,7 +137,7 @@ def _retargeted(
     joints = joint_states(arm, trajectory, dynamics)
     with stages("verification"):
         checks = verified(whole, trajectory, joints, settings.verification)
-        of_terms = results_of_terms(terms, leg.path, leg.trajectory)
+        of_terms = evaluate_terms(terms, leg.path, leg.trajectory)
     # Some stages run twice, for the way from rest and for the whole.
     for name, seconds in leg.timings.items():
         stages.timings[name] = stages.timings.get(name, 0.0) + seconds
@@ -145,7 +145,7 @@ def _retargeted(
 
 
 def _path(first: JointTrajectory, onward: JointPath, time: float) -> JointPath:
-    """The path of the whole motion; keyframes and curves are those of the way from rest."""
+    """Return the path of the whole motion; keyframes and curves are those of the way from rest."""
     values = first.positions
     if len(values) <= onward.spline.k:
         return onward

@@ -71,7 +71,7 @@ class _GapsAtSamples:
         return self.wanted - self.gap
 
     def where(self, choose: BoolArray, other: "_GapsAtSamples") -> "_GapsAtSamples":
-        """These gaps at the samples of a mask, the others elsewhere."""
+        """Return the these gaps at the samples of a mask, the others elsewhere."""
         return _GapsAtSamples(
             *(np.where(choose, mine, theirs) for mine, theirs in zip(*map(_columns, (self, other)), strict=True))
         )
@@ -89,7 +89,7 @@ def room_over_time(
     settings: RoomSettings = DEFAULT_ROOM,
     verification: VerificationSettings = DEFAULT_VERIFICATION,
 ) -> RoomRecord:
-    """The room that a motion keeps.
+    """Return the room that a motion keeps.
 
     Args:
         problem: what was asked.
@@ -139,7 +139,7 @@ class _Room:
         return max(self.settings.reach * self.problem.arm.length, self.settings.reach_wanted * self.wanted)
 
     def record(self) -> RoomRecord:
-        """All of it."""
+        """Return all of it."""
         motion = self._motion
         samples = self._samples
         poses = motion.points[samples]
@@ -162,7 +162,7 @@ class _Room:
         )
 
     def _wall_gaps(self, poses: FloatArray) -> _GapsAtSamples:
-        """The nearest wall at every sample looked at."""
+        """Return the nearest wall at every sample looked at."""
         clearance = self.problem.workspace.clearance
         seen = GapsAtSamples.of(self.problem, poses, self._reach + clearance, 0.0)
         near = seen.walls
@@ -178,7 +178,7 @@ class _Room:
         wanted = arm.link_margins(pairs.link, pairs.other, self.wanted)
 
         def chosen(least: FloatArray) -> _GapsAtSamples:
-            best = _first_of_each(pairs.stretch, least, len(poses))
+            best = _first_per_node(pairs.stretch, least, len(poses))
             nothing = np.full(len(poses), "", dtype=np.object_)
             return _GapsAtSamples(
                 _filled(best, distance, self._reach),
@@ -192,17 +192,17 @@ class _Room:
         return nearest, chosen(distance - wanted) if self.wanted > 0.0 else nearest
 
     def _nearest(self, at_samples: _GapsAtSamples) -> NearPlace:
-        """The least gap of all times: at a sample or between two, as the proofs of the checks know it."""
+        """Return the least gap of all times: at a sample or between two, as the proofs of the checks know it."""
         known = [self._place(at_samples, int(np.argmin(at_samples.gap)))]
         for place in (check.place for check in self.checks if check.place is not None):
             wanted = self.wanted
             if place.second_link:
-                wanted = _wanted_of_pair(self.problem.arm, place.link - 1, place.second_link - 1, wanted)
+                wanted = _wanted_pair_gap(self.problem.arm, place.link - 1, place.second_link - 1, wanted)
             known.append(replace(place, wanted=wanted))
         return min(known, key=lambda place: place.gap)
 
     def _place(self, gaps: _GapsAtSamples, sample: int) -> NearPlace:
-        """What stands at one sample."""
+        """Return what stands at one sample."""
         return NearPlace(
             float(gaps.gap[sample]),
             float(gaps.wanted[sample]),
@@ -213,7 +213,7 @@ class _Room:
         )
 
     def _short(self, gaps: _GapsAtSamples, rests: list[int]) -> Iterator[ShortStretch]:
-        """Stretches with less than enough of what is wanted, each with its cause."""
+        """Yield the stretches with less than enough of what is wanted, each with its cause."""
         few = gaps.lack > (1.0 - self.settings.enough) * self.wanted
         edges = np.flatnonzero(np.diff(np.concatenate(([False], few, [False])).astype(np.int8)))
         for first, end in edges.reshape(-1, 2):
@@ -228,7 +228,7 @@ class _Room:
             )
 
     def _cause(self, gaps: _GapsAtSamples, rests: list[int], stretch: tuple[int, int], lack: float) -> ShortCause:
-        """A pose at which the arm rests, where it misses as much as any other of the stretch; else the way."""
+        """Return a pose at which the arm rests, where it misses as much as any other of the stretch; else the way."""
         for number, sample in enumerate(rests):
             inside = stretch[0] <= sample <= stretch[1]
             if inside and gaps.lack[sample] >= lack - self.verification.report_resolution:
@@ -238,7 +238,7 @@ class _Room:
         return "passage"
 
 
-def _first_of_each(node: IntArray, least: FloatArray, count: int) -> IntArray:
+def _first_per_node(node: IntArray, least: FloatArray, count: int) -> IntArray:
     """Number of the item with the least value of each node, shape (count,); -1 for a node without any."""
     lowest = np.full(count, np.inf)
     np.minimum.at(lowest, node, least)
@@ -249,15 +249,15 @@ def _first_of_each(node: IntArray, least: FloatArray, count: int) -> IntArray:
 
 
 def _filled(best: IntArray, values: FloatArray, otherwise: float) -> FloatArray:
-    """The chosen values, shape (N,), and another one where none is chosen."""
+    """Return the chosen values, shape (N,), and another one where none is chosen."""
     return np.append(values, otherwise)[best]
 
 
 def _numbered(best: IntArray, numbers: IntArray) -> IntArray:
-    """The chosen numbers counted from 1, shape (N,), and 0 where none is chosen."""
+    """Return the chosen numbers counted from 1, shape (N,), and 0 where none is chosen."""
     counted: IntArray = np.append(numbers + 1, 0)[best]
     return counted
 
 
-def _wanted_of_pair(arm: Arm, first: int, second: int, wanted: float) -> float:
+def _wanted_pair_gap(arm: Arm, first: int, second: int, wanted: float) -> float:
     return float(arm.link_margins(np.array([first]), np.array([second]), wanted)[0])

@@ -36,7 +36,7 @@ NOT_SIMULATED = "not simulated"
 def tolerance_of(
     solution: Solution, *, simulated: bool = True, settings: Settings | None = None
 ) -> tuple[SurvivedError, ...]:
-    """The largest errors that a plan survives, one kind of error at a time.
+    """Return the largest errors that a plan survives, one kind of error at a time.
 
     Args:
         solution: the plan.
@@ -49,12 +49,12 @@ def tolerance_of(
     expect(solution, Solution, "a ccm_opt.Solution", "ccm_opt.solve makes one")
     expect_arguments(settings=settings, simulated=simulated)
     numbers = settings or DEFAULT_SETTINGS
-    return tolerance_of_motion(
+    return motion_tolerance(
         solution.problem, solution.trajectory, solution.joints, simulated=simulated, settings=numbers
     )
 
 
-def tolerance_of_motion(
+def motion_tolerance(
     problem: Problem,
     trajectory: JointTrajectory,
     joints: JointStates,
@@ -62,7 +62,7 @@ def tolerance_of_motion(
     simulated: bool = True,
     settings: Settings = DEFAULT_SETTINGS,
 ) -> tuple[SurvivedError, ...]:
-    """The same of a motion that passes every check of its problem."""
+    """Return the same of a motion that passes every check of its problem."""
     errors = survived_errors(problem, trajectory, settings.tolerance)
     if not simulated:
         return errors
@@ -82,7 +82,7 @@ def tolerance_of_motion(
 def tolerance_at_once(
     problem: Problem, trajectory: JointTrajectory, settings: Settings = DEFAULT_SETTINGS
 ) -> tuple[SurvivedError, ...]:
-    """The error of the joints that a motion survives, where that takes next to no time; else nothing."""
+    """Return the error of the joints that a motion survives, where that takes next to no time; else nothing."""
     if len(trajectory.time) * problem.arm.links > _MOST_AT_ONCE:
         return ()
     return (survived_error(problem, trajectory, joint_errors(problem.arm), settings.tolerance),)
@@ -96,7 +96,9 @@ def _survived_load(
     trajectory: JointTrajectory,
     joints: JointStates,
 ) -> SurvivedError:
-    """The largest load that the controller may not know of, by bisection; ``first`` is of its order of magnitude.
+    """Return the largest load that the controller may not know of, by bisection.
+
+    ``first`` is of its order of magnitude.
 
     That a load is survived does not prove that every smaller one is; nothing between those tried is claimed.
     """
@@ -113,7 +115,7 @@ def _survived_load(
         return False
 
     if not survives(0.0):
-        return SurvivedError(name, 0.0, unit, _limited_by(failed, joints.names))
+        return SurvivedError(name, 0.0, unit, _limiting_error(failed, joints.names))
     low = 0.0
     high = first
     for _ in range(_DOUBLINGS):
@@ -132,12 +134,12 @@ def _survived_load(
             high = middle
         if high - low <= _LOAD_PRECISION * high:
             break
-    where = _limited_by(failed, joints.names)
+    where = _limiting_error(failed, joints.names)
     return SurvivedError(name, float(low), unit, where, limited=failed.outcome != NOT_SIMULATED)
 
 
-def _limited_by(verdict: SimulationVerdict, names: Sequence[str]) -> str:
-    """What a plan does not survive, in a few words: where and when it begins to go wrong.
+def _limiting_error(verdict: SimulationVerdict, names: Sequence[str]) -> str:
+    """Return what a plan does not survive, in a few words: where and when it begins to go wrong.
 
     Args:
         verdict: on a simulation with too great a load.
@@ -156,6 +158,6 @@ def _limited_by(verdict: SimulationVerdict, names: Sequence[str]) -> str:
 def _verdict(
     problem: Problem, disturbed: Disturbances, trajectory: JointTrajectory, joints: JointStates
 ) -> SimulationVerdict:
-    """What becomes of the arm under disturbances."""
+    """Return what becomes of the arm under disturbances."""
     changed = replace(problem, simulation=replace(problem.simulation, disturbances=disturbed))
     return simulated_once(changed, trajectory, joints).motion.verdict

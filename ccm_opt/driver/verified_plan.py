@@ -59,20 +59,20 @@ class VerifiedPlan:
     tries: tuple[TryRecord, ...] = ()
 
 
-def results_of_terms(
+def evaluate_terms(
     terms: "UserTerms | None",
     path: JointPath,
     trajectory: JointTrajectory,
 ) -> TermResults:
-    """What a motion makes of the user's constraints and costs; nothing when there are none."""
+    """Return what a motion makes of the user's constraints and costs; nothing when there are none."""
     if terms is None:
         return TermResults()
     from ccm_opt.ik import term_checks  # noqa: PLC0415 - most problems have no constraints of the user
 
-    return TermResults(*term_checks.results_of_terms(terms, path, trajectory))
+    return TermResults(*term_checks.evaluate_terms(terms, path, trajectory))
 
 
-def worst_of_legs(legs: Sequence[TermResults]) -> TermResults:
+def worst_leg_checks(legs: Sequence[TermResults]) -> TermResults:
     """The checks of all legs, each with the number of its goal, and of every figure the one farthest from zero."""
     checks = [
         replace(check, name=f"{check.name}, goal {number}")
@@ -85,12 +85,12 @@ def worst_of_legs(legs: Sequence[TermResults]) -> TermResults:
 
 
 def failed_checks(checks: Sequence[Check]) -> list[str]:
-    """What the checks that do not hold say."""
+    """Return what the checks that do not hold say."""
     return [f"{check.name}: {_value(check)} at {check.where}" for check in checks if not check.passed]
 
 
 def _value(check: Check) -> str:
-    """The worst value of a check, lengths in the unit of the problem's file."""
+    """Return the worst value of a check, lengths in the unit of the problem's file."""
     return file_length(check.worst, 6) if check.unit == "m" else f"{check.worst:.6g} {check.unit}"
 
 
@@ -143,10 +143,10 @@ def timed_and_verified(
     with stages("verification"):
         checks = verified(problem, trajectory, joints, settings.verification)
         # A leg's constraints hold for the leg by itself: its path parameter runs from 0 to 1.
-        found = [results_of_terms(terms, leg.path, motion) for leg, motion in zip(legs, timed, strict=True)]
-        of_terms = worst_of_legs(found) if len(found) > 1 else found[0]
+        found = [evaluate_terms(terms, leg.path, motion) for leg, motion in zip(legs, timed, strict=True)]
+        of_terms = worst_leg_checks(found) if len(found) > 1 else found[0]
         if broken := failed_checks(of_terms.checks):
-            raise MotionNotFound(_not_kept(broken))
+            raise MotionNotFound(_broken_constraint(broken))
     return VerifiedPlan(whole_path(legs), trajectory, joints, checks, of_terms)
 
 
@@ -157,7 +157,7 @@ def _leg_in_time(
     terms: "UserTerms | None",
     settings: Settings,
 ) -> JointTrajectory:
-    """The motion of a leg; where its path has corners, as one back over several legs has, it rests in them."""
+    """Return the motion of a leg; where its path has corners, as one back over several legs has, it rests in them."""
     parts = leg.path.parts
     if not parts:
         return _timed(leg, dynamics, retimer, terms, settings)
@@ -178,7 +178,7 @@ def _timed(
     terms: "UserTerms | None",
     settings: Settings,
 ) -> JointTrajectory:
-    """The first timing of a leg that may be taken.
+    """Return the first timing of a leg that may be taken.
 
     Raises:
         RetimingError: there is none within the limits.
@@ -205,7 +205,7 @@ def _timed(
         if problem.planner.retiming == "toppra":
             return trajectory
         checks = verify(problem, trajectory, joint_states(problem.arm, trajectory, dynamics), settings.verification)
-        of_terms = results_of_terms(terms, leg.path, trajectory)
+        of_terms = evaluate_terms(terms, leg.path, trajectory)
         failures = failed_checks((*checks, *of_terms.checks))
         if not failures:
             return trajectory
@@ -214,8 +214,8 @@ def _timed(
     raise RetimingError(Diagnosis(reason, "retiming", advice, {"failures": failures}))
 
 
-def _not_kept(broken: list[str]) -> Diagnosis:
-    """Why a motion is none that breaks a constraint of the user."""
+def _broken_constraint(broken: list[str]) -> Diagnosis:
+    """Return why a motion is none that breaks a constraint of the user."""
     reason = f"the motion that was found does not keep every constraint; the first that fails: {broken[0]}"
     advice = ("widen the constraint, or make it soft", "move the goal")
     return Diagnosis(reason, "constraints", advice, {"failures": broken})

@@ -18,7 +18,7 @@ import casadi as ca
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.ik.curve_frames import Bounds, CurveFrames, CurveNumbers, held_at
+from ccm_opt.ik.curve_frames import Bounds, CurveFrames, CurveNumbers, pinned_bounds
 from ccm_opt.ik.row_program import RowBlock, equal_to_zero
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.configuration import SpaceConfiguration
@@ -26,12 +26,12 @@ from ccm_opt.robot.rigid_motions import exponential
 
 
 def product(first: ca.SX, second: ca.SX) -> Any:
-    """Hamilton's products, column by column: the second turn in the axes of the first."""
-    return ca.vertcat(*_product_of(ca.vertsplit(first), ca.vertsplit(second)))
+    """Return the Hamilton's products, column by column: the second turn in the axes of the first."""
+    return ca.vertcat(*_quaternion_product(ca.vertsplit(first), ca.vertsplit(second)))
 
 
-def _product_of(first: Iterable[Any], second: Iterable[Any]) -> tuple[Any, Any, Any, Any]:
-    """Parts of Hamilton's product, of symbols or numbers."""
+def _quaternion_product(first: Iterable[Any], second: Iterable[Any]) -> tuple[Any, Any, Any, Any]:
+    """Return the parts of Hamilton's product, of symbols or numbers."""
     w, x, y, z = first
     a, b, c, d = second
     return (
@@ -43,14 +43,14 @@ def _product_of(first: Iterable[Any], second: Iterable[Any]) -> tuple[Any, Any, 
 
 
 def turned_by(vectors: ca.SX) -> ca.SX:
-    """Turns by rotation vectors, shape (3, n) [rad]."""
+    """Return the turns by rotation vectors, shape (3, n) [rad]."""
     angle = ca.sqrt(ca.sum1(vectors**2) + 1e-16)  # smooth at no turn, and otherwise the same but for rounding
     share = ca.sin(angle / 2) / angle
     return ca.vertcat(ca.cos(angle / 2), ca.repmat(share, 3, 1) * vectors)
 
 
 def axis(quaternions: ca.SX, number: int) -> ca.SX:
-    """The x, y or z axis (0, 1 or 2) after each turn, a column of its matrix, shape (3, n)."""
+    """Return the x, y or z axis (0, 1 or 2) after each turn, a column of its matrix, shape (3, n)."""
     w, x, y, z = ca.vertsplit(quaternions)
     if number == 0:
         return ca.vertcat(w**2 + x**2 - y**2 - z**2, 2 * (x * y + w * z), 2 * (x * z - w * y))
@@ -60,17 +60,17 @@ def axis(quaternions: ca.SX, number: int) -> ca.SX:
 
 
 def chained_quaternions(turns: FloatArray) -> FloatArray:
-    """Products of turns one after the other, shape (n, 4), as numbers; continuous in sign."""
+    """Return the products of turns one after the other, shape (n, 4), as numbers; continuous in sign."""
     chained = np.empty_like(turns)
     latest = np.array([1.0, 0.0, 0.0, 0.0])
     for step, turn in enumerate(turns):
-        latest = np.array(_product_of(latest, turn))
+        latest = np.array(_quaternion_product(latest, turn))
         chained[step] = latest
     return chained
 
 
 def quaternions_of(vectors: FloatArray) -> FloatArray:
-    """Turns by rotation vectors as numbers, shape (n, 3) to (n, 4)."""
+    """Return the turns by rotation vectors as numbers, shape (n, 3) to (n, 4)."""
     half = 0.5 * np.linalg.norm(vectors, axis=1, keepdims=True)
     return np.concatenate((np.cos(half), 0.5 * np.sinc(half / np.pi) * vectors), axis=1)
 
@@ -123,7 +123,7 @@ class BishopFrames(CurveFrames):
         return (*link_turns, self._frame_gaps(), self._turning(), self._mapping(), self._tip_parts())
 
     def _link_turns(self, index: int) -> RowBlock:
-        """Ω_i = U(s_(j+1)) − U(s_j) and ψ_i = (1/h) ∫ U ds − U(s_j) of every link."""
+        """Return the Ω_i = U(s_(j+1)) − U(s_j) and ψ_i = (1/h) ∫ U ds − U(s_j) of every link."""
         turned, integrals = self.joints.at_joints(self.parts[index])
         turns, means = (self.further_symbols[name][index, :].T for name in ("turns", "means"))
         gaps = ca.vertcat(
@@ -136,7 +136,7 @@ class BishopFrames(CurveFrames):
         return equal_to_zero(names, gaps)
 
     def _frame_gaps(self) -> RowBlock:
-        """The frame at a joint is that at the joint before, carried over the link between."""
+        """Return the frame at a joint is that at the joint before, carried over the link between."""
         left, up = ca.vertsplit(self.further_symbols["base turn"])
         frames, turns, means = (self.further_symbols[name] for name in ("frames", "turns", "means"))
         first = turned_by(ca.vertcat(0, -up, left))
@@ -147,14 +147,14 @@ class BishopFrames(CurveFrames):
         return equal_to_zero(names, ca.vec(frames - ca.horzcat(first, carried)))
 
     def _turning(self) -> RowBlock:
-        """R_j = R_(j−1) Rz(a_j) Ry(b_j): the links turn by the bends of their joints."""
+        """Return the r_j = R_(j−1) Rz(a_j) Ry(b_j): the links turn by the bends of their joints."""
         turns = _turns(self.bends)
         turned = product(self.lies[:, :-1], turns[:, 1:])
         names = tuple(f"link {link + 1}: gap in {part} of its turn" for link in range(self.links) for part in "wxyz")
         return equal_to_zero(names, ca.vec(self.lies - ca.horzcat(turns[:, 0], turned)))
 
     def _mapping(self) -> RowBlock:
-        """Every link points as the curve does in the mean over the link, but for a share of its offset."""
+        """Return every link points as the curve does in the mean over the link, but for a share of its offset."""
         means, frames, stray = (self.further_symbols[name] for name in ("means", "frames", "stray"))
         directions = mean_direction(means)
         along = sum((ca.repmat(directions[k, :], 3, 1) * axis(frames, k) for k in range(3)), ca.SX(0))
@@ -163,29 +163,32 @@ class BishopFrames(CurveFrames):
         return equal_to_zero(names, ca.vec(across - stray * self.parameters["strays"]))
 
     def _tip_parts(self) -> RowBlock:
-        """What the last link has of the two axes across the goal's direction; bounds keep it within the tolerance."""
+        """Return what the last link has of the two axes across the goal's direction.
+
+        Bounds keep it within the tolerance.
+        """
         names = ("tip: gap in its direction", "tip: gap in its direction, across")
         parts = self.parameters["across"].T @ axis(self.lies[:, self.links - 1], 0)
         return equal_to_zero(names, parts - self.further_symbols["tip parts"])
 
     def direction(self, lies: ca.SX) -> ca.SX:
-        """Their x axes."""
+        """Return the their x axes."""
         return axis(lies, 0)
 
     def joint_axes(self) -> tuple[ca.SX, ...]:
-        """The z axis of the link before, and y of its own."""
+        """Return the z axis of the link before, and y of its own."""
         return ca.horzcat(ca.SX([0.0, 0.0, 1.0]), axis(self.lies[:, :-1], 2)), axis(self.lies, 1)
 
     def turns_of(self, bends: FloatArray) -> FloatArray:
-        """A turn upwards, from x to z, is one about −y."""
+        """Return a turn upwards, from x to z, is one about −y."""
         return np.asarray(bends * np.array([1.0, -1.0]))
 
     def lies_at(self, bends: FloatArray) -> FloatArray:
-        """Quaternions of links turned by bends, shape (n, 4)."""
+        """Return the quaternions of links turned by bends, shape (n, 4)."""
         return link_quaternions(bends)
 
     def values(self, curve: CurveNumbers, lies: FloatArray, direction: FloatArray | None) -> dict[str, FloatArray]:
-        """Turns and frames of the curve; the start keeps all of its offsets from it."""
+        """Return the turns and frames of the curve; the start keeps all of its offsets from it."""
         turns, means = self.link_turns(curve)
         frames = _curve_frames(curve.base_turn, turns, means)
         across = _across(direction)
@@ -201,7 +204,7 @@ class BishopFrames(CurveFrames):
         }
 
     def link_turns(self, curve: CurveNumbers) -> tuple[FloatArray, FloatArray]:
-        """Ω and ψ of every link, each of shape (n, 2) [rad]."""
+        """Return the Ω and ψ of every link, each of shape (n, 2) [rad]."""
         joints = np.linspace(0.0, 1.0, self.links + 1)
         flat = [curve.turned(index) for index in range(len(self.directions))]
         at_joints = np.stack([each.heading_at(joints) for each in flat], axis=1)
@@ -216,11 +219,11 @@ class BishopFrames(CurveFrames):
         del lies
         turns = np.append(0.0, np.full(self.parts[0].count, np.inf))
         most = np.full(2, np.inf if direction is None else np.sin(turned) / np.sqrt(2.0))
-        held = {f"turned {name}": held_at(turns) for name in self.directions}
+        held = {f"turned {name}": pinned_bounds(turns) for name in self.directions}
         return {**held, "tip parts": (-most, most), "stray": (np.zeros(1), np.ones(1))}
 
     def curve(self, arm: Arm, numbers: CurveNumbers, feed: float) -> SpaceConfiguration:
-        """The curve in space."""
+        """Return the curve in space."""
         lengths, values, shares = numbers.parts()
         left, up = numbers.base_turn
         rotation, _ = exponential(np.array([0.0, -up, left, 0.0, 0.0, 0.0]))
@@ -234,7 +237,7 @@ class BishopFrames(CurveFrames):
 
 
 def mean_direction(means: ca.SX) -> ca.SX:
-    """Mean direction of the curve over links, in the axes of the frames at their beginnings, shape (3, n).
+    """Return the mean direction of the curve over links, in the axes of the frames at their beginnings, shape (3, n).
 
     Args:
         means: ψ, shape (2, n) [rad].
@@ -245,7 +248,7 @@ def mean_direction(means: ca.SX) -> ca.SX:
 
 
 def link_quaternions(bends: FloatArray) -> FloatArray:
-    """Quaternions of links turned by bends, shape (n, 2) to (n, 4)."""
+    """Return the quaternions of links turned by bends, shape (n, 2) to (n, 4)."""
     zero = np.zeros(len(bends))
     about_z = quaternions_of(np.column_stack((zero, zero, bends[:, 0])))
     about_y = quaternions_of(np.column_stack((zero, bends[:, 1], zero)))
@@ -253,7 +256,7 @@ def link_quaternions(bends: FloatArray) -> FloatArray:
 
 
 def _curve_frames(base_turn: FloatArray, turns: FloatArray, means: FloatArray) -> FloatArray:
-    """Frames at the beginnings of the links, shape (n, 4)."""
+    """Return the frames at the beginnings of the links, shape (n, 4)."""
     roll = means[:, 0] * turns[:, 1] - means[:, 1] * turns[:, 0]
     steps = np.column_stack((roll, -turns[:, 1], turns[:, 0]))[:-1]
     first = np.array([[0.0, -base_turn[1], base_turn[0]]])
@@ -261,7 +264,7 @@ def _curve_frames(base_turn: FloatArray, turns: FloatArray, means: FloatArray) -
 
 
 def _offsets(frames: FloatArray, means: FloatArray, lies: FloatArray) -> FloatArray:
-    """What links have of the mean directions of a curve across themselves, shape (n, 2)."""
+    """Return what links have of the mean directions of a curve across themselves, shape (n, 2)."""
     size = np.linalg.norm(means, axis=1)
     local = np.concatenate((np.cos(size)[:, None], np.sinc(size / np.pi)[:, None] * means), axis=1)
     mean = sum(local[:, [k]] * along for k, along in enumerate(_axes(frames)))
@@ -269,19 +272,19 @@ def _offsets(frames: FloatArray, means: FloatArray, lies: FloatArray) -> FloatAr
 
 
 def _axes(quaternions: FloatArray) -> list[FloatArray]:
-    """The x, y and z axes after each turn, shape (n, 4) to (n, 3) each, as numbers."""
+    """Return the x, y and z axes after each turn, shape (n, 4) to (n, 3) each, as numbers."""
     columns = ca.SX(ca.DM(quaternions.T))
     return [np.asarray(ca.evalf(axis(columns, k))).T for k in range(3)]
 
 
 def _across(direction: FloatArray | None) -> FloatArray:
-    """Two unit vectors across a direction, that of the straight arm where there is none, shape (2, 3)."""
+    """Return two unit vectors across a direction, that of the straight arm where there is none, shape (2, 3)."""
     along = np.array([1.0, 0.0, 0.0]) if direction is None else direction
     return np.asarray(np.linalg.svd(along[None])[2][1:])
 
 
 def _turns(bends: ca.SX) -> ca.SX:
-    """Turns by the bends of joints, shape (2, n) to (4, n)."""
+    """Return the turns by the bends of joints, shape (2, n) to (4, n)."""
     half_a = bends[0, :] / 2
     half_b = bends[1, :] / 2
     return ca.vertcat(

@@ -14,7 +14,7 @@ from ccm_opt.core.errors import ProblemError
 from ccm_opt.ik.functions import CompiledConstraint, CompiledCost
 from ccm_opt.ik.quantities import ArmQuantities, Quantities, SpaceQuantities
 from ccm_opt.ik.row_set import RowSet
-from ccm_opt.ik.terms import Constraint, Cost, Interval, Where, answer_of
+from ccm_opt.ik.terms import Constraint, Cost, Interval, Where, call_user_function
 from ccm_opt.robot.arm import Arm
 
 TIME_TO_BUILD = 10.0
@@ -24,13 +24,13 @@ _COMPARISONS = (ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE, ca.OP_NOT, ca.OP_AND, ca
 
 
 def _is_comparison(entry: Any) -> bool:
-    """Whether an entry of an expression is true or false and nothing else."""
+    """Return whether an entry of an expression is true or false and nothing else."""
     return any(entry.is_op(operation) for operation in _COMPARISONS)
 
 
 def _expression(term: Constraint | Cost, kind: str, quantities: ArmQuantities) -> Any:
-    """The expression as a column, checked."""
-    made = answer_of(lambda: term.expression(quantities), f"{kind} '{term.name}'", TIME_TO_BUILD)
+    """Return the expression as a column, checked."""
+    made = call_user_function(lambda: term.expression(quantities), f"{kind} '{term.name}'", TIME_TO_BUILD)
     try:
         column = ca.vec(ca.SX(made))
     except (NotImplementedError, RuntimeError, TypeError) as error:
@@ -58,7 +58,7 @@ def _expression(term: Constraint | Cost, kind: str, quantities: ArmQuantities) -
 
 
 def compiled_constraint(constraint: Constraint, quantities: ArmQuantities) -> CompiledConstraint:
-    """A constraint with its functions.
+    """Return a constraint with its functions.
 
     Raises:
         ProblemError: naming the constraint and what is wrong with it.
@@ -86,7 +86,7 @@ def compiled_constraint(constraint: Constraint, quantities: ArmQuantities) -> Co
 
 
 def _bound(constraint: Constraint, key: Literal["lower", "upper"], count: int) -> FloatArray:
-    """One of the bounds, for every entry of the expression, shape (count,)."""
+    """Return one of the bounds, for every entry of the expression, shape (count,)."""
     value = getattr(constraint, key)
     try:
         bound = np.asarray(value, dtype=np.float64).ravel()
@@ -103,7 +103,7 @@ def _bound(constraint: Constraint, key: Literal["lower", "upper"], count: int) -
 
 
 def compiled_cost(cost: Cost, quantities: ArmQuantities) -> CompiledCost:
-    """A cost with its functions.
+    """Return a cost with its functions.
 
     Raises:
         ProblemError: naming the cost and what is wrong with it.
@@ -187,7 +187,7 @@ class UserTerms:
         }
 
     def softened(self, q: FloatArray, weight: float) -> "UserTerms":
-        """The same terms with every hard constraint soft, its violation weighed as a turn of the whole arm.
+        """Return the same terms with every hard constraint soft, its violation weighed as a turn of the whole arm.
 
         Args:
             q: where the slopes are taken that turn the users' units into radians, shape (c,) [rad, m].
@@ -196,7 +196,10 @@ class UserTerms:
         return replace(self, constraints=tuple(_softened(item, q, weight) for item in self.constraints))
 
     def with_costs_lowered(self, share: float) -> "UserTerms":
-        """The same terms with a share of the weights of costs and soft constraints; without these where it is 0."""
+        """Return the same terms with a share of the weights of costs and soft constraints.
+
+        Without these where it is 0.
+        """
         if share == 0.0:
             return replace(self, constraints=self.hard, costs=())
         constraints = tuple(
@@ -270,7 +273,7 @@ def _refuse_other_kind(term: object, kind: type[Constraint] | type[Cost]) -> Non
 
 
 def _softened(item: CompiledConstraint, q: FloatArray, weight: float) -> CompiledConstraint:
-    """A constraint as a soft one."""
+    """Return a constraint as a soft one."""
     slopes = item.quantities.heading_slopes(np.asarray(item.slopes(q, 1.0)))
     norms = np.linalg.norm(slopes[np.isfinite(slopes).all(axis=1)], axis=1)
     steepest = float(norms.max(initial=0.0))

@@ -43,7 +43,7 @@ class NotBounded(Exception):  # noqa: N818 - an outcome, not a defect
 
 
 def interval_values(function: Any, boxes: list[Intervals]) -> list[Intervals]:
-    """Bounds of the entries of a function's only result.
+    """Return the bounds of the entries of a function's only result.
 
     Args:
         function: CasADi function of SX symbols with one column for an argument.
@@ -125,13 +125,13 @@ def _cosine(a: Intervals) -> Intervals:
 
 
 def _holds_turn(a: Intervals, angle: float) -> Any:
-    """Whether an interval holds an angle, whole turns aside; a little more is taken for a yes."""
+    """Return whether an interval holds an angle, whole turns aside; a little more is taken for a yes."""
     turn = 2.0 * np.pi
     return np.floor((a.high - angle) / turn + 1e-12) >= np.ceil((a.low - angle) / turn - 1e-12)
 
 
 def _rising(function: Callable[[FloatArray], FloatArray]) -> Callable[[Intervals], Intervals]:
-    """A function that never falls."""
+    """Return a function that never falls."""
     return lambda a: Intervals(function(a.low), function(a.high))
 
 
@@ -199,7 +199,7 @@ class GoalRegion:
 
 
 def contradictions(terms: UserTerms, goal: GoalRegion) -> tuple[Contradiction, ...]:
-    """Hard constraints that are proved not to hold at a goal.
+    """Return the hard constraints that are proved not to hold at a goal.
 
     Args:
         terms: the user's constraints, of an arm whose base stands still.
@@ -211,18 +211,21 @@ def contradictions(terms: UserTerms, goal: GoalRegion) -> tuple[Contradiction, .
 
 
 def _contradiction(item: CompiledConstraint, goal: GoalRegion) -> Contradiction | None:
-    function = _of_tip(item)
+    function = _as_tip_function(item)
     if function is None:
         return None
-    least = _proved_miss(item, function, goal)
+    least = _proved_violation(item, function, goal)
     if not least > TERM_TOLERANCE:
         return None
     exact = replace(goal, around=0.0, turned=0.0)
-    return Contradiction(item.constraint.name, _proved_miss(item, function, exact), least)
+    return Contradiction(item.constraint.name, _proved_violation(item, function, exact), least)
 
 
-def _of_tip(item: CompiledConstraint) -> ca.Function | None:
-    """The constraint as a function of where the tip is and points to; None when it depends on more of the pose."""
+def _as_tip_function(item: CompiledConstraint) -> ca.Function | None:
+    """Return the constraint as a function of where the tip is and points to.
+
+    None when it depends on more of the pose.
+    """
     known = item.quantities
     d = known.arm.dimension
     quantities = replace(known, tip_symbols=(ca.SX.sym("tip", d), ca.SX.sym("pointing", 1 if d == 2 else d)))
@@ -241,7 +244,7 @@ def _of_tip(item: CompiledConstraint) -> ca.Function | None:
 
 
 def _pointing(arm: Arm, goal: GoalRegion) -> list[Intervals]:
-    """Bounds on where the last link points: on its heading in the plane, on its direction in space."""
+    """Return the bounds on where the last link points: on its heading in the plane, on its direction in space."""
     if arm.dimension == 2:
         return [_headings(arm, goal)]
     if goal.direction is None:
@@ -267,8 +270,8 @@ def _headings(arm: Arm, goal: GoalRegion) -> Intervals:
     return Intervals(middle - goal.turned, middle + goal.turned)
 
 
-def _proved_miss(item: CompiledConstraint, function: ca.Function, goal: GoalRegion) -> float:
-    """By how much the constraint is missed at least, everywhere at the goal; 0 when that cannot be shown."""
+def _proved_violation(item: CompiledConstraint, function: ca.Function, goal: GoalRegion) -> float:
+    """Return by how much the constraint is missed at least, everywhere at the goal; 0 when that cannot be shown."""
     pointing = _pointing(item.quantities.arm, goal)
     # A heading is bisected; of three parts of a direction the pieces would be too many.
     for _ in range(_BISECTIONS if len(pointing) == 1 else 1):
@@ -288,7 +291,7 @@ def _about(centre: float, around: float, like: Intervals) -> Intervals:
 
 
 def least_misses(item: CompiledConstraint, values: list[Intervals]) -> FloatArray:
-    """By how much the worst entry is missed at least, in every box."""
+    """Return by how much the worst entry is missed at least, in every box."""
     above = np.stack([value.low - high for value, high in zip(values, item.upper, strict=True)])
     below = np.stack([low - value.high for value, low in zip(values, item.lower, strict=True)])
     worst: FloatArray = np.nan_to_num(np.maximum(above, below), nan=-np.inf, posinf=0.0).max(axis=0)

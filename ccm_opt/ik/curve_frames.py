@@ -30,7 +30,7 @@ Bounds = Mapping[str, tuple[FloatArray, FloatArray]]
 
 
 def bend_matrix(links: int, knots: int) -> FloatArray:
-    """Bends to one direction by the turn at the base and the curvature at even knots of a natural spline.
+    """Return the bends to one direction by the turn at the base and the curvature at even knots of a natural spline.
 
     The bend of a joint is the difference of the curve's mean turns on both its links. Turns do not add in space; bends
     do, to the first order in the length of a link.
@@ -59,7 +59,7 @@ class CurveNumbers:
 
     @classmethod
     def near(cls, turns: FloatArray, segments: int) -> "CurveNumbers":
-        """The curve with even knots whose bends come nearest to those of a pose.
+        """Return the curve with even knots whose bends come nearest to those of a pose.
 
         Args:
             turns: bends of every joint to each direction, shape (n, k) [rad].
@@ -72,7 +72,7 @@ class CurveNumbers:
         return cls(np.linspace(0.0, 1.0, knots), values[1:].T, values[0])
 
     def parts(self) -> tuple[list[float], list[FloatArray], list[Knots]]:
-        """Lengths, curvatures (5, k) and inner knots of the segments."""
+        """Return the lengths, curvatures (5, k) and inner knots of the segments."""
         arcs = self.arcs
         if np.any(np.diff(arcs) <= 0.0):  # where the solver failed, knots may lie out of their order
             arcs = np.linspace(0.0, 1.0, len(arcs))
@@ -157,32 +157,32 @@ class CurveFrames(ABC):
             splines, gaps, spacing = part.rows()
             blocks += [replace(each, names=tuple(f"{row}, {name}" for row in each.names)) for each in (splines, gaps)]
             if part is self.parts[0]:
-                blocks += [spacing, self.joints.kept_among()]
+                blocks += [spacing, self.joints.joint_order_rows()]
         return (*blocks, *self.link_rows())
 
     @abstractmethod
     def link_rows(self) -> tuple[RowBlock, ...]:
-        """The links turn by the bends of their joints and point as the curve does."""
+        """Return the links turn by the bends of their joints and point as the curve does."""
 
     @abstractmethod
     def direction(self, lies: ca.SX) -> ca.SX:
-        """Directions of links by how they lie, column by column, shape (f, e) to (d, e)."""
+        """Return the directions of links by how they lie, column by column, shape (f, e) to (d, e)."""
 
     @abstractmethod
     def joint_axes(self) -> tuple[ca.SX, ...]:
-        """What every joint turns about by each of its bends, shapes (1, n) in the plane and (3, n) in space."""
+        """Return what every joint turns about by each of its bends, shapes (1, n) in the plane and (3, n) in space."""
 
     @abstractmethod
     def turns_of(self, bends: FloatArray) -> FloatArray:
-        """Turns to each direction by bends of joints, shape (n, k) [rad]."""
+        """Return the turns to each direction by bends of joints, shape (n, k) [rad]."""
 
     @abstractmethod
     def lies_at(self, bends: FloatArray) -> FloatArray:
-        """How links lie by bends, shape (n, k) to (n, f)."""
+        """Return how links lie by bends, shape (n, k) to (n, f)."""
 
     @abstractmethod
     def values(self, curve: CurveNumbers, lies: FloatArray, direction: FloatArray | None) -> dict[str, FloatArray]:
-        """Values at a pose of the symbols beyond curvatures, bends and links, and of the parameters.
+        """Return the values at a pose of the symbols beyond curvatures, bends and links, and of the parameters.
 
         Args:
             curve: near the pose.
@@ -192,7 +192,7 @@ class CurveFrames(ABC):
 
     @abstractmethod
     def bounds(self, lies: FloatArray, direction: FloatArray | None, turned: float) -> Bounds:
-        """Bounds of the symbols that have some; those of the tip by the direction of the goal.
+        """Return the bounds of the symbols that have some; those of the tip by the direction of the goal.
 
         Args:
             lies: of the links of the pose to start from, shape (n, f).
@@ -202,16 +202,16 @@ class CurveFrames(ABC):
 
     @abstractmethod
     def curve(self, arm: Arm, numbers: CurveNumbers, feed: float) -> Curve:
-        """The curve in metres and the axes of the world, from where the base is carried so far [m]."""
+        """Return the curve in metres and the axes of the world, from where the base is carried so far [m]."""
 
     def numbers(self, values: Mapping[str, FloatArray]) -> CurveNumbers:
-        """The curve by the values of its symbols."""
+        """Return the curve by the values of its symbols."""
         curvatures = np.stack([values[f"curvature {name}"] for name in self.directions])
         # In the plane the curve's turns begin with that at its base.
         return CurveNumbers(values["arcs"], curvatures, values.get("base turn", values["turned left"][:1]))
 
     def curve_values(self, curve: CurveNumbers) -> dict[str, FloatArray]:
-        """Values of the curvatures' symbols on a curve."""
+        """Return the values of the curvatures' symbols on a curve."""
         found = {"arcs": curve.arcs}
         inner = curve.arcs[:-1].reshape(self.segments, PIECES)[:, 1:].ravel()
         for index, (name, part) in enumerate(zip(self.directions, self.parts, strict=True)):
@@ -225,21 +225,21 @@ class CurveFrames(ABC):
         return found
 
     def turned(self, curve: CurveNumbers, index: int) -> Configuration:
-        """One of the curvatures with its turns from the base."""
+        """Return one of the curvatures with its turns from the base."""
         return curve.turned(index)
 
     def curve_bounds(self) -> Bounds:
-        """The curve has the arm's length, and its integrals begin at 0."""
+        """Return the curve has the arm's length, and its integrals begin at 0."""
         knots = self.parts[0].count + 1
         ends = np.full(knots, np.inf)
         ends[[0, -1]] = (0.0, 1.0)
         begin = np.append(0.0, np.full(knots - 1, np.inf))
         held = {"arcs": ends, **{f"integral {name}": begin for name in self.directions}}
-        return {name: held_at(values) for name, values in held.items()}
+        return {name: pinned_bounds(values) for name, values in held.items()}
 
 
-def held_at(values: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Bounds that hold what is finite, and leave the rest free."""
+def pinned_bounds(values: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the bounds that hold what is finite, and leave the rest free."""
     return np.where(np.isfinite(values), values, -np.inf), values
 
 
@@ -263,7 +263,7 @@ class PlanarFrames(CurveFrames):
         return {}
 
     def link_rows(self) -> tuple[RowBlock, ...]:
-        """φ_j = φ_(j−1) + the bend, and φ_j l = Θ(s_(j+1)) − Θ(s_j)."""
+        """Return the φ_j = φ_(j−1) + the bend, and φ_j l = Θ(s_(j+1)) − Θ(s_j)."""
         lack = self.lies - ca.horzcat(0, self.lies[:, :-1]) - self.bends
         turns = equal_to_zero(tuple(f"link {j + 1}: gap in its turn" for j in range(self.links)), ca.vec(lack))
         _, integrals = self.joints.at_joints(self.parts[0])
@@ -272,28 +272,28 @@ class PlanarFrames(CurveFrames):
         return turns, mapped
 
     def direction(self, lies: ca.SX) -> ca.SX:
-        """(cos φ, sin φ)."""
+        """Return the (cos φ, sin φ)."""
         return ca.vertcat(ca.cos(lies), ca.sin(lies))
 
     def joint_axes(self) -> tuple[ca.SX, ...]:
-        """All turn about the axis across the plane."""
+        """Return all turn about the axis across the plane."""
         return (ca.SX.ones(1, self.links),)
 
     def turns_of(self, bends: FloatArray) -> FloatArray:
-        """The bends."""
+        """Return the bends."""
         return bends
 
     def lies_at(self, bends: FloatArray) -> FloatArray:
-        """Their sums."""
+        """Return the their sums."""
         return np.cumsum(bends, axis=0)
 
     def values(self, curve: CurveNumbers, lies: FloatArray, direction: FloatArray | None) -> dict[str, FloatArray]:
-        """None."""
+        """Return the none."""
         del curve, lies, direction
         return {}
 
     def bounds(self, lies: FloatArray, direction: FloatArray | None, turned: float) -> Bounds:
-        """The last link points as the goal does, with the whole turns that it has in the pose to start from."""
+        """Return the last link points as the goal does, with the whole turns that it has in the pose to start from."""
         if direction is None:
             return {}
         heading = float(np.arctan2(direction[1], direction[0]))
@@ -302,11 +302,11 @@ class PlanarFrames(CurveFrames):
         return {"links": (np.append(-free, heading - turned), np.append(free, heading + turned))}
 
     def turned(self, curve: CurveNumbers, index: int) -> Configuration:
-        """The curve itself: its first turn is that at the base."""
+        """Return the curve itself: its first turn is that at the base."""
         return curve.turned(index, float(curve.base_turn[index]))
 
     def curve(self, arm: Arm, numbers: CurveNumbers, feed: float) -> Configuration:
-        """The paper's curve."""
+        """Return the paper's curve."""
         lengths, values, shares = numbers.parts()
         return Configuration.chain(
             arm.base + feed * arm.direction,

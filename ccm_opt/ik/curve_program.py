@@ -58,7 +58,7 @@ class SegmentFlow:
 
 
 def natural_spline_moments(widths: ca.SX, values: ca.SX) -> ca.SX:
-    """Second derivatives M_0..M_4 of the natural cubic spline by the Thomas algorithm, (5, 1).
+    """Return the second derivatives M_0..M_4 of the natural cubic spline by the Thomas algorithm, (5, 1).
 
     a_{i-1} M_{i-1} + 2 (a_{i-1} + a_i) M_i + a_i M_{i+1} = 6 [(C_{i+1} - C_i)/a_i - (C_i - C_{i-1})/a_{i-1}],
     M_0 = M_4 = 0; the matrix is diagonally dominant, so elimination needs no pivots (Golub and Van Loan, 4.3).
@@ -108,7 +108,7 @@ def segment_flow(state: ca.SX, control: ca.SX) -> SegmentFlow:
 
 @cache
 def segment_function() -> ca.Function:
-    """(X, U) -> (X_{k+1}, points, Bernstein coefficients, ∫κ²) as one CasADi function."""
+    """Return the (X, U) -> (X_{k+1}, points, Bernstein coefficients, ∫κ²) as one CasADi function."""
     state = ca.SX.sym("X", STATES)
     control = ca.SX.sym("U", CONTROLS)
     flow = segment_flow(state, control)
@@ -116,26 +116,26 @@ def segment_function() -> ca.Function:
 
 
 def gap_closing(k: int, flow: SegmentFlow, following: ca.SX) -> RowBlock:
-    """X_{k+1} = F(X_k, U_k): a segment ends where the next one begins."""
+    """Return the x_{k+1} = F(X_k, U_k): a segment ends where the next one begins."""
     what = ("x", "y", "heading", "curvature", "arc length")
     return equal_to_zero(tuple(f"segment {k}: gap in {name} at its end" for name in what), following - flow.end)
 
 
 def base_at_stub_end(state: ca.SX, stub: ca.SX) -> RowBlock:
-    """The first segment begins at the end of the base's straight stub; the base is the origin."""
+    """Return the first segment begins at the end of the base's straight stub; the base is the origin."""
     names = ("base: x", "base: y")
     return equal_to_zero(names, state[:2] - stub * ca.vertcat(ca.cos(state[2]), ca.sin(state[2])))
 
 
 def knot_spacing(k: int, control: ca.SX, fraction: float) -> RowBlock:
-    """a_i ≥ fraction · L_k: spline knots keep apart."""
+    """Return the a_i ≥ fraction · L_k: spline knots keep apart."""
     widths = control[4:8]
     names = tuple(f"segment {k}: spacing of knots {i} and {i + 1}" for i in range(PIECES))
     return not_negative(names, widths - fraction * ca.sum1(widths))
 
 
 def certified_curvature(k: int, control: ca.SX, flow: SegmentFlow) -> RowBlock:
-    """B_i ≥ |Bernstein coefficients of κ on piece i|, so B_i bounds |κ| on the whole piece."""
+    """Return the b_i ≥ |Bernstein coefficients of κ on piece i|, so B_i bounds |κ| on the whole piece."""
     names = []
     rows = []
     for i in range(PIECES):
@@ -148,7 +148,7 @@ def certified_curvature(k: int, control: ca.SX, flow: SegmentFlow) -> RowBlock:
 def certified_containment(
     k: int, control: ca.SX, flow: SegmentFlow, normals: ca.SX, offsets: ca.SX, ends: tuple[bool, bool] = (False, False)
 ) -> RowBlock:
-    """A_k P + B_i (a_i/m)²/8 ≤ b_k at both ends of every sub-step, so the whole curve stays in the region.
+    """Return the a_k P + B_i (a_i/m)²/8 ≤ b_k at both ends of every sub-step, so the whole curve stays in the region.
 
     Between two points h apart along the curve it leaves their chord by at most B t(1-t) h²/2, t in [0, 1] (the error
     of linear interpolation, de Boor, chapter II), and the region is convex. Margins α² B h²/2 and (1-α)² B h²/2 at
@@ -201,7 +201,7 @@ def nearness(points: ca.SX, normals: FloatArray, offsets: FloatArray) -> ca.SX:
 
 
 def configuration_cost(state: ca.SX, control: ca.SX, bending: ca.SX, weight: ca.SX) -> ca.SX:
-    """Objective of one segment: w ∫κ² + 4 Σ(a_i/L_k - 1/4)² + 0.1 ΣB² + 0.001 Σ(C_{i+1} - C_i)².
+    """Return the objective of one segment: w ∫κ² + 4 Σ(a_i/L_k - 1/4)² + 0.1 ΣB² + 0.001 Σ(C_{i+1} - C_i)².
 
     The second pulls the knots towards even spacing, the third keeps the certified bounds tight, and the last is a small
     preference for gently changing curvature.

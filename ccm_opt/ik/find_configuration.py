@@ -21,7 +21,7 @@ from ccm_opt.core.polyline import (
     WHOLE_TURN,
     arc_lengths,
     leg_headings,
-    legs_at,
+    leg_indices,
     points_at,
     unit_vector,
     without_repeats,
@@ -72,16 +72,16 @@ class PathProfile:
         return abs(float(self.directions[0]) - self.base_heading) + abs(self.tip_heading - float(self.directions[-1]))
 
     def direction_at(self, length: FloatArray) -> FloatArray:
-        """Unwrapped heading of the path at lengths along it [rad]."""
-        return self.directions[legs_at(self.arcs, length)]
+        """Return the unwrapped heading of the path at lengths along it [rad]."""
+        return self.directions[leg_indices(self.arcs, length)]
 
     def point_at(self, length: FloatArray) -> FloatArray:
-        """Points of the path at lengths along it, shape (m, 2)."""
+        """Return the points of the path at lengths along it, shape (m, 2)."""
         return points_at(self.points, self.arcs, length)
 
 
 def path_profile(task: ConfigurationTask, base_turns: int = 0, tip_turns: int = 0) -> PathProfile:
-    """Headings along the task's taut path, unwrapped from base to tip.
+    """Return the headings along the task's taut path, unwrapped from base to tip.
 
     Args:
         task: with the corridor whose route is followed.
@@ -103,7 +103,7 @@ def path_profile(task: ConfigurationTask, base_turns: int = 0, tip_turns: int = 
 
 
 def region_crossings(profile: PathProfile, task: ConfigurationTask) -> FloatArray:
-    """Lengths of the taut path at which it passes from region to region, ends included, shape (regions + 1,)."""
+    """Return lengths of the taut path at which it passes from region to region, ends included, shape (regions + 1,)."""
     t = np.linspace(0.0, profile.arcs[-1], _PATH_SAMPLES)
     world = profile.point_at(t) * task.length + task.base
     inside = [np.all(world @ region.normals.T <= region.offsets + 1e-9, axis=1) for region in task.corridor.regions]
@@ -116,7 +116,7 @@ def region_crossings(profile: PathProfile, task: ConfigurationTask) -> FloatArra
 
 
 def _taut_points(task: ConfigurationTask) -> FloatArray:
-    """The route's taut string from base to goal without double points, scaled, at least two points."""
+    """Return the route's taut string from base to goal without double points, scaled, at least two points."""
     points = (np.vstack((task.base, task.corridor.route.taut[1:-1], task.goal)) - task.base) / task.length
     points = without_repeats(points, 1e-6)
     return points if len(points) > 1 else np.vstack((points, points[0] + np.array([1e-3, 0.0])))
@@ -143,7 +143,7 @@ _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(16)
 
 
 def polished_configuration(nlp: ConfigurationNLP, variables: FloatArray) -> Configuration:
-    """The configuration of a solution with tip position, heading and length exact.
+    """Return the configuration of a solution with tip position, heading and length exact.
 
     Args:
         nlp: the NLP solved.
@@ -168,7 +168,7 @@ def polished_configuration(nlp: ConfigurationNLP, variables: FloatArray) -> Conf
 
 
 def heading_basis(widths: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """The linear map from the 4 K + 1 curvature values of a chain to its headings: θ = θ_0 + rows @ values.
+    """Return the linear map from the 4 K + 1 curvature values of a chain to its headings: θ = θ_0 + rows @ values.
 
     Args:
         widths: arc lengths between knots, shape (K, 4) [m].
@@ -233,7 +233,7 @@ def _tip_equations(
 
 
 def initial_guess(nlp: ConfigurationNLP, profile: PathProfile, bulge: int = 1) -> FloatArray:
-    """Variables of the NLP near a smooth curve along a path, shape (variables,).
+    """Return the variables of the NLP near a smooth curve along a path, shape (variables,).
 
     Args:
         nlp: the NLP to start.
@@ -264,7 +264,7 @@ def initial_guess(nlp: ConfigurationNLP, profile: PathProfile, bulge: int = 1) -
 def _swings(
     nlp: ConfigurationNLP, profile: PathProfile, bulge: int, crossings: FloatArray, lengths: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Swing a of the heading in each region, positive to the left first [rad], and its number m of bumps.
+    """Return the swing a of the heading in each region, positive to the left first [rad], and its number m of bumps.
 
     Args:
         nlp: the NLP to start.
@@ -308,7 +308,7 @@ def curve_shares(task: ConfigurationTask, profile: PathProfile, crossings: Float
 
 
 def _reaches(region: ConvexRegion, point: FloatArray, across: float) -> tuple[float, float]:
-    """Distance from a point to the region's edge along the heading ``across`` and against it [m]."""
+    """Return the distance from a point to the region's edge along the heading ``across`` and against it [m]."""
     slack = region.offsets - region.normals @ point
     rate = region.normals @ unit_vector(across)
     ahead = rate > 1e-9
@@ -322,7 +322,10 @@ def _reaches(region: ConvexRegion, point: FloatArray, across: float) -> tuple[fl
 def _sample(
     nlp: ConfigurationNLP, profile: PathProfile, s: FloatArray, heading: FloatArray, boundaries: FloatArray
 ) -> FloatArray:
-    """States at the segment boundaries and controls from a sampled heading; positions sheared to meet the goal."""
+    """Return the states at the segment boundaries and controls from a sampled heading.
+
+    Positions sheared to meet the goal.
+    """
     # Trapezium rule, then a shear: the tip's distance from the goal is spread evenly over the arm's length.
     tangents = unit_vector(heading)
     steps = 0.5 * np.diff(s)[:, None] * (tangents[1:] + tangents[:-1])
@@ -342,7 +345,7 @@ def _sample(
 
 
 def find_configuration(task: ConfigurationTask, most_attempts: int | None = None) -> Configuration:
-    """A configuration that reaches the goal inside the corridor within the curvature limit.
+    """Return a configuration that reaches the goal inside the corridor within the curvature limit.
 
     Tries one segment a region first, then more; for each the nearest winding of the tip heading, then its
     neighbours, and the surplus length to either side. Every answer is polished and densely checked.
@@ -371,7 +374,7 @@ def find_configuration(task: ConfigurationTask, most_attempts: int | None = None
 def attempt(
     task: ConfigurationTask, regions: tuple[int, ...], profile: PathProfile, bulge: int
 ) -> Configuration | FailedAttempt:
-    """One guess, one solve, one check.
+    """Return one guess, one solve, one check.
 
     Args:
         task: what is to be found.
@@ -390,7 +393,7 @@ def attempt(
 
 
 def attempts(task: ConfigurationTask) -> Iterator[tuple[tuple[int, ...], PathProfile, int]]:
-    """Regions of the segments, path headings and side of the surplus length, most promising first."""
+    """Yield the regions of the segments, path headings and side of the surplus length, most promising first."""
     profiles = winding_profiles(task)
     first, *others = segment_regions(task, profiles[0])
     # Most tasks need the first guess only; more segments cost more than another side or winding.
@@ -404,7 +407,7 @@ def attempts(task: ConfigurationTask) -> Iterator[tuple[tuple[int, ...], PathPro
 
 
 def winding_profiles(task: ConfigurationTask) -> list[PathProfile]:
-    """The path's headings with the fewest whole turns at its ends: the nearest winding, then its neighbours."""
+    """Return the path's headings with the fewest whole turns at its ends: the nearest winding, then its neighbours."""
     low, high = task.base_heading_range
     # A base that turns freely meets the path's heading as it is; a fixed one may have to wind round to it.
     base = (0, 1, -1) if high - low < WHOLE_TURN else (0,)
@@ -414,7 +417,7 @@ def winding_profiles(task: ConfigurationTask) -> list[PathProfile]:
 
 
 def segment_regions(task: ConfigurationTask, profile: PathProfile) -> list[tuple[int, ...]]:
-    """Region of each segment: one each, then greater totals, shared by curve length."""
+    """Return the region of each segment: one each, then greater totals, shared by curve length."""
     count = len(task.corridor.regions)
     shares = np.ones(count, dtype=np.intp)
     plans = [shares.copy()]

@@ -29,7 +29,7 @@ class MotionStates:
     time: FloatArray
 
     def where(self, where: Where) -> "MotionStates":
-        """Those at which a term applies."""
+        """Return those at which a term applies."""
         chosen = applies_at(where, self.u)
         return MotionStates(self.q[chosen], self.u[chosen], self.rates[chosen], self.time[chosen])
 
@@ -63,7 +63,7 @@ class _Compiled:
         return ca.Function("term", list(symbols), [self.expression])
 
     def all_values(self, q: FloatArray, u: FloatArray, rates: FloatArray | None = None) -> FloatArray:
-        """The expression, shape (N, m).
+        """Return the expression, shape (N, m).
 
         Args:
             q: configurations, shape (N, c) [rad, m].
@@ -104,7 +104,7 @@ class CompiledConstraint(_Compiled):
         return ca.Function("slopes", symbols, [ca.densify(ca.jacobian(expression, q))])
 
     def residuals(self, q: FloatArray, u: FloatArray) -> FloatArray:
-        """By how much the worst entry violates its bounds, shape (N,); 0 where all hold, NaN where not finite.
+        """Return by how much the worst entry violates its bounds, shape (N,); 0 where all hold, NaN where not finite.
 
         Args:
             q: configurations, shape (N, c) [rad, m].
@@ -113,11 +113,14 @@ class CompiledConstraint(_Compiled):
         return np.maximum(self._beyond_bounds(self.all_values(q, u)), 0.0)
 
     def excesses(self, states: MotionStates) -> FloatArray:
-        """By how much the worst entry passes its bounds, shape (N,); negative where all hold, NaN where not finite."""
+        """Return by how much the worst entry passes its bounds, shape (N,).
+
+        Negative where all hold, NaN where not finite.
+        """
         return self._beyond_bounds(self.all_values(states.q, states.u, states.rates))
 
     def _beyond_bounds(self, values: FloatArray) -> FloatArray:
-        """The same for values of the expression, shape (N, m)."""
+        """Return the same for values of the expression, shape (N, m)."""
         # NaN would win or lose any comparison unnoticed, so it is set aside and put back at the end.
         finite = np.all(np.isfinite(values), axis=1)
         values = np.where(finite[:, None], values, 0.0)
@@ -125,7 +128,7 @@ class CompiledConstraint(_Compiled):
         return np.asarray(np.where(finite, beyond, np.nan))
 
     def as_cost(self) -> "CompiledCost":
-        """A soft constraint as a cost: half its squared violation."""
+        """Return a soft constraint as a cost: half its squared violation."""
         term = self.constraint
         # Costs are averaged over keyframes anyway, so that "keyframes" and "motion" are one place to them.
         where: Where = "motion" if term.where == "keyframes" else term.where
@@ -152,7 +155,7 @@ class CompiledCost(_Compiled):
     cost: Cost
 
     def values(self, q: FloatArray, u: FloatArray) -> FloatArray:
-        """The cost, unweighted, shape (N,); arguments as for ``CompiledConstraint.residuals``."""
+        """Return the cost, unweighted, shape (N,); arguments as for ``CompiledConstraint.residuals``."""
         return self.all_values(q, u)[:, 0]
 
     @cached_property
@@ -163,7 +166,7 @@ class CompiledCost(_Compiled):
         return ca.Function("derivatives", symbols, [ca.densify(gradient), ca.densify(hessian)])
 
     def second_order(self, q: FloatArray, u: float) -> tuple[FloatArray, FloatArray]:
-        """Gradient, shape (c,), and Hessian, shape (c, c), by one configuration."""
+        """Return the gradient, shape (c,), and Hessian, shape (c, c), by one configuration."""
         gradient, hessian = self._derivatives(q, u)
         return np.asarray(gradient)[:, 0], np.asarray(hessian)
 

@@ -29,7 +29,7 @@ clutter in the plane all need eight or fewer)."""
 
 @lru_cache(maxsize=4)  # the regions are drawn anew several times for one question; its solver is built once
 def with_user_terms(program: PoseProgram, terms: UserTerms) -> PoseProgram:
-    """The program with the user's hard constraints as rows, and soft ones and costs in its objective.
+    """Return the program with the user's hard constraints as rows, and soft ones and costs in its objective.
 
     Args:
         program: without them.
@@ -49,7 +49,7 @@ def with_user_terms(program: PoseProgram, terms: UserTerms) -> PoseProgram:
 
 
 def _rows_of(item: CompiledConstraint, pose: ca.SX, feed: ca.SX) -> RowBlock:
-    """A hard constraint at the goal, one row an entry, in the user's unit."""
+    """Return a hard constraint at the goal, one row an entry, in the user's unit."""
     name = item.constraint.name
     count = len(item.lower)
     names = (f"user: {name}",) if count == 1 else tuple(f"user: {name}, entry {k + 1}" for k in range(count))
@@ -57,7 +57,7 @@ def _rows_of(item: CompiledConstraint, pose: ca.SX, feed: ca.SX) -> RowBlock:
 
 
 def bounded(pose: ArmPose) -> bool:
-    """Whether a side of a region shapes the pose, so that it may be better in regions drawn anew."""
+    """Return whether a side of a region shapes the pose, so that it may be better in regions drawn anew."""
     return any("of its region" in name for name in pose.answer.multipliers)
 
 
@@ -113,7 +113,10 @@ class GoalPoses:
         return self.room_share * (self.problem.wanted_gap or self.problem.default_gap)
 
     def gap(self, q: FloatArray) -> float:
-        """Least gap of a pose beyond radius and clearance [m]; not told apart beyond the reach of regions."""
+        """Return the least gap of a pose beyond radius and clearance [m].
+
+        Not told apart beyond the reach of regions.
+        """
         arm = self.problem.arm
         points = arm.joint_positions_at(q)
         first, second = arm.self_pairs
@@ -123,7 +126,7 @@ class GoalPoses:
         return min(self._wall_gap(points), float(np.min(segment_distances(*ends)[2])) - 2.0 * arm.radius)
 
     def _wall_gap(self, points: FloatArray) -> float:
-        """Least gap of a pose to walls and surfaces, of joints and tip (links + 1, d) [m]."""
+        """Return the least gap of a pose to walls and surfaces, of joints and tip (links + 1, d) [m]."""
         arm = self.problem.arm
         kept = arm.radius + self.problem.workspace.clearance
         reach = self.settings.reach * arm.length + kept
@@ -131,14 +134,17 @@ class GoalPoses:
         return float(np.min(gaps, initial=reach)) - kept
 
     def regions(self, q: FloatArray, drawn_with: PoseSettings) -> JointRegions:
-        """The sides of every link's region about a pose."""
+        """Return the sides of every link's region about a pose."""
         arm = self.problem.arm
         points = arm.joint_positions_at(q)
         clearance = self.problem.workspace.clearance
         return regions_about(arm, self.tree, clearance, self.wanted_gap, points, drawn_with)
 
     def solved_within(self, start: FloatArray, seed: FloatArray, drawn_with: PoseSettings) -> ArmPose:
-        """One solution, its regions drawn with settings of their own; it stays near the seed unless told otherwise."""
+        """Return one solution, its regions drawn with settings of their own.
+
+        It stays near the seed unless told otherwise.
+        """
         arm = self.problem.arm
         regions = self.regions(start, drawn_with)
         torque = self.problem.limits.torque
@@ -147,7 +153,7 @@ class GoalPoses:
         segments = self.settings.segments_for(arm.links)
         plain = pose_program(PoseSize(arm.dimension, arm.links, sides, segments, loads is not None))
         program = plain if self.terms is None else with_user_terms(plain, self.terms)
-        weights = self.settings.weights_of(tuple(plain.parts), self.problem.planner.weights, arm.bends_a_joint)
+        weights = self.settings.objective_weights(tuple(plain.parts), self.problem.planner.weights, arm.bends_a_joint)
         return PoseQuestion(
             program=program,
             settings=self.settings,
@@ -174,7 +180,7 @@ class GoalPoses:
         )
 
     def solved(self, start: FloatArray, seed: FloatArray | None = None) -> ArmPose:
-        """One solution, feasible or not, with more and farther sides where a link has strayed beyond its region.
+        """Return one solution, feasible or not, with more and farther sides where a link has strayed beyond its region.
 
         Args:
             start: the pose to start from.
@@ -187,7 +193,7 @@ class GoalPoses:
         return pose
 
     def improved(self, seed: FloatArray, deadline: Deadline | None = None) -> tuple[ArmPose, ...]:
-        """Solutions from a pose, each from the one before with its regions drawn anew about it.
+        """Return the solutions from a pose, each from the one before with its regions drawn anew about it.
 
         Args:
             seed: a pose at or near the goal that touches nothing.
@@ -220,14 +226,14 @@ class GoalPoses:
         return gain < settings.worthwhile and (wide or growth < settings.worthwhile * self.wanted_gap)
 
     def feasible(self, pose: ArmPose) -> bool:
-        """Whether a pose keeps every row, and touches nothing by distances of its own."""
+        """Return whether a pose keeps every row, and touches nothing by distances of its own."""
         return pose.answer.violation <= self.settings.feasible and self.gap(pose.q) > -self.allowed
 
     def best(self, seed: FloatArray, deadline: Deadline | None = None) -> ArmPose | None:
-        """The best feasible pose of ``improved``; None when there is none."""
-        return self.best_of(self.improved(seed, deadline))
+        """Return the best feasible pose of ``improved``; None when there is none."""
+        return self.best_pose(self.improved(seed, deadline))
 
-    def best_of(self, poses: tuple[ArmPose, ...]) -> ArmPose | None:
-        """The feasible pose that costs least; None when there is none."""
+    def best_pose(self, poses: tuple[ArmPose, ...]) -> ArmPose | None:
+        """Return the feasible pose that costs least; None when there is none."""
         feasible = [pose for pose in poses if self.feasible(pose)]
         return min(feasible, key=lambda pose: pose.answer.cost, default=None)

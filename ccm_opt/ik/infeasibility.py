@@ -43,7 +43,7 @@ class Shortfall:
 
 
 def shortfalls(nlp: ConfigurationNLP, configuration: Configuration) -> tuple[Shortfall, ...]:
-    """Every requirement of the NLP's task that a configuration misses; empty when it is good.
+    """Return every requirement of the NLP's task that a configuration misses; empty when it is good.
 
     Args:
         nlp: gives the task and the region of each segment.
@@ -70,7 +70,7 @@ def shortfalls(nlp: ConfigurationNLP, configuration: Configuration) -> tuple[Sho
 
 
 def _outside(nlp: ConfigurationNLP, configuration: Configuration) -> float:
-    """Greatest distance of a point of the curve, the stub excepted, from its segment's region [m]."""
+    """Return the greatest distance of a point of the curve, the stub excepted, from its segment's region [m]."""
     boundaries = configuration.boundaries[len(configuration.segments) - len(nlp.regions) :]
     worst = -np.inf
     for index, start, end in zip(nlp.regions, boundaries[:-1], boundaries[1:], strict=True):
@@ -130,7 +130,7 @@ class FailedAttempt:
 
 
 def diagnose(task: ConfigurationTask, attempts: Sequence[FailedAttempt]) -> Diagnosis:
-    """A diagnosis from all failed attempts; the one that came nearest speaks for them."""
+    """Return a diagnosis from all failed attempts; the one that came nearest speaks for them."""
     nearest = min(attempts, key=lambda attempt: attempt.answer.violation)
     answer = nearest.answer
     rows = broken_rows(nearest)
@@ -154,7 +154,7 @@ def diagnose(task: ConfigurationTask, attempts: Sequence[FailedAttempt]) -> Diag
 
 
 def beyond_reach(task: ConfigurationTask) -> Diagnosis | None:
-    """Why no solver need start, or None: the goal too far, or an end outside the corridor."""
+    """Return why no solver need start, or None: the goal too far, or an end outside the corridor."""
     distance = float(np.hypot(*(task.goal - task.base)))
     if distance > task.length:
         return Diagnosis(
@@ -186,7 +186,7 @@ def beyond_reach(task: ConfigurationTask) -> Diagnosis | None:
 
 
 def broken_rows(attempt: FailedAttempt) -> tuple[BrokenRow, ...]:
-    """The rows that an attempt could not satisfy, the worst of every kind and segment, the worst first."""
+    """Return the rows that an attempt could not satisfy, the worst of every kind and segment, the worst first."""
     found: dict[tuple[str, int], BrokenRow] = {}
     for name, violation in attempt.answer.broken.items():
         row = _broken_row(attempt, name, violation)
@@ -196,7 +196,7 @@ def broken_rows(attempt: FailedAttempt) -> tuple[BrokenRow, ...]:
 
 
 def _broken_row(attempt: FailedAttempt, name: str, violation: float) -> BrokenRow:
-    """What a violated row means to a user, and where on the arm and in the plane it is."""
+    """Return what a violated row means to a user, and where on the arm and in the plane it is."""
     task = attempt.nlp.task
     numbers = re.match(r"segment (\d+)(?:: \D*piece (\d+))?", name)
     segment, piece = (int(numbers[1]), int(numbers[2] or 0)) if numbers else (-1, 0)
@@ -209,7 +209,7 @@ def _broken_row(attempt: FailedAttempt, name: str, violation: float) -> BrokenRo
 
 
 def _meaning(name: str, violation: float, length: float) -> tuple[str, str]:
-    """The kind of a row, and by how much it is violated, in words and for an arm of a length [m]."""
+    """Return the kind of a row, and by how much it is violated, in words and for an arm of a length [m]."""
     if "side" in name:
         return "region", f"it leaves its region by {short_length(violation * length)}"
     if "gap in heading" in name:

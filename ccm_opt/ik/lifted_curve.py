@@ -57,35 +57,35 @@ class SplinePieces:
     last_moment: ca.SX
 
     def take(self, indices: Sequence[int]) -> "SplinePieces":
-        """Some of the pieces, any of them several times."""
+        """Return some of the pieces, any of them several times."""
         return SplinePieces(*(column[list(indices)] for column in vars(self).values()))
 
     def integral_after(self, t: ca.SX) -> ca.SX:
-        """∫ θ over the first t of each piece: a quintic, shape (m, 1)."""
+        """Return the ∫ θ over the first t of each piece: a quintic, shape (m, 1)."""
         slope = (self.last - self.first) / self.width - self.width * (2 * self.first_moment + self.last_moment) / 6
         jerk = (self.last_moment - self.first_moment) / (120 * self.width)
         inner = self.first / 2 + t * (slope / 6 + t * (self.first_moment / 24 + t * jerk))
         return t * (self.heading + t * inner)
 
     def turn_after(self, t: ca.SX) -> ca.SX:
-        """∫ κ over the first t of each piece: a quartic, shape (m, 1) [rad]."""
+        """Return the ∫ κ over the first t of each piece: a quartic, shape (m, 1) [rad]."""
         slope = (self.last - self.first) / self.width - self.width * (2 * self.first_moment + self.last_moment) / 6
         jerk = (self.last_moment - self.first_moment) / (24 * self.width)
         return t * (self.first + t * (slope / 2 + t * (self.first_moment / 6 + t * jerk)))
 
     def turn(self) -> ca.SX:
-        """∫ κ over each whole piece, shape (m, 1) [rad]."""
+        """Return the ∫ κ over each whole piece, shape (m, 1) [rad]."""
         moments = self.first_moment + self.last_moment
         return self.width * (self.first + self.last) / 2 - self.width**3 * moments / 24
 
     def integral(self) -> ca.SX:
-        """∫ θ over each whole piece, shape (m, 1)."""
+        """Return the ∫ θ over each whole piece, shape (m, 1)."""
         chord = self.first / 3 + self.last / 6
         moments = (8 * self.first_moment + 7 * self.last_moment) / 360
         return self.width * (self.heading + self.width * (chord - self.width**2 * moments))
 
     def squared_curvature(self) -> ca.SX:
-        """∫ κ² over each piece, shape (m, 1).
+        """Return the ∫ κ² over each piece, shape (m, 1).
 
         With τ = t/a and b_i = M_i a²/6 the curvature is its chord less τ(1 - τ)[(2 - τ) b_i + (1 + τ) b_{i+1}]; the
         numbers are the integrals of the products of these polynomials.
@@ -190,7 +190,7 @@ class LiftedCurve:
         return equal_to_zero(names, (moments - 6 * bend) / (6 * self.count))
 
     def _gap_closing(self) -> RowBlock:
-        """θ and Θ at a knot are those at the knot before, integrated over the piece between."""
+        """Return the θ and Θ at a knot are those at the knot before, integrated over the piece between."""
         turns = self.headings[1:] - self.headings[:-1] - self.pieces.turn()
         integrals = self.integrals[1:] - self.integrals[:-1] - self.pieces.integral()
         what = ("heading", "the integral of the heading")
@@ -225,13 +225,13 @@ class JointsAmongPieces:
 
     @classmethod
     def of(cls, curve: LiftedCurve, links: int) -> "JointsAmongPieces":
-        """All joints of an arm."""
+        """Return all joints of an arm."""
         arcs = np.arange(links + 1) / links
         middle = np.minimum((arcs * curve.count).astype(int), curve.count - 1)
         return cls(curve, arcs, np.maximum(middle - _WINDOW, 0), np.minimum(middle + _WINDOW, curve.count - 1))
 
-    def kept_among(self) -> RowBlock:
-        """Every joint lies behind the start of its first piece and before the end of its last."""
+    def joint_order_rows(self) -> RowBlock:
+        """Return every joint lies behind the start of its first piece and before the end of its last."""
         behind = np.flatnonzero(self.first > 0)
         before = np.flatnonzero(self.last < self.curve.count - 1)
         rows = ca.vertcat(
@@ -243,7 +243,7 @@ class JointsAmongPieces:
         return not_negative(tuple(names), rows)
 
     def at_joints(self, curve: LiftedCurve) -> tuple[ca.SX, ca.SX]:
-        """θ and Θ at every joint and the tip, each of shape (links + 1, 1).
+        """Return the θ and Θ at every joint and the tip, each of shape (links + 1, 1).
 
         Args:
             curve: on the same knots.

@@ -64,7 +64,7 @@ class ConfigurationNLP:
     parameters: FloatArray
 
     def with_cost(self, expression: ca.SX) -> "ConfigurationNLP":
-        """The NLP with one more term in its objective; its solver is built anew."""
+        """Return the NLP with one more term in its objective; its solver is built anew."""
         return replace(self, program=replace(self.program, objective=self.program.objective + expression))
 
 
@@ -94,7 +94,7 @@ def build_configuration_nlp(
 
 
 def _nearness(nlp: ConfigurationNLP) -> ca.SX:
-    """What nearness of the curve's points to the walls behind their regions' sides costs."""
+    """Return what nearness of the curve's points to the walls behind their regions' sides costs."""
     task = nlp.task
     total = ca.SX(0)
     variables = nlp.program.variables
@@ -108,12 +108,12 @@ def _nearness(nlp: ConfigurationNLP) -> ca.SX:
 
 
 def pack_variables(states: FloatArray, controls: FloatArray) -> FloatArray:
-    """One column of variables from states (K + 1, 5) and controls (K, 12)."""
+    """Return one column of variables from states (K + 1, 5) and controls (K, 12)."""
     return np.append(np.hstack((states[:-1], controls)).ravel(), states[-1])
 
 
 def unpack_variables(variables: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """States (K + 1, 5) and controls (K, 12) from one column of variables."""
+    """Return the states (K + 1, 5) and controls (K, 12) from one column of variables."""
     stages = variables[:-STATES].reshape(-1, STAGE)
     return np.vstack((stages[:, :STATES], variables[-STATES:])), stages[:, STATES:]
 
@@ -121,7 +121,7 @@ def unpack_variables(variables: FloatArray) -> tuple[FloatArray, FloatArray]:
 # Tasks share few programs, and each keeps a built solver of tens of megabytes alive.
 @lru_cache(maxsize=4)
 def symbolic_program(segments: int, half_planes: int) -> RowProgram:
-    """Symbols, objective and rows for a number of segments and half-planes a region.
+    """Return the symbols, objective and rows for a number of segments and half-planes a region.
 
     The variables are X_0, U_0, X_1, U_1, .., X_K; the parameters are normals and offsets of each segment, stub length
     and weight of the bending.
@@ -188,7 +188,7 @@ def _variable_bounds(
 
 
 def _half_planes(task: ConfigurationTask, region: ConvexRegion, count: int) -> FloatArray:
-    """Normals, column-major, then offsets of one region in the NLP's units; padded rows hold always."""
+    """Return the normals, column-major, then offsets of one region in the NLP's units; padded rows hold always."""
     offsets = (region.offsets - region.normals @ task.base) / task.length
 
     # A base or goal that lies in the region stays in it: a side next to one moves by half of what is left there.

@@ -70,19 +70,19 @@ class HoldingLoads:
         }
 
     def values(self) -> tuple[ca.SX, ca.SX]:
-        """The same as expressions of all links at once, for their numbers at a pose."""
+        """Return the same as expressions of all links at once, for their numbers at a pose."""
         moments = [_moment(self.points[:, -1], self.payload)]
         for link in reversed(range(self.weights.shape[1])):
-            moments.append(moments[-1] + self._of_link(link))
+            moments.append(moments[-1] + self._link_moment(link))
         found = ca.horzcat(*moments[:0:-1])
         return found, self._torques(found) / self.limits
 
     def rows(self) -> tuple[RowBlock, RowBlock, RowBlock]:
-        """That they are the loads of a pose, and |τ| ≤ limit."""
+        """Return that they are the loads of a pose, and |τ| ≤ limit."""
         moments, shares = self.symbols.values()
         links = range(self.weights.shape[1])
         beyond = ca.horzcat(moments[:, 1:], _moment(self.points[:, -1], self.payload))
-        own = ca.horzcat(*(self._of_link(link) for link in links))
+        own = ca.horzcat(*(self._link_moment(link) for link in links))
         joints = [f"joint {link + 1}{bend}" for link in links for bend in ([""], [" a", " b"])[len(self.axes) - 1]]
         about = "xyz"[-moments.shape[0] :]
         of_links = tuple(f"link {link + 1}: gap in its moment about {name}" for link in links for name in about)
@@ -95,12 +95,12 @@ class HoldingLoads:
             not_negative(sides, ca.vertcat(1 - flat, 1 + flat)),
         )
 
-    def _of_link(self, link: int) -> ca.SX:
-        """Moment of a link's weight about the base."""
+    def _link_moment(self, link: int) -> ca.SX:
+        """Return the moment of a link's weight about the base."""
         return _moment(0.5 * (self.points[:, link] + self.points[:, link + 1]), self.weights[:, link])
 
     def _torques(self, moments: ca.SX) -> ca.SX:
-        """Torques about the axes of every joint, shape (k, n)."""
+        """Return the torques about the axes of every joint, shape (k, n)."""
         # Σ_{i ≥ j} (c_i - P_j) × w_i = Σ c_i × w_i - P_j × Σ w_i
         force = self.payload
         about = []
@@ -112,7 +112,7 @@ class HoldingLoads:
 
 
 def _moment(place: ca.SX, force: ca.SX) -> ca.SX:
-    """Moment of a force at a place; one number in the plane."""
+    """Return the moment of a force at a place; one number in the plane."""
     if place.numel() == 3:
         return ca.cross(place, force)
     return place[0] * force[1] - place[1] * force[0]
@@ -134,7 +134,7 @@ class PoseProgram(RowProgram):
 
 
 def place_rows(frames: CurveFrames, points: ca.SX, feed: ca.SX) -> tuple[RowBlock, RowBlock]:
-    """P_0 lies as far along the direction as the base is carried, and P_(j+1) = P_j + l x_j.
+    """Return the p_0 lies as far along the direction as the base is carried, and P_(j+1) = P_j + l x_j.
 
     Args:
         frames: how the links lie.
@@ -172,7 +172,7 @@ def region_rows(points: ca.SX, gap: ca.SX, given: Symbols) -> RowBlock:
 
 
 def goal_row(tip: ca.SX, goal: ca.SX, room: ca.SX) -> RowBlock:
-    """|P_n - goal|² ≤ room²: the tip lies in a ball; over 2 room, so that at the edge the row is a length.
+    """Return the |P_n - goal|² ≤ room²: the tip lies in a ball; over 2 room, so that at the edge the row is a length.
 
     Args:
         tip: P_n, shape (d, 1).
@@ -190,7 +190,7 @@ def uneven_knots(curve: LiftedCurve) -> ca.SX:
 
 
 def _parameters(size: PoseSize, frames: CurveFrames) -> dict[str, ca.SX]:
-    """Symbols of what changes from question to question but the weights, by name."""
+    """Return the symbols of what changes from question to question but the weights, by name."""
     d = size.dimension
     bends = len(frames.directions)
     found = {
@@ -216,7 +216,7 @@ def _parameters(size: PoseSize, frames: CurveFrames) -> dict[str, ca.SX]:
 # Few sizes are met in one problem, and a program keeps a built solver of some megabytes alive.
 @lru_cache(maxsize=4)
 def pose_program(size: PoseSize) -> PoseProgram:
-    """Symbols, rows and objective for a size; nothing is solved."""
+    """Return the symbols, rows and objective for a size; nothing is solved."""
     kind = PlanarFrames if size.dimension == 2 else BishopFrames
     frames: CurveFrames = kind(size.segments, size.links)
     points = ca.SX.sym("point", size.dimension, size.links + 1)

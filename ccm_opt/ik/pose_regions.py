@@ -39,7 +39,7 @@ class JointRegions:
     def of_links(
         cls, link: IntArray, normals: FloatArray, offsets: FloatArray, gap_shares: FloatArray
     ) -> "JointRegions":
-        """Sides of links as sides of both their ends; arguments as of the class, by link."""
+        """Return the sides of links as sides of both their ends; arguments as of the class, by link."""
         joint = np.concatenate((link, link + 1))
         return cls(joint, np.tile(normals, (2, 1)), np.tile(offsets, 2), np.tile(gap_shares, 2))
 
@@ -57,7 +57,7 @@ class JointRegions:
         return found
 
     def gap(self, first_shares: FloatArray, points: FloatArray) -> float:
-        """The gap that the held parts of all links have inside their regions [m].
+        """Return the gap that the held parts of all links have inside their regions [m].
 
         Args:
             first_shares: where on each link the part begins that must lie inside, shape (links,).
@@ -72,7 +72,7 @@ class JointRegions:
 
 
 def held_segments(arm: Arm, points: FloatArray) -> FloatArray:
-    """The parts of the links that may touch nothing, shape (k, 2, 3) [m]: those of the last k links."""
+    """Return the parts of the links that may touch nothing, shape (k, 2, 3) [m]: those of the last k links."""
     shares = arm.free_shares
     starts = points[:-1] + shares[:, None] * np.diff(points, axis=0)
     return in_space(np.stack((starts, points[1:]), axis=1)[shares < 1.0])
@@ -90,7 +90,7 @@ def regions_about(
     points: FloatArray,
     settings: PoseSettings,
 ) -> JointRegions:
-    """The sides of every link's region about a pose, for both its ends.
+    """Return the sides of every link's region about a pose, for both its ends.
 
     Args:
         arm: the arm.

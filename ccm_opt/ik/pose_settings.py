@@ -81,11 +81,11 @@ class PoseSettings:
     enough: float = 0.999
 
     def segments_for(self, links: int) -> int:
-        """Curvature segments of the curve of an arm of so many links."""
+        """Return the curvature segments of the curve of an arm of so many links."""
         return self.segments + math.ceil(max(links - NOMINAL_LINKS, 0) / self.links_a_segment)
 
-    def weights_of(self, parts: tuple[str, ...], given: Weights, bends_a_joint: int) -> FloatArray:
-        """Weights of the parts of the objective by their names, times those that a problem gives."""
+    def objective_weights(self, parts: tuple[str, ...], given: Weights, bends_a_joint: int) -> FloatArray:
+        """Return the weights of the parts of the objective by their names, times those that a problem gives."""
         weights = {
             "room": _ROOM_WEIGHT,
             "bending": self.bending_weight * given.bending,

@@ -16,7 +16,7 @@ from ccm_opt.ik.pose_regions import JointRegions
 from ccm_opt.ik.pose_settings import PoseSettings
 from ccm_opt.ik.row_program import IPOPT_SWITCHES, RowAnswer, built_solver, row_answer
 from ccm_opt.robot.arm import Arm
-from ccm_opt.robot.biarc import free_shares_of_bends
+from ccm_opt.robot.biarc import bend_shares
 
 _LIMIT_SHARE = 0.98
 """Share of a joint limit that a pose may use (as the steps of the motion have it)."""
@@ -138,7 +138,7 @@ class PoseQuestion:
         return position, None if self.direction is None else self.direction @ self._axes
 
     def _bends(self, q: FloatArray) -> FloatArray:
-        """Bends of a configuration, a joint a row, shape (n, k) [rad]."""
+        """Return the bends of a configuration, a joint a row, shape (n, k) [rad]."""
         arm = self.arm
         return q[: len(arm.bend_limits)].reshape(arm.links, arm.bends_a_joint)
 
@@ -154,7 +154,7 @@ class PoseQuestion:
         return CurveNumbers.near(turns, self.program.size.segments)
 
     @cached_property
-    def _of_frames(self) -> dict[str, FloatArray]:
+    def _frame_symbol_counts(self) -> dict[str, FloatArray]:
         """Numbers of the symbols that the frames bring, variables and parameters."""
         return self.program.frames.values(self.nearest_curve, self._lies, self._goal[1])
 
@@ -172,7 +172,7 @@ class PoseQuestion:
             "goal room": np.array([self.room[0] / length or 1.0]),
         }
         loads = self._forces if self.program.size.loaded else {}
-        return self.program.parameters.filled(numbers | self._of_frames | self.padded_sides() | loads)
+        return self.program.parameters.filled(numbers | self._frame_symbol_counts | self.padded_sides() | loads)
 
     @cached_property
     def _forces(self) -> dict[str, FloatArray]:
@@ -190,7 +190,7 @@ class PoseQuestion:
         }
 
     def padded_sides(self) -> dict[str, FloatArray]:
-        """Normals (n + 1, sides, d), offsets and shares of the gap (n + 1, sides) in the axes of the base.
+        """Return the normals (n + 1, sides, d), offsets and shares of the gap (n + 1, sides) in the axes of the base.
 
         Sides that say nothing have no normal, and an offset that is always kept.
         """
@@ -234,7 +234,7 @@ class PoseQuestion:
         gap = min(self.regions.gap(arm.free_shares, points), self.wanted_gap)
         numbers = {
             **self.program.frames.curve_values(self.nearest_curve),
-            **self._of_frames,
+            **self._frame_symbol_counts,
             "bends": self.start[: len(arm.bend_limits)],
             "links": self._lies,
             "points": (points - arm.base) @ self._axes / arm.length,
@@ -274,7 +274,7 @@ class PoseQuestion:
         )
 
     def _bend_multipliers(self, of_bounds: FloatArray) -> dict[str, float]:
-        """What the limits of the bends cost, by the joint and the side that it bends to."""
+        """Return what the limits of the bends cost, by the joint and the side that it bends to."""
         k = self.arm.bends_a_joint
         place = self.program.unknowns.places["bends"]
         lower, upper = self.bounds
@@ -303,7 +303,7 @@ class PoseQuestion:
         feed = float(arm.coordinates.advance(self.start))
         places = feed + arm.link_length * np.arange(arm.links, dtype=np.float64) - arm.hole
         bends = self.start[: len(arm.bend_limits)]
-        limits = share * arm.bend_limits * np.repeat(free_shares_of_bends(arm, places), arm.bends_a_joint)
+        limits = share * arm.bend_limits * np.repeat(bend_shares(arm, places), arm.bends_a_joint)
         # The start may be nearer to its limit than that.
         limits = np.maximum(limits, np.minimum(np.abs(bends), arm.bend_limits))
         limits[: arm.bends_a_joint * self.first_bending] = 0.0

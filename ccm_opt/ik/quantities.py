@@ -40,7 +40,7 @@ class ArmQuantities(ABC):
 
     @classmethod
     def from_arm(cls, arm: Arm) -> Self:
-        """Fresh symbols for an arm."""
+        """Return the fresh symbols for an arm."""
         size = len(arm.bend_limits)
         return cls(
             arm,
@@ -62,7 +62,7 @@ class ArmQuantities(ABC):
         return self.bend_rates, self.feed_rate
 
     def places(self, q: FloatArray) -> tuple[Any, Any]:
-        """Bends and feed of configurations, or their rates, shape (N, c), one a column."""
+        """Return the bends and feed of configurations, or their rates, shape (N, c), one a column."""
         return ca.DM(q[:, : len(self.arm.bend_limits)].T), ca.DM(self.arm.coordinates.advance(q)).T
 
     @property
@@ -101,7 +101,7 @@ class ArmQuantities(ABC):
         return turned
 
     def in_configurations(self, expression: Any) -> tuple[Any, Any]:
-        """The symbols of a configuration, shape (c, 1) [rad, m], and an expression of a path in these."""
+        """Return the symbols of a configuration, shape (c, 1) [rad, m], and an expression of a path in these."""
         carried = ca.SX.sym("carried", len(self.arm.base_axes))
         inserted = ca.substitute(expression, self.base_feed, ca.densify(ca.sum1(carried)))
         return ca.vertcat(self.bends, carried), inserted
@@ -112,7 +112,7 @@ class ArmQuantities(ABC):
         return *self.symbols, *self.rates
 
     def is_timed(self, expression: Any) -> bool:
-        """Whether an expression holds speeds."""
+        """Return whether an expression holds speeds."""
         return bool(ca.depends_on(expression, ca.vertcat(*self.rates)))
 
     @property
@@ -121,8 +121,8 @@ class ArmQuantities(ABC):
         return self.joint_positions[:, -1]
 
     def point_at(self, s: float) -> Any:
-        """Position at arc length ``s`` from the base, shape (dimensions, 1) [m]."""
-        link, fraction = self._link_at(s)
+        """Return the position at arc length ``s`` from the base, shape (dimensions, 1) [m]."""
+        link, fraction = self._link_at_arc_length(s)
         points = self.joint_positions
         return (1.0 - fraction) * points[:, link] + fraction * points[:, link + 1]
 
@@ -132,23 +132,23 @@ class ArmQuantities(ABC):
         return self._in_time(self.tip)
 
     def point_velocity(self, s: float) -> Any:
-        """Velocity of the point at arc length ``s`` from the base [m/s]; on the finished motion only."""
+        """Return the velocity of the point at arc length ``s`` from the base [m/s]; on the finished motion only."""
         return self._in_time(self.point_at(s))
 
     def _in_time(self, point: Any) -> Any:
-        """Derivative of a point by time."""
+        """Return the derivative of a point by time."""
         # The chain rule: ṗ = ∂p/∂(bends, feed) times their rates, as one product in forward mode.
         return ca.jtimes(point, ca.vertcat(self.bends, self.base_feed), ca.vertcat(*self.rates))
 
-    def _link_at(self, s: float) -> tuple[int, float]:
-        """The link at an arc length, and how much of that link lies before it."""
+    def _link_at_arc_length(self, s: float) -> tuple[int, float]:
+        """Return the link at an arc length, and how much of that link lies before it."""
         links = self._checked(s) / self.arm.link_length
         # The very tip belongs to the last link, not to one beyond it.
         link = min(int(links), self.arm.links - 1)
         return link, links - link
 
     def _checked(self, s: float) -> float:
-        """An arc length, or a refusal of what is none; rounding beyond the ends of the arm is forgiven."""
+        """Return an arc length, or a refusal of what is none; rounding beyond the ends of the arm is forgiven."""
         length = self.arm.length
         rounding = 1e-9 * length
         if not isinstance(s, int | float | np.floating) or not -rounding <= s <= length + rounding:
@@ -196,12 +196,12 @@ class Quantities(ArmQuantities):
         return self.link_headings[-1]
 
     def heading_at(self, s: float) -> Any:
-        """Heading at arc length ``s`` from the base [rad]."""
+        """Return the heading at arc length ``s`` from the base [rad]."""
         # A link's heading stands at its middle, half a link after its beginning.
         return _linear(self.link_headings, self._checked(s) / self.arm.link_length - 0.5)
 
     def curvature_at(self, s: float) -> Any:
-        """Curvature at arc length ``s`` from the base [1/m]; the bend at the base itself does not count."""
+        """Return the curvature at arc length ``s`` from the base [1/m]; the bend at the base itself does not count."""
         if self.arm.links < 2:
             raise ProblemError("an arm of one link has no curvature")
         # Joint k stands k links from the base; the base itself is left out, so entries begin at one link.
@@ -219,7 +219,7 @@ class Quantities(ArmQuantities):
 
 
 def _linear(values: Any, at: float) -> Any:
-    """Linear interpolation between the entries of a column, constant beyond both ends."""
+    """Return linear interpolation between the entries of a column, constant beyond both ends."""
     last = int(values.shape[0]) - 1
     place = min(max(at, 0.0), float(last))
     k = min(int(place), max(last - 1, 0))
@@ -228,7 +228,7 @@ def _linear(values: Any, at: float) -> Any:
 
 
 def _half_planes(region: shapely.Polygon) -> tuple[FloatArray, FloatArray]:
-    """Outward unit normals and offsets of the sides of a convex polygon.
+    """Return the outward unit normals and offsets of the sides of a convex polygon.
 
     Raises:
         ProblemError: the region is not a convex polygon.
@@ -288,12 +288,12 @@ class SpaceQuantities(ArmQuantities):
         return self.tip_direction
 
     def direction_at(self, s: float) -> Any:
-        """Direction of the link at arc length ``s`` from the base, a unit vector, shape (3, 1)."""
-        link, _ = self._link_at(s)
+        """Return the direction of the link at arc length ``s`` from the base, a unit vector, shape (3, 1)."""
+        link, _ = self._link_at_arc_length(s)
         return self.link_rotations[link][:, 0]
 
     def inside(self, normals: FloatArray, offsets: FloatArray, point: Any = None) -> Any:
-        """Distances of a point inside half-spaces, shape (sides, 1) [m]: membership is all ≥ 0.
+        """Return the distances of a point inside half-spaces, shape (sides, 1) [m]: membership is all ≥ 0.
 
         Args:
             normals: unit, outwards, shape (sides, 3).
@@ -310,7 +310,7 @@ class SpaceQuantities(ArmQuantities):
 
 
 def _turn(a: Any, b: Any) -> Any:
-    """Rz(a) Ry(b), shape (3, 3)."""
+    """Return the rz(a) Ry(b), shape (3, 3)."""
     ca_ = ca.cos(a)
     sa = ca.sin(a)
     cb = ca.cos(b)

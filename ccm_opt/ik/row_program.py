@@ -24,12 +24,12 @@ class RowBlock:
 
 
 def equal_to_zero(names: tuple[str, ...], expression: ca.SX) -> RowBlock:
-    """Rows that must vanish."""
+    """Return the rows that must vanish."""
     return RowBlock(names, expression, np.zeros(len(names)), np.zeros(len(names)))
 
 
 def not_negative(names: tuple[str, ...], expression: ca.SX) -> RowBlock:
-    """Rows that must be zero or more."""
+    """Return the rows that must be zero or more."""
     return RowBlock(names, expression, np.zeros(len(names)), np.full(len(names), np.inf))
 
 
@@ -60,7 +60,7 @@ class Symbols:
         return dict(zip(self.by_name, cuts, strict=True))
 
     def filled(self, numbers: Mapping[str, FloatArray], fill: float = np.nan) -> FloatArray:
-        """Numbers for the column.
+        """Return the numbers for the column.
 
         Args:
             numbers: by name, a matrix's columns in rows.
@@ -121,7 +121,7 @@ class RowProgram:
         return lower, upper
 
     def costs(self, variables: FloatArray, parameters: FloatArray, weights: FloatArray) -> dict[str, float]:
-        """Weighted parts of the objective by name.
+        """Return the weighted parts of the objective by name.
 
         Args:
             variables: shape (variables,).
@@ -176,7 +176,7 @@ def row_answer(
     bounded: Mapping[str, float] = MappingProxyType({}),
     binding: float = np.inf,
 ) -> RowAnswer:
-    """How IPOPT answered a program.
+    """Return how IPOPT answered a program.
 
     Args:
         program: that was solved.
@@ -213,7 +213,7 @@ def row_answer(
 
 
 def _is_tie(name: str) -> bool:
-    """Whether a row only ties variables together and asks nothing of the pose."""
+    """Return whether a row only ties variables together and asks nothing of the pose."""
     if name.startswith("user: "):  # whatever its user calls it
         return False
     return any(tie in name for tie in ("mapping", "gap in", "spline at", "of its end"))
@@ -223,7 +223,7 @@ _solvers: WeakKeyDictionary[RowProgram, dict[tuple[Any, ...], ca.Function]] = We
 
 
 def built_solver(program: RowProgram, options: Mapping[str, Any]) -> ca.Function:
-    """The solver of a program; built once for the same options, kept as long as the program lives."""
+    """Return the solver of a program; built once for the same options, kept as long as the program lives."""
     kept = _solvers.setdefault(program, {})
     asked = tuple(options.items())
     if asked not in kept:
@@ -238,7 +238,7 @@ def built_solver(program: RowProgram, options: Mapping[str, Any]) -> ca.Function
 
 
 def block_derivatives(program: RowProgram) -> dict[str, ca.Function]:
-    """Jacobian of the rows and Hessian of the Lagrangian, block by block.
+    """Return the Jacobian of the rows and Hessian of the Lagrangian, block by block.
 
     A block depends on few variables in the same way, and takes fewer sweeps than all blocks at once: CasADi's own
     derivatives of a whole program in space take half as long again (measured).

@@ -65,7 +65,7 @@ class RowSet:
 
     @classmethod
     def from_constraints(cls, quantities: "ArmQuantities", constraints: "Sequence[CompiledConstraint]") -> "RowSet":
-        """The rows of constraints: an equation for equal bounds, else a gap for each finite bound."""
+        """Return the rows of constraints: an equation for equal bounds, else a gap for each finite bound."""
         names: list[str] = []
         expressions: list[Any] = []
         equal: list[bool] = []
@@ -101,7 +101,7 @@ class RowSet:
         return len(self.names)
 
     def at(self, q: FloatArray, u: float = 0.0) -> RowValues:
-        """Values and slopes of the rows that apply at a pose.
+        """Return the values and slopes of the rows that apply at a pose.
 
         Args:
             q: configuration, shape (c,) [rad, m].
@@ -109,13 +109,13 @@ class RowSet:
         """
         # The buffers are overwritten by the next call; picking rows by a mask makes copies.
         values, jacobian = self._evaluated(q, u)
-        here = self._apply_at(u)
+        here = self.applicable_mask(u)
         equations = here & self.equal
         gaps = here & ~self.equal
         return RowValues(values[equations], jacobian[equations], values[gaps], jacobian[gaps])
 
     def table(self, q: FloatArray, u: FloatArray | float = 0.0) -> FloatArray:
-        """Values of all rows at many poses, shape (N, rows); NaN where a row does not apply.
+        """Return the values of all rows at many poses, shape (N, rows); NaN where a row does not apply.
 
         Args:
             q: configurations, shape (N, c) [rad, m].
@@ -126,16 +126,16 @@ class RowSet:
         # One pose a column.
         columns = self.values(ca.DM(q.T), ca.DM(places).T)
         values = np.asarray(columns, dtype=np.float64).reshape(len(self), count).T
-        table: FloatArray = np.where(self._apply_at(places[:, None]), values, np.nan)
+        table: FloatArray = np.where(self.applicable_mask(places[:, None]), values, np.nan)
         return table
 
-    def _apply_at(self, u: FloatArray | float) -> BoolArray:
-        """Which rows apply at a place of the motion, shape (rows,), or (N, rows) for ``u`` of shape (N, 1)."""
+    def applicable_mask(self, u: FloatArray | float) -> BoolArray:
+        """Return which rows apply at a place of the motion, shape (rows,), or (N, rows) for ``u`` of shape (N, 1)."""
         inside: BoolArray = (self.first <= u + TINY) & (u <= self.last + TINY)
         return inside
 
     def _evaluated(self, q: FloatArray, u: float) -> tuple[FloatArray, FloatArray]:
-        """All rows and their slopes, of shapes (rows,) and (rows, c); overwritten by the next call."""
+        """Return all rows and their slopes, of shapes (rows,) and (rows, c); overwritten by the next call."""
         if not len(self):
             return np.zeros(0), np.zeros((0, len(q)))
         _, evaluate, at, place, values, slopes = self._buffers

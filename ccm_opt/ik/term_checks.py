@@ -26,7 +26,7 @@ _NEWTON_STEPS = 3
 
 
 def nearest_path_parameters(path: JointPath, poses: FloatArray) -> FloatArray:
-    """Where on the path given poses are nearest, never going back, shape (N,).
+    """Return where on the path given poses are nearest, never going back, shape (N,).
 
     Args:
         path: spline of the coordinates over u in [0, 1].
@@ -53,7 +53,7 @@ def nearest_path_parameters(path: JointPath, poses: FloatArray) -> FloatArray:
 
 
 def _places(path: JointPath, per_knot: int) -> FloatArray:
-    """Path parameters at equal distances between every two knots, increasing."""
+    """Return the path parameters at equal distances between every two knots, increasing."""
     knots = np.unique(np.clip(path.spline.t, 0.0, 1.0))
     fine = np.arange(per_knot * (len(knots) - 1) + 1) / per_knot
     places: FloatArray = np.interp(fine, np.arange(len(knots)), knots)
@@ -61,7 +61,7 @@ def _places(path: JointPath, per_knot: int) -> FloatArray:
 
 
 def _refined(path: JointPath, poses: FloatArray, u: FloatArray) -> FloatArray:
-    """Newton's method (Gauss–Newton) on the squared distance of every pose to the path."""
+    """Return the Newton's method (Gauss–Newton) on the squared distance of every pose to the path."""
     least_slope = 1e-12  # at a stop the path does not move, and any parameter is as good
     for _ in range(_NEWTON_STEPS):
         error = poses - path.spline(u)
@@ -72,12 +72,12 @@ def _refined(path: JointPath, poses: FloatArray, u: FloatArray) -> FloatArray:
     return u
 
 
-def results_of_terms(
+def evaluate_terms(
     terms: UserTerms,
     path: JointPath,
     trajectory: JointTrajectory,
 ) -> tuple[tuple[Check, ...], Mapping[str, float]]:
-    """One check for every constraint, and figures by name.
+    """Return one check for every constraint, and figures by name.
 
     Args:
         terms: constraints and costs.
@@ -99,7 +99,7 @@ def checks_without_path(
     trajectory: JointTrajectory,
     keyframes: FloatArray,
 ) -> tuple[Check, ...]:
-    """The same for a motion of which only samples and keyframes are known, as of one read from its folder.
+    """Return the same for a motion of which only samples and keyframes are known, as of one read from its folder.
 
     Args:
         terms: constraints and costs.
@@ -124,7 +124,7 @@ def _checks(terms: UserTerms, every: MotionStates, keyframes: MotionStates) -> t
 
 
 def _figures(terms: UserTerms, every: MotionStates) -> Mapping[str, float]:
-    """Worst residual of every constraint and mean value of every cost, by name."""
+    """Return the worst residual of every constraint and mean value of every cost, by name."""
     figures = {}
     for each in terms.checked:
         excess, _ = _worst(each, every)
@@ -141,7 +141,7 @@ def poses_at_rate(
     path: JointPath | None,
     trajectory: JointTrajectory,
 ) -> MotionStates:
-    """The written samples and those at 1 kHz between them; without a path all between its ends are alike."""
+    """Return the written samples and those at 1 kHz between them; without a path all between its ends are alike."""
     time = _times_at_rate(trajectory.time, _RATE)
     known = (trajectory.positions, trajectory.velocities, trajectory.accelerations)
     # Positions, velocities and accelerations of the samples are all met, unlike by a line between them.
@@ -156,18 +156,18 @@ def poses_at_rate(
 
 
 def _parametric(terms: UserTerms) -> bool:
-    """Whether any of the terms depends on the path parameter."""
+    """Return whether any of the terms depends on the path parameter."""
     return terms.parametric or any(timed.parametric for timed in terms.timed)
 
 
 def poses_at_keyframes(keyframes: FloatArray, u: FloatArray) -> MotionStates:
-    """The planner's keyframes, shape (K, coordinates), at their path parameters; their time is unknown."""
+    """Return the planner's keyframes, shape (K, coordinates), at their path parameters; their time is unknown."""
     # NaN rather than zero: a constraint on speeds that is evaluated here must fail, not pass.
     return MotionStates(keyframes, u, np.full_like(keyframes, np.nan), np.full(len(keyframes), np.nan))
 
 
 def _times_at_rate(time: FloatArray, rate: float) -> FloatArray:
-    """The samples' times, and as many between two of them as the longest interval needs."""
+    """Return the samples' times, and as many between two of them as the longest interval needs."""
     # Keeps rounding of an interval of exactly one period from doubling the poses.
     rounding = 1e-6
     parts = max(1, int(np.ceil(np.max(np.diff(time)) * rate - rounding)))
@@ -198,7 +198,7 @@ def _check(item: CompiledConstraint, poses: MotionStates) -> Check:
 
 
 def _worst(item: CompiledConstraint, poses: MotionStates) -> tuple[float, str]:
-    """By how much the bounds are passed at worst where the constraint applies, and the place of that in words.
+    """Return by how much the bounds are passed at worst where the constraint applies, and the place of that in words.
 
     Negative where they are kept, with so much to spare; NaN, before all others, when a value is not finite.
     """

@@ -98,7 +98,7 @@ class Constraint:
         expect(self.soft, bool, "True or False for soft=")
 
     def __call__(self, quantities: "ArmQuantities") -> Any:
-        """The expression."""
+        """Return the expression."""
         return self.expression(quantities)
 
 
@@ -122,7 +122,7 @@ class Cost:
         _check(self, "cost")
 
     def __call__(self, quantities: "ArmQuantities") -> Any:
-        """The expression."""
+        """Return the expression."""
         return self.expression(quantities)
 
 
@@ -153,7 +153,7 @@ def constraint(
 
 
 def cost(*, name: str | None = None, weight: float = 1.0, where: Where = "motion") -> Callable[[Expression], Cost]:
-    """Decorator: a function of the quantities as a cost, named after the function unless a name is given.
+    """Return the decorator: a function of the quantities as a cost, named after the function unless a name is given.
 
     Args:
         name: for messages, metrics and the record.
@@ -167,7 +167,7 @@ def cost(*, name: str | None = None, weight: float = 1.0, where: Where = "motion
     return decorate
 
 
-def answer_of(call: Callable[[], ANSWER], what: str, limit: float) -> ANSWER:
+def call_user_function(call: Callable[[], ANSWER], what: str, limit: float) -> ANSWER:
     """Call what a user wrote, which may raise anything, or never return, and return its result.
 
     Args:
@@ -190,7 +190,7 @@ def answer_of(call: Callable[[], ANSWER], what: str, limit: float) -> ANSWER:
 
 
 def _is_bound(bound: object) -> bool:
-    """Whether a value is a number or several; whether they make bounds is seen beside the expression."""
+    """Return whether a value is a number or several; whether they make bounds is seen beside the expression."""
     return np.asarray(bound).dtype.kind in "iuf"
 
 
@@ -227,7 +227,7 @@ Term = TypeVar("Term", Constraint, Cost)
 
 
 def load_terms(references: Sequence[str], kind: type[Term]) -> tuple[Term, ...]:
-    """The constraints, or costs, that references name.
+    """Return the constraints, or costs, that references name.
 
     Args:
         references: each ``module:name`` or ``path/to/file.py:name``; modules are looked for in the working directory
@@ -265,7 +265,7 @@ def _word(kind: type[Constraint] | type[Cost]) -> str:
 
 def _module(reference: str, place: str) -> ModuleType:
     load = partial(_from_file, Path(place)) if place.endswith(".py") else partial(_from_path, place)
-    return answer_of(load, f"loading '{reference}'", TIME_TO_LOAD)
+    return call_user_function(load, f"loading '{reference}'", TIME_TO_LOAD)
 
 
 def _from_path(name: str) -> ModuleType:

@@ -52,7 +52,7 @@ _LEAST_GAP_IN_LINKS = 0.1
 
 
 def folded_bends(arm: Arm) -> FloatArray:
-    """The most compact serpentine: equal rows joined by half turns, alternately left and right.
+    """Return the most compact serpentine: equal rows joined by half turns, alternately left and right.
 
     A half turn of m joints bends each by pi / m and sets the rows l cot(pi / 2m) apart. Of all (m, row length) whose
     bends stay within a share of the joint limit and whose distant links keep their gap, the one with the smallest
@@ -79,7 +79,10 @@ def folded_bends(arm: Arm) -> FloatArray:
 
 
 def self_distance(arm: Arm, bends: FloatArray) -> float:
-    """Least distance between the axes of links far enough apart along the arm [m]; infinite without such links."""
+    """Return the least distance between the axes of links far enough apart along the arm [m].
+
+    Infinite without such links.
+    """
     points = arm.joint_positions(arm.headings(bends))
     axes = np.asarray(shapely.linestrings(np.stack((points[:-1], points[1:]), axis=1)))
     first, second = arm.distant_pairs
@@ -87,7 +90,7 @@ def self_distance(arm: Arm, bends: FloatArray) -> float:
 
 
 def _serpentines(arm: Arm, limit_share: float) -> Iterator[FloatArray]:
-    """Serpentines by joints a turn and straight joints a row; at least one whole half turn."""
+    """Yield the serpentines by joints a turn and straight joints a row; at least one whole half turn."""
     sharpest = limit_share * arm.joint_limit
     fewest = max(2, math.ceil(min(math.pi / sharpest, arm.links)))
     # Rows of a thick arm lie two radii apart, which takes turns of about π r / l joints.
@@ -101,7 +104,7 @@ def _serpentines(arm: Arm, limit_share: float) -> Iterator[FloatArray]:
 
 
 def _serpentine(links: int, turn: int, row: int) -> FloatArray:
-    """Rows of ``row`` straight joints and half turns of ``turn`` joints, alternately left and right."""
+    """Return the rows of ``row`` straight joints and half turns of ``turn`` joints, alternately left and right."""
     left = np.concatenate((np.zeros(row), np.full(turn, math.pi / turn)))
     period = np.concatenate((left, -left))
     bends = np.resize(period, links - 1)
@@ -172,12 +175,12 @@ def build_workspace(
 
 
 def build_boundary(table: WorkspaceTable) -> shapely.Polygon:
-    """The outline of the room in the plane."""
+    """Return the outline of the room in the plane."""
     return _box(table.bounds) if table.bounds is not None else shapely.Polygon(table.boundary)
 
 
 def _obstacle(table: ObstacleTable, name: str) -> Obstacle:
-    """One obstacle; the table holds exactly one kind."""
+    """Return one obstacle; the table holds exactly one kind."""
     if table.circle is not None:
         return Obstacle(name, PlaneShape(shapely.Point(table.circle.center), table.circle.radius))
     if table.wall is not None:
@@ -193,7 +196,7 @@ def _box(corners: Sequence[float]) -> shapely.Polygon:
 
 
 def _body(table: SpaceObstacleTable) -> Body:
-    """A body that is no mesh; the table holds exactly one kind."""
+    """Return a body that is no mesh; the table holds exactly one kind."""
     placement = build_placement(table.pose)
     if table.sphere is not None:
         return SphereBody(placement.points(np.array(table.sphere.center)), table.sphere.radius)
@@ -206,7 +209,7 @@ def _body(table: SpaceObstacleTable) -> Body:
 
 
 def build_placement(table: PlacementTable | None) -> RigidPlacement:
-    """Where a body stands and how it is turned."""
+    """Return where a body stands and how it is turned."""
     if table is None:
         return RigidPlacement()
     position = np.array(table.position)
@@ -248,7 +251,7 @@ def build_arm(table: ArmTable | SpaceArmTable) -> Arm:
 
 
 def _across(up: FloatArray, direction: FloatArray) -> FloatArray:
-    """What of a vector lies across a unit vector, as a unit vector, shape (3,)."""
+    """Return what of a vector lies across a unit vector, as a unit vector, shape (3,)."""
     rest = up - (up @ direction) * direction
     # Once more, since what the first time leaves of the direction is rounding of the whole.
     rest = rest - (rest @ direction) * direction
@@ -256,7 +259,7 @@ def _across(up: FloatArray, direction: FloatArray) -> FloatArray:
 
 
 def build_limits(table: LimitsTable, links: int) -> Limits:
-    """The limits of an arm of so many links."""
+    """Return the limits of an arm of so many links."""
     limits = table.values
     points = [(None, limits.pop("tip_velocity"), limits.pop("tip_acceleration"))]
     points += [(point.at, point.velocity, point.acceleration) for point in limits.pop("points")]
@@ -272,7 +275,7 @@ def build_pose(table: PoseTable | SpacePoseTable, arm: Arm, mapping: MappingName
     Raises:
         ProblemError: the arm cannot be folded, or not be laid along the curve.
     """
-    feed = feed_of(table, arm)
+    feed = pose_feed(table, arm)
     if arm.dimension == 3:
         return JointPose(np.zeros((arm.links, 2)) if table.joints_deg is None else np.array(table.joints_deg), feed)
     if table.segments is not None:
@@ -289,8 +292,8 @@ def build_pose(table: PoseTable | SpacePoseTable, arm: Arm, mapping: MappingName
     return JointPose(folded_bends(arm) if table.shape == "folded" else np.zeros(arm.links), feed)
 
 
-def feed_of(table: PoseTable | SpacePoseTable, arm: Arm) -> float:
-    """Where the base is on its feed axis in a pose: as given, else at the least position of the range [m]."""
+def pose_feed(table: PoseTable | SpacePoseTable, arm: Arm) -> float:
+    """Return where the base is on its feed axis in a pose: as given, else at the least position of the range [m]."""
     return arm.base_range[0] if table.feed is None else table.feed
 
 
@@ -304,22 +307,22 @@ def _goal(table: GoalTable | SpaceGoalTable, arm: Arm, mapping: MappingName) -> 
 
 
 def _tolerances(table: GoalTable | SpaceGoalTable) -> Tolerances:
-    """How near the goal counts."""
+    """Return how near the goal counts."""
     return Tolerances(table.position_tolerance, table.heading_tolerance_deg or table.direction_tolerance_deg)
 
 
 def build_options(table: PlannerTable) -> PlannerOptions:
-    """The planner's options."""
+    """Return the planner's options."""
     return PlannerOptions(**table.values | {"weights": Weights(**table.weights.values)})
 
 
 def _each(value: float | Sequence[float], links: int) -> FloatArray:
-    """One value a link, shape (links,)."""
+    """Return one value a link, shape (links,)."""
     return np.broadcast_to(np.asarray(value, dtype=np.float64), (links,)).copy()
 
 
 def each_revolute(value: float | Sequence[float], links: int) -> FloatArray:
-    """One value a revolute, shape (3 * links,); a ball joint's value holds for its three."""
+    """Return one value a revolute, shape (3 * links,); a ball joint's value holds for its three."""
     values = np.asarray(value, dtype=np.float64)
     if values.shape == (links,):
         return np.repeat(values, 3)

@@ -75,7 +75,7 @@ class ControllerPoints:
 
 
 def spared(problem: Problem, checks: Iterable[Check]) -> float:
-    """How far any point of the arm may be from a plan before a gap can be missing [m].
+    """Return how far any point of the arm may be from a plan before a gap can be missing [m].
 
     Args:
         problem: what was asked.
@@ -90,7 +90,7 @@ def spared(problem: Problem, checks: Iterable[Check]) -> float:
 def slowed(
     problem: Problem, plan: JointTrajectory, joints: JointStates, factor: float
 ) -> tuple[JointTrajectory, JointStates]:
-    """A plan that takes longer by a factor; efforts are reckoned anew."""
+    """Return a plan that takes longer by a factor; efforts are reckoned anew."""
     if factor == 1.0:
         return plan, joints
     velocities, accelerations = plan.velocities / factor, plan.accelerations / factor**2
@@ -122,11 +122,11 @@ def message_checks(
     settings = DEFAULT_VERIFICATION.for_problem(problem)
     stops = np.searchsorted(samples, plan.stops).tolist()
     limits = check_message_limits(problem, message, stops, settings)
-    gaps = partial(_gaps_of_links, problem, plan)
+    gaps = partial(_check_link_gaps, problem, plan)
     return limits, check_message_deviation(problem.arm, plan, message, factor, spare, gaps)
 
 
-def _gaps_of_links(problem: Problem, plan: JointTrajectory, deviation: FloatArray) -> list[Check]:
+def _check_link_gaps(problem: Problem, plan: JointTrajectory, deviation: FloatArray) -> list[Check]:
     """Check that links that are off a plan, shape (T − 1, links) [m], keep its gaps to twice the contact tolerance."""
     settings = DEFAULT_VERIFICATION.for_problem(problem)
     # A plan may lack one tolerance of a gap, and a message may be one tolerance off it.
@@ -222,7 +222,7 @@ class _Choice:
     smooth: bool
 
     def samples(self) -> IntArray:
-        """Numbers of the samples that are points; neighbours where no curve fits."""
+        """Return the numbers of the samples that are points; neighbours where no curve fits."""
         chosen = [0]
         for end in self._corners[1:]:
             while chosen[-1] < end:
@@ -230,7 +230,7 @@ class _Choice:
         return np.array(chosen, dtype=np.intp)
 
     def _farthest(self, first: int, end: int) -> int:
-        """About the farthest sample that a curve fits to, and the next one at least."""
+        """Return the about the farthest sample that a curve fits to, and the next one at least."""
         good = first + 1
         bad = tried = min(first + _FARTHEST, end)
         if self.used(first, tried) <= 1.0:
@@ -365,7 +365,10 @@ def number_rows(table: FloatArray) -> list[str]:
 
 
 def trajectory_tables(trajectory: JointTrajectory, joints: JointStates) -> tuple[tuple[str, ...], list[FloatArray]]:
-    """Names of the joints, and their positions, velocities, accelerations and efforts; the feed axis is the first."""
+    """Return the names of the joints, and their positions, velocities, accelerations and efforts.
+
+    The feed axis is the first.
+    """
     tables = [joints.angles, joints.velocities, joints.accelerations, joints.torques]
     base = [
         trajectory.base_positions,

@@ -26,7 +26,7 @@ from ccm_opt.core.polygons import mitred
 from ccm_opt.io.dxf import read_dxf
 from ccm_opt.io.geojson import read_geojson, read_wkt
 from ccm_opt.io.issues import Issues, KeyPath
-from ccm_opt.io.outlines import as_walls, filled, polygons_of, room_of, with_holes
+from ccm_opt.io.outlines import as_walls, clearance_along, filled, polygon_parts, with_holes
 from ccm_opt.io.schema import CircleTable, ObstacleTable, SceneTable, WallTable
 from ccm_opt.io.shapes import IMPORT, DrawingContent, Reader, Shape
 from ccm_opt.io.svg import read_svg
@@ -59,7 +59,7 @@ _FLAT = 1e-12
 
 
 def obstacles_of(shape: Shape, growth: float, wall_thickness: float) -> list[Obstacle]:
-    """The obstacles that a placed shape stands for.
+    """Return the obstacles that a placed shape stands for.
 
     Args:
         shape: in the coordinates of the result.
@@ -84,12 +84,12 @@ def obstacles_of(shape: Shape, growth: float, wall_thickness: float) -> list[Obs
     if grow > 0.0:
         # Mitred corners keep the number of vertices, but a very sharp one would reach far beyond the growth.
         whole = shapely.MultiPolygon(polygons)
-        polygons = polygons_of(shapely.intersection(mitred(whole, grow), whole.buffer(_CORNER_REACH * grow)))
+        polygons = polygon_parts(shapely.intersection(mitred(whole, grow), whole.buffer(_CORNER_REACH * grow)))
     return [Obstacle(shape.name, PlaneShape(polygon)) for polygon in polygons]
 
 
 def divided(shape: Shape, largest: float) -> list[Shape]:
-    """A placed shape, its rings without area as lines of their own; none where it has no extent.
+    """Return a placed shape, its rings without area as lines of their own; none where it has no extent.
 
     Args:
         shape: in the coordinates of the result.
@@ -124,13 +124,13 @@ def divided(shape: Shape, largest: float) -> list[Shape]:
 
 
 def _is_flat(ring: FloatArray) -> bool:
-    """Whether a ring is so thin that rounding decides what is inside."""
+    """Return whether a ring is so thin that rounding decides what is inside."""
     hull = shapely.MultiPoint(ring).convex_hull
     return bool(hull.area <= _FLAT * (hull.length + float(np.abs(ring).max())) * hull.length)
 
 
 def with_unique_names(obstacles: Iterable[Obstacle], taken: Collection[str] = ()) -> tuple[Obstacle, ...]:
-    """The same obstacles; a name that is taken gets the first free number from 2 behind it."""
+    """Return the same obstacles; a name that is taken gets the first free number from 2 behind it."""
     used = set(taken)
     result = []
     # A counter for each name goes on where it stopped, so that ten thousand equal names take no longer than others.
@@ -181,7 +181,7 @@ class ImportedScene:
 
 
 def import_scene(path: Path, options: ImportOptions, taken: Collection[str] = ()) -> ImportedScene:
-    """The obstacles of a drawing, and what was left out of it.
+    """Return the obstacles of a drawing, and what was left out of it.
 
     Args:
         path: an SVG, DXF, GeoJSON or WKT file, recognised by its suffix.
@@ -192,7 +192,7 @@ def import_scene(path: Path, options: ImportOptions, taken: Collection[str] = ()
         ProblemError: the file cannot be read, holds nothing that can be an obstacle, or holds shapes that cannot be
             used; those are listed by name.
     """
-    content = content_of(path, READERS, "drawing", IMPORT.most_bytes)
+    content = read_drawing(path, READERS, "drawing", IMPORT.most_bytes)
     # Readers flatten in the unit of the drawing, so the tolerance is divided by the scale.
     distance = _FLATTENING_SHARE * options.curve_tolerance
     growth = _GROWTH_SHARE * options.curve_tolerance
@@ -203,7 +203,7 @@ def import_scene(path: Path, options: ImportOptions, taken: Collection[str] = ()
             found = _placed(READERS[path.suffix.lower()](content, distance / options.scale), options)
             shapes: Sequence[Shape] = found.shapes
             if options.closed == "room":
-                room, shapes = room_of(shapes, growth, distance)
+                room, shapes = clearance_along(shapes, growth, distance)
             walls = options.closed == "walls"
             shapes = as_walls(shapes, distance) if walls else with_holes(shapes, distance)
             obstacles = _of_each(shapes, lambda shape: obstacles_of(shape, growth, options.wall_thickness))
@@ -220,7 +220,7 @@ def import_scene(path: Path, options: ImportOptions, taken: Collection[str] = ()
 
 
 def _of_each(shapes: Iterable[Shape], made: Callable[[Shape], list[Part]]) -> list[Part]:
-    """What all shapes become; what cannot be an obstacle is refused in one error that lists it by name."""
+    """Return what all shapes become; what cannot be an obstacle is refused in one error that lists it by name."""
     found: list[Part] = []
     refusals: list[str] = []
     for shape in shapes:
@@ -234,7 +234,7 @@ def _of_each(shapes: Iterable[Shape], made: Callable[[Shape], list[Part]]) -> li
 
 
 def _placed(found: DrawingContent, options: ImportOptions) -> DrawingContent:
-    """The same in the coordinates of the result, what has no extent left out; at least one shape.
+    """Return the same in the coordinates of the result, what has no extent left out; at least one shape.
 
     Raises:
         ProblemError: nothing is left, or a shape has coordinates that cannot be used.
@@ -262,7 +262,7 @@ def _placed(found: DrawingContent, options: ImportOptions) -> DrawingContent:
 def _summary(
     path: Path, obstacles: Sequence[Obstacle], room: shapely.Polygon | None, found: DrawingContent
 ) -> ImportedDrawing:
-    """What people are told of a drawing that was read."""
+    """Return what people are told of a drawing that was read."""
     boxes = [shapely.bounds(obstacle.core) + obstacle.rounding * np.array([-1, -1, 1, 1]) for obstacle in obstacles]
     if room is not None:
         boxes.append(shapely.bounds(room))
@@ -273,8 +273,8 @@ def _summary(
     )
 
 
-def content_of(path: Path, kinds: Collection[str], what: str, most_bytes: int, blank: bytes | None = None) -> bytes:
-    """The bytes of a file of a known kind.
+def read_drawing(path: Path, kinds: Collection[str], what: str, most_bytes: int, blank: bytes | None = None) -> bytes:
+    """Return the bytes of a file of a known kind.
 
     Args:
         path: of the file.
@@ -311,7 +311,7 @@ def content_of(path: Path, kinds: Collection[str], what: str, most_bytes: int, b
 def place_beside(
     name: str, folder: Path | None, path: KeyPath, kind: str, issues: Issues, *, allow_outside: bool
 ) -> Path | None:
-    """Where a file lies.
+    """Return where a file lies.
 
     Args:
         name: its path as the problem file gives it.
@@ -401,7 +401,7 @@ def _set_room(workspace: dict[str, object], room: shapely.Polygon, issues: Issue
 def _imported(
     scene: SceneTable, folder: Path | None, metres: float, listed: list[object], issues: Issues, *, allow_outside: bool
 ) -> ImportedScene | None:
-    """What the drawing gives, where there is one that may be read; what is wrong is noted."""
+    """Return what the drawing gives, where there is one that may be read; what is wrong is noted."""
     if scene.file is None:
         issues.add(("workspace", next(iter(scene.model_fields_set))), "only allowed together with file")
         return None
@@ -425,7 +425,7 @@ def _imported(
 
 
 def obstacle_table(obstacle: Obstacle, unit: LengthUnit = "m") -> dict[str, object]:
-    """An obstacle of the plane as its table in a problem file, in metres or in another unit.
+    """Return an obstacle of the plane as its table in a problem file, in metres or in another unit.
 
     Raises:
         ProblemError: it is none that a problem file can say.

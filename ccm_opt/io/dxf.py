@@ -16,7 +16,7 @@ import numpy as np
 
 from ccm_opt.core.errors import ProblemError
 from ccm_opt.io.dxf_pieces import PIECES, Entity, Piece, corner_points, hatch_rings, joined_pieces
-from ccm_opt.io.issues import told_by
+from ccm_opt.io.issues import collected_warnings
 from ccm_opt.io.shapes import IMPORT, DrawingContent, Drawn, Shape
 from ccm_opt.problem import LeftOut
 
@@ -121,7 +121,7 @@ class _Findings:
 
 
 def read_dxf(content: bytes, distance: float) -> DrawingContent:
-    """The shapes of a DXF file.
+    """Return the shapes of a DXF file.
 
     A shape is named by its layer; on layer 0 by its block, or else by its type and handle.
 
@@ -170,7 +170,7 @@ def _read(drawing: "Drawing", distance: float, found: _Findings) -> DrawingConte
 
 
 def _unit(drawing: "Drawing") -> str:
-    """The unit that the header names, for example ``mm``; empty where it names none."""
+    """Return the unit that the header names, for example ``mm``; empty where it names none."""
     from ezdxf.units import decode  # noqa: PLC0415 - loaded only when a DXF file is read
 
     return decode(drawing.units) or "" if drawing.units else ""
@@ -187,7 +187,7 @@ def _parsed(content: bytes, found: _Findings) -> "Drawing":
         raise ProblemError("the DXF file has no end: it was cut short, or it is no DXF; save it again")
     if len(content) > _MOST_DXF_BYTES:
         raise ProblemError(f"the DXF file has {len(content)} bytes, at most {_MOST_DXF_BYTES} can be read; simplify it")
-    with told_by("ezdxf") as told:
+    with collected_warnings("ezdxf") as told:
         try:
             if content.startswith(_BINARY):
                 drawing = Drawing.load(binary_tags_loader(content))
@@ -231,7 +231,7 @@ def _refuse_lost(drawing: "Drawing", content: bytes, empty: Sequence[str]) -> No
 
 
 def _entities(drawing: "Drawing", found: _Findings) -> Iterator[_Placed]:
-    """The visible entities of the model space, blocks taken apart, each upright."""
+    """Yield the visible entities of the model space, blocks taken apart, each upright."""
     # Names of layers do not distinguish upper and lower case.
     reasons = {layer.dxf.name.lower(): "off" for layer in drawing.layers if layer.is_off()}
     reasons |= {layer.dxf.name.lower(): "frozen" for layer in drawing.layers if layer.is_frozen()}
@@ -268,7 +268,7 @@ def _entities(drawing: "Drawing", found: _Findings) -> Iterator[_Placed]:
 
 
 def _parts(inserted: _Placed, found: _Findings) -> list[_Placed]:
-    """The entities of a block reference; those on layer 0 take the reference's layer."""
+    """Return the entities of a block reference; those on layer 0 take the reference's layer."""
     entity = inserted.entity
     block = str(entity.dxf.name)
     if inserted.depth == _DEEPEST:
@@ -302,7 +302,7 @@ def _parts(inserted: _Placed, found: _Findings) -> list[_Placed]:
 
 
 def _kind_and_handle(entity: Entity) -> str:
-    """The name of what is on layer 0 and in no block; on another layer that layer's."""
+    """Return the name of what is on layer 0 and in no block; on another layer that layer's."""
     layer = str(entity.dxf.get("layer", "0"))
     return f"{entity.dxftype().lower()} {entity.dxf.get('handle', '')}".strip() if layer == "0" else layer
 
@@ -358,7 +358,7 @@ def _turn_upright(entity: Entity) -> None:
 
 
 def _chained(pieces: list[Piece], layer: str, distance: float) -> list[Shape]:
-    """The shapes of a layer's open pieces after joining."""
+    """Return the shapes of a layer's open pieces after joining."""
     points = np.concatenate([piece.points for piece in pieces])
     worst = float(np.abs(points).max())
     if not worst <= IMPORT.largest_coordinate:  # also where it is no number

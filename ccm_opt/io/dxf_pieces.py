@@ -77,7 +77,7 @@ def _chain(line: shapely.LineString, members: Sequence[Piece]) -> Piece:
 
 
 def _drawn_once(pieces: Sequence[Piece], gap: float) -> list[Piece]:
-    """The pieces that lie on no longer ones, and of equal ones the first."""
+    """Return the pieces that lie on no longer ones, and of equal ones the first."""
     lines = np.array([shapely.LineString(piece.points) for piece in pieces])
     tree = shapely.STRtree(lines)
     middles = shapely.line_interpolate_point(lines, 0.5, normalized=True)
@@ -92,7 +92,7 @@ def _drawn_once(pieces: Sequence[Piece], gap: float) -> list[Piece]:
 
 
 def _meeting(points: FloatArray, gap: float) -> FloatArray:
-    """The points, but those joined by steps of at most ``gap`` all at the first of them; shape as given."""
+    """Return the points, but those joined by steps of at most ``gap`` all at the first of them; shape as given."""
     # Equal points are one place, however many there are; pairs are sought among different ones only.
     places, place_of = np.unique(points, axis=0, return_inverse=True)
     tree = cKDTree(places)
@@ -117,13 +117,13 @@ _FULL_TURN = 1e-9
 
 
 def hatch_rings(entity: Entity, distance: float) -> tuple[tuple[FloatArray, ...], bool]:
-    """The closed boundaries of a HATCH or MPOLYGON, and whether they have curves."""
+    """Return the closed boundaries of a HATCH or MPOLYGON, and whether they have curves."""
     pieces = [_boundary(path, distance) for path in entity.paths]
     return tuple(piece.points for piece in pieces), any(piece.curved for piece in pieces)
 
 
 def corner_points(entity: Entity) -> FloatArray:
-    """Corners of a SOLID or TRACE in order round it, shape (3 or 4, 2)."""
+    """Return the corners of a SOLID or TRACE in order round it, shape (3 or 4, 2)."""
     # A triangle repeats its last corner.
     points = np.array([(p.x, p.y) for p in entity.wcs_vertices()], dtype=np.float64)
     repeated = np.all(points == np.roll(points, 1, axis=0), axis=1)
@@ -189,14 +189,14 @@ def _polyline(entity: Entity, distance: float) -> Piece:
 
 
 def _vertex_width(vertex: Entity, polyline: Entity) -> float:
-    """Width of the leg after a vertex where it is greatest; the polyline's where the vertex gives none."""
+    """Return the width of the leg after a vertex where it is greatest; the polyline's where the vertex gives none."""
     start = vertex.get("start_width", polyline.dxf.get("default_start_width", 0.0))
     end = vertex.get("end_width", polyline.dxf.get("default_end_width", 0.0))
     return float(max(start, end))
 
 
 def _polygonal(points: FloatArray, bulges: FloatArray, closed: bool, distance: float, half_width: float = 0.0) -> Piece:
-    """A polyline with bulges; an open one that ends where it began is closed too."""
+    """Return a polyline with bulges; an open one that ends where it began is closed too."""
     if len(points) < 2:
         raise ProblemError(f"it has {len(points)} vertices; expected at least two")
     # Many programs repeat the first vertex rather than set the flag.
@@ -224,7 +224,7 @@ def _flat_spline(tool: "BSpline", distance: float) -> Piece:
 
 
 def _boundary(path: Entity, distance: float) -> Piece:
-    """One closed boundary of a hatch: a polyline with bulges, or edges that may be out of order."""
+    """Return one closed boundary of a hatch: a polyline with bulges, or edges that may be out of order."""
     if hasattr(path, "vertices"):
         table = np.array(path.vertices, dtype=np.float64).reshape(-1, 3)
         return _polygonal(table[:, :2], table[:, 2], closed=True, distance=distance)
@@ -244,7 +244,7 @@ def _boundary(path: Entity, distance: float) -> Piece:
 
 
 def _edge(edge: Entity, distance: float) -> Piece:
-    """One edge of a hatch's boundary; its orientation does not matter."""
+    """Return one edge of a hatch's boundary; its orientation does not matter."""
     kind = edge.EDGE_TYPE
     if kind == "LineEdge":
         return _straight(edge)

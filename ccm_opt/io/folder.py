@@ -18,7 +18,7 @@ from pathlib import Path
 
 from ccm_opt.core.errors import ProblemError
 from ccm_opt.io.controller_points import controller_points, trajectory_texts
-from ccm_opt.io.problem_data import KEPT_MESHES, kept_meshes
+from ccm_opt.io.problem_data import KEPT_MESHES, stored_meshes
 from ccm_opt.io.records import arrays_npz, solution_arrays, solution_json
 from ccm_opt.io.robot_models import URDF_MESHES, mjcf_text, scene_meshes, urdf_text
 from ccm_opt.io.scene_solids import solid_scene
@@ -38,7 +38,7 @@ _EXCHANGE = 2
 """RENAME_EXCHANGE of Linux."""
 
 
-def put_in_place(
+def atomic_replace(
     wanted: Path,
     files: Mapping[str, bytes],
     ours: Collection[str],
@@ -106,7 +106,7 @@ def _alone_in(folder: Path) -> Iterator[None]:
 
 
 def _assembled(workshop: Path, files: Mapping[str, bytes], target: Path, ours: Collection[str]) -> Path:
-    """The new folder in the workshop, on the disk, with what is the user's in the old one."""
+    """Return the new folder in the workshop, on the disk, with what is the user's in the old one."""
     new = workshop / "new"
     new.mkdir(parents=True)
     for name, content in files.items():
@@ -237,24 +237,24 @@ def write_solution(solution: Solution, out: Path, pictures: Mapping[str, bytes] 
 
 
 def solution_files(solution: Solution) -> dict[str, bytes]:
-    """Content of every file of a solved problem but the pictures, by file name."""
+    """Return the content of every file of a solved problem but the pictures, by file name."""
     problem = solution.problem
     csv, yaml = trajectory_texts(controller_points(problem, solution.trajectory, solution.joints, solution.checks))
     texts = {RECORD: solution_json(solution), "trajectory.csv": csv, "trajectory.yaml": yaml, **model_texts(problem)}
     files = {name: text.encode() for name, text in texts.items()}
-    meshes = model_meshes(problem) | kept_meshes(problem)
+    meshes = model_meshes(problem) | stored_meshes(problem)
     return {**files, ARRAYS: arrays_npz(solution_arrays(solution)), **meshes}
 
 
 def model_meshes(problem: Problem, folder: str = URDF_MESHES) -> dict[str, bytes]:
-    """Meshes of the obstacles in the URDF, in space also in the MJCF; ``folder`` is in front of their names."""
+    """Return meshes of the obstacles in the URDF, in space also in the MJCF; ``folder`` is in front of their names."""
     return scene_meshes(solid_scene(problem.workspace, problem.arm), folder)
 
 
 def model_texts(
     problem: Problem, *, obstacles: bool = True, bends_only: bool = False, meshes: str = URDF_MESHES
 ) -> dict[str, str]:
-    """Descriptions of a problem's arm and obstacles for other programs, by file name; meshes are in a folder."""
+    """Return descriptions of a problem's arm and obstacles for other programs, by file name; meshes are in a folder."""
     scene = solid_scene(problem.workspace, problem.arm) if obstacles else None
     gravity = problem.simulation.gravity
     return {
@@ -318,6 +318,6 @@ def write_folder(
         return place
 
     try:
-        return put_in_place(target, files, WRITTEN_FILES, chosen)
+        return atomic_replace(target, files, WRITTEN_FILES, chosen)
     except OSError as error:
         raise ProblemError(f"cannot write {target}: {error.strerror or error}; choose another --out") from error

@@ -19,7 +19,7 @@ GEOMETRIES = frozenset(
 
 
 def read_geojson(content: bytes, distance: float) -> DrawingContent:
-    """The shapes of a GeoJSON file.
+    """Return the shapes of a GeoJSON file.
 
     A feature's ``properties.name`` names it, or else its ``id``, or else ``feature`` and its place from 1.
 
@@ -54,7 +54,7 @@ def read_geojson(content: bytes, distance: float) -> DrawingContent:
 
 
 def _shapes(data: object, place: int, left_out: list[LeftOut]) -> list[Shape]:
-    """The shapes of a feature or of a bare geometry; a feature without geometry has none."""
+    """Return the shapes of a feature or of a bare geometry; a feature without geometry has none."""
     if not isinstance(data, Mapping):
         raise ProblemError(f"feature {place}: expected a GeoJSON object in braces, got {type(data).__name__}")
     name = f"feature {place}"
@@ -65,7 +65,7 @@ def _shapes(data: object, place: int, left_out: list[LeftOut]) -> list[Shape]:
     if geometry is None:
         left_out.append(LeftOut(f"feature '{name}'", "it has no geometry"))
         return []
-    return shapes_of(_geometry(geometry, name), name, left_out)
+    return geometry_shapes(_geometry(geometry, name), name, left_out)
 
 
 def _name(feature: Mapping[str, object], place: int) -> str:
@@ -89,13 +89,13 @@ def _geometry(data: object, name: str) -> shapely.Geometry:
 
 
 def _depth(text: str) -> int:
-    """How deep the brackets of a text are nested."""
+    """Return how deep the brackets of a text are nested."""
     steps = (1 if bracket in "([{" else -1 for bracket in re.findall(r"[][(){}]", text))
     return max(itertools.accumulate(steps), default=0)
 
 
 def read_wkt(content: bytes, distance: float) -> DrawingContent:
-    """The shapes of a WKT file, named ``geometry 1``, ``geometry 2``, … in their order.
+    """Return the shapes of a WKT file, named ``geometry 1``, ``geometry 2``, … in their order.
 
     Args:
         content: of the file; an ``SRID=…;`` in front of a geometry is skipped.
@@ -117,12 +117,12 @@ def read_wkt(content: bytes, distance: float) -> DrawingContent:
     for k, piece in enumerate(_pieces(text), start=1):
         if _depth(piece) > IMPORT.deepest:
             raise ProblemError(f"geometry {k}: its brackets are nested more than {IMPORT.deepest} deep; divide it")
-        shapes += shapes_of(_wkt_geometry(piece), f"geometry {k}", left_out)
+        shapes += geometry_shapes(_wkt_geometry(piece), f"geometry {k}", left_out)
     return DrawingContent(tuple(shapes), tuple(left_out))
 
 
 def _pieces(text: str) -> list[str]:
-    """The texts of the geometries: lines are joined until their brackets balance."""
+    """Return the texts of the geometries: lines are joined until their brackets balance."""
     pieces: list[str] = []
     lines: list[str] = []
     still_open = 0
@@ -139,7 +139,7 @@ def _pieces(text: str) -> list[str]:
 
 
 def _bare(piece: str) -> str:
-    """A geometry without the number of its coordinate system, and without what ends it."""
+    """Return a geometry without the number of its coordinate system, and without what ends it."""
     return re.sub(r"^SRID=\d+;", "", piece.rstrip(";"), flags=re.IGNORECASE)
 
 
@@ -157,8 +157,8 @@ def _wkt_geometry(text: str) -> shapely.Geometry:
         ) from None
 
 
-def shapes_of(geometry: shapely.Geometry, name: str, left_out: list[LeftOut]) -> list[Shape]:
-    """The shapes of a geometry, collections taken apart; a line string is a line even when it is closed.
+def geometry_shapes(geometry: shapely.Geometry, name: str, left_out: list[LeftOut]) -> list[Shape]:
+    """Return the shapes of a geometry, collections taken apart; a line string is a line even when it is closed.
 
     Args:
         geometry: of any kind and nesting.

@@ -18,7 +18,7 @@ import numpy.typing as npt
 
 from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.core.errors import ProblemError
-from ccm_opt.io.issues import told_by
+from ccm_opt.io.issues import collected_warnings
 from ccm_opt.io.raw_mesh import MeshSettings, RawMesh
 from ccm_opt.io.robot_models import visual_radius
 from ccm_opt.io.scene_solids import solid_scene
@@ -89,7 +89,7 @@ class GlbWriter:
         return len(self.meshes) - 1
 
     def written(self, nodes: Sequence[MovingNode], times: FloatArray) -> bytes:
-        """The file.
+        """Return the file.
 
         Args:
             nodes: what is seen.
@@ -148,7 +148,7 @@ TIP = (0.75, 0.1, 0.1)
 
 
 def motion_glb(problem: Problem, trajectory: JointTrajectory) -> bytes:
-    """A plan as a film; the sides of the room are left out, or they would hide it.
+    """Return a plan as a film; the sides of the room are left out, or they would hide it.
 
     Args:
         problem: arm and obstacles.
@@ -171,7 +171,7 @@ def motion_glb(problem: Problem, trajectory: JointTrajectory) -> bytes:
 
 
 def _obstacles(problem: Problem) -> Iterator[tuple[str, tuple[FloatArray, IntArray]]]:
-    """Names and surfaces of what stands still."""
+    """Yield the names and surfaces of what stands still."""
     scene = solid_scene(problem.workspace, problem.arm)
     # What is outside the room comes behind its obstacles, and would hide them.
     for obstacle in scene.obstacles[: len(problem.workspace.obstacles)]:
@@ -180,7 +180,7 @@ def _obstacles(problem: Problem) -> Iterator[tuple[str, tuple[FloatArray, IntArr
 
 
 def _motions(arm: Arm, q: FloatArray) -> Iterator[tuple[FloatArray, FloatArray]]:
-    """Places and turns of every link over time."""
+    """Yield the places and turns of every link over time."""
     positions, turns = arm.embedded(arm.joint_positions_at(q)), arm.link_rotations(q)
     if arm.dimension == 2:
         flat, turns = turns, np.broadcast_to(np.eye(3), (*turns.shape[:2], 3, 3)).copy()
@@ -189,7 +189,7 @@ def _motions(arm: Arm, q: FloatArray) -> Iterator[tuple[FloatArray, FloatArray]]
 
 
 def film_times(time: FloatArray) -> tuple[FloatArray, IntArray]:
-    """Times of a film, and the samples nearest to them."""
+    """Return the times of a film, and the samples nearest to them."""
     count = max(2, int(np.ceil((time[-1] - time[0]) * _FILM_RATE)) + 1)
     wanted = np.linspace(time[0], time[-1], min(count, len(time)))
     samples = np.unique(np.clip(np.searchsorted(time, wanted), 0, len(time) - 1))
@@ -203,7 +203,7 @@ def _joined(meshes: list[tuple[FloatArray, IntArray]]) -> tuple[FloatArray, IntA
 
 
 def quaternions(rotations: FloatArray) -> FloatArray:
-    """Rotations over time, shape (T, 3, 3), as quaternions x, y, z, w without jumps of sign, shape (T, 4)."""
+    """Return rotations over time, shape (T, 3, 3), as quaternions x, y, z, w without jumps of sign, shape (T, 4)."""
     from scipy.spatial.transform import Rotation  # noqa: PLC0415 - loaded only where a film is written
 
     found = Rotation.from_matrix(rotations).as_quat()
@@ -256,7 +256,7 @@ def read_glb(content: bytes, settings: MeshSettings) -> RawMesh:
         text += b" " * (-len(text) % 4)
         body = _CHUNK.pack(len(text), b"JSON") + text + rest
         plain = _HEADER.pack(b"glTF", 2, _HEADER.size + len(body)) + body
-        with told_by("trimesh"), warnings.catch_warnings():
+        with collected_warnings("trimesh"), warnings.catch_warnings():
             warnings.simplefilter("ignore")
             scene = trimesh.load_scene(io.BytesIO(plain), file_type="glb", skip_materials=True, process=False)
             parts = [part for part in scene.dump(concatenate=False) if isinstance(part, trimesh.Trimesh)]
@@ -275,7 +275,7 @@ def read_glb(content: bytes, settings: MeshSettings) -> RawMesh:
 
 
 def _opened(content: bytes) -> tuple[Any, bytes]:
-    """The document of a file without its cameras, and the chunks behind it."""
+    """Return the document of a file without its cameras, and the chunks behind it."""
     start = _HEADER.size + _CHUNK.size
     if len(content) < start or content[:4] != b"glTF":
         raise ProblemError("not readable as GLB: it does not begin as such a file does")
@@ -299,7 +299,7 @@ def _opened(content: bytes) -> tuple[Any, bytes]:
 
 
 def _tables(parent: Any, key: str) -> list[dict[str, Any]]:
-    """The tables of a list in a document, whatever else it holds."""
+    """Return the tables of a list in a document, whatever else it holds."""
     found = parent.get(key) if isinstance(parent, dict) else None
     return [each for each in found if isinstance(each, dict)] if isinstance(found, list) else []
 
@@ -339,7 +339,7 @@ class _Scene:
         return count
 
     def _below(self, number: int, depth: int) -> int:
-        """Triangles of a node and of all below it."""
+        """Return the triangles of a node and of all below it."""
         self._visits += 1
         if self._visits > self.settings.most_parts or depth > _DEEPEST_NODES:
             raise ProblemError("its nodes are too many, or nested too deep or within themselves")
@@ -354,7 +354,7 @@ class _Scene:
         return self._counts[number]
 
     def _of_primitive(self, primitive: dict[str, Any]) -> int:
-        """Triangles of a primitive."""
+        """Return the triangles of a primitive."""
         accessors = self.document["accessors"]
         mode = primitive.get("mode", _TRIANGLES)
         if mode not in {_TRIANGLES, _STRIP}:
@@ -375,7 +375,7 @@ class _Scene:
         return max(count - 2, 0) if mode == _STRIP else count // 3
 
     def _refused(self) -> Iterator[str]:
-        """What is not read wherever it stands, in words."""
+        """Yield what is not read wherever it stands, in words."""
         required = self.document.get("extensionsRequired")
         text = json.dumps(self.document)
         for name in (*(required if isinstance(required, list) else []), *_SHAPING):

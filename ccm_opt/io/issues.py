@@ -25,7 +25,7 @@ KeyPath: TypeAlias = tuple[str | int, ...]
 
 
 def dotted(path: KeyPath) -> str:
-    """A key path as people write it: ``workspace.obstacles[2].polygon``."""
+    """Return a key path as people write it: ``workspace.obstacles[2].polygon``."""
     text = ""
     for part in path:
         if isinstance(part, int):
@@ -36,7 +36,7 @@ def dotted(path: KeyPath) -> str:
 
 
 def lookup(data: object, path: KeyPath) -> object:
-    """The value at a key path, or None where there is none (TOML has no null, so None is never a value)."""
+    """Return the value at a key path, or None where there is none (TOML has no null, so None is never a value)."""
     for part in path:
         if isinstance(part, str) and isinstance(data, Mapping):
             data = data.get(part)
@@ -58,7 +58,7 @@ _TOKEN = re.compile(
 
 
 def locate_keys(text: str) -> dict[KeyPath, int]:
-    """Lines, counted from 1, of all tables, keys and array elements of a valid TOML text.
+    """Return the lines, counted from 1, of all tables, keys and array elements of a valid TOML text.
 
     Args:
         text: the TOML text.
@@ -78,7 +78,7 @@ class _Token(NamedTuple):
 
 
 def _tokens(text: str) -> list[_Token]:
-    """Every token but blanks and comments, then an ``end`` token."""
+    """Return every token but blanks and comments, then an ``end`` token."""
     found = []
     line = 1
     for match in _TOKEN.finditer(text):
@@ -140,7 +140,7 @@ class _Scanner:
         self._value(path)
 
     def _key(self) -> list[str]:
-        """The parts of a dotted key; stops before ``=`` or ``]``."""
+        """Return the parts of a dotted key; stops before ``=`` or ``]``."""
         parts: list[str] = []
         while self.token.kind in {"bare", "string"}:
             text = self.token.text
@@ -186,16 +186,16 @@ class Issues:
         self.found.append((path, message))
 
     def at(self, path: KeyPath) -> bool:
-        """Whether a defect of a key is noted."""
+        """Return whether a defect of a key is noted."""
         return any(found == path for found, _ in self.found)
 
     def located(
-        self, lines: Mapping[KeyPath, int], setting_of: Callable[[KeyPath], str] = lambda _: ""
+        self, lines: Mapping[KeyPath, int], setting_source: Callable[[KeyPath], str] = lambda _: ""
     ) -> list[FileIssue]:
         """The defects with the lines of their keys, or with the settings that took the place of the file's values."""
         located = []
         for path, message in self.found:
-            setting = setting_of(path)
+            setting = setting_source(path)
             # Of what is missing the nearest table above it.
             known = (lines[path[:end]] for end in range(len(path), 0, -1) if path[:end] in lines)
             located.append(FileIssue(0 if setting else next(known, 0), dotted(path), message, setting))
@@ -241,7 +241,7 @@ class Issues:
                 # Likeness takes long, and of so many defects nobody reads all.
                 listed = len(self.found) < MOST_LISTED
                 guess = closest(name, known) if listed else None
-                elsewhere = CONCEPTS.get(name) or _known_everywhere().get(name) if listed and not guess else ()
+                elsewhere = CONCEPTS.get(name) or _key_locations().get(name) if listed and not guess else ()
                 if elsewhere:
                     unknown = f"unknown key '{name}' here; it is known as {' and '.join(elsewhere)}"
                 else:
@@ -255,7 +255,7 @@ class Issues:
 
 
 def closest(word: str, known: Sequence[str]) -> str | None:
-    """The known word that ``word`` was probably meant to be, or None."""
+    """Return the known word that ``word`` was probably meant to be, or None."""
     matches = difflib.get_close_matches(word, known, n=1, cutoff=_SIMILAR)
     ending = (key for key in known if key.endswith(f"_{word}"))
     return next(iter(matches), next(ending, None))
@@ -274,7 +274,7 @@ CONCEPTS = {
 
 
 @cache
-def _known_everywhere() -> dict[str, tuple[str, ...]]:
+def _key_locations() -> dict[str, tuple[str, ...]]:
     """Return where each key is known, by its name."""
     from ccm_opt.io import schema  # noqa: PLC0415 - its tables are read with this module
 
@@ -292,20 +292,20 @@ def _known_everywhere() -> dict[str, tuple[str, ...]]:
 
 
 def unknown_key(key: str, guess: str | None, known: Sequence[str]) -> str:
-    """The message for a key that nobody knows."""
+    """Return the message for a key that nobody knows."""
     if guess:
         return f"unknown key '{key}'; did you mean '{guess}'?"
     return f"unknown key '{key}'; known here: {', '.join(known)}"
 
 
 def shown(value: object) -> str:
-    """A value as it may stand in a message, cut when it is long."""
+    """Return a value as it may stand in a message, cut when it is long."""
     text = str(value).lower() if isinstance(value, bool) else repr(value)
     return text if len(text) <= _LONGEST_VALUE else f"{text[: _LONGEST_VALUE - 3]}..."
 
 
 def described(value: object) -> str:
-    """A value with its type in words, for a message about a wrong type."""
+    """Return a value with its type in words, for a message about a wrong type."""
     if isinstance(value, (date, time)):
         return f"the date or time {value}"
     if isinstance(value, str):
@@ -318,7 +318,7 @@ def described(value: object) -> str:
 
 
 def _real_path(loc: tuple[int | str, ...], table: object) -> KeyPath:
-    """The part of pydantic's location that leads through the data: it also names unions and validators."""
+    """Return the part of pydantic's location that leads through the data: it also names unions and validators."""
     path: KeyPath = ()
     for k, part in enumerate(loc):
         # A missing key is not in the data, but it is the last part, and its table is there.
@@ -329,7 +329,7 @@ def _real_path(loc: tuple[int | str, ...], table: object) -> KeyPath:
 
 
 def _known_keys(model: type[BaseModel], path: KeyPath) -> tuple[str, ...]:
-    """Keys of the table at ``path`` below a model's table."""
+    """Return the keys of the table at ``path`` below a model's table."""
     for part in path:
         if isinstance(part, str):
             model = table_models(model).get(part, model)
@@ -337,7 +337,7 @@ def _known_keys(model: type[BaseModel], path: KeyPath) -> tuple[str, ...]:
 
 
 def table_models(model: type[BaseModel]) -> Mapping[str, type[BaseModel]]:
-    """The models of a model's nested tables, by key."""
+    """Return the models of a model's nested tables, by key."""
     found: dict[str, type[BaseModel]] = {}
     for name, info in model.model_fields.items():
         pending = [info.annotation]  # a table may stand inside list[…] or beside None
@@ -371,7 +371,7 @@ _EXPECTED = MappingProxyType(
 
 
 def _sentence(detail: ErrorDetails) -> str:
-    """What was expected and what was got."""
+    """Return what was expected and what was got."""
     kind = detail["type"]
     context = detail.get("ctx", {})
     value = detail["input"]
@@ -392,7 +392,7 @@ def _sentence(detail: ErrorDetails) -> str:
 
 
 @contextmanager
-def told_by(name: str) -> Iterator[list[str]]:
+def collected_warnings(name: str) -> Iterator[list[str]]:
     """Collect the warnings of a library, which would stand on standard error otherwise, until the block ends."""
     told: list[str] = []
 

@@ -12,7 +12,7 @@ from ccm_opt.core.arrays import BoolArray, FloatArray, IntArray
 from ccm_opt.core.errors import ProblemError
 from ccm_opt.core.length_words import METRES
 from ccm_opt.io.build import build_placement
-from ccm_opt.io.drawing import content_of, place_beside
+from ccm_opt.io.drawing import place_beside, read_drawing
 from ccm_opt.io.glb import read_glb
 from ccm_opt.io.issues import Issues, KeyPath
 from ccm_opt.io.raw_mesh import MESHES, MeshSettings, RawMesh, counted
@@ -36,7 +36,7 @@ def mesh_bodies(
     *,
     allow_outside: bool = False,
 ) -> dict[int, MeshBody]:
-    """The meshes among obstacles, by their place in the file; each mesh file is read once.
+    """Return the meshes among obstacles, by their place in the file; each mesh file is read once.
 
     Args:
         listed: the obstacles with their places.
@@ -45,7 +45,7 @@ def mesh_bodies(
         issues: receives what is wrong with a mesh, which is left out.
         allow_outside: whether meshes may lie outside the folder.
     """
-    read = cache(_read_and_mended)
+    read = cache(_read_and_repaired)
     found: dict[int, MeshBody] = {}
     for number, table in listed:
         path: KeyPath = ("workspace", "obstacles", number)
@@ -91,16 +91,16 @@ def mesh_bodies(
     return found
 
 
-def _read_and_mended(place: Path) -> tuple[RawMesh, RawMesh]:
+def _read_and_repaired(place: Path) -> tuple[RawMesh, RawMesh]:
     raw = read_mesh_file(place)
     try:
-        return raw, mended_mesh(raw)
+        return raw, repaired_mesh(raw)
     except ProblemError as error:
         raise ProblemError(f"{place.name}: {error}") from error
 
 
 def _scale(table: SpaceObstacleTable, file: str, mesh: RawMesh, metres: float) -> tuple[float, tuple[str, ...]]:
-    """Metres in one unit of a mesh, and what people should know of its unit, its axes and its other contents."""
+    """Return metres in one unit of a mesh, and what people should know of its unit, its axes and its other contents."""
     notes = [f"passed over {what}" for what in mesh.passed_over]
     unit = next((name for name, length in METRES.items() if length == metres), "m")
     scale = metres * (1.0 if table.scale is None else table.scale)
@@ -143,7 +143,7 @@ def read_mesh_file(path: Path, settings: MeshSettings = MESHES) -> RawMesh:
     Raises:
         ProblemError: the file cannot be read, or holds no usable mesh.
     """
-    content = content_of(path, MESH_READERS, "mesh", settings.most_bytes, b"\0 \t\r\n")
+    content = read_drawing(path, MESH_READERS, "mesh", settings.most_bytes, b"\0 \t\r\n")
     try:
         mesh = MESH_READERS[path.suffix.lower()](content, settings)
         _refuse_unusable(mesh, settings)
@@ -174,7 +174,7 @@ def _refuse_unusable(mesh: RawMesh, settings: MeshSettings) -> None:
 
 
 def _used(vertices: FloatArray, faces: IntArray) -> BoolArray:
-    """Which vertices some triangle has, shape (v,); others may be anywhere, or be no numbers at all."""
+    """Return which vertices some triangle has, shape (v,); others may be anywhere, or be no numbers at all."""
     used = np.zeros(len(vertices), dtype=np.bool_)
     used[faces] = True
     return used
@@ -188,7 +188,7 @@ _MIXERS = np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9],
 """Odd numbers without a pattern, by which the three coordinates of a vertex become one number."""
 
 
-def mended_mesh(raw: RawMesh, settings: MeshSettings = MESHES) -> RawMesh:
+def repaired_mesh(raw: RawMesh, settings: MeshSettings = MESHES) -> RawMesh:
     """Join equal vertices, and leave out what is there twice or has no area and is the edge of another triangle.
 
     Where two bodies touch, the triangles of both stay.
@@ -223,7 +223,7 @@ def mended_mesh(raw: RawMesh, settings: MeshSettings = MESHES) -> RawMesh:
 
 
 def _distinct_rows(points: FloatArray) -> tuple[FloatArray, IntArray]:
-    """The different points, and the number of each given one among them, shape (v,)."""
+    """Return the different points, and the number of each given one among them, shape (v,)."""
     # Zero and minus zero are one place.
     points = np.ascontiguousarray(points + 0.0)
     bits = points.view(np.uint64)
@@ -240,7 +240,7 @@ def _distinct_rows(points: FloatArray) -> tuple[FloatArray, IntArray]:
 
 
 def _without_area(vertices: FloatArray, faces: IntArray, settings: MeshSettings) -> BoolArray:
-    """Which triangles are points or lines, shape (m,)."""
+    """Return which triangles are points or lines, shape (m,)."""
     corners = vertices[faces]
     sides = np.roll(corners, -1, axis=1) - corners
     lengths = np.sqrt(np.einsum("fij,fij->fi", sides, sides))
@@ -250,7 +250,7 @@ def _without_area(vertices: FloatArray, faces: IntArray, settings: MeshSettings)
 
 
 def _on_edges(vertices: FloatArray, flat: IntArray, others: IntArray) -> BoolArray:
-    """Which triangles without area cover nothing else than a vertex or an edge of others, shape (f,)."""
+    """Return which triangles without area cover nothing else than a vertex or an edge of others, shape (f,)."""
     corners = vertices[flat]
     sides = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2)
     longest = np.argmax(sides, axis=1)
@@ -259,7 +259,7 @@ def _on_edges(vertices: FloatArray, flat: IntArray, others: IntArray) -> BoolArr
     second = flat[rows, (longest + 1) % 3]
 
     def key(starts: IntArray, ends: IntArray) -> IntArray:
-        """Edges as one number each, whichever way they run."""
+        """Return the edges as one number each, whichever way they run."""
         return np.minimum(starts, ends) * (len(vertices) + 1) + np.maximum(starts, ends)
 
     edges = np.unique(key(others, np.roll(others, -1, axis=1)))

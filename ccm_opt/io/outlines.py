@@ -28,7 +28,7 @@ _ROUND = 1e-7
 
 
 def as_walls(shapes: Sequence[Shape], distance: float) -> list[Shape]:
-    """The shapes with all outlines as lines; areas stay what they are."""
+    """Return the shapes with all outlines as lines; areas stay what they are."""
     found: list[Shape] = []
     for shape in shapes:
         if shape.drawn in {"line", "area"}:
@@ -68,8 +68,8 @@ def with_holes(shapes: Sequence[Shape], distance: float) -> list[Shape]:
     return [shape for group in found for shape in group]
 
 
-def room_of(shapes: Sequence[Shape], growth: float, distance: float) -> tuple[shapely.Polygon, list[Shape]]:
-    """The largest outline as a room, smaller by what its curves and its line may take, and the other shapes.
+def clearance_along(shapes: Sequence[Shape], growth: float, distance: float) -> tuple[shapely.Polygon, list[Shape]]:
+    """Return the largest outline as a room, smaller by what its curves and its line may take, and the other shapes.
 
     Raises:
         ProblemError: there is no closed outline, or the largest is no simple polygon.
@@ -91,7 +91,10 @@ def room_of(shapes: Sequence[Shape], growth: float, distance: float) -> tuple[sh
 
 
 def _apart(shape: Shape, distance: float) -> list[Shape]:
-    """The rings of a shape as shapes of their own, a circle as a polygon; a huge one as a coarser one that is wider."""
+    """Return the rings of a shape as shapes of their own, a circle as a polygon.
+
+    A huge one as a coarser one that is wider.
+    """
     if shape.is_circle:
         coarse = max(distance, _ROUND * shape.half_width)
         ring = flatten_arc(shape.rings[0][0], shape.half_width, 0.0, 2.0 * np.pi, coarse)[:-1]
@@ -100,7 +103,7 @@ def _apart(shape: Shape, distance: float) -> list[Shape]:
 
 
 def _nested(parts: Sequence[tuple[int, Shape]]) -> list[tuple[int, Shape]]:
-    """The solids among outlines, each with its holes, and what each was given with."""
+    """Return the solids among outlines, each with its holes, and what each was given with."""
     polygons = np.array([_simple(part.rings[0]) for _, part in parts])
     once = _drawn_once(polygons)
     parts = [parts[k] for k in once]
@@ -121,13 +124,13 @@ def _nested(parts: Sequence[tuple[int, Shape]]) -> list[tuple[int, Shape]]:
 
 
 def _simple(ring: FloatArray) -> shapely.Polygon:
-    """The polygon of a ring; an empty one, which lies within nothing, where it is tangled or has no area."""
+    """Return the polygon of a ring; an empty one, which lies within nothing, where it is tangled or has no area."""
     polygon = shapely.Polygon(ring) if len(ring) > 2 else shapely.Polygon()
     return polygon if polygon.is_valid and polygon.area > 0.0 else shapely.Polygon()
 
 
 def _drawn_once(polygons: np.ndarray) -> list[int]:
-    """Numbers of the polygons that are no repetition of an earlier one."""
+    """Return the numbers of the polygons that are no repetition of an earlier one."""
     boxes = shapely.bounds(polygons)
     whole = np.flatnonzero(np.isfinite(boxes).all(axis=1))
     if len(whole) == 0:
@@ -151,7 +154,7 @@ def _drawn_once(polygons: np.ndarray) -> list[int]:
 
 
 def _within(polygons: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Pairs of polygons of which the second lies within the first without touching it."""
+    """Return the pairs of polygons of which the second lies within the first without touching it."""
     tree = shapely.STRtree(polygons)
     at_once = max(1, IMPORT.most_nested // len(polygons))
     pairs = []
@@ -174,7 +177,7 @@ _REPAIR_SHARE = 1e-3
 
 
 def filled(rings: Sequence[FloatArray], rule: FillRule) -> list[shapely.Polygon]:
-    """The polygons that rings enclose.
+    """Return the polygons that rings enclose.
 
     Args:
         rings: each of shape (k, 2), k >= 3.
@@ -205,14 +208,14 @@ def filled(rings: Sequence[FloatArray], rule: FillRule) -> list[shapely.Polygon]
     order = np.lexsort((inside, around, groups))
     found: list[shapely.Polygon] = []
     for _, group in groupby(order, key=lambda k: groups[k]):
-        found += polygons_of(_filled_inwards(solids, around, inside, list(group)))
+        found += polygon_parts(_filled_inwards(solids, around, inside, list(group)))
     return found
 
 
 def _filled_inwards(
     solids: Sequence[shapely.MultiPolygon], around: IntArray, inside: BoolArray, order: Sequence[int]
 ) -> shapely.Geometry:
-    """What rings fill and clear by turns, from those with no other around them inwards."""
+    """Return what rings fill and clear by turns, from those with no other around them inwards."""
     parts: list[shapely.Geometry] = []
     for (_, fills), members in groupby(order, key=lambda k: (around[k], bool(inside[k]))):
         level = shapely.union_all([solids[k] for k in members])
@@ -225,7 +228,7 @@ def _filled_inwards(
 
 
 def repaired(polygon: shapely.Polygon) -> list[shapely.Polygon]:
-    """A polygon as valid polygons.
+    """Return a polygon as valid polygons.
 
     Args:
         polygon: any; its outline may cross itself.
@@ -246,7 +249,7 @@ def repaired(polygon: shapely.Polygon) -> list[shapely.Polygon]:
             "repaired; list the corners in order round the shape"
         )
     # Of a bow tie GEOS keeps both halves, so that a change of area shows that more than a slip was repaired.
-    mended = polygons_of(shapely.make_valid(polygon))
+    mended = polygon_parts(shapely.make_valid(polygon))
     area = sum(part.area for part in mended)
     if area == 0.0:
         raise ProblemError("the outline encloses no area; expected at least three corners that are not in one line")
@@ -261,8 +264,8 @@ def repaired(polygon: shapely.Polygon) -> list[shapely.Polygon]:
     return [shapely.Polygon(part.exterior, holes) for part, holes in zip(mended, kept, strict=True)]
 
 
-def polygons_of(geometry: shapely.Geometry) -> list[shapely.Polygon]:
-    """The polygons with area among the parts of a geometry."""
+def polygon_parts(geometry: shapely.Geometry) -> list[shapely.Polygon]:
+    """Return the polygons with area among the parts of a geometry."""
     parts = [geometry]
     # Collections may hold collections; they are taken apart until only single geometries are left.
     while any(hasattr(part, "geoms") for part in parts):
@@ -291,14 +294,17 @@ def _is_tangled(polygon: shapely.Polygon) -> bool:
 
 
 def _without_repeats(ring: FloatArray) -> FloatArray:
-    """A closed ring without corners that are where the one before is; at least the first and the last are left."""
+    """Return a closed ring without corners that are where the one before is.
+
+    At least the first and the last are left.
+    """
     moves = np.any(ring[1:] != ring[:-1], axis=1)
     moves[-1] = True
     return ring[np.concatenate(([True], moves))]
 
 
 def _sentence(why: str) -> str:
-    """GEOS's reason, for example ``Self-intersection[1 2]``, in plain words."""
+    """Return the GEOS's reason, for example ``Self-intersection[1 2]``, in plain words."""
     place = re.search(r"\[(\S+) (\S+)\]", why)
     where = f" at ({float(place[1]):.6g}, {float(place[2]):.6g})" if place else ""
     reason = why.split("[", maxsplit=1)[0].strip().lower()

@@ -14,7 +14,7 @@ from ccm_opt.core.length_words import METRES, LengthUnit
 from ccm_opt.io.drawing import obstacle_table
 from ccm_opt.io.reading import parse_problem
 from ccm_opt.io.robot_models import triangles_stl
-from ccm_opt.io.scene_solids import told_apart
+from ccm_opt.io.scene_solids import unique_names
 from ccm_opt.io.schema import (
     BaseTable,
     GoalTable,
@@ -75,7 +75,7 @@ def recorded_data(problem: Problem) -> Table:
 
 
 def problem_data(problem: Problem, mesh_files: Sequence[str] | None = None) -> Table:
-    """Every value of a problem in the layout of ``problem.toml``.
+    """Return every value of a problem in the layout of ``problem.toml``.
 
     Angles pass through degrees, so that the problem read from these data may differ in the last bit. Lengths are in the
     problem's unit, as numbers that are read as the same metres wherever there are such.
@@ -83,7 +83,7 @@ def problem_data(problem: Problem, mesh_files: Sequence[str] | None = None) -> T
     Args:
         problem: the problem; its ``source`` does not matter.
         mesh_files: path of the mesh of each obstacle in space, relative to where the data will be read; of no matter
-            where it is no mesh. Those of ``kept_names`` when None.
+            where it is no mesh. Those of ``stored_mesh_paths`` when None.
 
     Returns:
         Plain numbers, texts, lists and tables, from which ``problem_from_mapping`` rebuilds the problem.
@@ -95,7 +95,7 @@ def problem_data(problem: Problem, mesh_files: Sequence[str] | None = None) -> T
     head: Table = {"schema": 1}
     if problem.dimension == 3:
         head["space"] = 3
-        files = kept_names(problem) if mesh_files is None else mesh_files
+        files = stored_mesh_paths(problem) if mesh_files is None else mesh_files
         listed = zip(problem.workspace.obstacles, files, strict=True)
         obstacles = [_body(each.name, each.body, file, unit) for each, file in listed]
         workspace: Table = SpaceWorkspaceTable.of(problem.workspace).written(unit) | {"obstacles": obstacles}
@@ -137,7 +137,7 @@ def check_curves(problem: Problem) -> None:
 
 
 def workspace_table(workspace: Workspace, unit: LengthUnit) -> Table:
-    """A room in the plane as ``[workspace]``.
+    """Return a room in the plane as ``[workspace]``.
 
     Raises:
         ProblemError: its boundary has holes, or an obstacle is none that a problem file can say.
@@ -150,7 +150,7 @@ def workspace_table(workspace: Workspace, unit: LengthUnit) -> Table:
 
 
 def arm_table(arm: Arm, unit: LengthUnit) -> Table:
-    """An arm as ``[arm]``."""
+    """Return an arm as ``[arm]``."""
     own: dict[str, object] = {
         "inertia": InertiaTable.of(None, axial=arm.inertia_axial, transverse=arm.inertia_transverse),
         "feed": next((FeedTable.of(axis, range=[axis.low, axis.high]) for axis in arm.base_axes), None),
@@ -162,7 +162,7 @@ def arm_table(arm: Arm, unit: LengthUnit) -> Table:
 
 
 def limits_table(limits: Limits, unit: LengthUnit) -> Table:
-    """Limits as ``[limits]``."""
+    """Return the limits as ``[limits]``."""
     bounds = [
         (point.at, {key: bound for key in ("velocity", "acceleration") if np.isfinite(bound := getattr(point, key))})
         for point in limits.points
@@ -175,7 +175,7 @@ def limits_table(limits: Limits, unit: LengthUnit) -> Table:
 def goal_table(
     goal: Goal, unit: LengthUnit, *, in_space: bool, fed: bool, tolerances: Tolerances | None = None
 ) -> Table:
-    """A goal as ``[goal]``, or a pose of the whole arm as ``[start]``, which has no tolerances.
+    """Return a goal as ``[goal]``, or a pose of the whole arm as ``[start]``, which has no tolerances.
 
     Args:
         goal: as an object.
@@ -199,13 +199,13 @@ def goal_table(
 
 
 def simulation_table(options: SimulationOptions, unit: LengthUnit) -> Table:
-    """Simulation options as ``[simulation]``."""
+    """Return the simulation options as ``[simulation]``."""
     gains = GainsTable.of(None, proportional=options.proportional_gain, derivative=options.derivative_gain)
     return SimulationTable.of(options, gains=gains if gains.model_fields_set else None).written(unit)
 
 
 def _body(name: str, body: Body, file: str, unit: LengthUnit) -> Table:
-    """An obstacle in space; bodies that are round stand where they are without being placed."""
+    """Return an obstacle in space; bodies that are round stand where they are without being placed."""
     own: dict[str, object] = {body.kind: body}
     if body.kind == "mesh":
         # Made in Python: written in metres, where it stands.
@@ -223,22 +223,22 @@ def _body(name: str, body: Body, file: str, unit: LengthUnit) -> Table:
     return SpaceObstacleTable.of(None, name=name, **own).written(unit)
 
 
-def kept_names(problem: Problem) -> list[str]:
-    """Where the mesh of each obstacle is kept, relative to the folder; of no matter where it is no mesh."""
-    slugs = [slug for _, slug in told_apart(each.name for each in problem.workspace.obstacles)]
+def stored_mesh_paths(problem: Problem) -> list[str]:
+    """Return where the mesh of each obstacle is kept, relative to the folder; of no matter where it is no mesh."""
+    slugs = [slug for _, slug in unique_names(each.name for each in problem.workspace.obstacles)]
     # Meshes that have no file are written as STL.
     suffixes = {k: PurePosixPath(body.file).suffix.lower() for k, _, body in problem.workspace.meshes if body.content}
     return [f"{KEPT_MESHES}/{slug}{suffixes.get(k, '.stl')}" for k, slug in enumerate(slugs)]
 
 
 def _meshes(problem: Problem) -> Iterator[tuple[str, str, MeshBody]]:
-    """The meshes among the obstacles: name of the obstacle, where the file is kept, and the mesh."""
-    kept = kept_names(problem)
+    """Yield the meshes among the obstacles: name of the obstacle, where the file is kept, and the mesh."""
+    kept = stored_mesh_paths(problem)
     yield from ((obstacle, kept[k], body) for k, obstacle, body in problem.workspace.meshes)
 
 
-def kept_meshes(problem: Problem) -> dict[str, bytes]:
-    """The mesh files that a problem was read with, byte for byte, so that a folder can be verified by itself.
+def stored_meshes(problem: Problem) -> dict[str, bytes]:
+    """Return the mesh files that a problem was read with, byte for byte, so that a folder can be verified by itself.
 
     Meshes that were made in Python are written as they stand.
     """
@@ -247,7 +247,7 @@ def kept_meshes(problem: Problem) -> dict[str, bytes]:
 
 def mesh_data(problem: Problem) -> list[dict[str, object]]:
     """Of every mesh where it is from, what it was, and where it is kept."""
-    kept = kept_meshes(problem)
+    kept = stored_meshes(problem)
     return [
         {
             "obstacle": obstacle,

@@ -42,7 +42,7 @@ from ccm_opt.problem import (
 )
 from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.bodies import Body
-from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace, named_shapes, parts_of
+from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace, edge_parts, named_shapes
 
 _WRITERS: Mapping[type, Callable[[Any, LengthUnit], Table]] = {
     Arm: arm_table,
@@ -57,7 +57,7 @@ _WRITERS: Mapping[type, Callable[[Any, LengthUnit], Table]] = {
 def _workspace(
     room: object, shapes: object, clearance: object, unit: LengthUnit, issues: Issues, bodies: list[Obstacle] | None
 ) -> Table:
-    """``[workspace]`` from the room, what is in it, and the gap to keep.
+    """Return the ``[workspace]`` from the room, what is in it, and the gap to keep.
 
     Args:
         room: its table, its outline, or a workspace.
@@ -83,7 +83,7 @@ def _workspace(
             elif bodies is None:
                 # Obstacles are in metres, geometries in the unit of the call.
                 whole = [obstacle_table(shape, unit)] if isinstance(shape, Obstacle) else None
-                inside += whole or map(obstacle_table, parts_of(name, shape))
+                inside += whole or map(obstacle_table, edge_parts(name, shape))
             elif isinstance(shape, _BODIES):
                 bodies.append(Obstacle(name, shape))
             else:
@@ -96,14 +96,14 @@ def _workspace(
 
 
 def _goal(goal: object) -> object:
-    """``[goal]`` from a place or the name of a pose; what is neither stays as it is."""
+    """Return the ``[goal]`` from a place or the name of a pose; what is neither stays as it is."""
     if _is_place(goal):
         return {"position": goal}
     return {"shape": goal} if isinstance(goal, str) else goal
 
 
 def _is_place(value: object) -> bool:
-    """Whether a value is a row of numbers."""
+    """Return whether a value is a row of numbers."""
     if isinstance(value, (Mapping, str)):
         return False
     found = finite_array(value)
@@ -111,7 +111,9 @@ def _is_place(value: object) -> bool:
 
 
 def _plain(value: Any, writers: Mapping[type, Callable[[Any, LengthUnit], Table]], unit: LengthUnit) -> Any:
-    """Tables, lists, texts and numbers of Python, as a reader of TOML makes them; keys without a value are left out.
+    """Return the tables, lists, texts and numbers of Python, as a reader of TOML makes them.
+
+    Keys without a value are left out.
 
     Args:
         value: which may hold objects.

@@ -93,7 +93,7 @@ _TRIANGLE = 3
 _QUADRANGLE = 4
 
 
-def triangles_of(vertices: FloatArray, corners: IntArray, counts: IntArray) -> IntArray:
+def triangulate_faces(vertices: FloatArray, corners: IntArray, counts: IntArray) -> IntArray:
     """Cut faces into triangles that cover them and, where a face is flat and does not cross itself, nothing else.
 
     Args:
@@ -119,7 +119,7 @@ def triangles_of(vertices: FloatArray, corners: IntArray, counts: IntArray) -> I
 
 
 def _cut(vertices: FloatArray, faces: IntArray) -> IntArray:
-    """Faces of c corners, shape (f, c), as triangles, shape (f, c - 2, 3)."""
+    """Return the faces of c corners, shape (f, c), as triangles, shape (f, c - 2, 3)."""
     count = faces.shape[1]
     along = np.arange(1, count - 1)
     fans = faces[:, np.column_stack((np.zeros_like(along), along, along + 1))]
@@ -144,14 +144,14 @@ def _normals(corners: FloatArray) -> FloatArray:
 
 
 def _bends_inward(corners: FloatArray) -> BoolArray:
-    """Which corners of faces bend inward, shape (f, c)."""
+    """Return which corners of faces bend inward, shape (f, c)."""
     edges = np.roll(corners, -1, axis=1) - corners
     turns = np.cross(np.roll(edges, 1, axis=1), edges)
     return np.asarray(np.einsum("fci,fi->fc", turns, _normals(corners)) < 0.0)
 
 
 def _cut_flat(corners: FloatArray) -> IntArray | None:
-    """A face of corners of shape (c, 3), as triangles of their numbers; none where there are no such."""
+    """Return a face of corners of shape (c, 3), as triangles of their numbers; none where there are no such."""
     import shapely  # noqa: PLC0415 - few meshes have such faces
 
     normal = _normals(corners[None])[0]

@@ -33,8 +33,8 @@ class ChangedText:
     text: str
     settings: Mapping[KeyPath, str]
 
-    def setting_of(self, path: KeyPath) -> str:
-        """The setting that a key path comes from; empty where it is the file's own."""
+    def setting_source(self, path: KeyPath) -> str:
+        """Return the setting that a key path comes from; empty where it is the file's own."""
         return next((self.settings[path[:k]] for k in range(len(path), 0, -1) if path[:k] in self.settings), "")
 
 
@@ -65,14 +65,14 @@ def with_keys_set(text: str, settings: Sequence[str]) -> ChangedText:
 
 
 def _parts(key: str, setting: str) -> tuple[str, ...]:
-    """The keys and entries of a key path."""
+    """Return the keys and entries of a key path."""
     if not re.fullmatch(f"(?:{_PART.pattern})+", key):
         raise ProblemError(f"cannot set '{setting}': '{key}' is not a key path like goal[1].position")
     return tuple(name or entry.strip() for name, entry in _PART.findall(key))
 
 
 def _value(text: str) -> object:
-    """A value as TOML reads it, or the text itself."""
+    """Return a value as TOML reads it, or the text itself."""
     try:
         return tomlkit.value(text)
     except (TOMLKitError, ValueError):
@@ -95,7 +95,7 @@ def _set(document: tomlkit.TOMLDocument, parts: tuple[str, ...], value: object, 
 
 
 def _step(here: object, part: str, path: KeyPath, setting: str) -> str | int:
-    """The next step of a path: a key of a table, or the number of a list's entry.
+    """Return the next step of a path: a key of a table, or the number of a list's entry.
 
     Raises:
         ProblemError: when there is no such entry, or the path leads through a value.
@@ -147,7 +147,7 @@ BOUNDS = InputBounds()
 
 
 def text_defect(text: str) -> str:
-    """A sentence about keys of so many parts that parsing them would take long; empty for others."""
+    """Return a sentence about keys of so many parts that parsing them would take long; empty for others."""
     # Several points side by side are in no key, but in prose and in comments.
     longest = max((word.count(".") for word in _WORDS.split(text) if ".." not in word), default=0)
     if longest < BOUNDS.longest_key:
@@ -156,7 +156,7 @@ def text_defect(text: str) -> str:
 
 
 def content_defect(data: Mapping[str, object]) -> str:
-    """A sentence about data that are too deep or too many; empty for others.
+    """Return a sentence about data that are too deep or too many; empty for others.
 
     Args:
         data: the parsed file; it is walked level by level, so that no depth is too great.
@@ -248,7 +248,7 @@ def _read(changed: ChangedText, original: str, path_name: str, folder: Path | No
     issues = Issues()
     problem = check_data(data, issues, changed.text, folder, allow_outside=allow_outside)
     if problem is None:
-        raise ProblemFileError(path_name, issues.located(locate_keys(original), changed.setting_of))
+        raise ProblemFileError(path_name, issues.located(locate_keys(original), changed.setting_source))
     return problem
 
 
@@ -275,7 +275,7 @@ def problem_from_mapping(data: Mapping[str, object], path_name: str = "problem",
 
 
 def _read_text(path: Path) -> str:
-    """The text of a file, or one clear sentence why there is none."""
+    """Return the text of a file, or one clear sentence why there is none."""
     try:
         # No more than is allowed is read, so that a device without an end does not fill the memory.
         with path.open("rb") as file:
@@ -291,7 +291,7 @@ def _read_text(path: Path) -> str:
 
 
 def _decoded(raw: bytes, path: str) -> str:
-    """The text of a file's bytes, or one clear sentence why there is none."""
+    """Return the text of a file's bytes, or one clear sentence why there is none."""
     if len(raw) > BOUNDS.most_bytes:
         too_large = f"the file has more than {BOUNDS.most_bytes} bytes, the most that is read"
         raise _refused(path, f"{too_large}; put obstacles into a drawing")

@@ -31,7 +31,7 @@ MOST_BYTES = 2**26
 
 
 def read_record(path: Path) -> Mapping[str, object]:
-    """The record of a folder.
+    """Return the record of a folder.
 
     Args:
         path: of ``solution.json``.
@@ -58,7 +58,7 @@ def _refuse_constant(name: str) -> NoReturn:
 
 
 def _each_once(pairs: Sequence[tuple[str, object]]) -> dict[str, object]:
-    """A table; of a key that is there twice other programs would take the other value."""
+    """Return a table; of a key that is there twice other programs would take the other value."""
     table = dict(pairs)
     if len(table) < len(pairs):
         keys = [key for key, _ in pairs]
@@ -97,7 +97,7 @@ class RecordedResults:
 
 
 def recorded_results(folder: Path) -> RecordedResults:
-    """The results in a folder.
+    """Return the results in a folder.
 
     Args:
         folder: an output folder.
@@ -136,7 +136,7 @@ def _check(data: Mapping[str, Any]) -> Check:
 
 
 def _survived(data: Mapping[str, Any]) -> SurvivedError:
-    """An error, its size in degrees being the same as that in radians, where there is one."""
+    """Return an error, its size in degrees being the same as that in radians, where there is one."""
     size, degrees = (_number(data.get(name)) for name in ("size", "size_deg"))
     if size is None or (degrees is not None and not math.isclose(degrees, math.degrees(size), rel_tol=1e-9)):
         raise ValueError(f"the size of an error is {size!r}, in degrees {degrees!r}")
@@ -144,7 +144,7 @@ def _survived(data: Mapping[str, Any]) -> SurvivedError:
 
 
 def _number(value: object) -> float | None:
-    """A number; None for what is not finite, which stands as null."""
+    """Return a number; None for what is not finite, which stands as null."""
     if value is None:
         return None
     if isinstance(value, bool) or not isinstance(value, (int, float)):
@@ -156,7 +156,7 @@ def _number(value: object) -> float | None:
 
 
 def recorded_curves(arrays: Mapping[str, FloatArray], arm: Arm) -> tuple[Configuration, ...]:
-    """The curves behind a plan's keyframes, in order; none in space, where a folder has none.
+    """Return the curves behind a plan's keyframes, in order; none in space, where a folder has none.
 
     Args:
         arrays: of the motion.
@@ -187,13 +187,13 @@ def recorded_curves(arrays: Mapping[str, FloatArray], arm: Arm) -> tuple[Configu
 def _curve(
     base: FloatArray, headings: FloatArray, lengths: FloatArray, curvatures: FloatArray, knots: FloatArray
 ) -> Configuration:
-    """A curve from its arrays, ``headings`` being those at which its segments begin."""
+    """Return a curve from its arrays, ``headings`` being those at which its segments begin."""
     parts = zip(lengths.tolist(), headings.tolist(), curvatures, knots.tolist(), strict=True)
     return Configuration(base, tuple(CurvatureSegment(a, heading, c, tuple(k)) for a, heading, c, k in parts))
 
 
 def _turns(lengths: FloatArray, curvatures: FloatArray, knots: FloatArray) -> FloatArray:
-    """By how much segments turn, shape (S,) [rad]: linear in the curvatures, alike for all of the same knots."""
+    """Return by how much segments turn, shape (S,) [rad]: linear in the curvatures, alike for all of the same knots."""
     kinds, kind = np.unique(knots, axis=0, return_inverse=True)
     of_kinds = [
         [CurvatureSegment(1.0, 0.0, unit, tuple(each)).end_heading for unit in np.eye(5)] for each in kinds.tolist()
@@ -203,7 +203,7 @@ def _turns(lengths: FloatArray, curvatures: FloatArray, knots: FloatArray) -> Fl
 
 
 def recorded_nearest(folder: Path) -> NearPlace | None:
-    """Where the least gap of a plan is; None where its record does not say, or nothing is near.
+    """Return where the least gap of a plan is; None where its record does not say, or nothing is near.
 
     Args:
         folder: an output folder.
@@ -302,7 +302,7 @@ class SavedMotion:
 
 
 def load_problem_data(folder: Path) -> Mapping[str, object]:
-    """The copy of the problem in a folder's ``solution.json``.
+    """Return the copy of the problem in a folder's ``solution.json``.
 
     Args:
         folder: an output folder.
@@ -332,7 +332,7 @@ def load_problem_data(folder: Path) -> Mapping[str, object]:
 
 
 def load_any_problem(folder: Path) -> Problem:
-    """The problem that a folder's plan solves, in the plane or in space; meshes are those that the folder keeps.
+    """Return the problem that a folder's plan solves, in the plane or in space; meshes are those that the folder keeps.
 
     Args:
         folder: an output folder.
@@ -345,7 +345,7 @@ def load_any_problem(folder: Path) -> Problem:
 
 
 def load_motion(folder: Path, arm: Arm) -> SavedMotion:
-    """The motion in a folder's ``solution.npz``.
+    """Return the motion in a folder's ``solution.npz``.
 
     Args:
         folder: an output folder.
@@ -372,7 +372,7 @@ def load_motion(folder: Path, arm: Arm) -> SavedMotion:
     numbers = {name: np.asarray(arrays[name], dtype=np.float64) for name in shapes if name != "joint_names"}
 
     def of_base(name: str, rows_of: str = "time") -> FloatArray:
-        """An array of the axes that carry the base, shape (T, axes)."""
+        """Return an array of the axes that carry the base, shape (T, axes)."""
         columns = [numbers[name]] if name in numbers else []
         return np.column_stack([np.zeros((len(numbers[rows_of]), 0)), *columns])
 
@@ -416,7 +416,7 @@ def load_motion(folder: Path, arm: Arm) -> SavedMotion:
 
 
 def read_arrays(path: Path) -> dict[str, npt.NDArray[np.generic]]:
-    """The arrays of a plan's file, by name, as they stand there.
+    """Return the arrays of a plan's file, by name, as they stand there.
 
     Raises:
         ProblemError: when it cannot be read.
@@ -431,7 +431,7 @@ _METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 
 
 def read_archive(path: Path, known: Collection[str]) -> dict[str, npt.NDArray[np.generic]]:
-    """The arrays of a file, by name, as they stand there.
+    """Return the arrays of a file, by name, as they stand there.
 
     Args:
         path: of the archive.

@@ -33,7 +33,7 @@ SCHEMA = 1
 
 
 def pose_json(found: StaticPose) -> str:
-    """The record of a pose.
+    """Return the record of a pose.
 
     Args:
         found: the pose.
@@ -68,7 +68,7 @@ def pose_json(found: StaticPose) -> str:
 
 
 def pose_failure_json(problem: Problem, status: str, diagnosis: Diagnosis, timings: Mapping[str, float]) -> str:
-    """The record of a problem at whose goal no pose was found.
+    """Return the record of a problem at whose goal no pose was found.
 
     Args:
         problem: what was asked.
@@ -81,7 +81,7 @@ def pose_failure_json(problem: Problem, status: str, diagnosis: Diagnosis, timin
 
 
 def curve_record(curve: Curve) -> dict[str, object]:
-    """A curve with length, knots and curvature of every segment, and in the plane its type."""
+    """Return a curve with length, knots and curvature of every segment, and in the plane its type."""
     segments = [
         {"length": segment.length, "knots": list(segment.knots), "curvature": segment.curvature.tolist()}
         for segment in curve.segments
@@ -95,7 +95,7 @@ def curve_record(curve: Curve) -> dict[str, object]:
 
 
 def goal_pose_data(record: GoalPoseRecord) -> Mapping[str, object]:
-    """The whole record; lengths [m], angles [rad]."""
+    """Return the whole record; lengths [m], angles [rad]."""
     variables, rows = record.size
     return {
         "reached": record.reached,
@@ -113,7 +113,7 @@ def goal_pose_data(record: GoalPoseRecord) -> Mapping[str, object]:
 
 
 def room_data(room: RoomRecord) -> Mapping[str, object]:
-    """The record without its arrays, which are in ``solution.npz``; lengths [m], times [s]."""
+    """Return the record without its arrays, which are in ``solution.npz``; lengths [m], times [s]."""
     possible = room.possible
     return {
         "wanted_gap": room.wanted,
@@ -135,7 +135,7 @@ def room_data(room: RoomRecord) -> Mapping[str, object]:
 
 
 def place_data(place: NearPlace) -> Mapping[str, object]:
-    """Where a link is near something."""
+    """Return where a link is near something."""
     other: dict[str, object] = {}
     if place.second_link:
         other = {"second_link": place.second_link}
@@ -146,17 +146,17 @@ def place_data(place: NearPlace) -> Mapping[str, object]:
 
 
 def tolerance_data(errors: Iterable[SurvivedError]) -> list[Mapping[str, object]]:
-    """One record an error, as in ``SurvivedError``; angles in degrees as well."""
+    """Return one record an error, as in ``SurvivedError``; angles in degrees as well."""
     return [asdict(e) | ({"size_deg": math.degrees(e.size)} if e.unit == "rad" else {}) for e in errors]
 
 
 def tolerance_json(name: str, errors: Iterable[SurvivedError]) -> str:
-    """The text of ``tolerance.json`` for the problem of that name."""
+    """Return the text of ``tolerance.json`` for the problem of that name."""
     return strict_text({"problem": name, "tolerance": tolerance_data(errors)})
 
 
 def solution_json(solution: Solution) -> str:
-    """The record of a solved problem.
+    """Return the record of a solved problem.
 
     Args:
         solution: the verified plan.
@@ -188,17 +188,17 @@ def solution_json(solution: Solution) -> str:
 
 
 def goal_data(errors: GoalErrors) -> dict[str, object]:
-    """How the last link lies at its goal [m, rad]."""
+    """Return how the last link lies at its goal [m, rad]."""
     return {"position_error": errors.position, "direction_error": errors.direction, "roll": errors.roll}
 
 
 def _check_data(check: Check) -> dict[str, object]:
-    """A check; where its least gap is stands in words, and in figures in the record of the room."""
+    """Return a check; where its least gap is stands in words, and in figures in the record of the room."""
     return {name: value for name, value in asdict(check).items() if name != "place"}
 
 
 def failure_json(problem: Problem, status: str, diagnosis: Diagnosis, timings: Mapping[str, float]) -> str:
-    """The record of a problem without a plan.
+    """Return the record of a problem without a plan.
 
     Args:
         problem: what was asked.
@@ -231,7 +231,7 @@ _COMPRESSION = 1
 
 
 def solution_arrays(solution: Solution) -> dict[str, npt.NDArray[np.generic]]:
-    """The arrays of a plan under the names of the file format; angles [rad], lengths [m], time [s]."""
+    """Return the arrays of a plan under the names of the file format; angles [rad], lengths [m], time [s]."""
     trajectory, room = solution.trajectory, solution.room
     coordinates = trajectory.coordinates
     of_base = {
@@ -270,7 +270,7 @@ def by_joint(bends: FloatArray, coordinates: Coordinates) -> FloatArray:
 
 
 def arrays_npz(arrays: Mapping[str, npt.NDArray[np.generic]]) -> bytes:
-    """The content of an ``.npz`` file.
+    """Return the content of an ``.npz`` file.
 
     The revolutes that a plane motion leaves alone are two thirds of many arrays; compressed, these zeros take no room.
     The same arrays give the same bytes, whenever they are written.
@@ -287,8 +287,8 @@ def arrays_npz(arrays: Mapping[str, npt.NDArray[np.generic]]) -> bytes:
     return buffer.getvalue()
 
 
-def bends_of_arrays(arrays: Mapping[str, npt.NDArray[np.generic]]) -> dict[str, npt.NDArray[np.generic]]:
-    """The same arrays without the revolutes that bend nothing: in the plane two columns of three, in space one.
+def bend_arrays(arrays: Mapping[str, npt.NDArray[np.generic]]) -> dict[str, npt.NDArray[np.generic]]:
+    """Return the same arrays without the revolutes that bend nothing: in the plane two columns of three, in space one.
 
     Args:
         arrays: those of a plan, by name.
@@ -301,7 +301,10 @@ def bends_of_arrays(arrays: Mapping[str, npt.NDArray[np.generic]]) -> dict[str, 
 
 
 def curve_arrays(curves: tuple[Configuration, ...]) -> dict[str, npt.NDArray[np.generic]]:
-    """The curves behind the keyframes, segments end to end; those of curve k are offsets[k] to offsets[k + 1]."""
+    """Return the curves behind the keyframes, segments end to end.
+
+    Those of curve k are offsets[k] to offsets[k + 1].
+    """
     segments = [segment for curve in curves for segment in curve.segments]
     return {
         "segments_offsets": np.cumsum([0, *(len(curve.segments) for curve in curves)]),

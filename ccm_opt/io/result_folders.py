@@ -20,7 +20,7 @@ from ccm_opt.io.folder import (
     solution_files,
     write_folder,
 )
-from ccm_opt.io.problem_data import kept_meshes, mesh_data, recorded_data
+from ccm_opt.io.problem_data import mesh_data, recorded_data, stored_meshes
 from ccm_opt.io.records import SCHEMA, arrays_npz, curve_arrays, failure_json, place_data, pose_failure_json, pose_json
 from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import ParetoPlan, ParetoPlans, ReachMap, StaticPose
@@ -42,11 +42,11 @@ def write_pose(found: StaticPose, out: Path, pictures: Mapping[str, bytes] | Non
         ProblemError: when the folder cannot be written, or another folder is in its place.
     """
     files = {POSE_RECORD: pose_json(found).encode(), POSE_ARRAYS: arrays_npz(pose_arrays(found)), **(pictures or {})}
-    return write_folder(out / found.problem.name, files | kept_meshes(found.problem), POSE_RECORD)
+    return write_folder(out / found.problem.name, files | stored_meshes(found.problem), POSE_RECORD)
 
 
 def pose_arrays(found: StaticPose) -> dict[str, npt.NDArray[np.generic]]:
-    """The arrays of a pose under the names of the file format; angles [rad], lengths [m]."""
+    """Return the arrays of a pose under the names of the file format; angles [rad], lengths [m]."""
     arrays: dict[str, npt.NDArray[np.generic]] = {
         "bend_angles": found.bends,
         "joint_positions": found.joint_positions,
@@ -77,11 +77,11 @@ def write_reach(found: ReachMap, out: Path, pictures: Mapping[str, bytes] | None
     arrays = dict(zip("xyz", found.axes, strict=False))
     arrays |= {name: getattr(found, name) for name in ("reachable", "proved", "gap", "taken", *own)}
     files = {REACH_RECORD: reach_json(found).encode(), "reach.npz": arrays_npz(arrays), **(pictures or {})}
-    return write_folder(out / found.problem.name, files | kept_meshes(found.problem), REACH_RECORD)
+    return write_folder(out / found.problem.name, files | stored_meshes(found.problem), REACH_RECORD)
 
 
 def reach_json(found: ReachMap) -> str:
-    """The record of a map: what was asked, and figures."""
+    """Return the record of a map: what was asked, and figures."""
     record: dict[str, object] = {
         "schema": SCHEMA,
         "problem": recorded_data(found.problem),
@@ -108,7 +108,7 @@ UNFINISHED = ".unfinished"
 
 
 def place_beside(target: Path, ending: str) -> Path:
-    """The folder itself, or, where it holds an earlier result, one of nearly the same name beside it.
+    """Return the folder itself, or, where it holds an earlier result, one of nearly the same name beside it.
 
     Args:
         target: the folder of the result.
@@ -124,7 +124,7 @@ def place_beside(target: Path, ending: str) -> Path:
 
 
 def holds_result(folder: Path) -> bool:
-    """Whether a folder holds a plan or a pose, which only another plan or pose may replace."""
+    """Return whether a folder holds a plan or a pose, which only another plan or pose may replace."""
     return any((folder / arrays).is_file() for arrays in (ARRAYS, POSE_ARRAYS))
 
 
@@ -160,7 +160,7 @@ def write_failure(
     """
     record = failure_json(problem, status, diagnosis, timings or {})
     # The problem in the record is read with the meshes beside it.
-    files = {RECORD: record.encode(), **kept_meshes(problem), **(pictures or {})}
+    files = {RECORD: record.encode(), **stored_meshes(problem), **(pictures or {})}
     return write_folder(out / problem.name, files, beside=_FAILED_PLACE)
 
 
@@ -183,7 +183,7 @@ def write_pose_failure(
         ProblemError: as for ``write_failure``.
     """
     record = pose_failure_json(problem, status, diagnosis, timings)
-    files = {POSE_RECORD: record.encode(), **kept_meshes(problem)}
+    files = {POSE_RECORD: record.encode(), **stored_meshes(problem)}
     return write_folder(out / problem.name, files, POSE_RECORD, beside=_FAILED_PLACE)
 
 
@@ -191,7 +191,9 @@ _FAILED_PLACE = partial(place_beside, ending=FAILED)
 
 
 def pareto_files(found: ParetoPlans) -> dict[str, bytes]:
-    """Content of every file but the pictures, by file name; in the record lengths are in metres, times in seconds.
+    """Return the content of every file but the pictures, by file name.
+
+    In the record lengths are in metres, times in seconds.
 
     The recommended plan's are those that ``solve`` would write; those of all plans are in the folder ``pareto``.
     """
@@ -212,7 +214,7 @@ def pareto_files(found: ParetoPlans) -> dict[str, bytes]:
 
 
 def folder_of(number: int) -> str:
-    """Where the plan of a number, from 1, is written within the problem's folder."""
+    """Return where the plan of a number, from 1, is written within the problem's folder."""
     return f"pareto/{number}"
 
 

@@ -17,7 +17,7 @@ from ccm_opt.io.scene_solids import SolidObstacle, SolidScene
 from ccm_opt.problem import Limits
 from ccm_opt.robot.arm import Arm, Axes
 from ccm_opt.robot.frames import joint_names
-from ccm_opt.scene.bodies import Body, RigidPlacement, turned_to
+from ccm_opt.scene.bodies import Body, RigidPlacement, rotation_to_axis
 
 FEED = "feed"
 """Name of the prismatic joint of the feed axis, the first of all joints where there is one."""
@@ -58,7 +58,7 @@ class Revolute:
 
 
 def revolutes(arm: Arm, *, bends_only: bool = False) -> Iterator[Revolute]:
-    """The revolutes from the base outward.
+    """Yield the revolutes from the base outward.
 
     Args:
         arm: the arm.
@@ -90,17 +90,17 @@ def revolutes(arm: Arm, *, bends_only: bool = False) -> Iterator[Revolute]:
 
 
 def visual_radius(arm: Arm) -> float:
-    """Radius to draw links with [m]: the arm's own, or a thin line for an arm without thickness."""
+    """Return the radius to draw links with [m]: the arm's own, or a thin line for an arm without thickness."""
     return arm.radius if arm.radius > 0.0 else 0.02 * arm.link_length
 
 
 def checked_share(arm: Arm, k: int) -> float:
-    """Where on link k the part begins that may touch nothing, as a share of its length; 1: all is mount."""
+    """Return where on link k the part begins that may touch nothing, as a share of its length; 1: all is mount."""
     return float(np.clip(arm.mount_length / arm.link_length - k, 0.0, 1.0))
 
 
 def roll_pitch_yaw(turn: FloatArray) -> tuple[float, float, float]:
-    """Angles about the fixed x, then y, then z that a rotation, shape (3, 3), is made of [rad]."""
+    """Return the angles about the fixed x, then y, then z that a rotation, shape (3, 3), is made of [rad]."""
     level = float(np.hypot(turn[0, 0], turn[1, 0]))
     pitch = float(np.arctan2(-turn[2, 0], level))
     if level < _UPRIGHT:
@@ -110,12 +110,12 @@ def roll_pitch_yaw(turn: FloatArray) -> tuple[float, float, float]:
 
 
 def number(value: float) -> str:
-    """A number that reads back as itself."""
+    """Return a number that reads back as itself."""
     return repr(float(value))
 
 
 def numbers(values: Iterable[float]) -> str:
-    """Numbers separated by blanks."""
+    """Return the numbers separated by blanks."""
     return " ".join(number(value) for value in values)
 
 
@@ -144,7 +144,7 @@ class _Shape:
     turn: FloatArray
 
 
-def _shape_of(body: Body) -> _Shape:
+def _geometry_element(body: Body) -> _Shape:
     if body.kind == "mesh":
         return _Shape("mesh", (), np.zeros(3), np.eye(3))
     if body.kind == "box":
@@ -154,17 +154,17 @@ def _shape_of(body: Body) -> _Shape:
         return _Shape("sphere", (body.radius,), body.center, np.eye(3))
     axis = body.end - body.start
     size = (body.radius, float(np.linalg.norm(axis)))
-    return _Shape(body.kind, size, 0.5 * (body.start + body.end), np.roll(turned_to(axis), -1, axis=1))
+    return _Shape(body.kind, size, 0.5 * (body.start + body.end), np.roll(rotation_to_axis(axis), -1, axis=1))
 
 
 def _capsule(arm: Arm, begin: float) -> _Shape:
-    """A link from a place on it to its end."""
+    """Return a link from a place on it to its end."""
     size = (visual_radius(arm), arm.link_length - begin)
     return _Shape("capsule", size, np.array([0.5 * (begin + arm.link_length), 0.0, 0.0]), _Z_ALONG_X)
 
 
 def scene_meshes(scene: SolidScene, folder: str) -> dict[str, bytes]:
-    """The mesh files of a scene, in binary STL, metres, the world frame.
+    """Return the mesh files of a scene, in binary STL, metres, the world frame.
 
     Args:
         scene: the obstacles.
@@ -184,7 +184,7 @@ def mesh_file(scene: SolidScene, obstacle: SolidObstacle, k: int) -> str:
 
 
 def triangles_stl(corners: FloatArray) -> bytes:
-    """Triangles, shape (m, 3, 3) [m], in binary STL."""
+    """Return the triangles, shape (m, 3, 3) [m], in binary STL."""
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
     rows = np.zeros(len(corners), dtype=[("numbers", "<f4", (4, 3)), ("attributes", "<u2")])
@@ -238,7 +238,7 @@ def urdf_text(
     *,
     bends_only: bool = False,
 ) -> str:
-    """URDF of the arm, and of the obstacles around it.
+    """Return the URDF of the arm, and of the obstacles around it.
 
     The root link ``world`` is the world frame; base position and heading stand in the fixed joint ``base_mount``. All
     joint frames are parallel at zero angles, the straight arm along the base heading. A feed axis is the prismatic
@@ -291,14 +291,14 @@ def _add_urdf_obstacles(robot: ET.Element, scene: SolidScene, folder: str) -> No
         link = ET.SubElement(robot, "link", name=link_name)
         for purpose in ("visual", "collision"):
             for k, solid in enumerate(obstacle.solids):
-                _add_urdf_shapes(link, purpose, _shape_of(solid), f"{folder}/{mesh_file(scene, obstacle, k)}")
+                _add_urdf_shapes(link, purpose, _geometry_element(solid), f"{folder}/{mesh_file(scene, obstacle, k)}")
         joint = ET.SubElement(robot, "joint", name=f"{link_name}_mount", type="fixed")
         ET.SubElement(joint, "parent", link="world")
         ET.SubElement(joint, "child", link=link_name)
 
 
 def _add_mount(robot: ET.Element, arm: Arm, limits: Limits) -> str:
-    """What is between the world and the first ball; returns the link that carries it."""
+    """Return what is between the world and the first ball; returns the link that carries it."""
     names = (*("mount" for _ in arm.base_axes), "base")
     ET.SubElement(robot, "link", name=names[0])
     _add_joint(robot, "base_mount", "fixed", "world", names[0], arm.base_position, roll_pitch_yaw(arm.base_rotation))
@@ -371,7 +371,7 @@ def mjcf_text(
     *,
     bends_only: bool = False,
 ) -> str:
-    """MJCF of the arm, with a motor at every revolute, and of the obstacles around it.
+    """Return the MJCF of the arm, with a motor at every revolute, and of the obstacles around it.
 
     Links collide with obstacles and whatever else a scene adds, not with each other; of the mount, which may touch
     walls, there is only the look. Zero angles are the straight arm along the base
@@ -465,7 +465,7 @@ def _add_obstacle(
             ET.SubElement(asset, "mesh", name=name, vertex=vertices, inertia="shell")
             ET.SubElement(worldbody, "geom", _CONTACT, name=name, rgba=colour, type="mesh", mesh=name)
         else:
-            _add_geom(worldbody, _shape_of(solid), name=name, rgba=colour, **_CONTACT)
+            _add_geom(worldbody, _geometry_element(solid), name=name, rgba=colour, **_CONTACT)
 
 
 def _add_body(body: ET.Element, arm: Arm, k: int) -> None:

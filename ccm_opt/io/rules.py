@@ -55,7 +55,7 @@ def check_alternatives(data: Mapping[str, object], issues: Issues, tables: Mappi
 
 
 def goal_paths(data: Mapping[str, object]) -> list[KeyPath]:
-    """Where the goals stand: ``[goal]`` alone, or each ``[[goal]]`` in turn."""
+    """Return where the goals stand: ``[goal]`` alone, or each ``[[goal]]`` in turn."""
     goals = data.get("goal")
     return [("goal", k) for k in range(len(goals))] if isinstance(goals, list) else [("goal",)]
 
@@ -217,7 +217,7 @@ _TINY_SHARE = 0.01
 """What would be smaller than this share of the room is not what was meant."""
 
 
-def told_outside(
+def outside_message(
     file: str, box: FloatArray, origin: FloatArray, room: FloatArray, unit: LengthUnit, *, scale: float, keys: str
 ) -> str:
     """Say that a drawing or a mesh lies wholly outside a room, and what would bring it in.
@@ -269,7 +269,7 @@ def check_drawing(
     if not shapely.intersects(room, shapely.box(*drawing.box)):
         boxes = np.reshape(drawing.box, (2, 2)), METRES[unit] * offset, np.reshape(room.bounds, (2, 2))
         keys = "workspace.scale workspace.offset"
-        issues.add(("workspace", "file"), told_outside(drawing.file, *boxes, unit, scale=scale, keys=keys))
+        issues.add(("workspace", "file"), outside_message(drawing.file, *boxes, unit, scale=scale, keys=keys))
 
 
 def check_meshes(meshes: Mapping[int, MeshBody], room: FloatArray, unit: LengthUnit, issues: Issues) -> None:
@@ -278,7 +278,7 @@ def check_meshes(meshes: Mapping[int, MeshBody], room: FloatArray, unit: LengthU
         box = box_about(body.vertices)
         if np.any(box[0] > room[1]) or np.any(box[1] < room[0]):
             boxes = box, body.placement.position, room
-            told = told_outside(body.file, *boxes, unit, scale=body.scale / METRES[unit], keys="scale pose.position")
+            told = outside_message(body.file, *boxes, unit, scale=body.scale / METRES[unit], keys="scale pose.position")
             issues.add(("workspace", "obstacles", number, "mesh"), told)
 
 
@@ -322,7 +322,7 @@ def check_base(
 
 
 def _way_out(workspace: Workspace, number: int, drawing: ImportedDrawing | None) -> str:
-    """What brings the base out of an obstacle."""
+    """Return what brings the base out of an obstacle."""
     if workspace.dimension == 3:
         return " or ".join(ways_out(workspace, workspace.obstacles[number].name, "it"))
     if drawing is None or number < len(workspace.obstacles) - drawing.obstacles:
@@ -334,7 +334,7 @@ def _way_out(workspace: Workspace, number: int, drawing: ImportedDrawing | None)
 
 
 def _depth_inside(obstacle: Obstacle, point: FloatArray) -> float:
-    """How far a point is inside an obstacle of the plane [m]; negative outside, minus the distance to it."""
+    """Return how far a point is inside an obstacle of the plane [m]; negative outside, minus the distance to it."""
     place = shapely.Point(point)
     inside_core = isinstance(obstacle.core, shapely.Polygon) and shapely.contains_properly(obstacle.core, place)
     edge = obstacle.core.boundary if isinstance(obstacle.core, shapely.Polygon) else obstacle.core
@@ -344,7 +344,7 @@ def _depth_inside(obstacle: Obstacle, point: FloatArray) -> float:
 
 
 def odd_mesh_size(body: MeshBody, arm_length: float) -> str | None:
-    """A warning where a mesh is so much larger or smaller than the arm that its scale must be wrong.
+    """Return a warning where a mesh is so much larger or smaller than the arm that its scale must be wrong.
 
     Args:
         body: the mesh.

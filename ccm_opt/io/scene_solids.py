@@ -18,7 +18,7 @@ from ccm_opt.scene.bodies import Body, BoxBody, CylinderBody, MeshBody, RigidPla
 from ccm_opt.scene.workspace import BOUNDARY_NAME, ROOM_NAME, Obstacle, PlaneShape, Workspace
 
 
-def told_apart(names: Iterable[str]) -> list[tuple[str, str]]:
+def unique_names(names: Iterable[str]) -> list[tuple[str, str]]:
     """For each obstacle a printable name, and one of letters, digits and underscores alone; no two are alike."""
     shown: set[str] = set()
     slugs: set[str] = set()
@@ -32,7 +32,7 @@ def told_apart(names: Iterable[str]) -> list[tuple[str, str]]:
 
 
 def _unlike(name: str, taken: set[str]) -> str:
-    """A name that is not taken yet, and is from now on."""
+    """Return a name that is not taken yet, and is from now on."""
     free = name
     number = 1
     while free in taken:
@@ -86,7 +86,7 @@ class SolidScene:
 
 
 def solid_scene(workspace: Workspace, arm: Arm) -> SolidScene:
-    """The scene of an arm.
+    """Return the scene of an arm.
 
     Args:
         workspace: obstacles and the room.
@@ -108,13 +108,13 @@ def solid_scene(workspace: Workspace, arm: Arm) -> SolidScene:
         outside = Obstacle(BOUNDARY_NAME, PlaneShape(shapely.GeometryCollection(walls)))
         walled = (*workspace.obstacles, outside)
         everything = [(each.name, tuple(_solids(each, 0.5 * thinnest, depth))) for each in walled]
-    names = told_apart([name for name, _ in everything])
+    names = unique_names([name for name, _ in everything])
     obstacles = tuple(SolidObstacle(*name, solids) for name, (_, solids) in zip(names, everything, strict=True))
     return SolidScene(obstacles, workspace.dimension == 2, thinnest)
 
 
 def _slabs(bounds: FloatArray, thickness: float) -> Iterator[BoxBody]:
-    """The six sides of a room, outside it."""
+    """Yield the six sides of a room, outside it."""
     low, high = bounds
     for axis in range(3):
         # Each reaches past the room by the thickness all round, so that the corners are closed.
@@ -124,7 +124,7 @@ def _slabs(bounds: FloatArray, thickness: float) -> Iterator[BoxBody]:
 
 
 def _frame(bounds: tuple[float, float, float, float], wall: float) -> list[shapely.Geometry]:
-    """Four boxes round a box."""
+    """Return the four boxes round a box."""
     xmin, ymin, xmax, ymax = bounds
     return [
         shapely.box(xmin - wall, ymin - wall, xmin, ymax + wall),
@@ -135,7 +135,7 @@ def _frame(bounds: tuple[float, float, float, float], wall: float) -> list[shape
 
 
 def _solids(obstacle: Obstacle, thinnest: float, half_depth: float) -> Iterator[Body]:
-    """Convex bodies that together are an obstacle of the plane; round corners of walls are exact."""
+    """Yield the convex bodies that together are an obstacle of the plane; round corners of walls are exact."""
     core = obstacle.core
     rounding = obstacle.rounding
     if not isinstance(core, (shapely.Point, shapely.LineString)):
@@ -150,14 +150,14 @@ def _solids(obstacle: Obstacle, thinnest: float, half_depth: float) -> Iterator[
 
 
 def _leg(tail: FloatArray, head: FloatArray, half: float) -> FloatArray:
-    """Corners of a straight piece of a wall, without the round ends, shape (4, 2)."""
+    """Return the corners of a straight piece of a wall, without the round ends, shape (4, 2)."""
     along = (head - tail) / max(float(np.hypot(*(head - tail))), 1e-300)
     across = half * np.array([-along[1], along[0]])
     return np.array([tail - across, head - across, head + across, tail + across])
 
 
 def _extruded(corners: FloatArray, half_depth: float) -> Body:
-    """A convex polygon, its corners counter-clockwise, of shape (k, 2), as a box where it is a rectangle."""
+    """Return a convex polygon, its corners counter-clockwise, of shape (k, 2), as a box where it is a rectangle."""
     sides = np.roll(corners, -1, axis=0) - corners
     lengths = np.hypot(*sides.T)
     uneven = float(np.abs(sides[0] + sides[2]).max()) + abs(float(sides[0] @ sides[1])) / lengths.max()
@@ -171,7 +171,7 @@ def _extruded(corners: FloatArray, half_depth: float) -> Body:
 
 
 def convex_parts(geometry: shapely.Geometry) -> tuple[FloatArray, ...]:
-    """Convex polygons that tile a polygon or several, holes left free.
+    """Return the convex polygons that tile a polygon or several, holes left free.
 
     Args:
         geometry: valid polygons.

@@ -69,7 +69,7 @@ def _to_inverse_metres(value: float, info: ValidationInfo) -> float:
 
 
 def _lengths(values: npt.ArrayLike, info: SerializationInfo) -> Any:
-    """Lengths or places in a unit, as a number or nested lists."""
+    """Return the lengths or places in a unit, as a number or nested lists."""
     metres = np.asarray(values, dtype=np.float64)
     given = np.array([in_unit(value, (info.context or {})["unit"]) for value in metres.flat])
     return given.reshape(metres.shape).tolist()
@@ -127,7 +127,7 @@ def _points_to_metres(points: list[list[float]], info: ValidationInfo) -> list[l
 
 
 def exactly(count: int) -> AfterValidator:
-    """The rule that a list has ``count`` entries, no fewer and no more."""
+    """Return the rule that a list has ``count`` entries, no fewer and no more."""
 
     def check(values: list[float]) -> list[float]:
         if len(values) != count:
@@ -138,14 +138,14 @@ def exactly(count: int) -> AfterValidator:
 
 
 def _is_number(value: object) -> TypeGuard[float]:
-    """Whether a value is a finite number; to Python true and false are numbers too, to a user they are not."""
+    """Return whether a value is a finite number; to Python true and false are numbers too, to a user they are not."""
     if isinstance(value, bool) or not isinstance(value, (int, float)):
         return False
     return abs(value) <= sys.float_info.max
 
 
 def _numbers_each(expected: str, *, zero: bool) -> BeforeValidator:
-    """The rule for one number or a list of numbers; pydantic's own union would report every defect twice."""
+    """Return the rule for one number or a list of numbers; pydantic's own union would report every defect twice."""
 
     def check(value: object) -> object:
         if value == []:
@@ -252,7 +252,7 @@ class Table(BaseModel):
         return cls.model_construct(**{name: value for name, value in values.items() if value is not None})
 
     def written(self, unit: LengthUnit) -> dict[str, Any]:
-        """The keys that are given, with lengths in a unit, angles in degrees."""
+        """Return the keys that are given, with lengths in a unit, angles in degrees."""
         return self.model_dump(by_alias=True, exclude_unset=True, context={"unit": unit}, warnings=False)
 
     @property
@@ -262,14 +262,14 @@ class Table(BaseModel):
 
     @field_validator("*")
     @classmethod
-    def _of_some_measure(cls, value: Any) -> Any:
+    def _measured_type(cls, value: Any) -> Any:
         if any(abs(number) > LARGEST for number in _floats(value)):
             raise ValueError(f"expected at most {LARGEST:g} in size")
         return value
 
 
 def _plain(value: object, table: type[BaseModel] | None) -> object:
-    """A value of a table: lists and numbers of Python, and tables for objects."""
+    """Return a value of a table: lists and numbers of Python, and tables for objects."""
     if isinstance(value, (list, tuple)):
         return [_plain(each, table) for each in value]
     if table is not None and issubclass(table, Table) and value is not None and not isinstance(value, Table):
@@ -278,7 +278,7 @@ def _plain(value: object, table: type[BaseModel] | None) -> object:
 
 
 def _floats(value: object) -> Iterator[float]:
-    """All floats of a value and of the lists in it."""
+    """Yield all floats of a value and of the lists in it."""
     if isinstance(value, float):
         yield value
     elif isinstance(value, (list, tuple)):

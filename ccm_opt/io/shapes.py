@@ -48,7 +48,7 @@ class ImportBounds:
     most_nested: int = 500_000
 
     def listed(self, defects: Sequence[str]) -> str:
-        """The first defects of a drawing in one sentence, with the number of the rest."""
+        """Return the first defects of a drawing in one sentence, with the number of the rest."""
         shown = list(defects[: self.reported_defects])
         if len(defects) > len(shown):
             shown.append(f"and {len(defects) - len(shown)} more")
@@ -126,7 +126,7 @@ MAX_STEPS = 20_000
 
 
 def flatten_bezier(control: FloatArray, distance: float) -> FloatArray:
-    """A Bézier curve of any degree as a polyline.
+    """Return a Bézier curve of any degree as a polyline.
 
     Of degree d its second derivative is at most d (d - 1) max|P_i - 2 P_(i+1) + P_(i+2)| (Farin, Curves and Surfaces
     for CAGD, section 4.4).
@@ -153,7 +153,7 @@ def flatten_bezier(control: FloatArray, distance: float) -> FloatArray:
 def flatten_ellipse(
     center: FloatArray, major: FloatArray, minor: FloatArray, start: float, sweep: float, distance: float
 ) -> FloatArray:
-    """The arc center + major cos t + minor sin t of an ellipse as a polyline.
+    """Return the arc center + major cos t + minor sin t of an ellipse as a polyline.
 
     Its second derivative is at most the longer of the two perpendicular half axes.
 
@@ -181,12 +181,12 @@ def flatten_ellipse(
 
 
 def flatten_arc(center: FloatArray, radius: float, start: float, sweep: float, distance: float) -> FloatArray:
-    """A circular arc as a polyline; arguments and result as in ``flatten_ellipse``."""
+    """Return a circular arc as a polyline; arguments and result as in ``flatten_ellipse``."""
     return flatten_ellipse(center, np.array([radius, 0.0]), np.array([0.0, radius]), start, sweep, distance)
 
 
 def flatten_bulges(points: FloatArray, bulges: FloatArray, distance: float) -> FloatArray:
-    """A polyline whose legs may be arcs, given by bulges as in DXF.
+    """Return a polyline whose legs may be arcs, given by bulges as in DXF.
 
     A bulge is tan(φ/4), φ the angle of the arc, positive counter-clockwise; the radius is c (1 + b²) / (4 |b|) over
     a chord of length c.
@@ -216,14 +216,14 @@ def _bulge(tail: FloatArray, head: FloatArray, bulge: float, distance: float) ->
 
 
 def _pinned(points: FloatArray, first: FloatArray, last: FloatArray) -> FloatArray:
-    """The same points with their ends free of rounding."""
+    """Return the same points with their ends free of rounding."""
     points[0] = first
     points[-1] = last
     return points
 
 
 def _steps(second_derivative: float, distance: float) -> int:
-    """Chords needed over a parameter interval of length 1."""
+    """Return the chords needed over a parameter interval of length 1."""
     if not math.isfinite(second_derivative):
         raise ProblemError("a curve has a point that is not finite; expected finite coordinates")
     # h² max|p''| / 8 ≤ distance with h = 1 / steps.
@@ -239,7 +239,7 @@ def _steps(second_derivative: float, distance: float) -> int:
 def flatten_spline(
     knots: FloatArray, control: FloatArray, weights: FloatArray, degree: int, distance: float
 ) -> FloatArray:
-    """A B-spline curve, which may be rational, as a polyline.
+    """Return a B-spline curve, which may be rational, as a polyline.
 
     Between two knots the curve is a quotient p = n / w of polynomials, whose coefficients bound their derivatives:
     p' = (n' − w' p) / w and p'' = (n'' − 2 w' p' − w'' p) / w (Piegl and Tiller, The NURBS Book, equation 4.8).

@@ -26,7 +26,7 @@ import numpy.typing as npt
 
 from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.core.errors import ProblemError
-from ccm_opt.io.raw_mesh import MeshSettings, RawMesh, counted, triangles_of
+from ccm_opt.io.raw_mesh import MeshSettings, RawMesh, counted, triangulate_faces
 
 _START = 84
 """Bytes of a binary file in front of its triangles: 80 of free text, and their number."""
@@ -134,7 +134,7 @@ _NO_SURFACE = {b"p": "point element", b"l": "line element", b"curv": "curve", b"
 
 
 def read_obj(content: bytes, _settings: MeshSettings) -> RawMesh:
-    """The mesh of all objects and groups of an OBJ file; materials are not read, so that no other file is.
+    """Return the mesh of all objects and groups of an OBJ file; materials are not read, so that no other file is.
 
     Raises:
         ProblemError: a line cannot be read.
@@ -166,37 +166,37 @@ def read_obj(content: bytes, _settings: MeshSettings) -> RawMesh:
         except (ValueError, OverflowError) as error:
             raise ProblemError(f"not readable as OBJ: its line {number} {error}") from None
     vertices = np.array(coordinates, dtype=np.float64).reshape(-1, 3)
-    faces = triangles_of(vertices, np.array(corners, dtype=np.intp), np.array(counts, dtype=np.intp))
+    faces = triangulate_faces(vertices, np.array(corners, dtype=np.intp), np.array(counts, dtype=np.intp))
     told = tuple(counted(number, what) for what, number in passed_over.items() if number)
     return RawMesh(vertices, faces, passed_over=told)
 
 
 def _place(words: list[bytes]) -> list[float]:
-    """Three numbers; behind them a weight or a colour may stand."""
+    """Return the three numbers; behind them a weight or a colour may stand."""
     try:
         x, y, z = map(float, words[1:4])
     except ValueError:
-        raise ValueError(f"is {_obj_shown(words)}, expected three coordinates") from None
+        raise ValueError(f"is {_quoted(words)}, expected three coordinates") from None
     return [x, y, z]
 
 
 def _corners(words: list[bytes], vertices: int) -> list[int]:
-    """The vertices of a face, from 0; behind a slash the places of textures and normals may stand."""
+    """Return the vertices of a face, from 0; behind a slash the places of textures and normals may stand."""
     try:
         named = [int(word.partition(b"/")[0]) for word in words[1:]]
     except ValueError:
-        raise ValueError(f"is {_obj_shown(words)}, expected numbers of vertices") from None
+        raise ValueError(f"is {_quoted(words)}, expected numbers of vertices") from None
     if min(named, default=1) > 0:
         return [name - 1 for name in named]
     found = [name - 1 if name > 0 else vertices + name for name in named]
     if 0 in named or min(found) < 0:
         raise ValueError(
-            f"is {_obj_shown(words)}, but {vertices} vertices stand before it; they count from 1, or from -1 backwards"
+            f"is {_quoted(words)}, but {vertices} vertices stand before it; they count from 1, or from -1 backwards"
         )
     return found
 
 
-def _obj_shown(words: list[bytes]) -> str:
+def _quoted(words: list[bytes]) -> str:
     return repr(b" ".join(words).decode("latin-1")[:60])
 
 
@@ -234,7 +234,7 @@ class _Rows:
 
 
 def read_ply(content: bytes, _settings: MeshSettings) -> RawMesh:
-    """The mesh of a PLY file; colours and whatever else there is are passed over.
+    """Return the mesh of a PLY file; colours and whatever else there is are passed over.
 
     Raises:
         ProblemError: the file cannot be read, or is cut short.
@@ -252,7 +252,7 @@ def read_ply(content: bytes, _settings: MeshSettings) -> RawMesh:
 
 
 def _opened(content: bytes) -> tuple[list[_Element], bytes]:
-    """The elements that the header announces, and the bytes behind it; numbers that are text become bytes."""
+    """Return the elements that the header announces, and the bytes behind it; numbers that are text become bytes."""
     end = _PLY_END.search(content)
     if not content.startswith(b"ply") or end is None:
         raise ValueError("it has no header from 'ply' to 'end_header'")
@@ -266,7 +266,7 @@ def _opened(content: bytes) -> tuple[list[_Element], bytes]:
 
 
 def _announced(lines: list[list[str]], order: str) -> list[_Element]:
-    """The elements of a header; a text is read as numbers of double precision throughout."""
+    """Return the elements of a header; a text is read as numbers of double precision throughout."""
     elements: list[_Element] = []
     for words in lines:
         match words:
@@ -292,7 +292,7 @@ def _type(name: str, order: str) -> np.dtype[Any]:
 
 
 def _numbers(text: bytes) -> FloatArray:
-    """The numbers of a text."""
+    """Return the numbers of a text."""
     try:
         with warnings.catch_warnings():
             # What is no number ends the reading with a warning in some versions of numpy.
@@ -303,7 +303,7 @@ def _numbers(text: bytes) -> FloatArray:
 
 
 def _element(element: _Element, body: bytes, start: int) -> tuple[_Rows, int]:
-    """What there is of an element, and where the next begins.
+    """Return what there is of an element, and where the next begins.
 
     Raises:
         ValueError: the body ends before.
@@ -323,7 +323,7 @@ def _too_short(element: _Element) -> ValueError:
 
 
 def _rows_alike(element: _Element, body: bytes, start: int) -> tuple[_Rows, int] | None:
-    """An element whose lists are as long in every row as in the first, read at once; none where they are not."""
+    """Return an element whose lists are as long in every row as in the first, read at once; none where they are not."""
     fields: list[tuple[str, np.dtype[Any], tuple[int, ...]]] = []
     counted: dict[str, int] = {}
     for number, (name, (kind, length)) in enumerate(element.properties.items()):
@@ -352,7 +352,7 @@ def _rows_alike(element: _Element, body: bytes, start: int) -> tuple[_Rows, int]
 
 
 def _rows_one_by_one(element: _Element, body: bytes, start: int) -> tuple[_Rows, int]:
-    """An element whose lists have different lengths."""
+    """Return an element whose lists have different lengths."""
     pieces: dict[str, list[bytes]] = {name: [] for name in element.properties}
     lengths: dict[str, list[int]] = {name: [] for name, (_, length) in element.properties.items() if length is not None}
     at = start
@@ -375,7 +375,7 @@ def _rows_one_by_one(element: _Element, body: bytes, start: int) -> tuple[_Rows,
 
 
 def _length(number: np.float64) -> int:
-    """The length of a list, which a text gives as any number."""
+    """Return the length of a list, which a text gives as any number."""
     value = float(number)
     if not 0.0 <= value < 2.0**32 or value != int(value):
         raise ValueError(f"a list has the length {value:g}")
@@ -383,7 +383,7 @@ def _length(number: np.float64) -> int:
 
 
 def _mesh(read: dict[str, _Rows], behind: bytes) -> RawMesh:
-    """The faces of what was read, behind which nothing may follow."""
+    """Return the faces of what was read, behind which nothing may follow."""
     if behind:
         raise ValueError("more follows than its header says")
     for kind, rows in read.items():
@@ -412,4 +412,4 @@ def _mesh(read: dict[str, _Rows], behind: bytes) -> RawMesh:
     edges = max((len(rows) for rows in read["edge"].values.values()), default=0) if "edge" in read else 0
     told = ((few, "two-corner face"), (edges, "edge"))
     passed_over = tuple(counted(number, what) for number, what in told if number)
-    return RawMesh(vertices, triangles_of(vertices, whole, counts), passed_over=passed_over)
+    return RawMesh(vertices, triangulate_faces(vertices, whole, counts), passed_over=passed_over)

@@ -51,7 +51,7 @@ class Subpath:
     curved: bool = False
 
     def flattened(self, distance: float) -> tuple[FloatArray, bool]:
-        """Its points, shape (k, 2), and whether its ends meet; then the first point is not repeated.
+        """Return the its points, shape (k, 2), and whether its ends meet; then the first point is not repeated.
 
         Raises:
             ProblemError: a coordinate is not finite, or a curve needs too many chords.
@@ -65,7 +65,7 @@ class Subpath:
 
 
 def polyline(text: str, *, closed: bool) -> list[Subpath]:
-    """The subpath of a polyline or polygon; none where it has fewer than two points.
+    """Return the subpath of a polyline or polygon; none where it has fewer than two points.
 
     Raises:
         ProblemError: the coordinates cannot be read.
@@ -73,14 +73,14 @@ def polyline(text: str, *, closed: bool) -> list[Subpath]:
     values = numbers_in(text)
     if len(values) % 2:
         raise ProblemError(f"it has {len(values)} coordinates; expected two a point")
-    found = subpaths_of(Path(Polyline(*values)))
+    found = split_subpaths(Path(Polyline(*values)))
     for subpath in found:
         subpath.closed = closed
     return found
 
 
 def path_subpaths(text: str) -> list[Subpath]:
-    """The subpaths of path data (SVG 1.1, section 8.3); those that draw nothing are left out.
+    """Return the subpaths of path data (SVG 1.1, section 8.3); those that draw nothing are left out.
 
     Raises:
         ProblemError: the data cannot be read to their end.
@@ -91,12 +91,12 @@ def path_subpaths(text: str) -> list[Subpath]:
     if not re.match(r"\s*([Mm]|$)", text):
         raise ProblemError("it has path data that do not begin with a move, M")
     try:
-        return subpaths_of(Path(_with_own_controls(text)))
+        return split_subpaths(Path(_with_explicit_controls(text)))
     except (ArithmeticError, AttributeError, IndexError, TypeError, ValueError):
         raise ProblemError("it has path data with a command that has too few numbers, or a wrong one") from None
 
 
-def _with_own_controls(text: str) -> str:
+def _with_explicit_controls(text: str) -> str:
     """Path data in which no smooth curve takes over the control point of one of another degree, as svgelements would.
 
     A curve without length in front of it says that its first control point is where it begins, as the standard has it.
@@ -112,8 +112,8 @@ def _with_own_controls(text: str) -> str:
     return "".join(words)
 
 
-def subpaths_of(path: Iterable[Any]) -> list[Subpath]:
-    """The subpaths of a path of svgelements."""
+def split_subpaths(path: Iterable[Any]) -> list[Subpath]:
+    """Return the subpaths of a path of svgelements."""
     found: list[Subpath] = []
     for segment in path:
         kind = type(segment).__name__
@@ -128,7 +128,7 @@ def subpaths_of(path: Iterable[Any]) -> list[Subpath]:
 
 
 def _flat(segment: Any, distance: float) -> FloatArray:
-    """Points on a segment after its first one, shape (k, 2)."""
+    """Return the points on a segment after its first one, shape (k, 2)."""
     kind = type(segment).__name__
     if kind == "Arc" and segment.rx and segment.ry:
         center = _place(segment.center)
@@ -147,7 +147,7 @@ def _place(point: Sequence[float]) -> FloatArray:
 
 
 def read_svg(content: bytes, distance: float) -> DrawingContent:
-    """The shapes of an SVG file.
+    """Return the shapes of an SVG file.
 
     A shape is named by the ``use`` that draws it, or its inkscape:label, title or id, or those of the nearest group
     that has one, or else by its kind.
@@ -185,7 +185,7 @@ def read_svg(content: bytes, distance: float) -> DrawingContent:
 
 
 def _outline(view: View, node: ET.Element) -> list[Subpath]:
-    """The subpaths of an element in its own coordinates; none where it has no extent."""
+    """Return the subpaths of an element in its own coordinates; none where it has no extent."""
     text = node.attrib.get("d", "") if node.tag == "path" else node.attrib.get("points", "")
     if len(text) > _LONGEST_PATH:
         raise ProblemError(
@@ -211,7 +211,7 @@ def _box(view: View, node: ET.Element) -> list[Subpath]:
     if width < 0.0 or height < 0.0:
         raise ProblemError(f"it is {width:g} wide and {height:g} high; expected positive lengths")
     rx, ry = _half_axes(view, node)
-    return subpaths_of(Path(Rect(x, y, width, height, rx, ry)))
+    return split_subpaths(Path(Rect(x, y, width, height, rx, ry)))
 
 
 def _round(view: View, node: ET.Element) -> list[Subpath]:
@@ -223,11 +223,11 @@ def _round(view: View, node: ET.Element) -> list[Subpath]:
         return []
     if rx < 0.0 or ry < 0.0:
         raise ProblemError(f"it has the half axes {rx:g} and {ry:g}; expected positive lengths")
-    return subpaths_of(Path(Ellipse(_length(view, node, "cx"), _length(view, node, "cy"), rx, ry)))
+    return split_subpaths(Path(Ellipse(_length(view, node, "cx"), _length(view, node, "cy"), rx, ry)))
 
 
 def _half_axes(view: View, node: ET.Element) -> tuple[float, float]:
-    """Both half axes; one that is not given, or auto, is like the other."""
+    """Return both half axes; one that is not given, or auto, is like the other."""
     given = {key: node.attrib.get(key, "auto").strip() for key in ("rx", "ry")}
     known = [key for key in given if given[key] != "auto"]
     if not known:
@@ -242,7 +242,7 @@ def _length(view: View, node: ET.Element, key: str) -> float:
 
 
 def _shapes(place: Place, subpaths: list[Subpath], distance: float) -> list[Shape]:
-    """The shapes of one element: a disc, or a region of its closed subpaths, and a line for each open one."""
+    """Return the shapes of one element: a disc, or a region of its closed subpaths, and a line for each open one."""
     if not subpaths:
         return []
     matrix = place.matrix[:2] * [[1.0], [-1.0]]  # SVG's y points down
@@ -271,7 +271,7 @@ def _shapes(place: Place, subpaths: list[Subpath], distance: float) -> list[Shap
 
 
 def _disc(place: Place, outline: Subpath, matrix: FloatArray) -> Shape | None:
-    """The element as a disc when it is a circle after its transform, a similarity."""
+    """Return the element as a disc when it is a circle after its transform, a similarity."""
     if place.node.tag not in {"circle", "ellipse"}:
         return None
     arc = outline.segments[0]

@@ -31,7 +31,7 @@ _SEPARATOR = " "
 
 
 def parsed_document(content: bytes) -> ET.Element:
-    """The outermost element of an SVG file, of elements without a namespace in their tags.
+    """Return the outermost element of an SVG file, of elements without a namespace in their tags.
 
     Args:
         content: of the file.
@@ -127,8 +127,8 @@ class StyleSheet:
     rules: list[_Rule] = field(default_factory=list)
     unread: list[str] = field(default_factory=list)
 
-    def style_of(self, node: ET.Element) -> dict[str, str]:
-        """The properties of one element, those of its parents left out.
+    def element_style(self, node: ET.Element) -> dict[str, str]:
+        """Return the properties of one element, those of its parents left out.
 
         Raises:
             ProblemError: an attribute is longer than anything that a program writes.
@@ -150,7 +150,7 @@ class StyleSheet:
 
 
 def style_sheet(root: ET.Element) -> StyleSheet:
-    """The style sheet of a drawing.
+    """Return the style sheet of a drawing.
 
     Raises:
         ProblemError: it has more rules that matter than can be applied to every element.
@@ -168,7 +168,7 @@ def style_sheet(root: ET.Element) -> StyleSheet:
 
 
 def _rules(text: str, unread: list[str]) -> Iterator[_Rule]:
-    """The rules of a sheet that matter; blocks that hold for some media only are skipped."""
+    """Yield the rules of a sheet that matter; blocks that hold for some media only are skipped."""
     # Split at ends of comments: what stands in a piece before the next beginning is no comment.
     plain = "".join(piece.partition("/*")[0] for piece in text.split("*/"))
     for block in plain.split("}"):
@@ -189,7 +189,7 @@ def _rules(text: str, unread: list[str]) -> Iterator[_Rule]:
 
 
 def _declarations(text: str) -> dict[str, str]:
-    """The properties that matter among ``name: value; …``."""
+    """Return the properties that matter among ``name: value; …``."""
     found = {}
     for declaration in text.split(";"):
         name, _, value = declaration.partition(":")
@@ -217,7 +217,7 @@ _PIXELS: Mapping[str, float] = {
 def affine(
     a: float = 1.0, b: float = 0.0, c: float = 0.0, d: float = 1.0, e: float = 0.0, f: float = 0.0
 ) -> FloatArray:
-    """The map (x, y) ↦ (a x + c y + e, b x + d y + f), its numbers in SVG's order, shape (3, 3)."""
+    """Return the map (x, y) ↦ (a x + c y + e, b x + d y + f), its numbers in SVG's order, shape (3, 3)."""
     return np.array([[a, c, e], [b, d, f], [0.0, 0.0, 1.0]])
 
 
@@ -229,7 +229,7 @@ class View(NamedTuple):
 
 
 def numbers_in(text: str) -> list[float]:
-    """The numbers of a list with blanks or commas between them.
+    """Return the numbers of a list with blanks or commas between them.
 
     Raises:
         ProblemError: there is something else in it.
@@ -243,7 +243,7 @@ def numbers_in(text: str) -> list[float]:
 
 
 def length_of(text: str, view: View, across: bool | None) -> float:
-    """A length in user units.
+    """Return a length in user units.
 
     Args:
         text: number and unit.
@@ -270,8 +270,8 @@ def length_of(text: str, view: View, across: bool | None) -> float:
     raise ProblemError(f"it has the length '{text[:40]}', whose unit has no fixed size here; use plain numbers")
 
 
-def transform_of(text: str) -> FloatArray:
-    """The map of a transform attribute, shape (3, 3).
+def parse_transform(text: str) -> FloatArray:
+    """Return the map of a transform attribute, shape (3, 3).
 
     Raises:
         ProblemError: it cannot be read.
@@ -292,7 +292,7 @@ def transform_of(text: str) -> FloatArray:
 
 
 def _turn(degrees: float, x: float = 0.0, y: float = 0.0) -> FloatArray:
-    """A turn about a place."""
+    """Return a turn about a place."""
     cosine, sine = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
     return affine(e=x, f=y) @ affine(cosine, sine, -sine, cosine) @ affine(e=-x, f=-y)
 
@@ -312,7 +312,7 @@ _FUNCTIONS: Mapping[tuple[str, int], Callable[..., FloatArray]] = {
 
 
 def fitted_view(box: str, width: float | None, height: float | None, aspect: str) -> FloatArray:
-    """The map from the coordinates of a nested picture to those around it (SVG 1.1, section 7.8).
+    """Return the map from the coordinates of a nested picture to those around it (SVG 1.1, section 7.8).
 
     Args:
         box: its attribute viewBox.

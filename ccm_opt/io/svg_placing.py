@@ -20,8 +20,8 @@ from ccm_opt.io.svg_document import (
     fitted_view,
     length_of,
     numbers_in,
+    parse_transform,
     style_sheet,
-    transform_of,
 )
 from ccm_opt.problem import LeftOut
 
@@ -110,12 +110,12 @@ class Picture:
         self.places: list[Place] = []
         self.left_out: list[LeftOut] = []
         self.refusals: list[str] = []
-        self.view = _view_of(root)
+        self.view = _view_box(root)
         self._sheet: StyleSheet = style_sheet(root)
         # Of several with the same id the first counts.
         self._by_id = {node.get("id", ""): node for node in reversed(list(root.iter()))}
         self._met: set[int] = set()
-        self._style = cache(self._sheet.style_of)  # looked up once however often an element is drawn
+        self._style = cache(self._sheet.element_style)  # looked up once however often an element is drawn
         self._shapes_in = cache(_shapes_in)
         self.left_out += [
             LeftOut(f"style rule '{selector}'", "its selector cannot be read; what it hides is taken")
@@ -193,9 +193,9 @@ class Picture:
             self.leave_out(place.node, "hidden by visibility")
 
     def _entered(self, place: Place, style: dict[str, str], *, outermost: bool) -> Place:
-        """The place with what the element itself says: transform, name, style."""
+        """Return the place with what the element itself says: transform, name, style."""
         node = place.node
-        matrix = place.matrix @ transform_of(style.get("transform", ""))
+        matrix = place.matrix @ parse_transform(style.get("transform", ""))
         if node.tag in {"svg", "symbol"} and not outermost:
             matrix = matrix @ self._inner_view(place)
         name = place.name
@@ -218,7 +218,7 @@ class Picture:
         )
 
     def _inner_view(self, place: Place) -> FloatArray:
-        """The map from the coordinates in a nested picture or symbol to those around it."""
+        """Return the map from the coordinates in a nested picture or symbol to those around it."""
         given = place.node.attrib | dict(place.size)
         x = length_of(given.get("x", "0"), self.view, across=True)
         y = length_of(given.get("y", "0"), self.view, across=False)
@@ -231,7 +231,7 @@ class Picture:
         return corner @ fitted_view(given["viewBox"], width, height, given.get("preserveAspectRatio", "xMidYMid"))
 
     def _used(self, place: Place) -> list[Place]:
-        """What a use draws, moved to where it is used.
+        """Return what a use draws, moved to where it is used.
 
         Raises:
             ProblemError: what it refers to is not there: a missing obstacle would be worse than a refused drawing.
@@ -280,12 +280,12 @@ class Picture:
 
 
 def _shapes_in(node: ET.Element) -> int:
-    """How many shapes an element holds, itself included, counted once however often it is met."""
+    """Return how many shapes an element holds, itself included, counted once however often it is met."""
     return sum(inner.tag in SHAPES or inner.tag == "use" for inner in node.iter())
 
 
 def _shape_name(place: Place) -> str:
-    """The name of a shape: that of its use, its own, that of the group that it is in, or of its kind."""
+    """Return the name of a shape: that of its use, its own, that of the group that it is in, or of its kind."""
     node = place.node
     own = own_name(node)
     if place.used:
@@ -294,7 +294,10 @@ def _shape_name(place: Place) -> str:
 
 
 def own_name(node: ET.Element) -> str:
-    """The name that somebody gave an element: its label, title or id, but for ids that programs give; may be empty."""
+    """Return the name that somebody gave an element: its label, title or id, but for ids that programs give.
+
+    May be empty.
+    """
     if label := node.attrib.get(_LABEL, "").strip():
         return label[:_LONGEST_NAME]
     title = next(((child.text or "").strip() for child in node if child.tag == "title"), "")
@@ -303,7 +306,7 @@ def own_name(node: ET.Element) -> str:
 
 
 def _titled(node: ET.Element) -> str:
-    """An element in messages: its kind and its name or id."""
+    """Return an element in messages: its kind and its name or id."""
     name = own_name(node) or node.attrib.get("id", "")[:_LONGEST_NAME]
     return f"{node.tag} '{name}'" if name else node.tag
 
@@ -314,8 +317,8 @@ def _conditional(node: ET.Element) -> bool:
     return node.tag not in _USABLE or any(key in node.attrib for key in asks)
 
 
-def _view_of(root: ET.Element) -> View:
-    """The size of the picture in user units: that of its viewBox, or its width and height."""
+def _view_box(root: ET.Element) -> View:
+    """Return the size of the picture in user units: that of its viewBox, or its width and height."""
     try:
         box = numbers_in(root.attrib.get("viewBox", ""))
         if len(box) == 4:

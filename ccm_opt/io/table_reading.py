@@ -16,7 +16,7 @@ from ccm_opt.io.build import (
     build_pose,
     build_problem,
     build_workspace,
-    feed_of,
+    pose_feed,
 )
 from ccm_opt.io.drawing import with_scene
 from ccm_opt.io.issues import Issues, KeyPath, lookup
@@ -70,7 +70,7 @@ def check_data(
     check_alternatives(whole, issues, TABLES[in_space])
     # A defective table is None, or left out where there may be several: defects of others are told all the same.
     found = _validate(whole, issues, in_space=in_space)
-    unit = _unit_of(data)
+    unit = _length_unit(data)
     listed = found["obstacles"] if in_space else ()
     found["meshes"] = mesh_bodies(listed, folder, METRES[unit], issues, allow_outside=allow_outside)
     with words_in(unit):
@@ -84,15 +84,15 @@ def check_data(
     return replace(problem, drawing=drawing)
 
 
-def _unit_of(data: Mapping[str, object]) -> LengthUnit:
-    """The unit of lengths; metres where what the file says is none, which is reported elsewhere."""
+def _length_unit(data: Mapping[str, object]) -> LengthUnit:
+    """Return the unit of lengths; metres where what the file says is none, which is reported elsewhere."""
     unit = data.get("units", "m")
     return unit if unit in get_args(LengthUnit) else "m"  # type: ignore[return-value]
 
 
 def _validate(data: Mapping[str, object], issues: Issues, *, in_space: bool) -> dict[str, Any]:
-    """The tables of a file by where they stand; None for those with defects."""
-    scale = METRES[_unit_of(data)]
+    """Return the tables of a file by where they stand; None for those with defects."""
+    scale = METRES[_length_unit(data)]
     found: dict[str, Any] = {"root": issues.validate(RootTable, data, (), scale)}
     for name, model in TABLES[in_space].items():
         if name in {"workspace.obstacles", "goal"}:  # of which there may be several
@@ -112,7 +112,7 @@ def _validate(data: Mapping[str, object], issues: Issues, *, in_space: bool) -> 
 
 
 def _goals(data: Mapping[str, object], issues: Issues, scale: float, model: type[Table]) -> tuple[Table, ...] | None:
-    """The goals in order, or None when one is defective, missing or no table."""
+    """Return the goals in order, or None when one is defective, missing or no table."""
     paths = goal_paths(data)
     if not paths:
         issues.add(("goal",), "expected at least one goal")
@@ -125,7 +125,7 @@ def _goals(data: Mapping[str, object], issues: Issues, scale: float, model: type
 def _obstacles(
     data: Mapping[str, object], issues: Issues, scale: float, model: type[Table]
 ) -> tuple[tuple[int, Table], ...]:
-    """The obstacles with their places in the file; a defective one is noted and left out."""
+    """Return the obstacles with their places in the file; a defective one is noted and left out."""
     workspace = data.get("workspace")
     entries = workspace.get("obstacles", []) if isinstance(workspace, Mapping) else []
     if not isinstance(entries, list):
@@ -144,7 +144,7 @@ def _obstacles(
 
 
 def _is_flat_bar(table: Table, path: KeyPath, issues: Issues) -> bool:
-    """Whether both ends of a cylinder are one place, which is noted. A capsule may be a ball."""
+    """Return whether both ends of a cylinder are one place, which is noted. A capsule may be a ball."""
     bar = getattr(table, "cylinder", None)
     if bar is None or not np.allclose(bar.start, bar.end, rtol=1e-12, atol=1e-12):
         return False
@@ -160,11 +160,11 @@ def _check_rooms(
     if room is None:
         return
     if found["meshes"] and room.bounds is not None:
-        check_meshes(found["meshes"], np.array(room.bounds), _unit_of(data), issues)
+        check_meshes(found["meshes"], np.array(room.bounds), _length_unit(data), issues)
     elif drawing is not None and (room.bounds or room.boundary):
         offset = np.array(lookup(data, ("workspace", "offset")) or [0.0, 0.0])
         scale: Any = lookup(data, ("workspace", "scale")) or 1.0  # it was validated with the drawing
-        check_drawing(drawing, offset, float(scale), build_boundary(room), _unit_of(data), issues)
+        check_drawing(drawing, offset, float(scale), build_boundary(room), _length_unit(data), issues)
 
 
 def _check_between(found: Mapping[str, Any], issues: Issues, drawing: ImportedDrawing | None) -> None:
@@ -188,12 +188,12 @@ def _check_between(found: Mapping[str, Any], issues: Issues, drawing: ImportedDr
         # An obstacle without a shape, or with two, is reported elsewhere, and cannot be built.
         whole = [(k, each) for k, each in found["obstacles"] if k in found["meshes"] or _has_shape(each)]
         arm = build_arm(table)
-        base = arm.base + feed_of(found["start"], arm) * arm.direction
+        base = arm.base + pose_feed(found["start"], arm) * arm.direction
         check_base(build_workspace(room, whole, found["meshes"]), base, arm.length, issues, drawing)
 
 
 def _has_shape(table: Table) -> bool:
-    """Whether an obstacle can be built from its table alone."""
+    """Return whether an obstacle can be built from its table alone."""
     return any(getattr(table, kind) is not None for kind in table.rules.exactly_one if kind != "mesh")
 
 
@@ -214,7 +214,7 @@ def _check_built_pose(
     if table.feed is None:
         return
     low, high = table.feed.range
-    at = feed_of(pose, arm)
+    at = pose_feed(pose, arm)
     if not low <= at <= high:
         words = f"outside the range of the feed axis, {file_length(low, 6)} to {file_length(high, 6)}"
         issues.add((*path, "feed"), words)

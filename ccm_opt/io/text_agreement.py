@@ -43,7 +43,9 @@ ROUNDING = 1e-6
 
 
 def mesh_defects(folder: Path, text: str, problem: Problem) -> Iterator[str]:
-    """What of the meshes that a description names is otherwise than the problem says; of the plane nothing is known.
+    """Yield what of the meshes that a description names is otherwise than the problem says.
+
+    Of the plane nothing is known.
 
     Args:
         folder: of the description.
@@ -54,10 +56,10 @@ def mesh_defects(folder: Path, text: str, problem: Problem) -> Iterator[str]:
     for k, _, body in problem.workspace.meshes:
         name = f"{URDF_MESHES}/{mesh_file(scene, scene.obstacles[k], 0)}"
         if name in text:
-            yield from _defects_of_file(folder / name, name, body.triangles)
+            yield from _file_defects(folder / name, name, body.triangles)
 
 
-def _defects_of_file(path: Path, name: str, triangles: FloatArray) -> Iterator[str]:
+def _file_defects(path: Path, name: str, triangles: FloatArray) -> Iterator[str]:
     # A file of another size is not read, however large it is.
     if not path.is_file() or path.stat().st_size != HEAD + len(triangles) * TRIANGLE.itemsize:
         yield f"{name} is missing, or has another number of triangles than the problem's mesh"
@@ -102,7 +104,7 @@ NUMBER = re.compile(r"(?<![\w.])([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)(?![\
 """A number that stands by itself, and in no name."""
 
 
-def checks_of_texts(
+def text_checks(
     folder: Path,
     problem: Problem,
     trajectory: JointTrajectory,
@@ -147,7 +149,7 @@ def checks_of_texts(
 
 
 def _check(path: Path, find: Callable[[str], str], most_bytes: int) -> Check:
-    """Whether a file is as it should be, by what finds how it differs."""
+    """Return whether a file is as it should be, by what finds how it differs."""
     try:
         text = read_plain(path, most_bytes).decode("utf-8")
         said = find(text.replace("\r\n", "\n").replace("\r", "\n"))
@@ -159,7 +161,7 @@ def _check(path: Path, find: Callable[[str], str], most_bytes: int) -> Check:
 def _point_defect(
     text: str, plan: tuple[Problem, JointTrajectory, JointStates], found: list[ControllerPoints], *, of_table: bool
 ) -> str:
-    """How the points of a file differ from the plan's; ``found`` receives those that they should be.
+    """Return how the points of a file differ from the plan's; ``found`` receives those that they should be.
 
     Raises:
         ValueError: its times are not those of the plan.
@@ -171,7 +173,7 @@ def _point_defect(
         else [f"{int(seconds)}.{int(parts):09d}" for seconds, parts in STAMP.findall(text)]
     )
     time = np.array(stamps, dtype=np.float64)
-    samples, factor = _samples_of(time, plan[1])
+    samples, factor = _matching_samples(time, plan[1])
     states = slowed(*plan, factor)
     smooth = of_table or any(line.startswith("  accelerations: ") for line in lines)
     found.append(points_at(*states, samples, factor, smooth=smooth, time=time))
@@ -181,12 +183,12 @@ def _point_defect(
 
 
 def _point_lines(text: str) -> list[str]:
-    """The lines that say something."""
+    """Return the lines that say something."""
     return [line.rstrip() for line in text.splitlines() if line.strip() and not line.lstrip().startswith("#")]
 
 
-def _samples_of(time: FloatArray, plan: JointTrajectory) -> tuple[IntArray, float]:
-    """Which samples points at some times are, and by which factor time is longer.
+def _matching_samples(time: FloatArray, plan: JointTrajectory) -> tuple[IntArray, float]:
+    """Return which samples points at some times are, and by which factor time is longer.
 
     Raises:
         ValueError: they are none, or not in order, or a stop or an end is not among them.
@@ -220,7 +222,7 @@ def _model_defect(text: str, folder: Path, problem: Problem, texts: Sequence[str
 
 
 def _elements(text: str) -> list[str]:
-    """The elements of a text of XML, a line each, in one way of writing.
+    """Return the elements of a text of XML, a line each, in one way of writing.
 
     Raises:
         ValueError: it is not readable.
@@ -235,7 +237,7 @@ def _elements(text: str) -> list[str]:
 
 
 def _difference(lines: Sequence[str], variants: Iterable[Sequence[str]], tolerance: float) -> str:
-    """How lines differ from the variant that they follow farthest; empty where they are as one of them."""
+    """Return how lines differ from the variant that they follow farthest; empty where they are as one of them."""
     farthest, said = -1, ""
     for wanted in variants:
         alike = sum(1 for _ in takewhile(lambda pair: _are_alike(*pair, tolerance), zip(lines, wanted, strict=False)))
@@ -248,7 +250,7 @@ def _difference(lines: Sequence[str], variants: Iterable[Sequence[str]], toleran
 
 
 def _are_alike(found: str, wanted: str, tolerance: float) -> bool:
-    """Whether two lines are alike, numbers by value; what they begin with has to be the same, to the blank."""
+    """Return whether two lines are alike, numbers by value; what they begin with has to be the same, to the blank."""
     if found == wanted:
         return True
     ours, theirs = NUMBER.split(found), NUMBER.split(wanted)
@@ -270,14 +272,14 @@ _OF_MESHES = ("obstacle", "kept", "sha256", "triangles", "closed")
 """What is held of a mesh; where it was copied from is not known any more."""
 
 
-def check_of_data(
+def record_data_check(
     record: Mapping[str, object],
     problem: Problem,
     trajectory: JointTrajectory,
     room: RoomRecord,
     left_out: Sequence[str],
 ) -> Check:
-    """One check for all of it; whatever a record does not have misleads nobody.
+    """Return one check for all of it; whatever a record does not have misleads nobody.
 
     Args:
         record: all of it.
@@ -305,7 +307,7 @@ def check_of_data(
 
 
 def _of_places(value: object) -> object:
-    """The same without what is not held of places."""
+    """Return the same without what is not held of places."""
     if isinstance(value, Mapping):
         if "nearest" in value:
             return {"nearest": _of_places(value["nearest"])}
@@ -314,7 +316,7 @@ def _of_places(value: object) -> object:
 
 
 def _off(found: object, wanted: object, path: str, allowed: float) -> Iterator[str]:
-    """Paths of what differs; a table may have more than is wanted."""
+    """Yield the paths of what differs; a table may have more than is wanted."""
     if isinstance(wanted, Mapping):
         if not isinstance(found, Mapping):
             yield path

@@ -75,7 +75,7 @@ def read_3mf(content: bytes, settings: MeshSettings) -> RawMesh:
 
 
 def _unpacked(content: bytes, settings: MeshSettings) -> dict[str, bytes]:
-    """Models and relationships in the archive by path; nothing is unpacked further than is allowed."""
+    """Return the models and relationships in the archive by path; nothing is unpacked further than is allowed."""
     found: dict[str, bytes] = {}
     left = settings.most_unpacked
     with zipfile.ZipFile(io.BytesIO(content)) as archive:
@@ -95,7 +95,7 @@ def _unpacked(content: bytes, settings: MeshSettings) -> dict[str, bytes]:
 
 
 def _linked(parts: dict[str, bytes], source: str) -> Iterator[str]:
-    """Paths of the models to which a part, or the archive itself, is linked."""
+    """Yield the paths of the models to which a part, or the archive itself, is linked."""
     folder, name = posixpath.split(source)
     links = ET.fromstring(parts.get(posixpath.join(folder, "_rels", f"{name}.rels"), b"<none/>"))  # noqa: S314 - expat
     for link in links.iter("{http://schemas.openxmlformats.org/package/2006/relationships}Relationship"):
@@ -202,7 +202,7 @@ class _Model:
             shape.shape = kind
 
     def _use(self, given: dict[str, str]) -> _Use:
-        """Three rows of a transform turn, the last moves."""
+        """Return the three rows of a transform turn, the last moves."""
         path = next((given[key] for key in given if key.endswith(" path")), self._path)
         transform = np.array(given.get("transform", "1 0 0 0 1 0 0 0 1 0 0 0").split(), dtype=np.float64)
         if transform.shape != (12,) or not np.isfinite(transform).all():
@@ -221,7 +221,7 @@ class _Building:
     triangles: int = 0
 
     def placed(self, use: _Use, outer: FloatArray, depth: int) -> Iterator[RawMesh]:
-        """The meshes of an object, where they come to lie in what uses it.
+        """Yield the meshes of an object, where they come to lie in what uses it.
 
         Raises:
             ProblemError: it is not there, or put together from too many, too large or too deep.

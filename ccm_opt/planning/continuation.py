@@ -24,7 +24,7 @@ class Guide(Protocol):
     """Says where the arm should go next, and when it has arrived."""
 
     def terms(self, pose: Pose) -> list[Term]:
-        """What draws the arm on from a pose."""
+        """Return what draws the arm on from a pose."""
         ...
 
     def progress(self, pose: Pose) -> bool:
@@ -32,11 +32,11 @@ class Guide(Protocol):
         ...
 
     def finished(self, pose: Pose) -> bool:
-        """Whether the guide has led the arm as far as it can."""
+        """Return whether the guide has led the arm as far as it can."""
         ...
 
     def describe(self, pose: Pose) -> str:
-        """How far the guide has come, in words."""
+        """Return how far the guide has come, in words."""
         ...
 
 
@@ -58,7 +58,7 @@ def follow(
     into: GoalPose | None = None,
     steps: int | None = None,
 ) -> list[Pose]:
-    """Poses from the given one to where the guide ends.
+    """Return the poses from the given one to where the guide ends.
 
     Args:
         stepper: takes the steps.
@@ -91,7 +91,7 @@ def follow(
 
 
 def without_pauses(poses: list[Pose], least: float) -> list[Pose]:
-    """The way without poses in which no link has turned by ``least`` [rad] since the one before; both ends stay.
+    """Return the way without poses in which no link has turned by ``least`` [rad] since the one before; both ends stay.
 
     A base that is carried by a link length counts as a turn of a radian.
     """
@@ -108,7 +108,7 @@ def without_pauses(poses: list[Pose], least: float) -> list[Pose]:
 
 
 def settle(stepper: StepperOf[AnyUnknowns], goal: GoalPose, pose: Pose, deadline: Deadline) -> list[Pose]:
-    """Poses from near the goal onto it, polished; as near as the goal allows where polishing fails.
+    """Return the poses from near the goal onto it, polished; as near as the goal allows where polishing fails.
 
     Raises:
         Stalled: when a wall, the arm itself or a joint limit keeps the tip off the goal.
@@ -142,7 +142,7 @@ def settle(stepper: StepperOf[AnyUnknowns], goal: GoalPose, pose: Pose, deadline
 
 
 def polished(stepper: StepperOf[AnyUnknowns], goal: GoalPose, pose: Pose) -> Pose | None:
-    """The pose moved exactly onto the goal, or None when it is too far away or would touch something."""
+    """Return the pose moved exactly onto the goal, or None when it is too far away or would touch something."""
     space = stepper.space
     settings = stepper.settings.continuation
     distance, turn = goal.errors(pose)

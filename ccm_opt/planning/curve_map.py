@@ -21,7 +21,7 @@ from ccm_opt.core.arrays import BoolArray, FloatArray
 from ccm_opt.core.native import NativeCall
 from ccm_opt.planning.pose import CurveUnknowns, Pose
 from ccm_opt.robot.arm import Arm
-from ccm_opt.robot.biarc import free_before, free_shares_of_bends
+from ccm_opt.robot.biarc import bend_shares, free_before
 
 KNOTS = 11
 SETTLING = 1e-2
@@ -56,7 +56,7 @@ class CurveMap(CurveUnknowns):
 
     @classmethod
     def through(cls, arm: Arm, q: FloatArray, knots: int = KNOTS) -> tuple["CurveMap", FloatArray]:
-        """The map that holds a configuration exactly, and its unknowns there.
+        """Return the map that holds a configuration exactly, and its unknowns there.
 
         Joints slide along the curve of a fed arm, which may have more knots than there are joints; on a fixed base more
         would say nothing.
@@ -72,7 +72,7 @@ class CurveMap(CurveUnknowns):
         scale = np.concatenate((of_base, 1.0 / norms, 1.0 / norms, of_feed))
         plain = replace(plain, scale=scale)
         v = plain.fitted(q)
-        return _exact_at(plain, v, q), v
+        return _through(plain, v, q), v
 
     @property
     def dimension(self) -> int:
@@ -80,22 +80,22 @@ class CurveMap(CurveUnknowns):
         return len(self.scale) + (self.blend is not None)
 
     def configuration(self, v: FloatArray) -> FloatArray:
-        """The configuration q of unknowns, shape (c,) [rad, m]."""
+        """Return the configuration q of unknowns, shape (c,) [rad, m]."""
         return np.asarray(self.configurations(v[None])[0])
 
     def configurations(self, v: FloatArray) -> FloatArray:
-        """The configurations of several unknowns at once, shape (m, p) to (m, c) [rad, m]."""
+        """Return the configurations of several unknowns at once, shape (m, p) to (m, c) [rad, m]."""
         feeds = self._feeds(v)
-        places = self._places_at(feeds)
+        places = self._joint_arc_lengths(feeds)
         turns = self._turns(v, places, self._shapes(places))
         return np.concatenate((turns.reshape(len(v), 2 * self.arm.links), feeds), axis=1)
 
     def pose(self, v: FloatArray) -> Pose:
-        """The pose of unknowns, shape (p,)."""
+        """Return the pose of unknowns, shape (p,)."""
         return self.poses(v[None])[0]
 
     def poses(self, unknowns: FloatArray) -> tuple[Pose, ...]:
-        """The poses of several unknowns, shape (m, p)."""
+        """Return the poses of several unknowns, shape (m, p)."""
         if self.affine:
             configurations = self.configurations(unknowns)
             slopes = np.broadcast_to(self.drive_rows, (len(unknowns), *self.drive_rows.shape))
@@ -104,7 +104,7 @@ class CurveMap(CurveUnknowns):
         return tuple(pose_with(self.arm, *each) for each in zip(unknowns, configurations, slopes, strict=True))
 
     def along(self, spline: BSpline) -> BSpline:
-        """The path of configurations along a spline in the unknowns.
+        """Return the path of configurations along a spline in the unknowns.
 
         Configurations of a fed arm are taken at Greville's places of knots so near each other that a joint which bends
         on one span is outside the guide tube on all that its control points shape. A joint that slides over where the
@@ -124,12 +124,12 @@ class CurveMap(CurveUnknowns):
         return BSpline(knots, np.clip(self.configurations(np.asarray(spline(places))), *limits), k)
 
     def slopes(self, v: FloatArray) -> FloatArray:
-        """Derivatives of the configuration by the unknowns, shape (c, p)."""
+        """Return the derivatives of the configuration by the unknowns, shape (c, p)."""
         _, slopes = self.configurations_and_slopes(v[None])
         return np.asarray(slopes[0])
 
     def configurations_and_slopes(self, v: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """The configurations of several unknowns, shape (m, p), and their derivatives by these.
+        """Return the configurations of several unknowns, shape (m, p), and their derivatives by these.
 
         Returns:
             Shapes (m, c) [rad, m] and (m, c, p).
@@ -139,7 +139,7 @@ class CurveMap(CurveUnknowns):
         k = self.knots
         fed = bool(self.arm.base_axes)
         feeds = self._feeds(v)
-        places = self._places_at(feeds)
+        places = self._joint_arc_lengths(feeds)
         if fed:
             # By the feed joints slide along the curve: a central difference.
             step = 1e-6 * self.arm.length
@@ -178,11 +178,11 @@ class CurveMap(CurveUnknowns):
         return places
 
     def in_pieces(self, unknowns: FloatArray) -> FloatArray:
-        """A motion with all its edges in pieces, shape (K, p) to (m, p)."""
+        """Return a motion with all its edges in pieces, shape (K, p) to (m, p)."""
         return np.stack([unknowns[0], *(v for edge in pairwise(unknowns) for v in self.pieces(*edge)[1:])])
 
     def fitted(self, q: FloatArray, smoothness: float = SETTLING) -> FloatArray:
-        """Unknowns of the curve that comes nearest to a configuration.
+        """Return the unknowns of the curve that comes nearest to a configuration.
 
         Args:
             q: shape (c,) [rad, m].
@@ -241,7 +241,7 @@ class CurveMap(CurveUnknowns):
         return np.zeros(2) if self.arm.clamped_joints else self.scale[:2]
 
     def unbent(self, v: FloatArray) -> FloatArray:
-        """Unknowns with all else as it is and a curve that is straight, shape (p,)."""
+        """Return the unknowns with all else as it is and a curve that is straight, shape (p,)."""
         straight = v.copy()
         turned = self._base_turns
         straight[turned : turned + 2 * self.knots] = 0.0
@@ -262,7 +262,7 @@ class CurveMap(CurveUnknowns):
         return rows
 
     def metric(self, pose: Pose) -> FloatArray:
-        """How much the unknowns move and turn the links, squared, shape (p, p)."""
+        """Return how much the unknowns move and turn the links, squared, shape (p, p)."""
         p = len(pose.v)
         turning = pose.turning.reshape(-1, p)
         moving = pose.moving.reshape(-1, p) / self.nominal_length
@@ -316,24 +316,27 @@ class CurveMap(CurveUnknowns):
         return self.places(sum(axis.high for axis in self.arm.base_axes))
 
     def places(self, feed: FloatArray | float) -> FloatArray:
-        """Arc lengths of the joints, shape (links,) [m]; of several feeds, shape (m, 1), those of each in a row."""
+        """Return the arc lengths of the joints, shape (links,) [m].
+
+        Of several feeds, shape (m, 1), those of each in a row.
+        """
         arm = self.arm
         along = arm.link_length * np.arange(arm.links)
         return np.asarray(along + feed - arm.hole if arm.base_axes else along)
 
     def _feeds(self, v: FloatArray) -> FloatArray:
-        """How far the base is carried, shape (m, 0) or (m, 1) [m]."""
+        """Return how far the base is carried, shape (m, 0) or (m, 1) [m]."""
         last = len(self.scale)
         first = last - len(self.arm.base_axes)
         return np.asarray(v[:, first:last] * self.scale[first:])
 
-    def _places_at(self, feeds: FloatArray) -> FloatArray:
-        """Arc lengths of the joints at several feeds, shape (m, 0) or (m, 1) to (m, links) [m]."""
+    def _joint_arc_lengths(self, feeds: FloatArray) -> FloatArray:
+        """Return the arc lengths of the joints at several feeds, shape (m, 0) or (m, 1) to (m, links) [m]."""
         places = self.places(np.sum(feeds, axis=1, keepdims=True))
         return np.asarray(np.broadcast_to(places, (len(feeds), self.arm.links)))
 
     def _turns(self, v: FloatArray, places: FloatArray, shapes: FloatArray) -> FloatArray:
-        """Turns of the joints about both axes, shape (m, links, 2) [rad].
+        """Return the turns of the joints about both axes, shape (m, links, 2) [rad].
 
         Args:
             v: unknowns, shape (m, p).
@@ -352,14 +355,14 @@ class CurveMap(CurveUnknowns):
         return np.asarray(turns)
 
     def offsets(self, places: FloatArray, v: FloatArray) -> FloatArray:
-        """Turns of joints at places beside those of the curve, for unknowns v, shape (places, 2) [rad]."""
+        """Return the turns of joints at places beside those of the curve, for unknowns v, shape (places, 2) [rad]."""
         offsets = self._interpolated(self.offset, places)
         if self.blend is not None:
             offsets = offsets + v[-1] * self._interpolated(self.blend, places)
         return offsets
 
     def _interpolated(self, values: FloatArray, places: FloatArray) -> FloatArray:
-        """Turns at places, linear between those where they are known, shape (..., 2); held joints have none."""
+        """Return turns at places, linear between those where they are known, shape (..., 2); held joints have none."""
         first = self._first_bent(values)
         turns = np.zeros((*places.shape, 2))
         if not np.isfinite(first):
@@ -374,7 +377,7 @@ class CurveMap(CurveUnknowns):
         return turns
 
     def _first_bent(self, values: FloatArray) -> float:
-        """Arc length of the first joint that has a turn [m]; infinite where none has."""
+        """Return the arc length of the first joint that has a turn [m]; infinite where none has."""
         bent = np.flatnonzero(np.any(values != 0.0, axis=1))
         return float(self.offset_at[bent[0]]) if len(bent) else np.inf
 
@@ -390,7 +393,7 @@ class CurveMap(CurveUnknowns):
         return usual if first > usual else 0.5 * max(first, 0.0)
 
     def _shapes(self, places: FloatArray) -> FloatArray:
-        """Turns of joints at places by a unit of curvature at each knot, shape (..., knots) [m]."""
+        """Return the turns of joints at places by a unit of curvature at each knot, shape (..., knots) [m]."""
         flat = np.ascontiguousarray(places).ravel()
         shapes = np.empty((len(flat), self.knots))
         NativeCall(
@@ -399,14 +402,14 @@ class CurveMap(CurveUnknowns):
             shapes=shapes,
         )()  # fmt: skip
         if self.arm.base_axes:
-            shapes *= free_shares_of_bends(self.arm, flat)[:, None]
+            shapes *= bend_shares(self.arm, flat)[:, None]
         elif self.arm.clamped_joints:
             shapes[flat < (self.arm.clamped_joints - 0.5) * self.arm.link_length] = 0.0
         return shapes.reshape(*places.shape, self.knots)
 
 
 def pose_with(arm: Arm, v: FloatArray, q: FloatArray, slopes: FloatArray) -> Pose:
-    """The pose of an arm in space, whatever map made its configuration.
+    """Return the pose of an arm in space, whatever map made its configuration.
 
     Args:
         arm: the arm.
@@ -428,7 +431,7 @@ def pose_with(arm: Arm, v: FloatArray, q: FloatArray, slopes: FloatArray) -> Pos
 
 
 def feed_to_next_stop(curve: CurveMap, feed: float, *, forward: bool) -> float:
-    """How far the base may be carried in one piece until a joint has to stop just outside the guide tube [m].
+    """Return how far the base may be carried in one piece until a joint has to stop just outside the guide tube [m].
 
     In a piece all coordinates change evenly. A joint that is inside at one end may not be bent at the other.
     """
@@ -442,8 +445,8 @@ def feed_to_next_stop(curve: CurveMap, feed: float, *, forward: bool) -> float:
     return float(outside[0]) - 0.2 * straight if len(outside) else np.inf
 
 
-def _exact_at(curve: CurveMap, v: FloatArray, q: FloatArray) -> CurveMap:
-    """The map whose offset makes unknowns stand for a configuration exactly."""
+def _through(curve: CurveMap, v: FloatArray, q: FloatArray) -> CurveMap:
+    """Return the map whose offset makes unknowns stand for a configuration exactly."""
     n = curve.arm.links
     left = (q - curve.configuration(v))[: 2 * n].reshape(n, 2)
     return replace(curve, offset=left, offset_at=curve.places(float(np.sum(q[2 * n :]))))

@@ -14,7 +14,7 @@ from ccm_opt.ik.find_configuration import find_configuration
 from ccm_opt.planning.ends import Ends
 from ccm_opt.planning.goal_members import GoalMember, goal_members
 from ccm_opt.planning.neighbourhood import route_workspace
-from ccm_opt.planning.tip_paths import CORNER_DISTANCE, TipPath, find_tip_paths, turning_by, turning_least
+from ccm_opt.planning.tip_paths import CORNER_DISTANCE, TipPath, find_tip_paths, turning_least, with_base_turn
 from ccm_opt.problem import Problem
 from ccm_opt.robot.mapping import map_curve
 from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
@@ -58,7 +58,7 @@ FURTHER_ATTEMPTS = 4
 
 
 def route_room(problem: Problem, ends: Ends) -> FreeSpace:
-    """Free space for routes, walls that no pose at the goal comes near to left out.
+    """Return the free space for routes, walls that no pose at the goal comes near to left out.
 
     Walls are inflated by a little more than the arm needs, but by no more than the goal has. Where that closes every
     way from the base to the goal, or from where the arm lies, by hardly more than the arm needs; where that does too,
@@ -98,7 +98,9 @@ def _connected(problem: Problem, ends: Ends, room: FreeSpace) -> bool:
 
 
 def find_routes(problem: Problem, ends: Ends, room: FreeSpace) -> tuple[Route, ...]:
-    """Routes from the base to the start of the run onto the goal, shortest first; of a set, onto several members.
+    """Return the routes from the base to the start of the run onto the goal, shortest first.
+
+    Of a set, onto several members.
 
     Args:
         problem: what is asked.
@@ -110,7 +112,7 @@ def find_routes(problem: Problem, ends: Ends, room: FreeSpace) -> tuple[Route, .
     """
     members = goal_members(problem.arm, ends.goal, room)
     count = problem.planner.routes
-    found = [routes_to(problem, member, room, count) for member in members]
+    found = [member_routes(problem, member, room, count) for member in members]
     # The shortest route to every member before the second to any.
     ranked = [(rank, route) for routes in found for rank, route in enumerate(routes)]
     ranked.sort(key=lambda each: (each[0], each[1].length))
@@ -126,8 +128,8 @@ def find_routes(problem: Problem, ends: Ends, room: FreeSpace) -> tuple[Route, .
     return (min(fitting, key=lambda route: route.length),) if fitting else ()
 
 
-def routes_to(problem: Problem, member: GoalMember, room: FreeSpace, count: int) -> list[Route]:
-    """Routes onto one member of the goal that are not too long, shortest first."""
+def member_routes(problem: Problem, member: GoalMember, room: FreeSpace, count: int) -> list[Route]:
+    """Return the routes onto one member of the goal that are not too long, shortest first."""
     arm = problem.arm
     entry = run_in(room, member.position, member.heading, arm.length / NOMINAL_LINKS)
     longest = _LONGEST_ROUTE * arm.length - float(np.hypot(*(member.position - entry)))
@@ -137,13 +139,13 @@ def routes_to(problem: Problem, member: GoalMember, room: FreeSpace, count: int)
 
 
 def _led_on(room: FreeSpace, route: Route, member: GoalMember) -> Route:
-    """A route led straight on to a member of the goal."""
+    """Return a route led straight on to a member of the goal."""
     path = np.vstack((route.taut, member.position))
     return Route(room.sleeve_of(path), path, path_length(path), member.heading)
 
 
 def run_in(room: FreeSpace, place: FloatArray, heading: float | None, nominal_length: float) -> FloatArray:
-    """Where the straight run onto a place at the goal along its heading begins, shape (2,) [m].
+    """Return where the straight run onto a place at the goal along its heading begins, shape (2,) [m].
 
     Args:
         room: free space.
@@ -166,7 +168,7 @@ def tip_paths_along(
     routes: tuple[Route, ...],
     room: FreeSpace,
 ) -> tuple[TipPath, ...]:
-    """Classes of tip motions: along every route, or along the goal pose itself when that is given.
+    """Return the classes of tip motions: along every route, or along the goal pose itself when that is given.
 
     None where free space, which gives a little away at corners, is closed to the tip; that proves nothing.
 
@@ -191,7 +193,7 @@ def tip_paths_along(
         return ()
     if ends.goal_pose is None:
         return turning_least(paths, float(ends.start[0]), arm.base_limit)
-    return turning_by(paths, float(ends.goal_pose[0] - ends.start[0]))
+    return with_base_turn(paths, float(ends.goal_pose[0] - ends.start[0]))
 
 
 def find_guesses(
@@ -219,7 +221,7 @@ def further_guesses(
     room: FreeSpace,
     routes: tuple[Route, ...],
 ) -> Iterator[FloatArray]:
-    """Configurations of goal poses along every route, with more patience."""
+    """Yield the configurations of goal poses along every route, with more patience."""
     for route in routes:
         guess = guess_along(problem, ends, room, route, FURTHER_ATTEMPTS, CURVATURE_SHARE)
         if guess is not None:
@@ -234,7 +236,7 @@ def guess_along(
     attempts: int,
     share: float,
 ) -> FloatArray | None:
-    """Configuration at the goal along a route; None when the NLP finds none that links can follow.
+    """Return the configuration at the goal along a route; None when the NLP finds none that links can follow.
 
     That is no failure: the motion search can lead the tip to the goal by itself.
     """
@@ -253,7 +255,7 @@ def configuration_task(
     route: Route,
     share: float = CURVATURE_SHARE,
 ) -> ConfigurationTask:
-    """What the configuration NLP is asked along one route.
+    """Return what the configuration NLP is asked along one route.
 
     Args:
         problem: arm, goal and weights.
@@ -264,7 +266,7 @@ def configuration_task(
     """
     arm = problem.arm
     # Of a goal that is a set, the configuration takes the member that the route leads to.
-    taut = room.path_of_sleeve(route.sleeve, arm.base, route.taut[-1])
+    taut = room.sleeve_path(route.sleeve, arm.base, route.taut[-1])
     corridor = room.corridor(Route(route.sleeve, taut, path_length(taut)))
     weights = problem.planner.weights
     return ConfigurationTask(
@@ -283,7 +285,7 @@ def configuration_task(
 
 
 def side_gaps(room: FreeSpace, corridor: Corridor) -> tuple[FloatArray, ...]:
-    """How far behind every side of every region the inflated walls begin [m], for sides may lie in the open.
+    """Return how far behind every side of every region the inflated walls begin [m], for sides may lie in the open.
 
     Measured where the side is nearest to the route.
     """
@@ -301,7 +303,7 @@ def side_gaps(room: FreeSpace, corridor: Corridor) -> tuple[FloatArray, ...]:
 
 
 def base_heading_range(problem: Problem, ends: Ends) -> tuple[float, float]:
-    """Least and greatest heading of the curve at the base [rad]."""
+    """Return the least and greatest heading of the curve at the base [rad]."""
     arm = problem.arm
     if ends.clamped:
         heading = float(arm.headings(ends.start)[0])

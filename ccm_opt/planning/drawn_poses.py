@@ -44,7 +44,9 @@ scenes: with half as much trees take twice as long."""
 
 
 def goal_poses(task: SpaceTask, stepper: SpaceStepper, rng: np.random.Generator) -> Iterator[Pose]:
-    """Poses at the goal that touch nothing and keep the joint limits; drawn until the deadline, or the draws, end.
+    """Yield the poses at the goal that touch nothing and keep the joint limits.
+
+    Drawn until the deadline, or the draws, end.
 
     Args:
         task: with a goal for the tip.
@@ -55,7 +57,7 @@ def goal_poses(task: SpaceTask, stepper: SpaceStepper, rng: np.random.Generator)
     for _ in range(_DRAWS):
         if task.deadline.passed():
             return
-        pose = _brought_onto_goal(stepper, goal, stepper.pose(drawn_unknowns(stepper, rng)))
+        pose = _brought_onto_goal(stepper, goal, stepper.pose(random_unknowns(stepper, rng)))
         if pose is not None:
             yield pose
 
@@ -89,7 +91,7 @@ def free_goal_poses(
 
 
 def smooth_unknowns(stepper: SpaceStepper, rng: np.random.Generator, count: int) -> FloatArray:
-    """Unknowns of curves with smooth random curvature up to what the joints can do, shape (count, p).
+    """Return the unknowns of curves with smooth random curvature up to what the joints can do, shape (count, p).
 
     The base points anywhere.
     """
@@ -111,8 +113,8 @@ def smooth_unknowns(stepper: SpaceStepper, rng: np.random.Generator, count: int)
     return v
 
 
-def drawn_unknowns(stepper: SpaceStepper, rng: np.random.Generator) -> FloatArray:
-    """Unknowns of a curve with smooth random curvature, and a random feed."""
+def random_unknowns(stepper: SpaceStepper, rng: np.random.Generator) -> FloatArray:
+    """Return the unknowns of a curve with smooth random curvature, and a random feed."""
     curve = stepper.space
     arm = curve.arm
     k = curve.knots
@@ -133,7 +135,7 @@ def drawn_unknowns(stepper: SpaceStepper, rng: np.random.Generator) -> FloatArra
 
 
 def _brought_onto_goal(stepper: SpaceStepper, goal: GoalPose, pose: Pose) -> Pose | None:
-    """The pose brought onto the goal, off the walls and within limits; None where that fails."""
+    """Return the pose brought onto the goal, off the walls and within limits; None where that fails."""
     for k in range(_STEPS):
         pose = stepper.step(pose, goal.terms(stepper.space, pose, 1.0 + k), checked=False)
         distance, turn = goal.errors(pose)
@@ -144,7 +146,7 @@ def _brought_onto_goal(stepper: SpaceStepper, goal: GoalPose, pose: Pose) -> Pos
 
 
 def _free(stepper: SpaceStepper, pose: Pose) -> bool:
-    """Whether a pose touches nothing and keeps the limits."""
+    """Return whether a pose touches nothing and keeps the limits."""
     return stepper.safe(pose.q, pose.q)
 
 
@@ -198,7 +200,7 @@ class CurveDraws:
         return np.stack([goal.v for goal in self.goals]) @ self.root
 
     def way(self, rng: np.random.Generator, draws: int, deadline: Deadline) -> list[Pose] | None:
-        """Poses from the start to one of the goals; None where so many draws or the time end first."""
+        """Return the poses from the start to one of the goals; None where so many draws or the time end first."""
         trees = (PointTree.empty(len(self.root)), PointTree.empty(len(self.root)))
         trees[0].add((self.start.v @ self.root)[None], np.array([-1]))
         search = ConnectSearch(
@@ -210,11 +212,11 @@ class CurveDraws:
         return [self.stepper.pose(v) for v in self.stepper.space.in_pieces(self._between_ends(found))]
 
     def travel(self, start: FloatArray, end: FloatArray) -> FloatArray:
-        """Norm of the turns of the links, shape (m,) [rad]."""
+        """Return the norm of the turns of the links, shape (m,) [rad]."""
         return np.asarray(np.linalg.norm(end - start, axis=-1))
 
     def within_limits(self, start: FloatArray, end: FloatArray) -> FloatArray:
-        """All of every edge: the check asks for the limits."""
+        """Return all of every edge: the check asks for the limits."""
         del end
         return np.ones(len(start))
 
@@ -226,7 +228,7 @@ class CurveDraws:
         return np.array([self._free_share(*edge) for edge in zip(start, end, strict=True)])
 
     def draw(self, rng: np.random.Generator, count: int, tree: PointTree, other: PointTree) -> FloatArray:
-        """Points between and around the start and the goals, shape (count, p)."""
+        """Return the points between and around the start and the goals, shape (count, p)."""
         del tree, other
         smooth = smooth_unknowns(self.stepper, rng, rng.binomial(count, self.smooth)) @ self.root
         return np.vstack((smooth, *(self._drawn(rng) for _ in range(count - len(smooth)))))
@@ -256,11 +258,11 @@ class CurveDraws:
         return np.asarray(middle @ self.root + size * spread / np.sqrt(len(middle)))
 
     def _unproved(self, way: FloatArray) -> IntArray:
-        """Edges of a way that are not certified between its exact ends."""
+        """Return the edges of a way that are not certified between its exact ends."""
         return self.stepper.failing_edges(self._between_ends(way))
 
     def _between_ends(self, way: FloatArray) -> FloatArray:
-        """Unknowns of a way, those of its ends exact, shape (K, p)."""
+        """Return the unknowns of a way, those of its ends exact, shape (K, p)."""
         goal = self.goals[int(np.argmin(np.linalg.norm(self.goal_points - way[-1], axis=1)))]
         return np.vstack((self.start.v, self._unknowns(way[1:-1]), goal.v))
 
@@ -275,7 +277,9 @@ def swung(
     rng: np.random.Generator,
     deadline: Deadline,
 ) -> list[Pose] | None:
-    """Poses from the start to one of the goals by way of straighter ones; None where no tree between these meets.
+    """Return the poses from the start to one of the goals by way of straighter ones.
+
+    None where no tree between these meets.
 
     Args:
         stepper: of an arm whose base turns.
@@ -284,8 +288,8 @@ def swung(
         rng: for the draws.
         deadline: when to stop.
     """
-    unbent = unbent_from(stepper, start, deadline)
-    of_goals = [unbent_from(stepper, goal, deadline) for goal in goals]
+    unbent = unbending_poses(stepper, start, deadline)
+    of_goals = [unbending_poses(stepper, goal, deadline) for goal in goals]
     trees = CurveDraws(stepper, unbent[-1], [poses[-1] for poses in of_goals], _BASE_SHARE)
     between = trees.way(rng, _SWING_EXTENSIONS, deadline)
     if between is None:
@@ -295,8 +299,8 @@ def swung(
     return [*unbent, *between[1:], *bent[-2::-1]]
 
 
-def unbent_from(stepper: SpaceStepper, pose: Pose, deadline: Deadline) -> list[Pose]:
-    """Poses from one to where its curve is straight, or as straight as walls let it become on the direct way."""
+def unbending_poses(stepper: SpaceStepper, pose: Pose, deadline: Deadline) -> list[Pose]:
+    """Return poses from one to where its curve is straight, or as straight as walls let it become on the direct way."""
     guide = PoseLed(stepper.space, pose.v, stepper.space.unbent(pose.v))
     try:
         return follow(stepper, guide, pose, deadline)
@@ -305,7 +309,7 @@ def unbent_from(stepper: SpaceStepper, pose: Pose, deadline: Deadline) -> list[P
 
 
 def withdrawn(stepper: SpaceStepper, start: FloatArray, deadline: Deadline) -> list[Pose]:
-    """Poses from the given one back, as far as is certified.
+    """Return the poses from the given one back, as far as is certified.
 
     The curve lies still while the arm is drawn along it. What of a pose no curve shows may get in the way of that; then
     the arm is led back step by step.
@@ -334,7 +338,7 @@ def withdrawn(stepper: SpaceStepper, start: FloatArray, deadline: Deadline) -> l
 
 
 def _led_back(stepper: SpaceStepper, pose: Pose, deadline: Deadline) -> list[Pose]:
-    """Poses from the given one back as far as the steps lead."""
+    """Return the poses from the given one back as far as the steps lead."""
     arm = stepper.space.arm
     left = float(pose.q[-1]) - arm.base_range[0]
     shape = ArmTrack.behind(pose.points, np.zeros((0, 3)))

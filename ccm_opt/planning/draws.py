@@ -99,7 +99,7 @@ class TargetDraws:
 
     @classmethod
     def within(cls, space: LinkSpace, ends: list[FloatArray], curve_columns: int, share: float) -> "TargetDraws":
-        """Draws between known ends.
+        """Return the draws between known ends.
 
         Args:
             space: the link space, perhaps with a coordinate that blends a goal in.
@@ -121,7 +121,10 @@ class TargetDraws:
         return cls(arm, projector, (offset, blended), limits, (low, high))
 
     def draw(self, rng: np.random.Generator, count: int, tree: PointTree, other: PointTree) -> FloatArray:
-        """Link headings of targets for the extension of a tree, shape (count, links) [rad]; the other attracts."""
+        """Return the link headings of targets for the extension of a tree, shape (count, links) [rad].
+
+        The other attracts.
+        """
         targets = self.shapes(rng, count)
         kind = rng.random(count)
         bumped = np.flatnonzero(kind < _BUMPED)
@@ -137,7 +140,7 @@ class TargetDraws:
         return travel
 
     def within_limits(self, start: FloatArray, end: FloatArray) -> FloatArray:
-        """How far straight motions stay within the limits of the bends, as shares of the whole, shape (m,)."""
+        """Return how far straight motions stay within the limits of the bends, as shares of the whole, shape (m,)."""
         bends = self.arm.bends(start)
         change = self.arm.bends(end) - bends
         bound = np.where(change > 0.0, self.limits, -self.limits)
@@ -147,7 +150,7 @@ class TargetDraws:
         return within
 
     def shapes(self, rng: np.random.Generator, count: int) -> FloatArray:
-        """Link headings of random shapes, shape (count, links) [rad]."""
+        """Return the link headings of random shapes, shape (count, links) [rad]."""
         arm = self.arm
         if arm.links <= FEW_LINKS:
             bends = rng.uniform(-self.limits, self.limits, (count, arm.links))
@@ -162,7 +165,7 @@ class TargetDraws:
         return self._in_space(rng, arm.headings(bends))
 
     def _bumped(self, rng: np.random.Generator, headings: FloatArray) -> FloatArray:
-        """Poses with the bend of one joint changed, or of many links a stretch of the arm turned aside."""
+        """Return the poses with the bend of one joint changed, or of many links a stretch of the arm turned aside."""
         arm = self.arm
         count = len(headings)
         turn = rng.normal(0.0, _BUMP, (count, 1))
@@ -179,7 +182,7 @@ class TargetDraws:
         return self.arm.headings(bends)
 
     def _in_space(self, rng: np.random.Generator, headings: FloatArray) -> FloatArray:
-        """The poses of the space nearest to given ones, with a random share of the goal's offset blended in."""
+        """Return the poses of the space nearest to given ones, with a random share of the goal's offset blended in."""
         share = rng.random((len(headings), 1))
         offset = self.offsets[0] + share * (self.offsets[1] - self.offsets[0])
         return offset + (headings - offset) @ self.projector.T
@@ -221,7 +224,10 @@ class GoalDraws:
             yield np.array(new).reshape(-1, self.draws.arm.links)
 
     def _members(self, rng: np.random.Generator, count: int) -> FloatArray:
-        """Places and headings of the tip that meet the goal, shape (count, 3) [m, rad]; evenly spread where many do."""
+        """Return the places and headings of the tip that meet the goal, shape (count, 3) [m, rad].
+
+        Evenly spread where many do.
+        """
         distance, turn = self.goal.room
         away = rng.uniform(0.0, 2.0 * np.pi, count)
         radius = _INSIDE * distance * np.sqrt(rng.random(count))
@@ -230,7 +236,7 @@ class GoalDraws:
         return np.column_stack((places, middle + _INSIDE * rng.uniform(-turn, turn, count)))
 
     def _brought(self, headings: FloatArray, members: FloatArray) -> FloatArray:
-        """Those poses that Newton's method of least turns brings onto members of the goal, within the limits."""
+        """Return those poses that Newton's method of least turns brings onto members of the goal, within the limits."""
         arm = self.draws.arm
         projector = self.draws.projector
         for _ in range(_NEWTON_STEPS):
@@ -247,7 +253,7 @@ class GoalDraws:
         return brought
 
     def _equations(self, headings: FloatArray, members: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Derivatives of the tip by the link headings, in arm lengths and radians, and what is missed.
+        """Return the derivatives of the tip by the link headings, in arm lengths and radians, and what is missed.
 
         Returns:
             Shapes (m, 2 or 3, links) and (m, 2 or 3).
@@ -283,7 +289,7 @@ class Connecting:
     known_goals: Callable[[], Iterator[Pose]]
 
     def find(self, budgets: tuple[int, ...], seed: tuple[int, ...]) -> Motion | None:
-        """A certified motion; None when several searches, or the time, do not suffice.
+        """Return a certified motion; None when several searches, or the time, do not suffice.
 
         Args:
             budgets: extensions that one search after the other may take.
@@ -303,7 +309,7 @@ class Connecting:
         return None
 
     def _motion(self, way: FloatArray) -> Motion | None:
-        """A way in the coordinates of the curve, certified once more; None when that fails."""
+        """Return a way in the coordinates of the curve, certified once more; None when that fails."""
         coordinates = self._coordinates(dense(way, _KEYFRAME_TURN))
         q = self.space.configurations(coordinates)
         # The same motion but for rounding, and for the last bit of the way onto the goal.
@@ -312,7 +318,7 @@ class Connecting:
         return Motion(self.space, coordinates, q, CONNECT)
 
     def _search(self, check: SampledCheck, rng: np.random.Generator) -> ConnectSearch:
-        """Trees with nothing but the start."""
+        """Return the trees with nothing but the start."""
         task = self.task
         ends = [self.start.q]
         if self.goal.coordinates is not None:
@@ -340,7 +346,7 @@ class Connecting:
         yield from drawn
 
     def _coordinates(self, way: FloatArray) -> FloatArray:
-        """Coordinates of link headings of the space, the ends exact, shape (K, links) to (K, p)."""
+        """Return the coordinates of link headings of the space, the ends exact, shape (K, links) to (K, p)."""
         space = self.space
         start = self.start.v
         end = self.goal.coordinates
@@ -351,7 +357,7 @@ class Connecting:
         return np.stack((start, *(self._fitted(*pair) for pair in zip(way[1:-1], line[1:-1], strict=True)), end))
 
     def _fitted(self, headings: FloatArray, near: FloatArray) -> FloatArray:
-        """Coordinates near given ones with given link headings."""
+        """Return the coordinates near given ones with given link headings."""
         space = self.space
         missed = headings - space.arm.headings(space.configurations(near))
         # Few links leave many curves with the same headings: the smoothest, and then what it misses.

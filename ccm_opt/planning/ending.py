@@ -73,7 +73,7 @@ _OPENED = 0.02
 
 
 def weighing_bottlenecks(motion: Motion, task: MotionTask) -> MotionTask:
-    """The task with most of the weight of the path's length put on the joints that a motion turns most.
+    """Return the task with most of the weight of the path's length put on the joints that a motion turns most.
 
     Args:
         motion: nearly optimal, with keyframes at nearly even steps.
@@ -94,7 +94,7 @@ def weighing_bottlenecks(motion: Motion, task: MotionTask) -> MotionTask:
 
 
 def _busyness(differences: FloatArray) -> FloatArray:
-    """A factor for each joint by the largest of its differences, shape (m, links) to (links,)."""
+    """Return a factor for each joint by the largest of its differences, shape (m, links) to (links,)."""
     most = np.abs(differences).max(axis=0)
     mean = np.sqrt(np.mean(most**2))
     factors: FloatArray = np.clip(most / max(mean, TINY), _LEAST_BUSY, None) ** _BOTTLENECK_POWER
@@ -102,7 +102,7 @@ def _busyness(differences: FloatArray) -> FloatArray:
 
 
 def optimised_to_end_pose(motion: Motion, task: MotionTask, margin: float | None = None) -> Motion:
-    """A certified motion, optimised, that ends in the pose which the task prefers at the goal.
+    """Return a certified motion, optimised, that ends in the pose which the task prefers at the goal.
 
     Args:
         motion: certified, with the tip at the goal.
@@ -124,7 +124,7 @@ def optimised_to_end_pose(motion: Motion, task: MotionTask, margin: float | None
     for wanted in offered:
         bent = bent_to(free, wanted, task)
         if bent is not None:
-            to_end = weighing_bottlenecks(bent, task).ending_at(bent.unknowns[-1], wanted)
+            to_end = weighing_bottlenecks(bent, task).with_goal_pose(bent.unknowns[-1], wanted)
             ended = optimise(bent, to_end, margin, settings.end_rounds)
             if keeps_limits(ended, task):
                 return _with_room(ended, task, margin)
@@ -145,13 +145,13 @@ def _with_dense_keyframes(motion: Motion, task: MotionTask) -> MotionTask:
 
 
 def _with_room(motion: Motion, task: MotionTask, margin: float | None) -> Motion:
-    """An optimised motion with the room that its end and more keyframes leave of what is wanted."""
-    weighed = weighing_bottlenecks(motion, task).ending_at(motion.unknowns[-1], motion.configurations[-1])
+    """Return an optimised motion with the room that its end and more keyframes leave of what is wanted."""
+    weighed = weighing_bottlenecks(motion, task).with_goal_pose(motion.unknowns[-1], motion.configurations[-1])
     return with_more_room(motion, motion, weighed, margin)
 
 
 def bent_to(motion: Motion, wanted: FloatArray, task: MotionTask) -> Motion | None:
-    """A certified motion with another end.
+    """Return a certified motion with another end.
 
     The difference between the ends is added to the motion, more and more towards its end; where that is not certified
     on any stretch, the motion is led on from its end to the other.
@@ -163,13 +163,13 @@ def bent_to(motion: Motion, wanted: FloatArray, task: MotionTask) -> Motion | No
     """
     curve, end = motion.curve.blended_to(wanted)
     # A coordinate that the space has besides says how much of what the curve cannot show is added.
-    return led_to(replace(motion.shown_by(curve), end_pose=wanted), end, task, MARGINS)
+    return led_to(replace(motion.without_blending(curve), end_pose=wanted), end, task, MARGINS)
 
 
 def led_to(
     motion: CurveMotion[Any], end: FloatArray, task: SearchTask, margins: Sequence[float]
 ) -> CurveMotion[Any] | None:
-    """A certified motion with another end.
+    """Return a certified motion with another end.
 
     Args:
         motion: certified.
@@ -203,7 +203,7 @@ def led_to(
 
 # ------------------------------------------------------------ in space
 def opened(task: SpaceTask, motion: SpaceMotion) -> list[Pose]:
-    """Poses from the end of a motion to one at the goal with as much of the wanted gap as steps find.
+    """Return the poses from the end of a motion to one at the goal with as much of the wanted gap as steps find.
 
     Args:
         task: with a goal for the tip.
@@ -251,7 +251,9 @@ class Ending:
 
 
 def ended_by_nlp(problem: Problem, task: SpaceTask, motion: SpaceMotion) -> Ending:
-    """The motion, moved on to the best pose at its goal; as it is where no better pose is found, or none is reached.
+    """Return the motion, moved on to the best pose at its goal.
+
+    As it is where no better pose is found, or none is reached.
 
     Args:
         problem: what is asked.
@@ -263,22 +265,22 @@ def ended_by_nlp(problem: Problem, task: SpaceTask, motion: SpaceMotion) -> Endi
         return Ending(task, motion)
     terms = None if task.user is None else task.user.terms
     asked = GoalPoses(problem, task.tree, terms=terms, room_share=_ROOM_SHARE)
-    ending = _asked_from(asked, task, goal, motion)
+    ending = _solve_goal_pose(asked, task, goal, motion)
     room = asked.gap(ending.motion.configurations[-1])
     if room >= _ENOUGH * task.wanted_gap:
         return ending
     opened_up = _opened_motion(asked, task, motion)
     if opened_up is motion:
         return ending
-    again = _asked_from(asked, task, goal, opened_up)
+    again = _solve_goal_pose(asked, task, goal, opened_up)
     if asked.gap(again.motion.configurations[-1]) <= room:
         return ending
     # The optimisation, whose planes stand still too, would only move what was opened back.
     return replace(again, task=replace(task, goal_pose=again.motion.configurations[-1]))
 
 
-def _asked_from(asked: GoalPoses, task: SpaceTask, goal: GoalPose, motion: SpaceMotion) -> Ending:
-    """What the NLP says from where a motion ends, and the motion moved on to its pose where that can be."""
+def _solve_goal_pose(asked: GoalPoses, task: SpaceTask, goal: GoalPose, motion: SpaceMotion) -> Ending:
+    """Return what the NLP says from where a motion ends, and the motion moved on to its pose where that can be."""
     wanted = asked.problem.wanted_gap
     answers = asked.improved(motion.configurations[-1], task.deadline)
     feasible = [pose for pose in answers if asked.feasible(pose)]
@@ -291,7 +293,7 @@ def _asked_from(asked: GoalPoses, task: SpaceTask, goal: GoalPose, motion: Space
     # What the motion's own curve cannot show of the pose is one more unknown of it, which is 0 as far as the motion
     # goes and 1 in the pose.
     curve, end = motion.curve.blended_to(straight_at_exit(task.arm, best.q))
-    begun = motion.shown_by(curve)
+    begun = motion.without_blending(curve)
     stepper = task.stepper(curve, 0.0)
     last = moved_onto(stepper.space, goal, stepper.pose(end))
     if not goal.on_goal(last) or not goal.limits_met(last):
@@ -307,7 +309,7 @@ def _asked_from(asked: GoalPoses, task: SpaceTask, goal: GoalPose, motion: Space
 
 
 def _opened_motion(asked: GoalPoses, task: SpaceTask, motion: SpaceMotion) -> SpaceMotion:
-    """The motion, moved on at its goal to where there is more room, if it ends with less than is wanted."""
+    """Return the motion, moved on at its goal to where there is more room, if it ends with less than is wanted."""
     before = asked.gap(motion.configurations[-1])
     if before >= _ENOUGH * task.wanted_gap:
         return motion

@@ -95,7 +95,7 @@ def resolve_ends(problem: Problem) -> Ends:
 
 
 def _configuration(problem: Problem, pose: JointPose, which: str) -> FloatArray:
-    """The configuration of a pose, shape (c,), bends exactly 0 where a guide tube holds a joint.
+    """Return the configuration of a pose, shape (c,), bends exactly 0 where a guide tube holds a joint.
 
     Raises:
         UnreachableGoal: a joint that it holds is bent; ``which`` names the pose.
@@ -188,7 +188,7 @@ def stands_flush(problem: Problem, q: FloatArray) -> bool:
 
 
 def clamped_arm(arm: Arm) -> Arm:
-    """The arm for planning when its base is clamped: the first link, which cannot move, belongs to the mount."""
+    """Return the arm for planning when its base is clamped: the first link, which cannot move, belongs to the mount."""
     return replace(arm, mount_length=arm.link_length)
 
 
@@ -280,17 +280,17 @@ def refuse_goal(problem: Problem, task: "SpaceTask", goal: GoalPose) -> None:
 
 
 def _what_is_bad(problem: Problem, task: "SpaceTask", q: FloatArray, motion: str) -> str:
-    """Whether an end is in contact or has no room for a motion, in words; empty where neither."""
+    """Return whether an end is in contact or has no room for a motion, in words; empty where neither."""
     contact = contact_words(problem, task, q)
     if contact:
         return f"is in contact: {contact}"
-    near = contact_of(task, q, 2.0 * task.least_spare)
+    near = describe_contact(task, q, 2.0 * task.least_spare)
     return f"has no room: {near} for a motion {motion} that can be proved" if near else ""
 
 
 def contact_words(problem: Problem, task: "SpaceTask", q: FloatArray) -> str:
-    """What a configuration touches and how deep it is inside of bodies, in words; empty where it is free."""
-    contact = contact_of(task, q)
+    """Return what a configuration touches and how deep it is inside of bodies, in words; empty where it is free."""
+    contact = describe_contact(task, q)
     joints = task.arm.joint_positions_at(q)
     _, exposed = task.arm.exposed_links(joints)
     # An arm that touches nothing is inside of a closed body as a whole; of an open one both its ends tell.
@@ -311,8 +311,11 @@ def _depth_words(found: Enclosure) -> str:
     return f"{short_length(found.depth)} {where}, at {place(found.place)}"
 
 
-def contact_of(task: "SpaceTask", q: FloatArray, beyond: float = 0.0) -> str:
-    """What a configuration touches, or is nearer to than so much beyond contact [m], in words; empty where nothing."""
+def describe_contact(task: "SpaceTask", q: FloatArray, beyond: float = 0.0) -> str:
+    """Return what a configuration touches, or is nearer to than so much beyond contact [m], in words.
+
+    Empty where nothing.
+    """
     arm = task.arm
     points = arm.joint_positions_at(q)
     first, segments = arm.exposed_links(points)
@@ -369,7 +372,7 @@ class GapsAtSamples:
     def of(
         cls, problem: Problem, points: FloatArray, reach: float | None = None, own_reach: float | None = None
     ) -> "GapsAtSamples":
-        """The gaps of poses.
+        """Return the gaps of poses.
 
         Args:
             problem: surfaces and arm.
@@ -385,7 +388,7 @@ class GapsAtSamples:
 
     @classmethod
     def nearest_words(cls, problem: Problem, q: FloatArray) -> str:
-        """What is nearest to what in a configuration, in words; empty where nothing is near."""
+        """Return what is nearest to what in a configuration, in words; empty where nothing is near."""
         gaps = cls.of(problem, problem.arm.joint_positions_at(q)[None])
         to_walls = float(gaps.walls.gap[0]) - problem.workspace.clearance
         to_itself = float(gaps.itself.gap[0])
@@ -395,7 +398,7 @@ class GapsAtSamples:
         return f"link {near.link[0]} and {gaps.other(near, 0)}, gap {short_length(min(to_walls, to_itself))}"
 
     def other(self, near: NearestOfSamples, sample: int) -> str:
-        """What a link is near to in a sample, in words."""
+        """Return what a link is near to in a sample, in words."""
         number = int(near.other[sample])
         return f"'{self.names[number]}'" if near is self.walls else f"link {number}"
 

@@ -31,7 +31,7 @@ from ccm_opt.planning.curve_map import SETTLING, CurveMap
 from ccm_opt.planning.grid_ways import TipGrid
 from ccm_opt.planning.guides import ArmTrack
 from ccm_opt.robot.arm import Arm
-from ccm_opt.robot.biarc import SpaceArc, biarc, free_shares_of_bends
+from ccm_opt.robot.biarc import SpaceArc, bend_shares, biarc
 from ccm_opt.robot.inverse_kinematics import configuration_from_positions
 from ccm_opt.robot.rigid_motions import turn_towards
 
@@ -90,7 +90,7 @@ class WayArcs:
 
     @classmethod
     def of(cls, unit: float, radius: float, cell: float) -> "WayArcs":
-        """A straight one, and bent ones towards all azimuths.
+        """Return a straight one, and bent ones towards all azimuths.
 
         Args:
             unit: length of a nominal link [m].
@@ -142,13 +142,13 @@ class FollowSearch:
     most: float
 
     def cells(self, places: FloatArray) -> tuple[IntArray, IntArray, IntArray]:
-        """Cells of places, shape (..., 3); the nearest one where a place lies outside."""
+        """Return the cells of places, shape (..., 3); the nearest one where a place lies outside."""
         found = np.rint((places - self.low) / self.cell).astype(np.intp)
         found = np.clip(found, 0, np.array(self.price.shape) - 1)
         return found[..., 0], found[..., 1], found[..., 2]
 
-    def arcs_from(self, place: FloatArray, frame: FloatArray, goal: WayEnd) -> list[int] | None:
-        """Numbers of the arcs of a way to where two more lead to the goal; None where none is found.
+    def connecting_arc_indices(self, place: FloatArray, frame: FloatArray, goal: WayEnd) -> list[int] | None:
+        """Return the numbers of the arcs of a way to where two more lead to the goal; None where none is found.
 
         Args:
             place: where it begins, shape (3,) [m].
@@ -185,7 +185,7 @@ class FollowSearch:
         return found[::-1]
 
     def landing(self, place: FloatArray, frame: FloatArray, goal: WayEnd) -> FloatArray | None:
-        """Places on two arcs from a state to the goal, shape (m, 3) [m]; None where they are too long or bent.
+        """Return places on two arcs from a state to the goal, shape (m, 3) [m]; None where they are too long or bent.
 
         Args:
             place: of the state, shape (3,) [m].
@@ -211,7 +211,7 @@ class FollowSearch:
 
 
 def _along(frame: FloatArray, start: FloatArray, arcs: Sequence[SpaceArc], spacing: float) -> FloatArray:
-    """Places along arcs, the first not among them, shape (m, 3) [m]."""
+    """Return the places along arcs, the first not among them, shape (m, 3) [m]."""
     places = []
     for arc in arcs:
         count = max(2, int(np.ceil(arc.length / spacing)))
@@ -246,7 +246,7 @@ class FollowableWays:
     deadline: Deadline = field(default_factory=Deadline.never)
 
     def between(self, start: WayEnd, goal: WayEnd, most: float) -> FloatArray | None:
-        """Places on a way, shape (m, 3) [m]; None where none is found.
+        """Return the places on a way, shape (m, 3) [m]; None where none is found.
 
         Args:
             start: where it begins; its direction counts.
@@ -255,13 +255,13 @@ class FollowableWays:
         """
         if self.grid.joined(start.place, goal.place) is None:
             return None
-        left = self.grid.costs_to(goal.place, self.price)
+        left = self.grid.costs_to_go(goal.place, self.price)
         if left is None or start.direction is None or not np.isfinite(left[self.grid.index(start.place)]):
             return None
         grid = self.grid
         search = FollowSearch(grid.low, grid.cell, self.price, left, self._arcs, self.radius, self.unit, most)
         frame = _frame(start.direction)
-        arcs = None if self.deadline.passed() else search.arcs_from(start.place, frame, goal)
+        arcs = None if self.deadline.passed() else search.connecting_arc_indices(start.place, frame, goal)
         if arcs is None:
             return None
         parts = [start.place[None]]
@@ -277,7 +277,7 @@ class FollowableWays:
 
 
 def _frame(direction: FloatArray) -> FloatArray:
-    """A frame whose first axis is a direction, as columns, shape (3, 3)."""
+    """Return a frame whose first axis is a direction, as columns, shape (3, 3)."""
     helper = np.eye(3)[int(np.argmin(np.abs(direction)))]
     second = np.cross(direction, helper)
     second /= np.linalg.norm(second)
@@ -293,7 +293,7 @@ _BACK = 40
 
 
 def slid_along(arm: Arm, track: ArmTrack, feeds: FloatArray) -> FloatArray:
-    """Configurations of an arm that is fed along a track, shape (k, c) [rad, m].
+    """Return the configurations of an arm that is fed along a track, shape (k, c) [rad, m].
 
     Args:
         arm: on a feed axis, with all joints on the track where its base is at the first of the feeds.
@@ -311,7 +311,7 @@ def slid_along(arm: Arm, track: ArmTrack, feeds: FloatArray) -> FloatArray:
     first = np.round((feeds - feeds[0]) / spacing).astype(np.intp)
     per_link = round(1.0 / _FINE)
     for joint in range(arm.links):
-        free = free_shares_of_bends(arm, feeds + joint * link - arm.hole)[:, None]
+        free = bend_shares(arm, feeds + joint * link - arm.hole)[:, None]
         window = np.clip(first[:, None] - _BACK + np.arange(_AHEAD + _BACK), 0, len(places) - 1)
         nearest, chord = _chord(places[window], points[-1], link)
         directions = (1.0 - free) * directions + free * chord
@@ -363,7 +363,7 @@ def _chord(window: FloatArray, joints: FloatArray, link: float) -> tuple[FloatAr
 
 
 def _prolonged(track: ArmTrack, arcs: FloatArray) -> FloatArray:
-    """Places at arc lengths, straight on beyond the end of the track, shape (m, 3) [m]."""
+    """Return the places at arc lengths, straight on beyond the end of the track, shape (m, 3) [m]."""
     last = track.points[-1] - track.points[-2]
     last = last / np.linalg.norm(last)
     return np.asarray(track.at(arcs) + np.maximum(arcs - track.length, 0.0)[:, None] * last)
@@ -376,7 +376,7 @@ itself, and joints are shown as well, to 0.01 rad."""
 
 
 def fitted_slide(curve: CurveMap, start: FloatArray, configurations: FloatArray) -> FloatArray:
-    """Unknowns at configurations of an arm on a feed axis, shape (k, p).
+    """Return the unknowns at configurations of an arm on a feed axis, shape (k, p).
 
     Args:
         curve: which holds the first of them exactly.

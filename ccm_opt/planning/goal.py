@@ -60,13 +60,13 @@ class GoalPose:
             size = float(np.linalg.norm(across))
             angle = min(float(np.arctan2(size, direction @ towards)), self.room[1])
             towards = np.cos(angle) * towards + np.sin(angle) * across / max(size, TINY)
-        return replace(self, position=tip + self._offset_from(tip), direction=towards, room=(0.0, 0.0))
+        return replace(self, position=tip + self._offset_to_room(tip), direction=towards, room=(0.0, 0.0))
 
     def offset(self, pose: Pose) -> FloatArray:
         """From the tip to the nearest place that will do, shape (d,) [m]; zero within the room about the position."""
-        return self._offset_from(pose.tip)
+        return self._offset_to_room(pose.tip)
 
-    def _offset_from(self, tip: FloatArray) -> FloatArray:
+    def _offset_to_room(self, tip: FloatArray) -> FloatArray:
         towards = self.position - tip
         distance = float(np.linalg.norm(towards))
         if distance <= self.room[0]:
@@ -83,29 +83,29 @@ class GoalPose:
         return np.asarray(max(float(np.arctan2(sine, along)) - self.room[1], 0.0) * axis)
 
     def errors(self, pose: Pose) -> tuple[float, float]:
-        """Distance [m] and turn [rad] still to go."""
+        """Return the distance [m] and turn [rad] still to go."""
         return float(np.linalg.norm(self.offset(pose))), float(np.linalg.norm(self.turn(pose)))
 
     def met(self, pose: Pose) -> bool:
-        """Whether a pose is near enough."""
+        """Return whether a pose is near enough."""
         distance, turn = self.errors(pose)
         return distance <= self.near_enough[0] and turn <= self.near_enough[1] and self.limits_met(pose)
 
     def on_goal(self, pose: Pose) -> bool:
-        """Whether a pose is on the goal but for rounding."""
+        """Return whether a pose is on the goal but for rounding."""
         distance, turn = self.errors(pose)
         return max(distance / pose.length, turn) <= self.settings.on_goal
 
     def limits_met(self, pose: Pose) -> bool:
-        """Whether a pose meets all that has to be met at the goal beside the tip."""
+        """Return whether a pose meets all that has to be met at the goal beside the tip."""
         return all(limit.miss(pose.q) <= 0.0 for limit in self.limits)
 
     def describe_limits(self, pose: Pose) -> str:
-        """What of the limits at the goal is missed or at its bound, in words; empty when nothing is."""
+        """Return what of the limits at the goal is missed or at its bound, in words; empty when nothing is."""
         return "; ".join(words for limit in self.limits if (words := limit.describe(pose.q)))
 
     def terms(self, space: CurveUnknowns, pose: Pose, weight: float) -> list[Term]:
-        """What draws the tip onto the goal."""
+        """Return what draws the tip onto the goal."""
         settings = self.settings
         unit = space.nominal_length
         terms = []
@@ -146,7 +146,7 @@ class GoalPose:
 
 
 def moved_onto(space: CurveUnknowns, goal: GoalPose, pose: Pose, largest_turn: float = np.inf) -> Pose:
-    """A pose moved onto the goal by Newton's method of least change of the links, whatever is in the way.
+    """Return a pose moved onto the goal by Newton's method of least change of the links, whatever is in the way.
 
     Args:
         space: the map of the unknowns.

@@ -15,7 +15,7 @@ import numpy as np
 import shapely
 
 from ccm_opt.core.arrays import TINY, BoolArray, FloatArray, IntArray
-from ccm_opt.core.polyline import heading_of, unit_vector, wrap
+from ccm_opt.core.polyline import unit_vector, vector_heading, wrap
 from ccm_opt.planning.goal import GoalPose
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
@@ -104,7 +104,7 @@ class _Choice:
 
 
 def goal_members(arm: Arm, goal: GoalPose, room: FreeSpace, fed: float = 0.0) -> tuple[GoalMember, ...]:
-    """Members of a goal to lead routes to; the goal itself alone when it is no set.
+    """Return the members of a goal to lead routes to; the goal itself alone when it is no set.
 
     Args:
         arm: that is to get there.
@@ -124,7 +124,7 @@ def goal_members(arm: Arm, goal: GoalPose, room: FreeSpace, fed: float = 0.0) ->
 
 
 def _choice(arm: Arm, goal: GoalPose, room: FreeSpace, fed: float) -> _Choice:
-    """All places and headings that are looked at."""
+    """Return all places and headings that are looked at."""
     places, pieces = _places(arm, goal, room, fed)
     headings = _headings(goal)
     each = np.repeat(np.arange(len(places)), len(headings))
@@ -139,14 +139,17 @@ def _choice(arm: Arm, goal: GoalPose, room: FreeSpace, fed: float) -> _Choice:
 
 
 def _runs_in(room: FreeSpace, places: FloatArray, headings: FloatArray, length: float) -> BoolArray:
-    """Onto which places (m, 2) [m] with headings (m,) [rad] a straight run of some length [m] is free; shape (m,)."""
+    """Return the onto which places (m, 2) [m] with headings (m,) [rad] a straight run of some length [m] is free.
+
+    Shape (m,).
+    """
     back = -np.linspace(0.0, length, _RUN_SAMPLES)
     samples = places[:, None] + back[:, None] * unit_vector(headings).reshape(-1, 2)[:, None]
     return np.asarray(room.contains(samples.reshape(-1, 2)).reshape(len(places), -1).all(axis=1))
 
 
 def _headings(goal: GoalPose) -> FloatArray:
-    """Headings within the range, evenly, the middle one among them; shape (h,) [rad]."""
+    """Return the headings within the range, evenly, the middle one among them; shape (h,) [rad]."""
     if goal.heading is None:
         return np.zeros(1)
     steps = int(np.ceil(goal.room[1] / _TURN_STEP))
@@ -176,7 +179,10 @@ def _places(arm: Arm, goal: GoalPose, room: FreeSpace, fed: float) -> tuple[Floa
 
 
 def _places_in(piece: shapely.Polygon, middle: shapely.Point, base: shapely.Point, width: float) -> FloatArray:
-    """Places of one piece: a grid, its roomiest place, and those nearest to the middle and to the base; (m, 2) [m]."""
+    """Return the places of one piece: a grid, its roomiest place, and those nearest to the middle and to the base.
+
+    (m, 2) [m].
+    """
     roomiest = shapely.get_coordinates(shapely.maximum_inscribed_circle(piece))[:1]
     # A little inside: at the very edge of free space no step has a choice.
     inside = piece.buffer(-_EDGE * width)
@@ -188,7 +194,7 @@ def _places_in(piece: shapely.Polygon, middle: shapely.Point, base: shapely.Poin
 
 
 def _far_apart(arm: Arm, goal: GoalPose, choice: _Choice) -> list[int]:
-    """Which members are taken: the nearest to the middle of every piece, then the farthest from those taken."""
+    """Return which members are taken: the nearest to the middle of every piece, then the farthest from those taken."""
     if len(choice.places) == 0:
         return []
     off = np.linalg.norm(choice.places - goal.position, axis=1) / arm.length
@@ -211,7 +217,7 @@ def _far_apart(arm: Arm, goal: GoalPose, choice: _Choice) -> list[int]:
 
 
 def _apart(arm: Arm, choice: _Choice, k: int) -> FloatArray:
-    """How much all members differ from one of them, shape (m,): in arm lengths, turns by their share."""
+    """Return how much all members differ from one of them, shape (m,): in arm lengths, turns by their share."""
     off = np.linalg.norm(choice.places - choice.places[k], axis=1) / arm.length
     turned = np.abs(wrap(choice.headings - choice.headings[k])) * _TURN_SHARE
     return np.asarray(off + turned)
@@ -230,7 +236,7 @@ class ArcsAtLimits:
     goal: GoalPose
 
     def where_needed(self, full: float) -> tuple[FloatArray, ...]:
-        """Poses that use the limits in full, none where an arc reaches the goal with less of them.
+        """Return the poses that use the limits in full, none where an arc reaches the goal with less of them.
 
         Args:
             full: share of the joints' limits that may be used.
@@ -243,7 +249,7 @@ class ArcsAtLimits:
         return self.poses(full, _ARCS_KEPT)
 
     def poses(self, share: float, most: int) -> tuple[FloatArray, ...]:
-        """Different poses at the goal that use a share of the limits, those of the nearest arcs first.
+        """Return the different poses at the goal that use a share of the limits, those of the nearest arcs first.
 
         Args:
             share: of the joints' limits; the base turns as far as it can.
@@ -272,7 +278,7 @@ class ArcsAtLimits:
         turned = np.cumsum(bends, axis=1)
         tip = arm.link_length * np.stack((np.cos(turned).sum(axis=1), np.sin(turned).sum(axis=1)), axis=1)
         towards = self.goal.position - arm.base
-        first = heading_of(towards) - np.arctan2(tip[:, 1], tip[:, 0])
+        first = vector_heading(towards) - np.arctan2(tip[:, 1], tip[:, 0])
         bends[:, 0] = wrap(first - arm.base_heading)
         missed = np.abs(np.linalg.norm(tip, axis=1) - np.linalg.norm(towards)) / arm.length
         if self.goal.heading is not None:
@@ -293,7 +299,10 @@ class ArcsAtLimits:
         return np.vstack((sides, -sides))
 
     def _onto_goal(self, bends: FloatArray, bounds: FloatArray) -> FloatArray | None:
-        """Bends within bounds that put the tip onto the goal, by Newton's method from given ones; None in vain."""
+        """Return the bends within bounds that put the tip onto the goal, by Newton's method from given ones.
+
+        None in vain.
+        """
         arm = self.arm
         for _ in range(_ARC_STEPS):
             headings = arm.headings(bends)
@@ -312,7 +321,7 @@ class ArcsAtLimits:
         return None
 
     def _step(self, rows: FloatArray, error: FloatArray, bends: FloatArray, bounds: FloatArray) -> FloatArray:
-        """Least change of the joints that are not held by their limits, shape (links,) [rad]."""
+        """Return the least change of the joints that are not held by their limits, shape (links,) [rad]."""
         free = np.ones(len(bends), dtype=bool)
         ridge = _ARC_RIDGE * np.eye(len(error))
         step = np.zeros(len(bends))

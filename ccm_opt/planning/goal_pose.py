@@ -25,7 +25,7 @@ def poses_at_goal(
     terms: UserTerms | None = None,
     settings: PoseSettings = DEFAULT_POSES,
 ) -> GoalPoses:
-    """What the NLP is asked in the plane.
+    """Return what the NLP is asked in the plane.
 
     Args:
         problem: with a goal for the tip.
@@ -60,7 +60,7 @@ class EndPoses:
     said: list[tuple[GoalPoses, ArmPose]] = field(default_factory=list)
 
     def __call__(self, arm: Arm, q: FloatArray) -> Iterator[FloatArray]:
-        """The configuration of a better pose than the one in which a motion ends; none without need.
+        """Yield the configuration of a better pose than the one in which a motion ends; none without need.
 
         Args:
             arm: the arm, or one as long with fewer links.
@@ -71,13 +71,13 @@ class EndPoses:
         with self.stages("configuration"):
             asked = poses_at_goal(for_arm(self.problem, arm), self.ends, q, self.terms, self.settings)
             poses = asked.improved(q)
-            best = asked.best_of(poses)
+            best = asked.best_pose(poses)
         self.said.append((asked, best or poses[-1]))
         if best is not None:
             yield best.q
 
     def record(self, reached: FloatArray | None) -> GoalPoseRecord | None:
-        """What was said of the pose in which the motion ends, or of the last that was asked for.
+        """Return what was said of the pose in which the motion ends, or of the last that was asked for.
 
         Args:
             reached: configuration of the offered pose that the motion ends in, shape (c,); None where it ends
@@ -91,7 +91,7 @@ class EndPoses:
 
 
 def _why_not(asked: GoalPoses, pose: ArmPose) -> str:
-    """Why a motion does not end in the pose that was asked for last."""
+    """Return why a motion does not end in the pose that was asked for last."""
     if not asked.feasible(pose):
         return (
             f"the nonlinear program ended with {pose.answer.status}, its row '{pose.answer.worst_row}' off by "
@@ -101,7 +101,7 @@ def _why_not(asked: GoalPoses, pose: ArmPose) -> str:
 
 
 def pose_record(wanted_gap: float, pose: ArmPose, tried: int, reason: str = "") -> GoalPoseRecord:
-    """What is kept of a pose of the NLP.
+    """Return what is kept of a pose of the NLP.
 
     Args:
         wanted_gap: room beyond radius and clearance that was asked for [m].
@@ -126,7 +126,7 @@ def pose_record(wanted_gap: float, pose: ArmPose, tried: int, reason: str = "") 
 
 
 def for_arm(problem: Problem, arm: Arm) -> Problem:
-    """The problem for an arm in place of its own: the same one clamped, or one as long with fewer links."""
+    """Return the problem for an arm in place of its own: the same one clamped, or one as long with fewer links."""
     if arm.links == problem.arm.links:
         return replace(problem, arm=arm)
     fewer = arm.links

@@ -31,7 +31,7 @@ class WaysBetween:
     longest: float
 
     def pass_near(self, sides: tuple[FloatArray, FloatArray, FloatArray], near: float) -> BoolArray:
-        """Which places of a grid such a way passes, or comes as near to.
+        """Return which places of a grid such a way passes, or comes as near to.
 
         Args:
             sides: x, y and z of the places [m].
@@ -71,7 +71,7 @@ class GridDistances:
         deadline: Deadline | None = None,
         ways: WaysBetween | None = None,
     ) -> "GridDistances":
-        """The distances over a box. Cells that are not looked at in time count as touched.
+        """Return the distances over a box. Cells that are not looked at in time count as touched.
 
         Args:
             tree: of the surfaces.
@@ -127,7 +127,7 @@ class TipGrid:
 
     @classmethod
     def of(cls, distances: GridDistances, kept: float, far: float, deadline: Deadline | None = None) -> "TipGrid":
-        """The grid of places with some distance from surfaces.
+        """Return the grid of places with some distance from surfaces.
 
         Args:
             distances: of the places, known up to both of the following together.
@@ -139,13 +139,13 @@ class TipGrid:
         return cls(distances.low, distances.cell, gaps, far, kept, deadline or Deadline.never())
 
     def index(self, place: FloatArray) -> tuple[int, int, int]:
-        """The cell of a place; the nearest one where it lies outside."""
+        """Return the cell of a place; the nearest one where it lies outside."""
         found = np.rint((place - self.low) / self.cell).astype(int)
         x, y, z = np.clip(found, 0, np.array(self.gaps.shape) - 1)
         return int(x), int(y), int(z)
 
     def free_near(self, place: FloatArray, within: int = 2) -> tuple[int, int, int] | None:
-        """The cell with room nearest to a place, looked for so many cells around; None where there is none."""
+        """Return the cell with room nearest to a place, looked for so many cells around; None where there is none."""
         centre = self.index(place)
         best: tuple[float, tuple[int, int, int]] | None = None
         for step in product(range(-within, within + 1), repeat=3):
@@ -166,7 +166,10 @@ class TipGrid:
         return np.asarray(labels)
 
     def joined(self, start: FloatArray, goal: FloatArray) -> tuple[tuple[int, int, int], tuple[int, int, int]] | None:
-        """The cells with room nearest to two places; None where there is none, or no way from one to the other."""
+        """Return the cells with room nearest to two places.
+
+        None where there is none, or no way from one to the other.
+        """
         first = self.free_near(start)
         last = self.free_near(goal)
         if first is None or last is None or self._labels[first] != self._labels[last]:
@@ -174,7 +177,7 @@ class TipGrid:
         return first, last
 
     def prices(self, nearness: float, dear: FloatArray | None = None) -> npt.NDArray[np.float32]:
-        """What a way through each cell costs, as a multiple of its length; −1 where there is no room.
+        """Return what a way through each cell costs, as a multiple of its length; −1 where there is no room.
 
         Args:
             nearness: what a way along a wall costs more than one far away, as a multiple.
@@ -187,7 +190,7 @@ class TipGrid:
         price[self.gaps <= 0.0] = -1.0
         return price
 
-    def costs_to(self, goal: FloatArray, price: npt.NDArray[np.float32]) -> FloatArray | None:
+    def costs_to_go(self, goal: FloatArray, price: npt.NDArray[np.float32]) -> FloatArray | None:
         """Cost of the cheapest way from every cell to a place, inf where there is none, of the shape of ``gaps`` [m].
 
         Args:
@@ -208,7 +211,9 @@ class TipGrid:
     def cheapest_way(
         self, start: FloatArray, goal: FloatArray, nearness: float, dear: FloatArray | None = None
     ) -> FloatArray | None:
-        """Corners of the cheapest way between two places, shape (m, 3) [m]; None where there is none, or not in time.
+        """Return the corners of the cheapest way between two places, shape (m, 3) [m].
+
+        None where there is none, or not in time.
 
         Args:
             start: where it begins, shape (3,) [m].
@@ -288,12 +293,15 @@ class _Block:
         return tuple(slice(int(start), int(stop)) for start, stop in zip(self.start, self.stop, strict=True))
 
     def sides(self, low: FloatArray, cell: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """x, y and z of the middles of cells of a grid whose first one lies at a place [m]."""
+        """Return the x, y and z of the middles of cells of a grid whose first one lies at a place [m]."""
         x, y, z = (low[axis] + cell * np.arange(self.start[axis], self.stop[axis]) for axis in range(3))
         return x, y, z
 
     def part_with(self, wanted: BoolArray) -> tuple["_Block", tuple[slice, ...]]:
-        """The smallest part that has all wanted cells, shape of the counts, none where none is; and its place in it."""
+        """Return the smallest part that has all wanted cells, shape of the counts, none where none is.
+
+        And its place in it.
+        """
         low, high = np.zeros(3, dtype=np.intp), np.zeros(3, dtype=np.intp)
         for axis in range(3):
             there = np.flatnonzero(np.any(wanted, axis=tuple(other for other in range(3) if other != axis)))
@@ -303,13 +311,13 @@ class _Block:
 
 
 def _distances(sides: tuple[FloatArray, FloatArray, FloatArray], place: FloatArray) -> FloatArray:
-    """Distances of the places of a grid from another, shape (nx, ny, nz) [m]."""
+    """Return the distances of the places of a grid from another, shape (nx, ny, nz) [m]."""
     x, y, z = ((side - there) ** 2 for side, there in zip(sides, place, strict=True))
     return np.asarray(np.sqrt(x[:, None, None] + y[:, None] + z))
 
 
 def shortened(tree: SurfaceTree, way: FloatArray, kept: float, finest: float) -> FloatArray:
-    """A way with corners left out as long as the straight parts keep off the surfaces.
+    """Return a way with corners left out as long as the straight parts keep off the surfaces.
 
     Each corner is tried with the farthest that is seen from it first; where a way is nearer to walls than asked it
     keeps what it has.

@@ -69,7 +69,7 @@ class TipTrack:
 
     @classmethod
     def along(cls, points: FloatArray) -> "TipTrack":
-        """A track along a polyline, shape (k, d) [m]; repeated points are dropped."""
+        """Return a track along a polyline, shape (k, d) [m]; repeated points are dropped."""
         return cls(tip_path(points))
 
     @cached_property
@@ -83,21 +83,24 @@ class TipTrack:
         return float(self.arcs[-1])
 
     def at(self, arcs: FloatArray | float) -> FloatArray:
-        """Places at arc lengths, clipped to the ends, shape (...) to (..., d) [m]."""
+        """Return the places at arc lengths, clipped to the ends, shape (...) to (..., d) [m]."""
         return points_at(self.points, self.arcs, arcs)
 
     def leads(self, arcs: FloatArray) -> BoolArray:
-        """Whether there is something to follow at arc lengths, shape (m,): whether the track has begun."""
+        """Return whether there is something to follow at arc lengths, shape (m,): whether the track has begun."""
         return arcs >= 0.0
 
     def nearest_arc(self, point: FloatArray, last: float, places: int = 200) -> float:
-        """Arc length of the place nearest to a point (d,), of so many not beyond ``last`` [m]."""
+        """Return the arc length of the place nearest to a point (d,), of so many not beyond ``last`` [m]."""
         candidates = np.linspace(0.0, min(last, self.length), places)
         return nearest_place(self.points, self.arcs, point, candidates)
 
 
 def tip_path(points: FloatArray) -> FloatArray:
-    """A polyline without repeated points, shape (k, d) [m]; of at least two, for the tip may be at its goal already."""
+    """Return a polyline without repeated points, shape (k, d) [m].
+
+    Of at least two, for the tip may be at its goal already.
+    """
     points = without_repeats(points, ROUNDING)
     # Any direction will do.
     return points if len(points) > 1 else np.vstack((points, points[-1] + ROUNDING * np.eye(points.shape[1])[0]))
@@ -125,13 +128,13 @@ class ArmTrack(TipTrack):
         return cls(without_repeats(corners, 1e-9 * max(path_length(corners), 1e-9)), path_length(joints))
 
     def at(self, arcs: FloatArray | float) -> FloatArray:
-        """Places at arc lengths, shape (...) to (..., d) [m]; before its beginning it runs on straight."""
+        """Return the places at arc lengths, shape (...) to (..., d) [m]; before its beginning it runs on straight."""
         first = self.points[1] - self.points[0]
         before = np.minimum(arcs, 0.0)[..., None] / np.linalg.norm(first)
         return np.asarray(super().at(arcs) + before * first)
 
     def leads(self, arcs: FloatArray) -> BoolArray:
-        """Everywhere: the track begins behind the arm's base."""
+        """Return the everywhere: the track begins behind the arm's base."""
         return np.ones(len(arcs), dtype=bool)
 
     def joints_behind(self, tip: float, link: float, links: int) -> FloatArray:
@@ -155,7 +158,7 @@ class ArmTrack(TipTrack):
         return arcs
 
     def _chords(self, link: float) -> tuple[FloatArray, FloatArray]:
-        """Arc lengths of the ends of links on the track, and those of their starts, shape (m,) each [m]."""
+        """Return the arc lengths of the ends of links on the track, and those of their starts, shape (m,) each [m]."""
         if link not in self._chord_tables:
             ends = np.arange(0.0, self.length, _FINE * link)
             behind = link * np.arange(1.0, _LONGEST, _FINE)
@@ -172,7 +175,7 @@ class ArmTrack(TipTrack):
 
 
 def shortened(error: FloatArray, longest: float) -> FloatArray:
-    """A vector (d,) of the same direction and at most some length."""
+    """Return a vector (d,) of the same direction and at most some length."""
     distance = float(np.linalg.norm(error))
     return error * min(1.0, longest / max(distance, 1e-12))
 
@@ -256,21 +259,21 @@ class TipLed:
         return moved
 
     def finished(self, pose: Pose) -> bool:
-        """Whether the target is at the end of its way and the tip near it."""
+        """Return whether the target is at the end of its way and the tip near it."""
         return self.arc == self._end and self._keeps_up(pose)
 
     def describe(self, pose: Pose) -> str:
-        """How far the tip has come."""
+        """Return how far the tip has come."""
         lag = short_length(self._lag(pose))
         done, way = (long_length(abs(arc - self._first)) for arc in (self.arc, self._end))
         return f"the tip stopped {lag} short of {done} on a path of {way}"
 
     def _keeps_up(self, pose: Pose) -> bool:
-        """Whether the tip is within its leash of the target."""
+        """Return whether the tip is within its leash of the target."""
         return self._lag(pose) < _LEASH * self.space.nominal_length
 
     def _lag(self, pose: Pose) -> float:
-        """Distance of the tip from its target [m]."""
+        """Return the distance of the tip from its target [m]."""
         return float(np.linalg.norm(self.track.at(self.arc) - pose.tip))
 
 
@@ -294,7 +297,7 @@ class TrackLed(TipLed):
             self._end = end
 
     def terms(self, pose: Pose) -> list[Term]:
-        """What draws the tip to its target, and all joints onto the track."""
+        """Return what draws the tip to its target, and all joints onto the track."""
         unit = self.space.nominal_length
         track = self._behind
         joints, d, p = pose.moving.shape
@@ -315,7 +318,7 @@ class TrackLed(TipLed):
         ]
 
     def _keeps_up(self, pose: Pose) -> bool:
-        """Whether the tip is within its leash of the target."""
+        """Return whether the tip is within its leash of the target."""
         return self._lag(pose) < _TRACK_LEASH * self.space.nominal_length
 
 
@@ -355,17 +358,17 @@ class PoseLed:
         return True
 
     def finished(self, pose: Pose) -> bool:
-        """Whether the target is at the end and the arm near it."""
+        """Return whether the target is at the end and the arm near it."""
         return self.u >= 1.0 and self.lag(pose) < _ARRIVED
 
     def describe(self, pose: Pose) -> str:
-        """How far the arm has come."""
+        """Return how far the arm has come."""
         return f"interpolation stopped {100 * self.u:.0f} % of the way, a link {np.rad2deg(self.lag(pose)):.0f}° behind"
 
     def lag(self, pose: Pose) -> float:
-        """Largest turn between a link and its target [rad]."""
+        """Return the largest turn between a link and its target [rad]."""
         return float(np.max(np.abs(turn_rows(self.space.arm, pose) @ self._missing(pose))))
 
     def _missing(self, pose: Pose) -> FloatArray:
-        """What of the unknowns the target has and the pose has not, shape (p,)."""
+        """Return what of the unknowns the target has and the pose has not, shape (p,)."""
         return self.start + self.u * (self.end - self.start) - pose.v

@@ -100,7 +100,7 @@ class FoldTrack(TipTrack):
 
     @classmethod
     def smoothed(cls, points: FloatArray, window: float, first_heading: float) -> "FoldTrack":
-        """A track along a polyline.
+        """Return a track along a polyline.
 
         Args:
             points: shape (k, 2) [m]; repeated points are dropped.
@@ -115,12 +115,14 @@ class FoldTrack(TipTrack):
         return cls(points, middles, _moving_mean(middles, arcs, headings, window))
 
     def heading(self, arc: FloatArray | float) -> FloatArray:
-        """Smoothed heading at arc lengths, clipped to the ends [rad]."""
+        """Return the smoothed heading at arc lengths, clipped to the ends [rad]."""
         return np.asarray(np.interp(arc, self.sample_arcs, self.sample_headings), dtype=np.float64)
 
 
 def _moving_mean(samples: FloatArray, arcs: FloatArray, headings: FloatArray, window: float) -> FloatArray:
-    """Mean of a piecewise-constant heading over windows about samples, exact by its primitive; the ends go on.
+    """Return the mean of a piecewise-constant heading over windows about samples, exact by its primitive.
+
+    The ends go on.
 
     Args:
         samples: middles of the windows, shape (m,) [m].
@@ -181,11 +183,11 @@ class Hairpin:
         return float(beside_fold + arm.length - self.fold_at - self.fold_length)
 
     def target(self) -> FloatArray:
-        """The tip's target, shape (2,) [m]."""
+        """Return the tip's target, shape (2,) [m]."""
         return self.track.at(self.tip_arc)
 
     def reference(self) -> FloatArray:
-        """Heading φ_ref that every link should have, shape (links,) [rad]."""
+        """Return the heading φ_ref that every link should have, shape (links,) [rad]."""
         arm = self.space.arm
         middle = self._middles()
         x = np.clip((middle - self.fold_at) / self.fold_length, 0.0, 1.0)
@@ -197,7 +199,7 @@ class Hairpin:
         return reference
 
     def terms(self, pose: Pose) -> list[Term]:
-        """What draws the arm towards the reference; the tip's error in nominal links has weight 1."""
+        """Return what draws the arm towards the reference; the tip's error in nominal links has weight 1."""
         links = self.space.arm.links
         per_link = self.space.nominal_per_link
         turns = self.space.turns
@@ -223,7 +225,7 @@ class Hairpin:
         return np.where(middle < self.fold_at, before_fold, 0.0)
 
     def _middles(self) -> FloatArray:
-        """Arc lengths m_k of the links' middles, shape (links,) [m]."""
+        """Return the arc lengths m_k of the links' middles, shape (links,) [m]."""
         arm = self.space.arm
         return arm.link_length * (np.arange(arm.links, dtype=np.float64) + 0.5)
 
@@ -236,7 +238,7 @@ class Hairpin:
         return True
 
     def finished(self, pose: Pose) -> bool:
-        """Whether the tip's target has reached the end of the track, or the fold has opened at the base."""
+        """Return whether the tip's target has reached the end of the track, or the fold has opened at the base."""
         del pose  # the fold's travel alone decides; what the tip lags behind is led on later
         return self.tip_arc >= self.track.length or self.fold_at <= -self.fold_length
 
@@ -249,7 +251,7 @@ class Hairpin:
         self.fold_at = float(places[reached].max(initial=-self.fold_length))
 
     def describe(self, pose: Pose) -> str:
-        """How far the fold has come."""
+        """Return how far the fold has come."""
         return (
             f"the fold stopped {long_length(self.fold_at)} from the base, "
             f"the tip {short_length(self._lag(pose))} short of {long_length(self.tip_arc)} "
@@ -257,14 +259,14 @@ class Hairpin:
         )
 
     def _lag(self, pose: Pose) -> float:
-        """Distance of the tip from its target [m]."""
+        """Return the distance of the tip from its target [m]."""
         return float(np.hypot(*(self.target() - pose.points[-1])))
 
 
 def fold_track(
     points: FloatArray, leave: int, route: FloatArray, side: float, offset: float, window: float, last_heading: float
 ) -> tuple[FoldTrack, FloatArray]:
-    """The track back along the arm, beside it, and on to the goal.
+    """Return the track back along the arm, beside it, and on to the goal.
 
     Args:
         points: joints of the old shape, shape (links + 1, 2) [m].
@@ -284,7 +286,7 @@ def fold_track(
     # The strand that comes back lies beside the old shape, on the side to which the arm folds.
     beside = points + side * offset * left
     back = beside[leave:][::-1]
-    onward = _rest_of(route, back[-1], offset) if len(back) > 1 else route
+    onward = _route_beyond(route, back[-1], offset) if len(back) > 1 else route
     # The tip turns by half a turn to the fold's side, which fixes the winding of all headings on the track.
     track = FoldTrack.smoothed(np.vstack((back, onward)), window, last_heading + side * np.pi)
 
@@ -296,8 +298,8 @@ def fold_track(
     return track, retraced
 
 
-def _rest_of(route: FloatArray, place: FloatArray, lead: float) -> FloatArray:
-    """The route from a little beyond the point that is nearest to a place, shape (k, 2) [m].
+def _route_beyond(route: FloatArray, place: FloatArray, lead: float) -> FloatArray:
+    """Return the route from a little beyond the point that is nearest to a place, shape (k, 2) [m].
 
     The strand so joins its route wherever the route's vertices lie.
     """
@@ -310,7 +312,7 @@ def _rest_of(route: FloatArray, place: FloatArray, lead: float) -> FloatArray:
 
 
 def fitting_folds(stepper: Stepper, path: TipPath) -> tuple[float, ...]:
-    """Lengths of the hairpin in nominal links, the one that fits the passage first."""
+    """Return the lengths of the hairpin in nominal links, the one that fits the passage first."""
     arm = stepper.space.arm
     widths = passage_widths(stepper.finder.walls, path.taut, arm.length)
     # A fold turns inside the width that the arm's own thickness leaves.
@@ -324,7 +326,9 @@ def fitting_folds(stepper: Stepper, path: TipPath) -> tuple[float, ...]:
 def pulled_over(
     stepper: Stepper, start: Pose, whole_arm: FloatArray | None, path: TipPath, lengths: tuple[float, ...]
 ) -> Iterator[GuideCandidate]:
-    """The arm pulled over as a rope, for several lengths of the fold; none when the route is too long for the arm.
+    """Yield the arm pulled over as a rope, for several lengths of the fold.
+
+    None when the route is too long for the arm.
 
     Args:
         stepper: of the link space.
@@ -344,7 +348,7 @@ def pulled_over(
 
 
 def leaving_joint(stepper: Stepper, start: Pose, path: TipPath) -> tuple[int, FloatArray] | None:
-    """The joint where the new shape leaves the old one, and the route from there.
+    """Return the joint where the new shape leaves the old one, and the route from there.
 
     The new shape (old arm up to joint b, then the taut path to the goal) may not be longer than the arm; among those
     the smallest b whose tip path is within one nominal link of the shortest.
@@ -377,14 +381,14 @@ def leaving_joint(stepper: Stepper, start: Pose, path: TipPath) -> tuple[int, Fl
 
 
 def _last_true(holds: Callable[[int], bool], last: int) -> int:
-    """Largest k in [0, last] for which a condition holds that holds at 0 and, once false, stays false."""
+    """Return the largest k in [0, last] for which a condition holds that holds at 0 and, once false, stays false."""
     return bisect_left(range(1, last + 1), 1, key=lambda k: int(not holds(k)))
 
 
 def fold_about_to_travel(
     stepper: Stepper, start: Pose, path: TipPath, joint: int, route: FloatArray, length: float
 ) -> Hairpin:
-    """The guide of a fold of some length, in nominal links, that has not begun to travel yet."""
+    """Return the guide of a fold of some length, in nominal links, that has not begun to travel yet."""
     arm = stepper.space.arm
     fold_length = length * stepper.space.nominal_length
     # The strands lie at least so far apart that the arm keeps its planning margin from itself; a half circle of the
@@ -397,7 +401,7 @@ def fold_about_to_travel(
 
 
 def _pulled_out(stepper: Stepper, path: TipPath, guide: Guide, pose: Pose) -> Guide:
-    """The tip drawn along what remains of a hairpin's track, the fold left to itself."""
+    """Return the tip drawn along what remains of a hairpin's track, the fold left to itself."""
     if not isinstance(guide, Hairpin):
         raise TypeError(f"only a hairpin can be pulled out, got {type(guide).__name__}")
     track = guide.track
@@ -409,10 +413,10 @@ def _pulled_out(stepper: Stepper, path: TipPath, guide: Guide, pose: Pose) -> Gu
 
 
 def _opened(stepper: Stepper, goal: FloatArray, _: Guide, pose: Pose) -> Guide:
-    """The fold opened onto a goal of the whole arm: all but the fold lies there already."""
+    """Return the fold opened onto a goal of the whole arm: all but the fold lies there already."""
     return PoseLed(stepper.space, pose.v, goal)
 
 
 def led_along(stepper: Stepper, taut: FloatArray) -> TipLed:
-    """The tip drawn along a taut path that begins there, shape (k, 2) [m]."""
+    """Return the tip drawn along a taut path that begins there, shape (k, 2) [m]."""
     return TipLed(stepper.space, TipTrack.along(taut))

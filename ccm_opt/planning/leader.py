@@ -70,7 +70,7 @@ class LeaderPath:
         return CubicHermiteSpline(self.arc, self.points, tangents)
 
     def positions(self, arc: FloatArray) -> FloatArray:
-        """Points of the path, shape (..., 2) [m]; straight on beyond its ends."""
+        """Return the points of the path, shape (..., 2) [m]; straight on beyond its ends."""
         inside = np.clip(arc, self.arc[0], self.arc[-1])
         beyond = np.asarray(arc - inside)[..., None]
         first, last = unit_vector(self.headings[[0, -1]])
@@ -78,7 +78,7 @@ class LeaderPath:
         return points
 
     def joints(self, feeds: FloatArray, links: int, link_length: float) -> FloatArray:
-        """Arc lengths of the joints and the tip of an arm on the path, shape (len(feeds), links + 1) [m].
+        """Return the arc lengths of the joints and the tip of an arm on the path, shape (len(feeds), links + 1) [m].
 
         Args:
             feeds: arc lengths of the base, shape (k,) [m].
@@ -93,14 +93,17 @@ class LeaderPath:
         return arc
 
     def base_with_tip_at_end(self, links: int, link_length: float) -> float:
-        """Arc length of the base of an arm that lies on the path with its tip at the end [m]."""
+        """Return the arc length of the base of an arm that lies on the path with its tip at the end [m]."""
         arc = np.array([self.end])
         for _ in range(links):
             arc = self._next(arc, -link_length)
         return float(arc[0])
 
     def _next(self, arc: FloatArray, chord: float) -> FloatArray:
-        """The next places on the path a chord away, ahead of ``arc`` or, for a negative chord, behind; Newton."""
+        """Return the next places on the path a chord away, ahead of ``arc`` or, for a negative chord, behind.
+
+        Newton.
+        """
         here = self.positions(arc)
         length = abs(chord)
         sign = np.sign(chord)
@@ -123,15 +126,15 @@ class LeaderPath:
         return tangents
 
     def link_headings(self, joints: FloatArray) -> FloatArray:
-        """Headings of the links between joints on the path, each the one nearest to the path's own [rad]."""
+        """Return the headings of the links between joints on the path, each the one nearest to the path's own [rad]."""
         steps = np.diff(self.positions(joints), axis=-2)
         chords = vector_headings(steps)
         middle = np.interp(0.5 * (joints[..., :-1] + joints[..., 1:]), self.arc, self.headings)
         return chords + whole_turns(middle - chords)
 
 
-def path_of_pose(arm: Arm, bends: FloatArray, feed: float, straight: float) -> LeaderPath | None:
-    """A smooth path through all joints of a pose; it follows the feed axis at least up to a given arc length.
+def pose_path(arm: Arm, bends: FloatArray, feed: float, straight: float) -> LeaderPath | None:
+    """Return a smooth path through all joints of a pose; it follows the feed axis at least up to a given arc length.
 
     Beyond the axis it is a cubic spline through the joints, so that a joint that slides to its neighbour's place takes
     over its bend gradually, and the arm lies on the path exactly with chords of its links.
@@ -167,7 +170,7 @@ def path_through(
     name: str,
     end_heading: float | None = None,
 ) -> LeaderPath:
-    """The path that follows the feed axis up to an arc length and then, a cubic spline, goes through points.
+    """Return the path that follows the feed axis up to an arc length and then, a cubic spline, goes through points.
 
     Args:
         arm: with a feed axis.
@@ -203,7 +206,7 @@ def path_through(
 
 
 def _parameters(chords: FloatArray, count: int) -> FloatArray:
-    """Parameters of the curve at which it is sampled: so many to a chord, all joints among them."""
+    """Return the parameters of the curve at which it is sampled: so many to a chord, all joints among them."""
     inner = [a + (b - a) * np.arange(count) / count for a, b in pairwise(chords)]
     return np.concatenate([*inner, chords[-1:]])
 
@@ -222,7 +225,7 @@ def travel_between_samples(arm: Arm, limits: Limits) -> float:
 
 
 def feed_limits(arm: Arm, limits: Limits) -> Limits:
-    """Limits under which a fed arm is timed: its base passes at most a part of a link between two samples.
+    """Return the limits under which a fed arm is timed: its base passes at most a part of a link between two samples.
 
     Joints may bend only once they are out of the guide tube by what the base can travel from one sample to the next, so
     a base that is allowed to be very fast is held back rather than its joints.
@@ -238,7 +241,7 @@ _NO_BEND = 1e-10
 
 
 def slide(arm: Arm, path: LeaderPath, start: float, end: float) -> FloatArray:
-    """Keyframes of the arm carried along a path from one feed to another, shape (K, links + 1)."""
+    """Return the keyframes of the arm carried along a path from one feed to another, shape (K, links + 1)."""
     feeds = feeds_between(arm, start, end)
     joints = path.joints(feeds, arm.links, arm.link_length)
     bends = arm.bends(path.link_headings(joints))
@@ -247,13 +250,13 @@ def slide(arm: Arm, path: LeaderPath, start: float, end: float) -> FloatArray:
     return np.column_stack((bends, feeds))
 
 
-def pose_on(arm: Arm, path: LeaderPath, feed: float) -> FloatArray:
-    """Bends of the arm on a path, shape (links,) [rad]."""
+def pose_on_path(arm: Arm, path: LeaderPath, feed: float) -> FloatArray:
+    """Return the bends of the arm on a path, shape (links,) [rad]."""
     return slide(arm, path, feed, feed)[0, :-1]
 
 
 def feeds_between(arm: Arm, start: float, end: float) -> FloatArray:
-    """Feeds from one to another, both held, at most a ``feed_step`` apart [m]."""
+    """Return the feeds from one to another, both held, at most a ``feed_step`` apart [m]."""
     if start == end:
         return np.array([start])
     # Whole steps stay whole when rounding puts the distance a little beyond them.
@@ -267,7 +270,7 @@ def feed_step(arm: Arm) -> float:
 
 
 def joined_keyframes(*pieces: FloatArray) -> FloatArray:
-    """Keyframes of several pieces in a row, each beginning where the one before ends."""
+    """Return the keyframes of several pieces in a row, each beginning where the one before ends."""
     first, *others = [piece for piece in pieces if len(piece)]
     beginnings_dropped = [piece[1:] for piece in others]
     return np.concatenate((first, *beginnings_dropped))

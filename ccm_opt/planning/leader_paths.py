@@ -16,7 +16,7 @@ from scipy.interpolate import CubicSpline
 
 from ccm_opt.core.arrays import SHORTEST, TINY, BoolArray, FloatArray
 from ccm_opt.core.polygons import nearest_on_segments
-from ccm_opt.core.polyline import arc_lengths, heading_of, points_at, unit_vector
+from ccm_opt.core.polyline import arc_lengths, points_at, unit_vector, vector_heading
 from ccm_opt.core.small_qp import solve_small_qp
 from ccm_opt.planning.goal_members import GoalMember
 from ccm_opt.planning.leader import LeaderPath, path_through
@@ -94,7 +94,7 @@ class ElasticBand:
     tightness_power: int = _TIGHTNESS_POWERS[0]
 
     def smoothed(self, taut: FloatArray, headings: tuple[float, float | None]) -> FloatArray:
-        """A smooth band from a taut path.
+        """Return a smooth band from a taut path.
 
         Args:
             taut: a polyline, shape (k, 2) [m]; the band keeps its ends.
@@ -133,7 +133,7 @@ class ElasticBand:
         return (np.zeros(m) if shift is None else shift), normals
 
     def _quadratic_cost(self, scaled_curvature: FloatArray, h: float) -> tuple[FloatArray, FloatArray]:
-        """Hessian (m, m) and gradient (m,) by the shifts of what a step minimises.
+        """Return the Hessian (m, m) and gradient (m,) by the shifts of what a step minimises.
 
         The sum of bending Σ w (κ h²)², its change (e/h)² Σ (Δκ h²)², length -2t Σ κ h² a and a ridge, over two.
 
@@ -161,7 +161,7 @@ class ElasticBand:
         return hessian, gradient
 
     def _bounds(self, band: FloatArray, tangents: FloatArray, curvature: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """How far every point may move to the right (negative) and left; to the middle where it is too narrow.
+        """Return how far every point may move to the right (negative) and left; to the middle where it is too narrow.
 
         Args:
             band: shape (m, 2) [m].
@@ -187,7 +187,10 @@ class ElasticBand:
         return np.minimum(low, high), high
 
     def _gaps(self, band: FloatArray, tangents: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Distances of points from edges and vertices, and how far to the left each lies in [-1, 1]; (m, walls)."""
+        """Return the distances of points from edges and vertices, and how far to the left each lies in [-1, 1].
+
+        (m, walls).
+        """
         walls = self.walls
         # A vertex is an edge whose two ends are one.
         vertices = np.repeat(walls.vertices[:, None], 2, axis=1)
@@ -200,17 +203,17 @@ class ElasticBand:
 
 
 def _with_ghosts(band: FloatArray, headings: tuple[float, float | None], h: float) -> FloatArray:
-    """The band with one more point before it and after it, where its headings put them, shape (m + 2, 2) [m]."""
+    """Return the band with one more point before it and after it, where its headings put them, shape (m + 2, 2) [m]."""
     first, last = headings
     if last is None:
-        last = heading_of(band[-1] - band[-2])
+        last = vector_heading(band[-1] - band[-2])
     before = band[0] - h * unit_vector(first)
     beyond = band[-1] + h * unit_vector(last)
     return np.vstack((before, band, beyond))
 
 
 def divided(path: FloatArray, spacing: float) -> FloatArray:
-    """Points at equal distances along a polyline, or a cubic spline through fine ones, shape (m, 2) [m]."""
+    """Return the points at equal distances along a polyline, or a cubic spline through fine ones, shape (m, 2) [m]."""
     arc = arc_lengths(path)
     # At least four pieces, so that there are points between the ends that can move.
     places = np.linspace(0.0, arc[-1], max(4, round(arc[-1] / spacing)) + 1)
@@ -234,7 +237,9 @@ class LeaderPaths:
     goal: GoalMember
 
     def bands(self, straight: float) -> Iterator[LeaderPath]:
-        """Taut routes in different homotopy classes drawn smooth, shortest first; the base comes into its range.
+        """Yield the taut routes in different homotopy classes drawn smooth, shortest first.
+
+        The base comes into its range.
 
         Args:
             straight: arc length at which the path may leave the axis [m].
@@ -250,7 +255,7 @@ class LeaderPaths:
             shrink = CORNER_DISTANCE * arm.length
             routes = free_space.routes(begin, end, self.problem.planner.routes, shrink=shrink)
             within = [route for route in routes if straight + route.length + self._last_link <= most]
-            for (k, route), kind in product(enumerate(within, start=1), self._kinds_of_band):
+            for (k, route), kind in product(enumerate(within, start=1), self._band_kinds):
                 path = self._band(free_space, route, straight, kind, f"band {k}")
                 # In a duct all margins give the same band; bands are told apart by their length.
                 length = round(path.end, 6)
@@ -259,7 +264,7 @@ class LeaderPaths:
                     yield path
 
     @property
-    def _kinds_of_band(self) -> tuple[tuple[float, int], ...]:
+    def _band_kinds(self) -> tuple[tuple[float, int], ...]:
         """What bands keep beyond radius and clearance [m], widest first, with how suddenly they avoid tight bends.
 
         With short links, shares of them leave less room than is wanted, and turns as tight round corners.
@@ -273,7 +278,10 @@ class LeaderPaths:
     def _band(
         self, free_space: FreeSpace, route: Route, straight: float, kind: tuple[float, int], name: str
     ) -> LeaderPath:
-        """A band from the feed axis along a route to the goal; with a heading there the last link is straight."""
+        """Return a band from the feed axis along a route to the goal.
+
+        With a heading there the last link is straight.
+        """
         arm = self.problem.arm
         margin, power = kind
         tightest = 2.0 * np.sin(0.5 * min(arm.joint_limit, np.pi))  # chords on an arc of κ bend by 2 asin(κ l/2)
@@ -287,7 +295,7 @@ class LeaderPaths:
             tightness_power=power,
         )
         # Routes are drawn with a distance from corners; the band finds its own.
-        taut = free_space.path_of_sleeve(route.sleeve, *self._band_ends(straight))
+        taut = free_space.sleeve_path(route.sleeve, *self._band_ends(straight))
         points = band.smoothed(taut, (arm.base_heading, self.goal.heading))[1:]
         if self._last_link > 0.0:
             points = np.vstack((points, self.goal.position))
@@ -302,7 +310,7 @@ class LeaderPaths:
         return FreeSpace(workspace, max(arm.radius + workspace.clearance + margin * sagitta, SHORTEST))
 
     def _band_ends(self, straight: float) -> tuple[FloatArray, FloatArray]:
-        """Where the band begins and ends; with a goal heading the last link lies straight behind the goal."""
+        """Return where the band begins and ends; with a goal heading the last link lies straight behind the goal."""
         arm = self.problem.arm
         back = self._last_link * unit_vector(self.goal.heading or 0.0)
         return arm.base + straight * arm.direction, self.goal.position - back

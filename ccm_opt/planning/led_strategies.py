@@ -28,8 +28,8 @@ from ccm_opt.planning.leader import (
     LeaderPath,
     feed_step,
     joined_keyframes,
-    path_of_pose,
-    pose_on,
+    pose_on_path,
+    pose_path,
     slide,
     travel_between_samples,
 )
@@ -76,7 +76,7 @@ _TIGHT_PLACES = 3
 
 
 def fed_strategies(problem: Problem, change: ShapeChange) -> tuple[Strategy[MotionTask, Motion], ...]:
-    """What is tried in turn for an arm on a feed axis.
+    """Return what is tried in turn for an arm on a feed axis.
 
     Args:
         problem: what is asked, in units of its arm.
@@ -103,7 +103,10 @@ def fed_strategies(problem: Problem, change: ShapeChange) -> tuple[Strategy[Moti
 
 
 def _kept(motion: Motion, task: MotionTask, failures: list[Failure]) -> Motion | None:
-    """The motion where it keeps all limits, or the same tracked under those of the user; None where it cannot be."""
+    """Return the motion where it keeps all limits, or the same tracked under those of the user.
+
+    None where it cannot be.
+    """
     arm = task.arm
     q = motion.configurations
     beyond = np.any((q < arm.lower_limits - TINY) | (q > arm.upper_limits + TINY), axis=1)
@@ -158,7 +161,7 @@ class LedWays:
             yield from sorted(filter(None, (first, *others)), key=lambda motion: motion.busiest)
 
     def changing(self) -> Iterator[Motion]:
-        """Changes of shape to some paths, and without any feed."""
+        """Yield the changes of shape to some paths, and without any feed."""
         for number, path in enumerate(self._paths()):
             if number == _PATHS_CHANGED_TO:
                 break
@@ -190,28 +193,28 @@ class LedWays:
     @cached_property
     def _start_path(self) -> LeaderPath | None:
         """The path that the arm lies on at the start."""
-        return self._path_of(self.task.start)
+        return self._current_path(self.task.start)
 
-    def _path_of(self, q: FloatArray) -> LeaderPath | None:
-        """The path that the arm lies on; None when it bends too near to the hole to have come by one."""
-        return path_of_pose(self.problem.arm, q[:-1], float(q[-1]), self._least_straight)
+    def _current_path(self, q: FloatArray) -> LeaderPath | None:
+        """Return the path that the arm lies on; None when it bends too near to the hole to have come by one."""
+        return pose_path(self.problem.arm, q[:-1], float(q[-1]), self._least_straight)
 
     # ------------------------------------------------------------ paths
     def _paths(self) -> Iterator[LeaderPath]:
-        """Leaders' paths, most promising first."""
+        """Yield the leaders' paths, most promising first."""
         if self.task.goal_pose is not None:
-            own = self._path_of(self.task.goal_pose)
+            own = self._current_path(self.task.goal_pose)
             # A goal that bends too near to the hole is reached from the straight arm.
-            path = own or self._path_of(np.append(np.zeros(self.problem.arm.links), self.task.goal_pose[-1]))
+            path = own or self._current_path(np.append(np.zeros(self.problem.arm.links), self.task.goal_pose[-1]))
             yield from () if path is None else (path,)
             return
         for member in self._members():
             paths = LeaderPaths(self.problem, member)
             for path in chain.from_iterable(map(paths.bands, self._straights())):
-                yield _up_to(path, self.task.goal, self.problem.arm)
+                yield _path_to_member(path, self.task.goal, self.problem.arm)
 
     def _members(self) -> tuple[GoalMember, ...]:
-        """Places at the goal to lead paths to."""
+        """Return the places at the goal to lead paths to."""
         goal = self.task.goal
         if not goal.is_set:
             return (GoalMember(goal.position, goal.heading),)
@@ -225,10 +228,10 @@ class LedWays:
         begin = arm.base + self._straights()[0] * arm.direction
         shrink = CORNER_DISTANCE * arm.length
         ways = [way for each in members for way in room.routes(begin, each.position, 1, shrink=shrink)]
-        return (*(_end_of(way.taut, goal) for way in sorted(ways, key=lambda way: way.length)), *members)
+        return (*(_way_end(way.taut, goal) for way in sorted(ways, key=lambda way: way.length)), *members)
 
     def _straights(self) -> list[float]:
-        """Arc lengths up to which leaders' paths follow the feed axis [m], most promising first."""
+        """Return the arc lengths up to which leaders' paths follow the feed axis [m], most promising first."""
         arm = self.problem.arm
         least = self._least_straight
         low, high = arm.base_range
@@ -237,14 +240,14 @@ class LedWays:
         # any arm can be drawn back as far as the feed's range allows,
         straights.append(low + arm.length)
         # no joint can bend where a guide or a hole is hardly wider than the arm before the place where it widens,
-        straights += [max(end + arm.link_length, least) for end in self._ends_of_tight_places()]
+        straights += [max(end + arm.link_length, least) for end in self._tight_place_ends()]
         # the earliest bend reaches most goals; but the base cannot leave the axis, so where its range goes farther a
         # path may have to be straight for as long.
         straights += [least, high + 2.0 * self._travel]
         return [straight for straight in straights if straight >= least]
 
-    def _ends_of_tight_places(self) -> list[float]:
-        """Arc lengths at which the axis leaves what is hardly wider than the arm, nearest first [m]."""
+    def _tight_place_ends(self) -> list[float]:
+        """Return the arc lengths at which the axis leaves what is hardly wider than the arm, nearest first [m]."""
         arm = self.problem.arm
         spacing = _TIGHT_SPACING * arm.link_length
         along = np.arange(arm.hole - arm.link_length, arm.base_range[1] + arm.length, spacing)
@@ -280,7 +283,7 @@ class LedWays:
             there = self._drawn_to(feed)
             if there is None:
                 continue
-            wanted = pose_on(arm, path, feed)
+            wanted = pose_on_path(arm, path, feed)
             follows = bool(np.max(np.abs(there[-1, :-1] - wanted)) < _SAME_POSE)
             name = "follow the leader" if feed == first else "draw back, then follow the leader"
             changed: FloatArray | None = there[-1:]
@@ -297,7 +300,7 @@ class LedWays:
                 yield replace(self._motion(keyframes, f"{name}, {path.name}"), follows=ahead)
 
     def _settled(self, keyframes: FloatArray) -> FloatArray | None:
-        """Keyframes along a path, and at its end the change to a goal for the whole arm that is not on it."""
+        """Return keyframes along a path, and at its end the change to a goal for the whole arm that is not on it."""
         if self.task.goal_pose is None or np.max(np.abs(keyframes[-1] - self.task.goal_pose)) < _SAME_POSE:
             return keyframes
         changed = self._changed(keyframes[-1], JointPose(self.task.goal_pose[:-1]), self.problem.arm.hole)
@@ -305,7 +308,7 @@ class LedWays:
         return None if changed is None else joined_keyframes(keyframes, rest, changed)
 
     def _drawn_to(self, feed: float) -> FloatArray | None:
-        """Keyframes along the start's own shape to a feed, or None when the shape bends too near to the hole."""
+        """Return keyframes along the start's own shape to a feed, or None when the shape bends too near to the hole."""
         if feed == self.task.start[-1]:
             return self.task.start[None]
         if self._start_path is None:
@@ -313,7 +316,7 @@ class LedWays:
         return slide(self.problem.arm, self._start_path, float(self.task.start[-1]), feed)
 
     def at_once(self) -> Iterator[Motion]:
-        """A motion without any feed, for goals that are reached from where the base is."""
+        """Yield a motion without any feed, for goals that are reached from where the base is."""
         goal = self.problem.goal
         if self.task.goal_pose is not None:
             goal = JointPose(self.task.goal_pose[:-1])
@@ -324,14 +327,14 @@ class LedWays:
             yield self._motion(keyframes, "change shape at the start's feed")
 
     def _motion(self, keyframes: FloatArray, name: str) -> Motion:
-        """The motion of keyframes, its ends those of the task without rounding."""
+        """Return the motion of keyframes, its ends those of the task without rounding."""
         keyframes[0] = self.task.start
         if self.task.goal_pose is not None:
             keyframes[-1] = self.task.goal_pose
         return Motion(*self.task.space_through(keyframes), keyframes, name)
 
     def _changed(self, start: FloatArray, goal: Goal, outside: float) -> FloatArray | None:
-        """Keyframes from a configuration to a goal at its feed; None without a motion.
+        """Return the keyframes from a configuration to a goal at its feed; None without a motion.
 
         Args:
             start: shape (links + 1,) [rad, m].
@@ -363,16 +366,19 @@ class LedWays:
         return keyframes
 
 
-def _end_of(way: FloatArray, goal: GoalPose) -> GoalMember:
-    """The end of a way, shape (k, 2) [m], with the heading that a goal allows nearest to the way's own."""
+def _way_end(way: FloatArray, goal: GoalPose) -> GoalMember:
+    """Return the end of a way, shape (k, 2) [m], with the heading that a goal allows nearest to the way's own."""
     if goal.heading is None:
         return GoalMember(way[-1], None)
     turn = wrap(float(leg_headings(way)[-1]) - goal.heading)
     return GoalMember(way[-1], goal.heading + float(np.clip(turn, -goal.room[1], goal.room[1])))
 
 
-def _up_to(path: LeaderPath, goal: GoalPose, arm: Arm) -> LeaderPath:
-    """A path to a member of a goal up to where the tip of an arm on it comes to the goal; the path itself without."""
+def _path_to_member(path: LeaderPath, goal: GoalPose, arm: Arm) -> LeaderPath:
+    """Return a path to a member of a goal up to where the tip of an arm on it comes to the goal.
+
+    The path itself without.
+    """
     if not goal.is_set:
         return path
     met = np.linalg.norm(path.points - goal.position, axis=1) <= goal.room[0]
@@ -386,7 +392,7 @@ def _up_to(path: LeaderPath, goal: GoalPose, arm: Arm) -> LeaderPath:
 
 
 def part_beyond(problem: Problem, start: FloatArray, goal: Goal, first: int) -> Problem:
-    """The problem of the arm from a joint on, on a fixed base, with what is before it as an obstacle.
+    """Return the problem of the arm from a joint on, on a fixed base, with what is before it as an obstacle.
 
     Args:
         problem: of the whole arm, with a feed axis.
@@ -432,7 +438,7 @@ def part_beyond(problem: Problem, start: FloatArray, goal: Goal, first: int) -> 
 
 
 def _with_held_links(problem: Problem, feed: float, first: int) -> Workspace:
-    """The workspace with those links in the guide tube that the arm from a joint on might meet."""
+    """Return the workspace with those links in the guide tube that the arm from a joint on might meet."""
     arm = problem.arm
     # Self-contact is measured between distant links only, so the last links in the guide tube are left out.
     held = first + 1 - arm.first_self_pair

@@ -75,7 +75,7 @@ _RIDGE_RISE = 10.0
 
 
 def lift(motion: Motion, task: MotionTask) -> Motion | None:
-    """The motion on the task's own links, certified; None when repair does not mend it.
+    """Return the motion on the task's own links, certified; None when repair does not mend it.
 
     The coordinates v stay; A and the offset are built anew, so that the task's start is met exactly; the last
     keyframe is polished onto the goal; keyframes of intervals that fail the certificate are projected by a step.
@@ -108,13 +108,13 @@ def lift(motion: Motion, task: MotionTask) -> Motion | None:
 
 
 def _resampled_columns(columns: FloatArray, links: int) -> FloatArray:
-    """Columns (m, k) over the links of one arm, over those of another; shape (links, k)."""
+    """Return the columns (m, k) over the links of one arm, over those of another; shape (links, k)."""
     resampled = [_resampled(column, links) for column in columns.T]
     return np.column_stack(resampled) if resampled else np.zeros((links, 0))
 
 
 def _lifted_space(motion: Motion, task: MotionTask) -> LinkSpace:
-    """Link space of the task's arm in which the motion's first coordinates give the task's start.
+    """Return the link space of the task's arm in which the motion's first coordinates give the task's start.
 
     A motion with a blended end has one coordinate more, w: 1 at the end that is given for the whole arm (the goal, or
     for a motion planned backwards the start) and 0 at the other.
@@ -135,24 +135,24 @@ def _lifted_space(motion: Motion, task: MotionTask) -> LinkSpace:
         before = start - columns @ first
         behind = arm.headings(task.goal_pose) - columns @ last
         columns[:, k] = (behind - before) / change[k]
-        return _space_of(arm, columns, before - first[k] * columns[:, k])
+        return _refined_space(arm, columns, before - first[k] * columns[:, k])
 
     if len(first) > p and first[-1] != 0.0:
         offset = _resampled(motion.curve.arm.headings(motion.curve.offset), arm.links)
-        return _space_of(arm, np.column_stack((matrix, start - matrix @ first[:p] - offset)), offset)
+        return _refined_space(arm, np.column_stack((matrix, start - matrix @ first[:p] - offset)), offset)
     # Blended to an end that the planner chose for the coarse arm, if at all: its column is taken over, the start stays
     # exact.
     columns = np.column_stack((matrix, _resampled_columns(motion.curve.turns[:, p:], arm.links)))
-    return _space_of(arm, columns, start - columns @ first)
+    return _refined_space(arm, columns, start - columns @ first)
 
 
-def _space_of(arm: Arm, turns: FloatArray, offset: FloatArray) -> LinkSpace:
-    """The link space whose headings are turns (links, p) by the coordinates beside an offset (links,) [rad]."""
+def _refined_space(arm: Arm, turns: FloatArray, offset: FloatArray) -> LinkSpace:
+    """Return the link space whose headings are turns (links, p) by the coordinates beside an offset (links,) [rad]."""
     return LinkSpace(arm, np.diff(turns, axis=0, prepend=0.0), arm.bends(offset))
 
 
 def _resampled(offset: FloatArray, links: int) -> FloatArray:
-    """An offset of link headings at another number of links, shape (links,) [rad]."""
+    """Return an offset of link headings at another number of links, shape (links,) [rad]."""
     # An offset belongs to the middle of its link; beyond the outermost middles it is held constant.
     middles = (np.arange(len(offset)) + 0.5) / len(offset)
     wanted = (np.arange(links) + 0.5) / links
@@ -160,7 +160,7 @@ def _resampled(offset: FloatArray, links: int) -> FloatArray:
 
 
 def _repair_stepper(space: LinkSpace, task: MotionTask) -> Stepper:
-    """The stepper of repairs, which keeps a smaller margin than the search does."""
+    """Return the stepper of repairs, which keeps a smaller margin than the search does."""
     length = task.arm.length
     finder = task.finder(_REPAIR_MARGIN * length, _REACH * length)
     return Stepper(space, task.limits(finder), task.settings, finder=finder)
@@ -173,7 +173,7 @@ def _lies_across(stepper: Stepper, coordinates: FloatArray, failing: IntArray) -
 
 
 def _pushed_clear(stepper: Stepper, coordinates: FloatArray, keyframes: IntArray) -> FloatArray:
-    """Coordinates with some inner keyframes moved by a step that asks for nothing but the planning margin."""
+    """Return coordinates with some inner keyframes moved by a step that asks for nothing but the planning margin."""
     space = stepper.space
     last = len(coordinates) - 1
     mended = coordinates.copy()
@@ -190,7 +190,10 @@ def _pushed_clear(stepper: Stepper, coordinates: FloatArray, keyframes: IntArray
 
 
 def coarse_task(task: MotionTask) -> MotionTask | None:
-    """The task with as few links as its passages let through; None where that does not pay, or is not possible."""
+    """Return the task with as few links as its passages let through.
+
+    None where that does not pay, or is not possible.
+    """
     # Narrow passages need short links.
     links = max(_DESIGN_LINKS, 2 * ceil(0.5 * task.nominal_links))
     if task.arm.links <= _MANY_LINKS * links or task.user_limits or task.clamped or task.arm.base_axes:
@@ -202,7 +205,10 @@ def coarse_task(task: MotionTask) -> MotionTask | None:
 
 
 def taken_over(found: Motion, coarse: MotionTask, task: MotionTask, failures: list[Failure]) -> Motion | None:
-    """The coarse motion on the task's links, optimised: lifted, or else found again; None where neither can be."""
+    """Return the coarse motion on the task's links, optimised: lifted, or else found again.
+
+    None where neither can be.
+    """
     lifted = _lifted(found, coarse, task)
     if lifted is not None:
         return lifted
@@ -223,7 +229,9 @@ def _lifted(found: Motion, coarse: MotionTask, task: MotionTask) -> Motion | Non
 
 
 def _found_again(found: Motion, task: MotionTask, failures: list[Failure]) -> Motion | None:
-    """The motion of the candidate that arrived with few links, tried with the task's own; None where it does not.
+    """Return the motion of the candidate that arrived with few links, tried with the task's own.
+
+    None where it does not.
 
     In narrow places the finer arm swings out beside the chords of the coarse one, and no repair brings a thin link
     back through a wall; but what leads the one mostly leads the other.
@@ -234,7 +242,7 @@ def _found_again(found: Motion, task: MotionTask, failures: list[Failure]) -> Mo
 
 # ------------------------------------------------------------ in space
 def nominal_task(task: SpaceTask) -> SpaceTask | None:
-    """What the search is asked for nominal links; None where the arm's own links are to be planned.
+    """Return what the search is asked for nominal links; None where the arm's own links are to be planned.
 
     Args:
         task: with a goal for the tip, or else nothing is lifted.
@@ -267,7 +275,7 @@ def nominal_task(task: SpaceTask) -> SpaceTask | None:
 
 
 def lifted_motion(task: SpaceTask, found: SpaceMotion) -> SpaceMotion | None:
-    """A motion for nominal links laid under those of the arm; None where that does not pass.
+    """Return a motion for nominal links laid under those of the arm; None where that does not pass.
 
     Args:
         task: of the arm.
@@ -287,7 +295,7 @@ def lifted_motion(task: SpaceTask, found: SpaceMotion) -> SpaceMotion | None:
 
 
 def _fitted(stepper: SpaceStepper, found: SpaceMotion, start: FloatArray) -> FloatArray:
-    """Unknowns of the arm at the keyframes of a coarse motion, its joints nearest to where those of that are.
+    """Return unknowns of the arm at the keyframes of a coarse motion, its joints nearest to where those of that are.
 
     Args:
         stepper: of the arm.
@@ -340,14 +348,14 @@ class _Along:
 
     @classmethod
     def coarse_joints(cls, links: int) -> "_Along":
-        """Where the joints and the tip of the coarse arm lie along an arm of so many links."""
+        """Return where the joints and the tip of the coarse arm lie along an arm of so many links."""
         along = np.linspace(0.0, float(links), NOMINAL_LINKS + 1)
         link = np.minimum(along.astype(np.intp), links - 1)
         return cls(link, along - link)
 
     @classmethod
     def joints(cls, links: int) -> "_Along":
-        """The joints and the tip of an arm of so many links themselves."""
+        """Return the joints and the tip of an arm of so many links themselves."""
         link = np.minimum(np.arange(links + 1), links - 1)
         return cls(link, (np.arange(links + 1) - link).astype(np.float64))
 
@@ -358,7 +366,7 @@ class _Along:
 
 
 def _nearest(stepper: SpaceStepper, along: _Along, wanted: FloatArray, v: FloatArray) -> _Laid:
-    """The arm that comes nearest to places, fed as far, by the method of Levenberg and Marquardt.
+    """Return the arm that comes nearest to places, fed as far, by the method of Levenberg and Marquardt.
 
     Args:
         stepper: of the arm.

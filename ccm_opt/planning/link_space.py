@@ -52,7 +52,7 @@ class LinkSpace(CurveUnknowns):
     def through(
         cls, arm: Arm, q: FloatArray, nominal_links: float = NOMINAL_LINKS, *, clamped: bool = False
     ) -> tuple["LinkSpace", FloatArray]:
-        """The space that holds a configuration exactly, and its coordinates there.
+        """Return the space that holds a configuration exactly, and its coordinates there.
 
         Args:
             arm: the arm.
@@ -72,7 +72,7 @@ class LinkSpace(CurveUnknowns):
         return replace(space, offset=q - slopes @ start), start
 
     def fitted(self, q: FloatArray) -> FloatArray:
-        """Coordinates of the curve whose mean headings come nearest to the links', shape (..., c) to (..., p).
+        """Return coordinates of the curve whose mean headings come nearest to the links', shape (..., c) to (..., p).
 
         Few links leave many curves with the same mean headings; the smoothest of them is taken.
         """
@@ -91,7 +91,7 @@ class LinkSpace(CurveUnknowns):
         return np.asarray(np.linalg.lstsq(self.turns, headings.T, rcond=None)[0].T)
 
     def blended_to(self, q: FloatArray) -> tuple["LinkSpace", FloatArray]:
-        """The space with one more coordinate w, so that w = 1 holds another configuration exactly too.
+        """Return the space with one more coordinate w, so that w = 1 holds another configuration exactly too.
 
         Returns:
             The larger space and the coordinates of ``q`` in it, shape (p + 1,).
@@ -102,7 +102,7 @@ class LinkSpace(CurveUnknowns):
         return replace(self, slopes=np.column_stack((self.slopes, column))), np.append(goal, 1.0)
 
     def configurations(self, v: FloatArray) -> FloatArray:
-        """Configurations of coordinates, shape (..., p) to (..., c) [rad, m]."""
+        """Return the configurations of coordinates, shape (..., p) to (..., c) [rad, m]."""
         return v @ self.slopes.T + self.offset
 
     @cached_property
@@ -112,11 +112,11 @@ class LinkSpace(CurveUnknowns):
         return np.vstack((np.cumsum(self.slopes[:links], axis=0), self.slopes[links:] / self.arm.link_length))
 
     def pose(self, v: FloatArray) -> Pose:
-        """The pose at coordinates, shape (p,)."""
+        """Return the pose at coordinates, shape (p,)."""
         return self.poses(v[None])[0]
 
     def poses(self, unknowns: FloatArray) -> tuple[Pose, ...]:
-        """The poses at several coordinates, shape (m, p)."""
+        """Return the poses at several coordinates, shape (m, p)."""
         q = self.configurations(unknowns)
         headings = self.arm.headings(q)
         cos = np.cos(headings)
@@ -180,7 +180,7 @@ class LinkSpace(CurveUnknowns):
         return np.arange(self.dimension) <= KNOTS
 
     def metric(self, pose: Pose) -> FloatArray:
-        """Squared turns of the links by the coordinates, the same in every pose, a little regularised."""
+        """Return the squared turns of the links by the coordinates, the same in every pose, a little regularised."""
         del pose
         return self._metric
 
@@ -209,12 +209,12 @@ class FedSpace(LinkSpace):
 
     @classmethod
     def of_arm(cls, arm: Arm, turn_per_link: float = 1.0) -> "FedSpace":
-        """The space of an arm with axes that carry its base."""
+        """Return the space of an arm with axes that carry its base."""
         slopes = np.diag(np.concatenate((np.ones(arm.links), np.full(len(arm.base_axes), arm.link_length))))
         return cls(arm, slopes, np.zeros(len(slopes)), turn_per_link=turn_per_link)
 
     def fitted(self, q: FloatArray) -> FloatArray:
-        """Coordinates of configurations, all of which the space holds, shape (..., c)."""
+        """Return the coordinates of configurations, all of which the space holds, shape (..., c)."""
         return q / np.diag(self.slopes)
 
     def drives(self, q: FloatArray) -> FloatArray:
@@ -232,7 +232,7 @@ class FedSpace(LinkSpace):
         return np.concatenate((np.ones(self.arm.links), np.full(axes, self.turn_per_link)))
 
     def blended_to(self, q: FloatArray) -> tuple[LinkSpace, FloatArray]:
-        """The space itself, which holds any configuration, and the coordinates of one, shape (p,)."""
+        """Return the space itself, which holds any configuration, and the coordinates of one, shape (p,)."""
         return self, self.fitted(q)
 
     @cached_property
@@ -246,7 +246,7 @@ class FedSpace(LinkSpace):
         return np.ones(self.dimension, dtype=bool)
 
     def spread(self, pose: Pose, rows: FloatArray) -> FloatArray:
-        """As of any space, but joints that the guide tube holds do not move, nor does the base."""
+        """Return as of any space, but joints that the guide tube holds do not move, nor does the base."""
         free = np.zeros(self.dimension, dtype=bool)
         free[: self.arm.links] = ~self.arm.held(float(self.arm.coordinates.advance(pose.q)))
         spread = np.zeros((self.dimension, len(rows)))
@@ -255,7 +255,7 @@ class FedSpace(LinkSpace):
 
 
 def fit_coordinates(matrix: FloatArray, headings: FloatArray, length: float) -> FloatArray:
-    """Coordinates whose mean headings come nearest to given ones; curvature differences break ties.
+    """Return the coordinates whose mean headings come nearest to given ones; curvature differences break ties.
 
     Args:
         matrix: A, shape (links, p).
@@ -283,7 +283,7 @@ def fit_coordinates(matrix: FloatArray, headings: FloatArray, length: float) -> 
 
 @lru_cache(maxsize=1)
 def _turned() -> PPoly:
-    """By how much a curve of length 1 has turned at its places, for every knot value, values (KNOTS,)."""
+    """Return by how much a curve of length 1 has turned at its places, for every knot value, values (KNOTS,)."""
     width = 1.0 / (4 * SEGMENTS)
     # By falling powers, pieces and knots; neighbouring segments share a knot: five knots a segment and four pieces.
     of_segment = piece_coefficients(np.full(4, width), np.eye(5)).transpose(1, 0, 2)[::-1]
@@ -295,13 +295,13 @@ def _turned() -> PPoly:
 
 @lru_cache(maxsize=32)
 def _unit_matrix(links: int) -> FloatArray:
-    """Mean-heading matrix for a curve of length 1."""
+    """Return the mean-heading matrix for a curve of length 1."""
     primitive = _turned().antiderivative()(np.arange(links + 1) / links)
     return np.column_stack((np.ones(links), links * np.diff(primitive, axis=0)))
 
 
 def mean_heading_matrix(links: int, length: float) -> FloatArray:
-    """Row j: mean over link j of ∂θ/∂v, shape (links, KNOTS + 1)."""
+    """Return the row j: mean over link j of ∂θ/∂v, shape (links, KNOTS + 1)."""
     matrix = _unit_matrix(links).copy()
     # Curvature values count per metre: on a curve of length L they turn it L times as far as on one of length 1.
     matrix[:, 1:] *= length

@@ -45,20 +45,20 @@ class CurveMotion(Generic[CurveType]):
 
     @classmethod
     def of(cls, curve: CurveType, poses: list[Pose], candidate: str) -> "CurveMotion[CurveType]":
-        """The motion through poses."""
+        """Return the motion through poses."""
         return cls(curve, np.array([pose.v for pose in poses]), np.array([pose.q for pose in poses]), candidate)
 
-    def shown_by(self, curve: CurveType) -> "CurveMotion[CurveType]":
-        """The motion in a map that has further unknowns, which blend another end in: none of that."""
+    def without_blending(self, curve: CurveType) -> "CurveMotion[CurveType]":
+        """Return the motion in a map that has further unknowns, which blend another end in: none of that."""
         further = curve.dimension - self.unknowns.shape[1]
         return replace(self, curve=curve, unknowns=np.pad(self.unknowns, ((0, 0), (0, further))))
 
     def through(self, unknowns: FloatArray) -> "CurveMotion[CurveType]":
-        """The motion through other keyframes, shape (K, p)."""
+        """Return the motion through other keyframes, shape (K, p)."""
         return replace(self, unknowns=unknowns, configurations=self.curve.configurations(unknowns))
 
     def bent_to(self, end: FloatArray) -> Iterator["CurveMotion[CurveType]"]:
-        """The motion with the difference to another end added, more and more towards it, and from ever later on.
+        """Yield the motion with the difference to another end added, more and more towards it, and from ever later on.
 
         Args:
             end: unknowns, shape (p,).
@@ -72,7 +72,7 @@ class CurveMotion(Generic[CurveType]):
             yield self.through(unknowns)
 
     def continued(self, poses: list[Pose]) -> "CurveMotion[CurveType]":
-        """The motion with further keyframes at its end."""
+        """Return the motion with further keyframes at its end."""
         return replace(
             self,
             unknowns=np.vstack((self.unknowns, *(pose.v for pose in poses))),

@@ -14,7 +14,7 @@ from ccm_opt.core.arrays import TINY, FloatArray
 from ccm_opt.planning.limits.clearance_rows import motion_rows
 from ccm_opt.planning.limits.gate_rails import GateLines, GateRails
 from ccm_opt.planning.limits.limit import Limit
-from ccm_opt.planning.limits.limit_stack import ContactLimit, limits_with
+from ccm_opt.planning.limits.limit_stack import ContactLimit, assembled_limits
 from ccm_opt.planning.limits.motion_certificate import MotionCertificate
 from ccm_opt.planning.link_space import FedSpace, LinkSpace, nearest_curves
 from ccm_opt.planning.motion import Motion
@@ -120,18 +120,21 @@ class MotionTask(SearchTask):
         return Certificate(self.arm, self.workspace, float(spare), self.settings.certificate)
 
     def space_through(self, q: FloatArray) -> tuple[LinkSpace, FloatArray]:
-        """The space of motions from a configuration, (c,), and its coordinates; a fed arm's holds any, (..., c)."""
+        """Return the space of motions from a configuration, (c,), and its coordinates.
+
+        A fed arm's holds any, (..., c).
+        """
         if self.fed_space is not None:
             return self.fed_space, self.fed_space.fitted(q)
         return LinkSpace.through(self.arm, q, self.nominal_links, clamped=self.clamped)
 
     def at_full_limits(self) -> "MotionTask":
-        """The same, but that steps use nearly all of the joint limits."""
+        """Return the same, but that steps use nearly all of the joint limits."""
         step = self.settings.step
         return replace(self, settings=replace(self.settings, step=replace(step, limit_share=step.full_limit_share)))
 
     def bends_all_it_may(self, q: FloatArray) -> bool:
-        """Whether a configuration, shape (c,), bends a joint as far as planning does, or farther."""
+        """Return whether a configuration, shape (c,), bends a joint as far as planning does, or farther."""
         share = self.settings.step.limit_share
         hair = self.settings.certificate.rounding + 1e-3 * (1.0 - share)
         return bool(np.any(np.abs(q[: self.arm.links]) > (share - hair) * self.arm.bend_limits))
@@ -154,12 +157,12 @@ class MotionTask(SearchTask):
         return self.finder(0.0, _END_REACH * _SPARE * self.arm.length)
 
     def finder(self, margin: float, reach: float) -> WallFinder:
-        """A finder of contacts with a planning margin and a reach [m]."""
+        """Return a finder of contacts with a planning margin and a reach [m]."""
         walls = self.workspace.flat_walls
         return WallFinder(self.arm, walls, self.workspace.clearance, margin, reach)
 
     def stepper(self, space: LinkSpace, margin: float) -> Stepper:
-        """Takes steps in a space that keep a planning margin, in nominal links."""
+        """Return the takes steps in a space that keep a planning margin, in nominal links."""
         kept = margin * space.nominal_length
         finder = self.finder(kept, max(_REACH * space.nominal_length, _REACH_MARGINS * kept))
         return Stepper(space, self.limits(finder), self.settings, finder=finder)
@@ -173,7 +176,7 @@ class MotionTask(SearchTask):
         contact = ContactLimit(finder, certificate or self.contact_certificate, step, rows, wanted_gap, self.gates)
         drawn = () if self.gates is None else (GateRails(self._rails, self.gates, _PLAY * finder.margin),)
         # What a user's equations move has to be straight again in the guide tube.
-        return limits_with(self.arm, contact, step, (*drawn, *self.user_limits, *self.held))
+        return assembled_limits(self.arm, contact, step, (*drawn, *self.user_limits, *self.held))
 
     @cached_property
     def _rails(self) -> tuple[FloatArray, ...]:
@@ -187,12 +190,12 @@ class MotionTask(SearchTask):
         return GateLines.from_rails(rails, self.workspace) if rails else None
 
     def certificate_with(self, spare: float) -> MotionCertificate:
-        """The certificate of all limits, with more gap beyond contact than motions must have [m]."""
+        """Return the certificate of all limits, with more gap beyond contact than motions must have [m]."""
         contact = replace(self.contact_certificate, spare=max(spare, self.contact_certificate.spare))
         return MotionCertificate(self.arm, contact.spare, self.limits(self._end_finder, certificate=contact))
 
     def program(self, motion: Motion, margin: float | None = None) -> MotionProgram[PlanarSweep]:
-        """The program of optimising a motion, its keyframes still to be chosen."""
+        """Return the program of optimising a motion, its keyframes still to be chosen."""
         margin = _ROW_MARGIN if margin is None else margin
         length = self.arm.length
         # Few, long links would otherwise reach for every wall of the room.
@@ -222,7 +225,7 @@ class MotionTask(SearchTask):
         )
 
     def room_lacking(self, q: FloatArray) -> FloatArray:
-        """By how much poses, shape (k, c), lack the wanted gap, shape (k,) [m]."""
+        """Return by how much poses, shape (k, c), lack the wanted gap, shape (k,) [m]."""
         finder = self.finder(0.0, self.wanted_gap)
         gaps = [finder.find(points).gap.min(initial=finder.reach) for points in self.arm.joint_positions_at(q)]
         return self.wanted_gap - np.array(gaps)
@@ -245,7 +248,7 @@ class MotionTask(SearchTask):
         free[0] *= 0.0 if self.clamped else 1.0
         return free
 
-    def ending_at(self, coordinates: FloatArray, q: FloatArray) -> "MotionTask":
+    def with_goal_pose(self, coordinates: FloatArray, q: FloatArray) -> "MotionTask":
         """The same task for motions that end in one pose: its coordinates, shape (p,), and configuration, (c,)."""
         return replace(self, goal=replace(self.goal, coordinates=coordinates), goal_pose=q)
 
@@ -267,7 +270,7 @@ class CachedItems:
         self._known: list[FloatArray] = []
 
     def __iter__(self) -> Iterator[FloatArray]:
-        """All items from the first."""
+        """Yield all items from the first."""
         for k in count():
             if k == len(self._known):
                 item = next(self._items, None)
@@ -278,7 +281,7 @@ class CachedItems:
 
 
 def coarsened(task: MotionTask, links: int) -> MotionTask:
-    """The same task for an arm of the same length with fewer links."""
+    """Return the same task for an arm of the same length with fewer links."""
     many = task.arm.links
 
     arm = task.arm.with_links(links)

@@ -33,7 +33,7 @@ _VERTICES_KEPT = 0.7
 
 
 def simplified(obstacle: Obstacle, error: float) -> Obstacle:
-    """An obstacle that contains the given one, grown by at most twice the error [m] and with far fewer vertices.
+    """Return an obstacle that contains the given one, grown by at most twice the error [m] and with far fewer vertices.
 
     The obstacle itself where that saves few vertices.
     """
@@ -65,7 +65,7 @@ def neighbourhood(problem: Problem, ends: Ends) -> Problem:
 
 
 def _outline_error(problem: Problem, near: Workspace, ends: Ends) -> float:
-    """How far outlines may grow [m]: a small share of the arm's length, and of the gaps that the ends have."""
+    """Return how far outlines may grow [m]: a small share of the arm's length, and of the gaps that the ends have."""
     arm = problem.arm
     shapes: list[shapely.Geometry] = [shapely.LineString(arm.joint_positions_at(ends.start))]
     if ends.goal_pose is None:
@@ -78,7 +78,7 @@ def _outline_error(problem: Problem, near: Workspace, ends: Ends) -> float:
 
 
 def route_workspace(problem: Problem, ends: Ends) -> Workspace:
-    """The room with those obstacles that poses at the goal can come near to."""
+    """Return the room with those obstacles that poses at the goal can come near to."""
     arm = problem.arm
     workspace = problem.workspace
     if arm.base_axes or not workspace.obstacles:

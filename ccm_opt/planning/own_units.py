@@ -59,7 +59,7 @@ class OwnUnits:
     metres: float
 
     def scaled(self, problem: Problem) -> Problem:
-        """The problem in these units; bends, times and masses are as they were."""
+        """Return the problem in these units; bends, times and masses are as they were."""
         tolerances = self._tolerances(problem.tolerances)
         arm = self._arm(problem.arm)
         return replace(
@@ -80,7 +80,7 @@ class OwnUnits:
         )
 
     def path_in_metres(self, path: JointPath, arm: Arm) -> JointPath:
-        """A path that was planned in these units, for the arm as it is in metres."""
+        """Return a path that was planned in these units, for the arm as it is in metres."""
         spline = path.spline
         return replace(
             path,
@@ -92,7 +92,7 @@ class OwnUnits:
         )
 
     def diagnosis_in_metres(self, diagnosis: Diagnosis) -> Diagnosis:
-        """Why there is no plan, the figures in metres; the words are in metres already."""
+        """Return why there is no plan, the figures in metres; the words are in metres already."""
         return replace(
             diagnosis,
             evidence={key: self._figure(key, value) for key, value in diagnosis.evidence.items()},
@@ -100,11 +100,11 @@ class OwnUnits:
         )
 
     def findings_in_metres(self, findings: tuple[Finding, ...]) -> tuple[Finding, ...]:
-        """What stands in the way, the figures in metres."""
+        """Return what stands in the way, the figures in metres."""
         return tuple(self._finding(finding) for finding in findings)
 
     def record_in_metres(self, record: GoalPoseRecord) -> GoalPoseRecord:
-        """What the goal-pose program said, in metres."""
+        """Return what the goal-pose program said, in metres."""
         return replace(
             record,
             curve=self._in_metres(cast("Configuration", record.curve)),
@@ -113,7 +113,7 @@ class OwnUnits:
         )
 
     def _length(self, length: float) -> float:
-        """A length in units, on the grid."""
+        """Return a length in units, on the grid."""
         return float(np.round(length / self.metres * GRID) / GRID) if np.isfinite(length) else length
 
     def _lengths(self, lengths: FloatArray) -> FloatArray:
@@ -211,7 +211,7 @@ class OwnUnits:
         return _stretched(curve, self.metres)
 
     def _coordinates(self, values: FloatArray, arm: Arm) -> FloatArray:
-        """Values of the coordinates, shape (m, c) [rad, units], as [rad, m]."""
+        """Return the values of the coordinates, shape (m, c) [rad, units], as [rad, m]."""
         units = np.ones(values.shape[-1])
         units[arm.links :] = self.metres
         # Ends of the axis stay what they are: the rounding to the grid may have moved them by a hair.
@@ -236,7 +236,7 @@ class OwnUnits:
         )
 
     def _figure(self, key: str, value: object) -> object:
-        """A figure behind a reason: by its name it is a length, a place, or something else."""
+        """Return a figure behind a reason: by its name it is a length, a place, or something else."""
         if isinstance(value, Mapping):
             return {name: self._figure(name, each) for name, each in value.items()}
         if isinstance(value, list | tuple):
@@ -251,13 +251,13 @@ def _rounded_length(length: float) -> float:
 
 
 def _rounded(values: FloatArray | float) -> FloatArray:
-    """Values to as many binary digits as lengths near one unit have on the grid."""
+    """Return the values to as many binary digits as lengths near one unit have on the grid."""
     mantissa, exponent = np.frexp(values)
     return np.asarray(np.ldexp(np.round(mantissa * GRID) / GRID, exponent))
 
 
 def _stretched(curve: Configuration, factor: float) -> Configuration:
-    """A curve so many times as large."""
+    """Return a curve so many times as large."""
     segments = tuple(
         replace(
             segment,
@@ -271,7 +271,7 @@ def _stretched(curve: Configuration, factor: float) -> Configuration:
 
 
 @contextmanager
-def in_own_units(problem: Problem) -> Iterator[OwnUnits]:
+def planning_units(problem: Problem) -> Iterator[OwnUnits]:
     """Let what a block plans in units of a problem's arm be said in metres, also why it finds nothing.
 
     Raises:

@@ -15,7 +15,7 @@ import shapely
 
 from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.core.length_words import long_length, short_length
-from ccm_opt.core.polyline import arc_lengths, leg_headings, legs_at, points_at, whole_turns
+from ccm_opt.core.polyline import arc_lengths, leg_headings, leg_indices, points_at, whole_turns
 from ccm_opt.planning.continuation import Guide, GuideCandidate, Stalled, settle
 from ccm_opt.planning.goal import GoalPose, moved_onto
 from ccm_opt.planning.guides import PoseLed
@@ -26,11 +26,11 @@ from ccm_opt.planning.motion import Motion
 from ccm_opt.planning.motion_task import MotionTask
 from ccm_opt.planning.pose import Pose, Term
 from ccm_opt.planning.step import Stepper
-from ccm_opt.planning.tip_paths import TipPath, tip_paths_in, turning_by
+from ccm_opt.planning.tip_paths import TipPath, tip_paths_in, with_base_turn
 
 
 def backward_tasks(task: MotionTask, stepper: Stepper) -> Iterator[MotionTask | None]:
-    """The task with its ends exchanged, for every known pose at the goal; None where a pose is of no use.
+    """Yield the task with its ends exchanged, for every known pose at the goal; None where a pose is of no use.
 
     Args:
         task: with a goal for the tip or for the whole arm.
@@ -45,7 +45,7 @@ def backward_tasks(task: MotionTask, stepper: Stepper) -> Iterator[MotionTask | 
         turned = _exchanged(task, task.goal_pose, points)
         # A limit on keyframes is met at the start and at the goal by different rows: backwards it is another task.
         useful = not task.user_limits
-        yield replace(turned, tip_paths=turning_by(turned.tip_paths, turn)) if useful else None
+        yield replace(turned, tip_paths=with_base_turn(turned.tip_paths, turn)) if useful else None
         return
     for guess in chain(task.guesses, task.further_guesses):
         goal = pose_at_goal(task, stepper, guess)
@@ -53,7 +53,7 @@ def backward_tasks(task: MotionTask, stepper: Stepper) -> Iterator[MotionTask | 
 
 
 def laid_backward_tasks(task: MotionTask, stepper: Stepper) -> Iterator[MotionTask]:
-    """The same from poses that are laid through narrow gates; none where the goal is the whole arm's."""
+    """Yield the same from poses that are laid through narrow gates; none where the goal is the whole arm's."""
     if task.goal_pose is None:
         for guess in _laid_through_gates(task):
             goal = pose_at_goal(task, stepper, guess)
@@ -62,7 +62,7 @@ def laid_backward_tasks(task: MotionTask, stepper: Stepper) -> Iterator[MotionTa
 
 
 def _laid_through_gates(task: MotionTask) -> Iterator[FloatArray]:
-    """Configurations (c,) of the arm laid along routes through narrow gates; none where there are no gates.
+    """Yield the configurations (c,) of the arm laid along routes through narrow gates; none where there are no gates.
 
     No curve of the goal's program may pass a gate that the arm itself hardly passes.
     """
@@ -75,7 +75,7 @@ def _laid_through_gates(task: MotionTask) -> Iterator[FloatArray]:
         along += whole_turns(arm.base_heading - along[0])
         # What the arm is longer than its route lies along the last leg, beyond the goal, until it is settled.
         middles = arm.link_length * (np.arange(arm.links) + 0.5)
-        yield arm.bends(along[legs_at(arcs, np.minimum(middles, arcs[-1]))])
+        yield arm.bends(along[leg_indices(arcs, np.minimum(middles, arcs[-1]))])
 
 
 def _exchanged(task: MotionTask, q: FloatArray, points: FloatArray) -> MotionTask:
@@ -93,7 +93,7 @@ def _exchanged(task: MotionTask, q: FloatArray, points: FloatArray) -> MotionTas
 
 
 def ending_in(task: MotionTask, q: FloatArray) -> MotionTask:
-    """The same task, but for a pose at its goal, a configuration (c,), as a goal of the whole arm."""
+    """Return the same task, but for a pose at its goal, a configuration (c,), as a goal of the whole arm."""
     points = task.arm.joint_positions_at(q)
     first = task.tip_paths[0]
     return replace(
@@ -107,7 +107,7 @@ def ending_in(task: MotionTask, q: FloatArray) -> MotionTask:
 
 
 def pose_at_goal(task: MotionTask, stepper: Stepper, guess: FloatArray) -> Pose | None:
-    """A guess brought onto the goal; None when that fails or it would touch something.
+    """Return a guess brought onto the goal; None when that fails or it would touch something.
 
     Args:
         task: with a goal for the tip alone.
@@ -116,7 +116,7 @@ def pose_at_goal(task: MotionTask, stepper: Stepper, guess: FloatArray) -> Pose 
     """
     near = stepper.pose(stepper.space.nearest(guess))
     goal = task.limited_goal
-    centred = _in_the_middle_of_gates(stepper, goal, near)
+    centred = _pose_centred_in_gates(stepper, goal, near)
     if centred is not None:
         return centred
     try:
@@ -126,11 +126,13 @@ def pose_at_goal(task: MotionTask, stepper: Stepper, guess: FloatArray) -> Pose 
     # Settling may have begun inside a wall; every pose after that was only asked to be no worse.
     if stepper.finder.find(pose.points).gap.min(initial=1.0) <= 0.0:
         return None
-    return _in_the_middle_of_gates(stepper, goal, pose) or pose
+    return _pose_centred_in_gates(stepper, goal, pose) or pose
 
 
-def _in_the_middle_of_gates(stepper: Stepper, goal: GoalPose, pose: Pose) -> Pose | None:
-    """The pose at the goal, near another, whose axis is in the middle of the gates it lies in; None if there is none.
+def _pose_centred_in_gates(stepper: Stepper, goal: GoalPose, pose: Pose) -> Pose | None:
+    """Return the pose at the goal, near another, whose axis is in the middle of the gates it lies in.
+
+    None if there is none.
 
     From the very edge of a gate's play no step leads away.
     """
@@ -146,14 +148,14 @@ def _in_the_middle_of_gates(stepper: Stepper, goal: GoalPose, pose: Pose) -> Pos
 
 
 def _within_limits(stepper: Stepper, pose: Pose) -> bool:
-    """Whether a pose bends no joint farther than steps do."""
+    """Return whether a pose bends no joint farther than steps do."""
     space = stepper.space
     share = stepper.settings.step.limit_share
     return bool(np.all(np.abs(space.bends(pose.q)) <= share * space.bend_limits))
 
 
 def reversed_motion(motion: Motion) -> Motion:
-    """The motion run from its end to its start."""
+    """Return the motion run from its end to its start."""
     return replace(
         motion,
         unknowns=motion.unknowns[::-1].copy(),
@@ -214,7 +216,7 @@ class SlidingOut:
         return float(self._arcs[-1]) - self.mouth
 
     def terms(self, pose: Pose) -> list[Term]:
-        """The strand in the gates back along itself, and curvature small and even."""
+        """Return the strand in the gates back along itself, and curvature small and even."""
         unit = self.space.nominal_length
         links = self.space.arm.links
         per_link = self.space.nominal_per_link
@@ -248,11 +250,11 @@ class SlidingOut:
         return True
 
     def finished(self, pose: Pose) -> bool:
-        """Whether the tip is out of the gates."""
+        """Return whether the tip is out of the gates."""
         return self.back >= self.length and self._keeps_up(pose)
 
     def describe(self, pose: Pose) -> str:
-        """How far the arm has been drawn back."""
+        """Return how far the arm has been drawn back."""
         lag = short_length(self._lag(pose))
         drawn = f"{long_length(self.back)} of {long_length(self.length)}"
         return f"a joint stayed {lag} behind when the arm was drawn back by {drawn}"
@@ -261,7 +263,7 @@ class SlidingOut:
         return self._lag(pose) < _LEASH * self.space.nominal_length
 
     def _lag(self, pose: Pose) -> float:
-        """How far a joint of the strand is from its place at most [m]."""
+        """Return how far a joint of the strand is from its place at most [m]."""
         return float(np.linalg.norm(self._strand(pose)[1], axis=1).max())
 
     def _strand(self, pose: Pose) -> tuple[IntArray, FloatArray]:
@@ -284,7 +286,7 @@ def slid_out(
     mouths: list[tuple[TipPath, float | None]],
     name: str,
 ) -> Iterator[GuideCandidate]:
-    """The arm slid out of where it lies, to either side; none where no path leads out of anything.
+    """Yield the arm slid out of where it lies, to either side; none where no path leads out of anything.
 
     Args:
         stepper: of the link space.
@@ -311,7 +313,10 @@ def slid_out(
 
 
 def ways_on(stepper: Stepper, whole_arm: FloatArray | None) -> list[tuple[WayOn, ...]]:
-    """Guides, one after the other, that lead an arm on to its goal when it has come out; the quickest way first."""
+    """Return the guides, one after the other, that lead an arm on to its goal when it has come out.
+
+    The quickest way first.
+    """
     by_tip = partial(_by_tip, stepper)
     if whole_arm is None:
         return [(by_tip,)]
@@ -320,8 +325,11 @@ def ways_on(stepper: Stepper, whole_arm: FloatArray | None) -> list[tuple[WayOn,
     return [(straight,), (by_tip, straight)]
 
 
-def mouth_of_gates(stepper: Stepper, start: Pose, path: TipPath) -> float | None:
-    """Arc length from the base at which the arm enters the first gate that it lies in [m]; None if it lies in none."""
+def gate_entry(stepper: Stepper, start: Pose, path: TipPath) -> float | None:
+    """Return the arc length from the base at which the arm enters the first gate that it lies in [m].
+
+    None if it lies in none.
+    """
     axis = shapely.LineString(start.points)
     beside = _BESIDE * stepper.space.nominal_length
     lain_in = [rail for rail in path.rails if shapely.distance(shapely.Point(rail[len(rail) // 2]), axis) < beside]

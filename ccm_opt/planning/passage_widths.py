@@ -5,7 +5,7 @@ import shapely
 
 from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.core.polygons import cross
-from ccm_opt.core.polyline import arc_lengths, leg_lengths, legs_at, without_repeats
+from ccm_opt.core.polyline import arc_lengths, leg_indices, leg_lengths, without_repeats
 from ccm_opt.planning.motion_task import MotionTask
 from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
 from ccm_opt.scene.walls import Walls
@@ -35,7 +35,7 @@ SPARE = 1.001
 """Rounding: lines are drawn by so much longer when the edges that they cross are looked for."""
 
 
-def nominal_links_asked(task: MotionTask) -> float:
+def required_nominal_links(task: MotionTask) -> float:
     """Nominal links to the arm's length that the first tip path asks for: more than usual where passages are narrow.
 
     A nominal link shorter than a link is of no use, so arms of few links are always planned with the usual ones.
@@ -51,7 +51,9 @@ def nominal_links_asked(task: MotionTask) -> float:
 
 
 def fitting_margins(task: MotionTask) -> tuple[float, ...]:
-    """The planning margins, in nominal links, that leave the way to the goal open; a smaller one first when none does.
+    """Return the planning margins, in nominal links, that leave the way to the goal open.
+
+    A smaller one first when none does.
 
     A wide margin closes passages that hardly pass the arm, and goals that hardly hold the tip: trying it costs time.
     """
@@ -84,12 +86,12 @@ def gap_beside_arm(task: MotionTask) -> float:
 
 
 def _room_about(task: MotionTask, places: FloatArray) -> float:
-    """Distance from places (m, 2) to the nearest wall [m]; inf for no places."""
+    """Return the distance from places (m, 2) to the nearest wall [m]; inf for no places."""
     return task.gap_about(places) + task.arm.radius + task.workspace.clearance
 
 
 def passage_widths(walls: Walls, path: FloatArray, widest: float) -> FloatArray:
-    """Width of the passage at places evenly spread along a path, shape (``WIDTH_SAMPLES``,) [m].
+    """Return the width of the passage at places evenly spread along a path, shape (``WIDTH_SAMPLES``,) [m].
 
     Across the path, to the first wall on the left and on the right; a side without a wall counts ``widest``.
 
@@ -111,11 +113,11 @@ def passage_widths(walls: Walls, path: FloatArray, widest: float) -> FloatArray:
 
 
 def evenly_along(path: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Places evenly spread along a path (k, 2) between its ends, and the path's directions there."""
+    """Return the places evenly spread along a path (k, 2) between its ends, and the path's directions there."""
     path = without_repeats(path, 0.0)
     arcs = arc_lengths(path)
     at = np.linspace(0.0, arcs[-1], WIDTH_SAMPLES + 2)[1:-1]
-    leg = legs_at(arcs, at)
+    leg = leg_indices(arcs, at)
     tangent = np.diff(path, axis=0)[leg] / leg_lengths(path)[leg, None]
     return path[leg] + (at - arcs[leg])[:, None] * tangent, tangent
 

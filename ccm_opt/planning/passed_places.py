@@ -29,7 +29,7 @@ class Passings:
 
 
 def passings(tips: FloatArray, places: FloatArray) -> Passings:
-    """Where a path passes places in their order so that the squares of its distances from them are least in all.
+    """Return where a path passes places in their order so that the squares of its distances from them are least in all.
 
     Args:
         tips: corners of the path, at least two, shape (K, 3) [m].
@@ -46,7 +46,10 @@ def passings(tips: FloatArray, places: FloatArray) -> Passings:
 
 
 def _in_order(away: FloatArray) -> IntArray:
-    """Columns of a table, shape (m, k), one for each row and none before the last, of the least sum; shape (m,)."""
+    """Return the columns of a table, shape (m, k), one for each row and none before the last, of the least sum.
+
+    Shape (m,).
+    """
     # The least sum of rows so far with the last of them at a column or before it; then back from the end.
     sums = np.zeros_like(away)
     best = np.zeros(away.shape[1])
@@ -61,7 +64,7 @@ def _in_order(away: FloatArray) -> IntArray:
     return chosen
 
 
-def first_missed(tips: FloatArray, places: FloatArray, reach: float) -> tuple[int, float] | None:
+def first_violation(tips: FloatArray, places: FloatArray, reach: float) -> tuple[int, float] | None:
     """Number of the first place that a path does not pass within reach, and how near it comes [m]; None of none.
 
     Args:
@@ -92,13 +95,13 @@ class PassedPlaces(LimitOf[CurveUnknowns]):
     reach: float
 
     def _passed(self, sweep: Any) -> tuple[IntArray, FloatArray]:
-        """The keyframes that pass the places, shape (m,), and from these to the tip, shape (m, d) [m]."""
+        """Return the keyframes that pass the places, shape (m,), and from these to the tip, shape (m, d) [m]."""
         off = sweep.points[:, sweep.space.arm.links] - self.places[:, None]
         keyframe = _in_order(np.sum(off**2, axis=2))
         return keyframe, off[np.arange(len(keyframe)), keyframe]
 
     def keyframe_rows(self, sweep: Any, u: FloatArray) -> tuple[KeyframeRows, ...]:
-        """Two rows an axis: the tip stays in the cube that fits into the ball, or leaves it no farther."""
+        """Return two rows an axis: the tip stays in the cube that fits into the ball, or leaves it no farther."""
         del u
         keyframe, off = self._passed(sweep)
         moved = np.flatnonzero(keyframe > 0)
@@ -113,7 +116,7 @@ class PassedPlaces(LimitOf[CurveUnknowns]):
         )
 
     def holds(self, sweep: Any, before: Any, u: FloatArray) -> bool:
-        """Whether the tip passes every place within reach, or as near as before."""
+        """Return whether the tip passes every place within reach, or as near as before."""
         del u
         away, was = (np.linalg.norm(self._passed(each)[1], axis=1) for each in (sweep, before))
         return bool(np.all(away <= np.maximum(self.reach, was) * (1.0 + 1e-9)))

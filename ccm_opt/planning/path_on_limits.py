@@ -45,7 +45,7 @@ Free: TypeAlias = Callable[[FloatArray], FloatArray]
 
 
 def spline_on_limits(base: BSpline, limits: tuple[UserLimit, ...], bends: FloatArray, free: Free) -> BSpline | None:
-    """A spline through points of a base that are moved onto limits, refined until it keeps them throughout.
+    """Return a spline through points of a base that are moved onto limits, refined until it keeps them throughout.
 
     Args:
         base: a smooth path near a certified motion that knows its path parameter.
@@ -69,7 +69,7 @@ def spline_on_limits(base: BSpline, limits: tuple[UserLimit, ...], bends: FloatA
                 values[float(u)] = moved
 
         spline = make_interp_spline(knots, np.array([values[float(u)] for u in knots]), k=DEGREE)
-        missed = _missed_spans(spline, knots, limits, _EQUATION_SAMPLES)
+        missed = _violated_spans(spline, knots, limits, _EQUATION_SAMPLES)
         if not len(missed):
             missed = _short_spans(spline, knots, limits)
         if not len(missed):
@@ -84,7 +84,7 @@ def spline_on_limits(base: BSpline, limits: tuple[UserLimit, ...], bends: FloatA
 
 
 def _first_knots(base: BSpline, breaks: list[float], least: int) -> FloatArray:
-    """The knots of the base and the breaks, halved until there are at least so many spans."""
+    """Return the knots of the base and the breaks, halved until there are at least so many spans."""
     knots = np.union1d(np.clip(base.t, 0.0, 1.0), breaks)
     while len(knots) - 1 < least:
         knots = np.union1d(knots, 0.5 * (knots[1:] + knots[:-1]))
@@ -94,7 +94,7 @@ def _first_knots(base: BSpline, breaks: list[float], least: int) -> FloatArray:
 def moved_onto(
     limits: tuple[UserLimit, ...], bends: FloatArray, free: Free, q: FloatArray, u: float
 ) -> FloatArray | None:
-    """A pose moved onto the equations, out of broken gaps and within joint limits, by least change.
+    """Return a pose moved onto the equations, out of broken gaps and within joint limits, by least change.
 
     Args:
         limits: that the path has to meet.
@@ -112,7 +112,7 @@ def moved_onto(
         over, change = overbent(_JOINT_SHARE * bends, q[: len(bends)], held, _MET)
         slopes = np.eye(len(q))[over]
         for limit in limits:
-            missed, by = limit.missed_on_path(q, u)
+            missed, by = limit.path_violations(q, u)
             slopes = np.vstack((missed, slopes))
             change = np.append(by, change)
         if not np.isfinite(change).all():
@@ -125,8 +125,8 @@ def moved_onto(
     return None
 
 
-def _missed_spans(spline: BSpline, knots: FloatArray, limits: tuple[UserLimit, ...], samples: int) -> IntArray:
-    """Spans in which a limit is missed, sorted; each is looked at in so many samples."""
+def _violated_spans(spline: BSpline, knots: FloatArray, limits: tuple[UserLimit, ...], samples: int) -> IntArray:
+    """Return the spans in which a limit is missed, sorted; each is looked at in so many samples."""
     # Even samples in every span, however long the spans are.
     places = np.interp(np.arange(samples * (len(knots) - 1) + 1) / samples, np.arange(len(knots)), knots)
     q = np.asarray(spline(places))
@@ -137,7 +137,7 @@ def _missed_spans(spline: BSpline, knots: FloatArray, limits: tuple[UserLimit, .
 
 
 def _short_spans(spline: BSpline, knots: FloatArray, limits: tuple[UserLimit, ...]) -> IntArray:
-    """Spans in which a limit holds, but with less room than its certificate asks for, sorted."""
+    """Return the spans in which a limit holds, but with less room than its certificate asks for, sorted."""
     places = certified_samples(spline)
     # Sample i to i + 1 lies in the span whose first knot is the last at or before it.
     failing = places[failed_intervals(limits, np.asarray(spline(places)))]
@@ -145,7 +145,7 @@ def _short_spans(spline: BSpline, knots: FloatArray, limits: tuple[UserLimit, ..
 
 
 def certified_samples(spline: BSpline) -> FloatArray:
-    """Places along a path through knots, evenly spread in every span."""
+    """Return the places along a path through knots, evenly spread in every span."""
     knots = np.unique(np.clip(spline.t, 0.0, 1.0))
     count = max(2, min(_CERTIFIED_SAMPLES, _MOST_CERTIFIED // (len(knots) - 1)))
     return np.interp(np.arange(count * (len(knots) - 1) + 1) / count, np.arange(len(knots)), knots)

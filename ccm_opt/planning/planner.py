@@ -40,7 +40,7 @@ from ccm_opt.planning.motion_task import CachedItems, MotionTask
 from ccm_opt.planning.neighbourhood import neighbourhood
 from ccm_opt.planning.optimisation.objective import JointSlowness
 from ccm_opt.planning.optimisation.optimise import optimise, with_more_room
-from ccm_opt.planning.own_units import in_own_units
+from ccm_opt.planning.own_units import planning_units
 from ccm_opt.planning.passage_widths import MARGINS
 from ccm_opt.planning.pose_beginnings import any_motion
 from ccm_opt.planning.settings import (
@@ -76,7 +76,7 @@ _Planned: TypeAlias = tuple[tuple[SpaceMotion, ...], GoalPoseRecord | None]
 
 
 def resumed(known: Motion, task: MotionTask) -> Motion | None:
-    """A certified, optimised motion near a known one.
+    """Return a certified, optimised motion near a known one.
 
     Args:
         known: a motion from the same start to another goal or among other walls.
@@ -98,7 +98,7 @@ def resumed(known: Motion, task: MotionTask) -> Motion | None:
 
 
 def _bent(known: Motion, coordinates: FloatArray, stepper: Stepper, task: MotionTask) -> Motion | None:
-    """The known motion with the way of its end onto the goal added, more and more towards the end.
+    """Return the known motion with the way of its end onto the goal added, more and more towards the end.
 
     Args:
         known: the motion.
@@ -120,7 +120,7 @@ def _bent(known: Motion, coordinates: FloatArray, stepper: Stepper, task: Motion
 
 
 def _tracked(known: Motion, start: FloatArray, stepper: Stepper, task: MotionTask) -> Motion | None:
-    """The known motion tracked from its start by steps that keep off the walls as they are now, then settled."""
+    """Return the known motion tracked from its start by steps that keep off the walls as they are now, then settled."""
     reference = Reference.of(known, stepper.space)
     try:
         way = follow_reference(stepper, reference, task.limited_goal, stepper.pose(start), task.deadline)
@@ -164,7 +164,7 @@ class MotionPlanner:
             NoPlanFound: with the reason and what would help.
         """
         if problem.dimension == 2:
-            with in_own_units(problem) as units:
+            with planning_units(problem) as units:
                 path, _ = self.planned(units.scaled(problem))
             return units.path_in_metres(path, problem.arm)
         deadline = Deadline.after(_SHARE_IN_SPACE * problem.planner.time_limit)
@@ -178,7 +178,7 @@ class MotionPlanner:
             found = ((any_motion(task),), None) if self.first_found else self._lifted(problem, task)
             motions, end = found or self._planned(problem, task)
         except NoPlanFound as none:
-            raise told_of_clamped_base(none, problem) from none
+            raise annotate_clamped_base(none, problem) from none
         with self.stages("smooth path"):
             path = joint_path(task, *motions, legs=problem.planner.retiming == "paul")
         return replace(path, goal_pose=end)
@@ -226,7 +226,7 @@ class MotionPlanner:
         return replace(path, goal_pose=end_poses.record(motion.end_pose)), motion
 
     def motion_task(self, problem: Problem, ends: Ends, deadline: Deadline, asked: Problem | None = None) -> MotionTask:
-        """What the search for a motion between ends that are already resolved is asked.
+        """Return what the search for a motion between ends that are already resolved is asked.
 
         Args:
             problem: perhaps with the walls of the neighbourhood alone.
@@ -256,7 +256,7 @@ class MotionPlanner:
         )
 
     def task_without_routes(self, problem: Problem, ends: Ends, deadline: Deadline) -> MotionTask:
-        """The same for those who know a motion already, and need no routes; arguments as for ``motion_task``."""
+        """Return the same for those who know a motion already, and need no routes; arguments as for ``motion_task``."""
         settings = self.plane
         arm = clamped_arm(problem.arm) if ends.clamped else problem.arm
         return MotionTask(
@@ -280,7 +280,7 @@ class MotionPlanner:
         )
 
     def shape_change(self, problem: Problem, ends: Ends, deadline: Deadline) -> Motion:
-        """A motion of what is beyond the hole of a feed axis, an arm on a fixed base, whatever the user asks.
+        """Return a motion of what is beyond the hole of a feed axis, an arm on a fixed base, whatever the user asks.
 
         Raises:
             NoPlanFound: there is none.
@@ -288,7 +288,7 @@ class MotionPlanner:
         return find_motion(MotionPlanner(plane=self.plane).motion_task(problem, ends, deadline))
 
     def _in_stage(self, configurations: Iterator[FloatArray]) -> Iterator[FloatArray]:
-        """Configurations, each made in the stage of that name when it is asked for."""
+        """Yield the configurations, each made in the stage of that name when it is asked for."""
         while True:
             with self.stages("configuration"):
                 found = next(configurations, None)
@@ -315,7 +315,10 @@ class MotionPlanner:
         return motions, ending.record
 
     def _lifted(self, problem: Problem, task: SpaceTask) -> _Planned | None:
-        """The motion of an arm of many links, planned for few; None where the arm has few, or that does not pass."""
+        """Return the motion of an arm of many links, planned for few.
+
+        None where the arm has few, or that does not pass.
+        """
         few = nominal_task(task)
         if few is None:
             return None
@@ -338,7 +341,10 @@ def certificate_settings(problem: Problem, settings: CertificateSettings) -> Cer
 
 
 def slowness(problem: Problem) -> JointSlowness:
-    """What the joints and the base can do by their limits; planar motion turns the second revolute of every ball."""
+    """Return what the joints and the base can do by their limits.
+
+    Planar motion turns the second revolute of every ball.
+    """
     limits = problem.limits
     speeds, accelerations = limits.velocity[1::3], limits.acceleration[1::3]
     if problem.arm.base_axes:
@@ -349,7 +355,7 @@ def slowness(problem: Problem) -> JointSlowness:
 
 
 def turn_per_link(problem: Problem) -> float:
-    """What the average joint turns while the base is carried by a link length [rad]."""
+    """Return what the average joint turns while the base is carried by a link length [rad]."""
     speed = problem.limits.feed_velocity or 1.0
     return float(problem.limits.velocity[1::3].mean() * problem.arm.link_length / speed)
 
@@ -368,7 +374,7 @@ def with_clamped_base(problem: Problem, tree: SurfaceTree) -> Problem:
 
 
 def clamped_joints(problem: Problem, tree: SurfaceTree) -> int:
-    """How many joints from the base a wall at the end of the mount holds straight; 0 where there is none."""
+    """Return how many joints from the base a wall at the end of the mount holds straight; 0 where there is none."""
     arm = problem.arm
     first, share = arm.mount_end
     count = max(1, int(np.ceil(first + share - _STRAIGHT)))
@@ -391,8 +397,8 @@ def clamped_joints(problem: Problem, tree: SurfaceTree) -> int:
     return count if square else 0
 
 
-def told_of_clamped_base(failure: NoPlanFound, problem: Problem) -> NoPlanFound:
-    """The failure with what would let the first joint bend among its advice, where the base is clamped."""
+def annotate_clamped_base(failure: NoPlanFound, problem: Problem) -> NoPlanFound:
+    """Return the failure with what would let the first joint bend among its advice, where the base is clamped."""
     if not problem.arm.clamped_joints:
         return failure
     found = failure.diagnosis

@@ -111,26 +111,26 @@ class CurveUnknowns(ABC):
 
     @abstractmethod
     def configurations(self, v: FloatArray) -> FloatArray:
-        """The configurations of unknowns, shape (K, p) to (K, c) [rad, m]."""
+        """Return the configurations of unknowns, shape (K, p) to (K, c) [rad, m]."""
 
     @abstractmethod
     def pose(self, v: FloatArray) -> Pose:
-        """The pose of unknowns, shape (p,)."""
+        """Return the pose of unknowns, shape (p,)."""
 
     def poses(self, unknowns: FloatArray) -> tuple[Pose, ...]:
-        """The poses of several unknowns, shape (m, p)."""
+        """Return the poses of several unknowns, shape (m, p)."""
         return tuple(self.pose(v) for v in unknowns)
 
     def pieces(self, before: FloatArray, after: FloatArray) -> list[FloatArray]:
-        """Unknowns along an edge between which configurations change evenly, its ends among them."""
+        """Return the unknowns along an edge between which configurations change evenly, its ends among them."""
         return [before, after]
 
     def along(self, spline: BSpline) -> BSpline:
-        """The path of configurations along a spline in the unknowns."""
+        """Return the path of configurations along a spline in the unknowns."""
         return BSpline(spline.t, self.configurations(spline.c), spline.k)
 
     def in_pieces(self, unknowns: FloatArray) -> FloatArray:
-        """A motion with more keyframes where what lies between two is not linear, shape (K, p) to (m, p)."""
+        """Return a motion with more keyframes where what lies between two is not linear, shape (K, p) to (m, p)."""
         return unknowns
 
     @property
@@ -144,7 +144,7 @@ class CurveUnknowns(ABC):
         """Derivatives of what the drives move by the unknowns, where it is affine in these, shape (c, p)."""
 
     def drives(self, q: FloatArray) -> FloatArray:
-        """What the drives have to move in configurations, shape (..., c): these themselves."""
+        """Return what the drives have to move in configurations, shape (..., c): these themselves."""
         return q
 
     # ------------------------------------------------------------ bends
@@ -154,11 +154,11 @@ class CurveUnknowns(ABC):
         return self.arm.bend_limits
 
     def bends(self, q: FloatArray) -> FloatArray:
-        """Joint bends of configurations, shape (..., c) to (..., b) [rad]."""
+        """Return the joint bends of configurations, shape (..., c) to (..., b) [rad]."""
         return q[..., : len(self.arm.bend_limits)]
 
     def bend_slopes(self, pose: Pose) -> FloatArray:
-        """Derivatives of the bends by the unknowns, shape (b, p)."""
+        """Return the derivatives of the bends by the unknowns, shape (b, p)."""
         return pose.slopes[: len(self.arm.bend_limits)]
 
     # ------------------------------------------------------------ shape of the curve
@@ -195,7 +195,7 @@ class CurveUnknowns(ABC):
 
     @abstractmethod
     def metric(self, pose: Pose) -> FloatArray:
-        """M, how much the unknowns turn and move the links, squared, shape (p, p)."""
+        """Return the m, how much the unknowns turn and move the links, squared, shape (p, p)."""
 
     def spread(self, pose: Pose, rows: FloatArray) -> FloatArray:
         """M⁻¹ Rᵀ, in whose span the least changes of the links lie that change rows R, shape (k, p) to (p, k)."""
@@ -203,13 +203,13 @@ class CurveUnknowns(ABC):
 
 
 def turn_rows(arm: Arm, pose: Pose) -> FloatArray:
-    """Turns of the links [rad], and ways of the base [link lengths], by the unknowns, shape (r, p)."""
+    """Return the turns of the links [rad], and ways of the base [link lengths], by the unknowns, shape (r, p)."""
     base = pose.slopes[arm.coordinates.base] / arm.link_length
     return np.vstack((pose.turning.reshape(-1, len(pose.v)), base))
 
 
 def least_change(space: CurveUnknowns, pose: Pose, rows: FloatArray, change: FloatArray) -> FloatArray:
-    """The change of the unknowns that moves the links least and changes rows by given amounts, shape (p,).
+    """Return the change of the unknowns that moves the links least and changes rows by given amounts, shape (p,).
 
     Args:
         space: the map of the unknowns.
@@ -242,7 +242,7 @@ class Term:
 
 
 def normal_equations(terms: Sequence[Term], ridge: FloatArray | float) -> tuple[FloatArray, FloatArray]:
-    """Hessian and gradient of a sum of least-squares terms.
+    """Return the Hessian and gradient of a sum of least-squares terms.
 
     Args:
         terms: at least one, each with rows of shape (k, p).

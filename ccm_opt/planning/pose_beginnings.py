@@ -85,7 +85,7 @@ class PoseBeginning:
 
 
 def along_routes(problem: Problem, ends: Ends) -> Iterator[PoseBeginning]:
-    """Configurations of the curve along every route, shortest first.
+    """Yield the configurations of the curve along every route, shortest first.
 
     Args:
         problem: in the plane, with a goal for the tip.
@@ -110,7 +110,7 @@ def along_routes(problem: Problem, ends: Ends) -> Iterator[PoseBeginning]:
 def in_plane(
     problem: Problem, ends: Ends, search: PoseSearchSettings, settings: CurvePlannerSettings = DEFAULT_CURVE_PLANNER
 ) -> Iterator[PoseBeginning]:
-    """Those along routes, and random poses that are brought onto the goal."""
+    """Yield those along routes, and random poses that are brought onto the goal."""
     yield from along_routes(problem, ends)
     members = goal_members(problem.arm, ends.goal, route_room(problem, ends))
     poses = islice(brought_poses(problem, problem.arm, ends, members, settings), search.drawn)
@@ -119,7 +119,7 @@ def in_plane(
 
 
 def in_space(task: SpaceTask, search: PoseSearchSettings) -> Iterator[PoseBeginning]:
-    """The end of a motion to the goal, where there is one, and poses that are drawn there."""
+    """Yield the end of a motion to the goal, where there is one, and poses that are drawn there."""
     limit = max(task.deadline.left, 0.0)
     try:
         motion = any_motion(task.deadline_within(search.motion_share * limit))
@@ -136,7 +136,7 @@ def in_space(task: SpaceTask, search: PoseSearchSettings) -> Iterator[PoseBeginn
 
 
 def any_motion(task: SpaceTask) -> SpaceMotion:
-    """A motion from the start to the goal, as it is found.
+    """Return a motion from the start to the goal, as it is found.
 
     Raises:
         NoPlanFound: none was found in the time.
@@ -159,7 +159,7 @@ def brought_poses(
     members: tuple[GoalMember, ...],
     settings: CurvePlannerSettings = DEFAULT_CURVE_PLANNER,
 ) -> Iterator[FloatArray]:
-    """Random poses with the tip on members of the goal that touch nothing for all that samples show.
+    """Yield the random poses with the tip on members of the goal that touch nothing for all that samples show.
 
     Args:
         problem: with the walls, and a seed.
@@ -192,7 +192,7 @@ def brought_poses(
 
 
 def _along(problem: Problem, ends: Ends, room: FreeSpace, route: Route) -> list[FloatArray]:
-    """Link headings of different configurations of the curve along a route, at least one.
+    """Return the link headings of different configurations of the curve along a route, at least one.
 
     Raises:
         ConfigurationNotFound: with all of its bend, too, the curve finds no way through the corridor.
@@ -206,7 +206,7 @@ def _along(problem: Problem, ends: Ends, room: FreeSpace, route: Route) -> list[
 
 
 def _configurations(problem: Problem, task: ConfigurationTask) -> tuple[list[FloatArray], list[FailedAttempt]]:
-    """Different configurations through one corridor as link headings, and the attempts that failed."""
+    """Return the different configurations through one corridor as link headings, and the attempts that failed."""
     found: list[FloatArray] = []
     failures: list[FailedAttempt] = []
     if beyond_reach(task) is not None:

@@ -91,7 +91,9 @@ class PoseTree:
         return len(self) - 1
 
     def distances(self, pose: Pose) -> FloatArray:
-        """Distance of every node to a pose: of the joints in arm lengths and of the headings; shape (nodes,).
+        """Return the distance of every node to a pose: of the joints in arm lengths and of the headings.
+
+        Shape (nodes,).
 
         The headings tell poses apart that look the same but are wound round the base differently.
         """
@@ -107,7 +109,7 @@ class PoseTree:
         return int(np.argmin(self.distances(pose)))
 
     def tip_distances(self, place: FloatArray) -> FloatArray:
-        """Distance of every node's tip to a place (2,), shape (nodes,) [m]."""
+        """Return the distance of every node's tip to a place (2,), shape (nodes,) [m]."""
         distances: FloatArray = np.linalg.norm(np.array([node.tip for node in self.poses]) - place, axis=1)
         return distances
 
@@ -117,8 +119,8 @@ class PoseTree:
         self.uses[node] += 1
         return node
 
-    def poses_to(self, node: int) -> list[Pose]:
-        """All poses from the root to a node."""
+    def poses_to_node(self, node: int) -> list[Pose]:
+        """Return all poses from the root to a node."""
         edges = []
         while node >= 0:
             edges.append(self.edges[node])
@@ -149,7 +151,7 @@ class ExtensionSampler:
     rng: np.random.Generator
 
     def draw(self, tree: PoseTree, other: PoseTree) -> Extension:
-        """An extension of a tree; the other tree attracts."""
+        """Return an extension of a tree; the other tree attracts."""
         kinds: list[tuple[float, Callable[[], Extension]]] = [
             (_TO_SHAPE, partial(self.to_shape, tree)),
             (_TO_BUMP, partial(self.to_bump, tree)),
@@ -165,7 +167,7 @@ class ExtensionSampler:
         return draw()
 
     def to_shape(self, tree: PoseTree) -> Extension:
-        """The whole arm towards a smooth random shape, from the nearest node."""
+        """Return the whole arm towards a smooth random shape, from the nearest node."""
         arm = self.stepper.space.arm
         knots = self.rng.normal(0.0, _SHAPE_CURVATURE / arm.links, _SHAPE_KNOTS)
         bends = np.interp(self._middles(), np.linspace(0.0, 1.0, _SHAPE_KNOTS), knots)
@@ -184,12 +186,12 @@ class ExtensionSampler:
         return self._towards(tree, node, self._pose(tree.poses[node].q + np.diff(bump, prepend=0.0)))
 
     def to_other(self, tree: PoseTree, other: PoseTree) -> Extension:
-        """The whole arm towards a random pose of the other tree, from the nearest node."""
+        """Return the whole arm towards a random pose of the other tree, from the nearest node."""
         target = other.poses[self._any(other)]
         return self._towards(tree, tree.nearest(target), target)
 
     def to_place(self, tree: PoseTree) -> Extension:
-        """The tip towards a random free place, from a node whose tip is near it."""
+        """Return the tip towards a random free place, from a node whose tip is near it."""
         place = self._free_place()
         choice = self.rng.integers(len(tree), size=_TIP_CHOICE)
         # The nearest of all would be drawn again and again where it is stuck.
@@ -198,7 +200,7 @@ class ExtensionSampler:
         return self._tip_led(tree, node, lambda: self.free_space.taut_path(np.stack((tip, place)), self.shrink))
 
     def along_route(self, tree: PoseTree, other: PoseTree) -> Extension:
-        """The tip of a random node back along its arm and out along a random route."""
+        """Return the tip of a random node back along its arm and out along a random route."""
         node = self._any(tree)
         side = int(self.rng.choice((-1, 1)))
         route = self._any_route(other)
@@ -206,7 +208,10 @@ class ExtensionSampler:
         return self._tip_led(tree, node, lambda: taut_round_base(self.free_space, points, route, side, self.shrink))
 
     def folded(self, tree: PoseTree, other: PoseTree) -> Extension:
-        """The arm of a random node pulled over to a random route as a rope; a shape when the route is too long."""
+        """Return the arm of a random node pulled over to a random route as a rope.
+
+        A shape when the route is too long.
+        """
         node = self._any(tree)
         side = int(self.rng.choice((-1, 1)))
         pose = tree.poses[node]
@@ -223,7 +228,7 @@ class ExtensionSampler:
         return node, candidate.make_guide()
 
     def _tip_led(self, tree: PoseTree, node: int, path_of_tip: Callable[[], FloatArray]) -> Extension:
-        """The tip of a node along a path; a shape when there is no such path."""
+        """Return the tip of a node along a path; a shape when there is no such path."""
         try:
             points = path_of_tip()
         except UnreachableGoal:
@@ -231,30 +236,30 @@ class ExtensionSampler:
         return node, led_along(self.stepper, points)
 
     def _towards(self, tree: PoseTree, node: int, target: Pose) -> Extension:
-        """The whole arm of a node straight towards a pose."""
+        """Return the whole arm of a node straight towards a pose."""
         return node, PoseLed(self.stepper.space, tree.poses[node].v, target.v)
 
     def _pose(self, q: FloatArray) -> Pose:
-        """The pose of the link space that comes nearest to a configuration."""
+        """Return the pose of the link space that comes nearest to a configuration."""
         return self.stepper.pose(self.stepper.space.nearest(q))
 
     def _middles(self) -> FloatArray:
-        """Middles of the links, as shares of the arm's length, shape (links,)."""
+        """Return the middles of the links, as shares of the arm's length, shape (links,)."""
         links = self.stepper.space.arm.links
         return (np.arange(links) + 0.5) / links
 
     def _any(self, tree: PoseTree) -> int:
-        """A random node, rather one that has seldom been drawn."""
+        """Return a random node, rather one that has seldom been drawn."""
         return tree.least_used(self.rng.integers(len(tree), size=_NODE_CHOICE))
 
     def _any_route(self, other: PoseTree) -> FloatArray:
-        """One of the routes, or the shape of a random pose of the other tree."""
+        """Return one of the routes, or the shape of a random pose of the other tree."""
         if len(other) and self.rng.random() < _SHAPES_AS_ROUTES:
             return other.poses[self._any(other)].points
         return self.routes[int(self.rng.integers(len(self.routes)))]
 
     def _free_place(self) -> FloatArray:
-        """A free place within reach, shape (2,) [m]."""
+        """Return a free place within reach, shape (2,) [m]."""
         arm = self.stepper.space.arm
         while True:  # the tip of the start is free, so places about it are too
             places = arm.base + self.rng.uniform(-arm.length, arm.length, (_PLACES_DRAWN, 2))

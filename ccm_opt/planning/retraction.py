@@ -69,11 +69,11 @@ class Withdrawal:
     free_from: float = 0.0
 
     def afresh(self) -> "Withdrawal":
-        """The same with its fold where that is now, to be followed on its own."""
+        """Return the same with its fold where that is now, to be followed on its own."""
         return replace(self, fold=replace(self.fold))
 
     def terms(self, pose: Pose) -> list[Term]:
-        """What draws the arm on from a pose."""
+        """Return what draws the arm on from a pose."""
         space = self.fold.space
         links = space.arm.links
         per_link = space.nominal_per_link
@@ -114,26 +114,26 @@ class Withdrawal:
         return True
 
     def _lag(self, pose: Pose) -> float:
-        """How far the strand is from its track, at the end the tip [m]."""
+        """Return how far the strand is from its track, at the end the tip [m]."""
         weight = self._on_strand()
         weight[-1] = 1.0
         return float(np.linalg.norm(self._errors(pose), axis=1) @ weight / weight.sum())
 
     def finished(self, pose: Pose) -> bool:
-        """Whether the arm has been drawn back as far as it must, or the fold has reached the tip."""
+        """Return whether the arm has been drawn back as far as it must, or the fold has reached the tip."""
         del pose  # how the fold opens there is left to what leads the tip on
         at_tip = self.fold.fold_at + self.fold.fold_length >= self.fold.space.arm.length
         return at_tip or self.fold.tip_arc < self.free_from
 
     def describe(self, pose: Pose) -> str:
-        """How far the fold has come."""
+        """Return how far the fold has come."""
         return (
             f"drawing back, the fold stopped {long_length(self.fold.fold_at)} from where it opened, "
             f"the arm {short_length(self._lag(pose))} behind"
         )
 
     def onward(self) -> FloatArray:
-        """What remains of the tip's way: along the new shape to its tip, shape (k, 2) [m]."""
+        """Return what remains of the tip's way: along the new shape to its tip, shape (k, 2) [m]."""
         track = self.fold.track
         return np.asarray(track.points[track.arcs < self.fold.tip_arc][::-1])
 
@@ -145,7 +145,7 @@ WayBack: TypeAlias = tuple[TipPath, tuple[int, FloatArray]]
 def drawn_back(
     stepper: Stepper, start: Pose, wanted: FloatArray, path: TipPath, lengths: tuple[float, ...], *, whole_arm: bool
 ) -> Iterator[GuideCandidate]:
-    """The arm drawn back along itself and laid on another shape, for both sides and several lengths of the fold.
+    """Yield the arm drawn back along itself and laid on another shape, for both sides and several lengths of the fold.
 
     Args:
         stepper: of the link space.
@@ -171,7 +171,7 @@ def drawn_back(
 
 
 def ways_back(stepper: Stepper, start: Pose, end: Pose, path: TipPath) -> list[WayBack]:
-    """The ways of the tip from a pose at the goal back to the start, and where the arm leaves that pose on each.
+    """Return the ways of the tip from a pose at the goal back to the start, and where the arm leaves that pose on each.
 
     Args:
         stepper: of the link space.
@@ -187,7 +187,7 @@ def ways_back(stepper: Stepper, start: Pose, end: Pose, path: TipPath) -> list[W
 def withdrawals(
     stepper: Stepper, start: Pose, end: Pose, ways: list[WayBack], length: float
 ) -> list[tuple[str, Withdrawal]]:
-    """The named ways back to a pose at the goal, on either side, that with the least turn of the base first.
+    """Return the named ways back to a pose at the goal, on either side, that with the least turn of the base first.
 
     Args:
         stepper: of the link space.
@@ -217,12 +217,12 @@ def lies_confined(stepper: Stepper, start: Pose, path: TipPath) -> bool:
     widths = widths_beside_arm(stepper, start, path.taut)
     gate = 4.0 * stepper.space.arm.radius + 2.0 * stepper.finder.margin
     least = _LEAST_WAY * stepper.space.nominal_length
-    folded = widths < width_of_fold(stepper)
+    folded = widths < fold_width(stepper)
     return bool(widths.min(initial=np.inf) < gate or np.mean(folded) * path.length > least)
 
 
-def width_of_fold(stepper: Stepper) -> float:
-    """Width of a passage in which a fold has room [m]."""
+def fold_width(stepper: Stepper) -> float:
+    """Return the width of a passage in which a fold has room [m]."""
     return 2.0 * stepper.space.arm.radius + FOLD_LENGTHS[0] / FOLD_SHARE * stepper.space.nominal_length
 
 
@@ -248,7 +248,7 @@ def widths_beside_arm(stepper: Stepper, start: Pose, way: FloatArray) -> FloatAr
 
 
 def withdrawal(stepper: Stepper, start: Pose, end: Pose, way_back: WayBack, length: float) -> Withdrawal | None:
-    """The way in from a pose at the goal, about to be run backwards; None where the base could not turn so far.
+    """Return the way in from a pose at the goal, about to be run backwards; None where the base could not turn so far.
 
     Args:
         stepper: of the link space.
@@ -274,17 +274,17 @@ def withdrawal(stepper: Stepper, start: Pose, end: Pose, way_back: WayBack, leng
         return None
     fold = fold_about_to_travel(stepper, replace(end, q=wound), way, joint, route, length)
     fold.run_through()
-    return Withdrawal(fold, turns, _free_from(stepper, start, fold.track))
+    return Withdrawal(fold, turns, _free_fold_start(stepper, start, fold.track))
 
 
-def _free_from(stepper: Stepper, start: Pose, track: TipTrack) -> float:
+def _free_fold_start(stepper: Stepper, start: Pose, track: TipTrack) -> float:
     """Arc length on a track from a goal pose's tip to the start's before which a fold has room beside the arm [m]."""
-    confined = np.flatnonzero(widths_beside_arm(stepper, start, track.points) < width_of_fold(stepper))
+    confined = np.flatnonzero(widths_beside_arm(stepper, start, track.points) < fold_width(stepper))
     return track.length * float(confined[0]) / WIDTH_SAMPLES if len(confined) else 0.0
 
 
 def _led_out(stepper: Stepper, path: TipPath, guide: Guide, pose: Pose) -> Guide:
-    """The tip drawn along what remains of its way to the goal."""
+    """Return the tip drawn along what remains of its way to the goal."""
     if not isinstance(guide, Withdrawal):
         raise TypeError(f"only a withdrawal can be led out, got {type(guide).__name__}")
     remaining = np.vstack((pose.points[-1], guide.onward()))
@@ -293,7 +293,7 @@ def _led_out(stepper: Stepper, path: TipPath, guide: Guide, pose: Pose) -> Guide
 
 
 def _laid_out(stepper: Stepper, end: Pose, guide: Guide, pose: Pose) -> Guide:
-    """The whole arm drawn straight to the pose at the goal, wound as the withdrawal leads to it."""
+    """Return the whole arm drawn straight to the pose at the goal, wound as the withdrawal leads to it."""
     wound = end.v.copy()
     if isinstance(guide, Withdrawal):
         wound[0] += guide.turns

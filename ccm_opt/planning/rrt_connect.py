@@ -50,7 +50,7 @@ class PointTree:
 
     @classmethod
     def empty(cls, dimension: int) -> "PointTree":
-        """A tree without nodes."""
+        """Return a tree without nodes."""
         return cls(np.zeros((0, dimension)))
 
     def __len__(self) -> int:
@@ -84,7 +84,7 @@ class PointTree:
         return np.asarray(np.argmin(squares - 2.0 * (targets @ nodes.T), axis=1))
 
     def way_to(self, node: int) -> list[int]:
-        """Numbers of the nodes from the root to a node."""
+        """Return the numbers of the nodes from the root to a node."""
         way = []
         while node >= 0:
             way.append(node)
@@ -130,15 +130,15 @@ class Draws(Protocol):
         ...
 
     def travel(self, start: FloatArray, end: FloatArray) -> FloatArray:
-        """How far straight motions lead, shapes (m, n) to (m,) [rad]."""
+        """Return how far straight motions lead, shapes (m, n) to (m,) [rad]."""
         ...
 
     def within_limits(self, start: FloatArray, end: FloatArray) -> FloatArray:
-        """How far straight motions stay within the limits of the joints, as shares of the whole, shape (m,)."""
+        """Return how far straight motions stay within the limits of the joints, as shares of the whole, shape (m,)."""
         ...
 
     def draw(self, rng: np.random.Generator, count: int, tree: PointTree, other: PointTree) -> FloatArray:
-        """Targets for the extension of a tree, shape (count, n); the other may attract."""
+        """Return the targets for the extension of a tree, shape (count, n); the other may attract."""
         ...
 
 
@@ -260,7 +260,7 @@ class ConnectSearch:
             self.trees[1].cut(second[int(at_goal[-1]) - between - 1])
 
     def _joined(self, side: int, node: int, meeting: int) -> tuple[FloatArray, list[int], list[int]]:
-        """The way from start to goal, and the numbers of its nodes in either tree."""
+        """Return the way from start to goal, and the numbers of its nodes in either tree."""
         ends = (node, meeting) if side == 0 else (meeting, node)
         first = self.trees[0].way_to(int(ends[0]))
         second = self.trees[1].way_to(int(ends[1]))[::-1]
@@ -268,7 +268,7 @@ class ConnectSearch:
         return way, first, second
 
     def _shortened(self, start: FloatArray, end: FloatArray) -> FloatArray:
-        """Ends of straight motions, none of which is too long or leaves the limits of the bends."""
+        """Return the ends of straight motions, none of which is too long or leaves the limits of the bends."""
         longest = self.draws.longest
         share = longest / np.maximum(self.draws.travel(start, end), longest)
         share = np.minimum(share, self.draws.within_limits(start, end))

@@ -53,7 +53,7 @@ class BlockedRaster:
 
     @classmethod
     def around(cls, workspace: Workspace, middle: FloatArray, half: float, gap: float, cells: int) -> "BlockedRaster":
-        """The raster of a square.
+        """Return the raster of a square.
 
         Args:
             workspace: its walls.
@@ -78,7 +78,7 @@ class BlockedRaster:
         return cls(corner, cell, blocked)
 
     def at(self, x: npt.NDArray[np.floating], y: npt.NDArray[np.floating]) -> BoolArray:
-        """Whether places of the square are blocked, by their coordinates, both of one shape [m]."""
+        """Return whether places of the square are blocked, by their coordinates, both of one shape [m]."""
         side = self.blocked.shape[0]
         scale = 1.0 / self.cell
         column = (x * scale + (1.0 - self.corner[0] * scale)).astype(np.int32)
@@ -88,13 +88,13 @@ class BlockedRaster:
 
 
 def _grown(wall: Obstacle, by: float) -> shapely.Geometry:
-    """A wall grown; GEOS inscribes the arcs, so that what is covered is surely too near."""
+    """Return a wall grown; GEOS inscribes the arcs, so that what is covered is surely too near."""
     grown: shapely.Geometry = shapely.buffer(wall.core, wall.rounding + by)
     return grown
 
 
 def _covered(shapes: list[shapely.Geometry], corner: FloatArray, cell: float, cells: int) -> BoolArray:
-    """Whether the middle of every cell lies in some polygon, shape (cells, cells).
+    """Return whether the middle of every cell lies in some polygon, shape (cells, cells).
 
     Along every row of middles each edge that crosses it adds its sign from the crossing on; where polygons overlap the
     sum is larger than one.
@@ -122,7 +122,7 @@ def _covered(shapes: list[shapely.Geometry], corner: FloatArray, cell: float, ce
 
 
 def _edges(shapes: list[shapely.Geometry]) -> tuple[FloatArray, FloatArray]:
-    """Ends of all edges of the polygons among shapes, outer rings counter-clockwise and holes clockwise."""
+    """Return the ends of all edges of the polygons among shapes, outer rings counter-clockwise and holes clockwise."""
     parts = shapely.get_parts(np.array(shapes, dtype=object))
     # What has no area covers nothing for sure.
     polygons = [part for part in parts if isinstance(part, shapely.Polygon) and not part.is_empty]
@@ -156,7 +156,7 @@ class SampledCheck:
 
     @classmethod
     def of(cls, arm: Arm, workspace: Workspace) -> "SampledCheck":
-        """The check of an arm in a room."""
+        """Return the check of an arm in a room."""
         gap = arm.radius + workspace.clearance
         raster = BlockedRaster.around(workspace, arm.base, _BEYOND_REACH * arm.length, gap, _CELLS)
         least = LEAST_SPACING * arm.length
@@ -169,7 +169,7 @@ class SampledCheck:
         return cls(arm, raster, reach, spacing, parts)
 
     def refuted(self, headings: FloatArray) -> BoolArray:
-        """Which poses touch something for sure, link headings (m, links) [rad], result (m,)."""
+        """Return which poses touch something for sure, link headings (m, links) [rad], result (m,)."""
         cosines = np.cos(headings).astype(np.float32)
         sines = np.sin(headings).astype(np.float32)
         x = cosines @ self.reach + np.float32(self.arm.base[0])
@@ -181,7 +181,7 @@ class SampledCheck:
         return refuted
 
     def free_shares(self, start: FloatArray, end: FloatArray) -> FloatArray:
-        """How far straight motions come before a pose that is refuted, as shares of the whole.
+        """Return how far straight motions come before a pose that is refuted, as shares of the whole.
 
         Args:
             start: link headings, shape (m, links) [rad]; poses that are not looked at again.
@@ -208,7 +208,7 @@ class SampledCheck:
         return shares
 
     def _on_itself(self, headings: FloatArray) -> BoolArray:
-        """Which poses have distant links that meet, shape (m, links) to (m,)."""
+        """Return which poses have distant links that meet, shape (m, links) to (m,)."""
         arm = self.arm
         points = arm.joint_positions(headings)
         first, second = arm.self_pairs

@@ -146,11 +146,11 @@ class SearchTask(ABC):
 
     @abstractmethod
     def finder(self, margin: float, reach: float) -> ContactFinder:
-        """A finder of contacts with a planning margin and a reach [m]."""
+        """Return a finder of contacts with a planning margin and a reach [m]."""
 
     @abstractmethod
     def program(self, motion: CurveMotion[Any], margin: float | None = None) -> MotionProgram[Any]:
-        """The program of optimising a motion, its keyframes still to be chosen.
+        """Return the program of optimising a motion, its keyframes still to be chosen.
 
         Args:
             motion: certified.
@@ -163,7 +163,7 @@ class SearchTask(ABC):
         return self.certificate
 
     def failures(self, curve: Any, unknowns: FloatArray, depth: int | None = None, gap: float = -np.inf) -> IntArray:
-        """Intervals of a motion that cannot be certified, sorted.
+        """Return the intervals of a motion that cannot be certified, sorted.
 
         Args:
             curve: the map of the unknowns.
@@ -176,10 +176,10 @@ class SearchTask(ABC):
 
     @abstractmethod
     def stepper(self, curve: Any, margin: float) -> StepperOf[Any]:
-        """Takes steps in the unknowns of a curve, with a planning margin."""
+        """Return the takes steps in the unknowns of a curve, with a planning margin."""
 
     def marks(self, motion: CurveMotion[Any]) -> FloatArray:
-        """Where along a motion, counted in keyframes, there have to be some, shape (m,)."""
+        """Return where along a motion, counted in keyframes, there have to be some, shape (m,)."""
         breaks = [] if motion.u is None else [u for limit in self.user_limits for u in limit.breaks]
         marks = np.interp(breaks, motion.path_parameters, np.arange(len(motion.unknowns)))
         if not self.via:
@@ -190,21 +190,21 @@ class SearchTask(ABC):
 
     @abstractmethod
     def free(self, q: FloatArray) -> FloatArray:
-        """1 for what a knot of a path may move about a configuration, 0 for the rest, both of shape (c,)."""
+        """Return the 1 for what a knot of a path may move about a configuration, 0 for the rest, both of shape (c,)."""
 
     @abstractmethod
     def room_lacking(self, q: FloatArray) -> FloatArray:
-        """By how much configurations, shape (k, c), lack the wanted room, shape (k,) [m]."""
+        """Return by how much configurations, shape (k, c), lack the wanted room, shape (k,) [m]."""
 
     def least_gap(self, q: FloatArray) -> float:
-        """Least gap beyond contact of configurations, shape (K, c) [m], as far as the wanted gap sees."""
+        """Return the least gap beyond contact of configurations, shape (K, c) [m], as far as the wanted gap sees."""
         return float(self.wanted_gap - np.max(self.room_lacking(q)))
 
     @abstractmethod
     def keyframes_along(
         self, keyframes: FloatArray, spline: BSpline, *, legs: bool
     ) -> tuple[FloatArray, BSpline, tuple[Configuration, ...]]:
-        """Keyframes and path of the joints, and the curves that the arm follows, where it follows any.
+        """Return the keyframes and path of the joints, and the curves that the arm follows, where it follows any.
 
         Args:
             keyframes: of a motion, shape (K, c).
@@ -212,8 +212,8 @@ class SearchTask(ABC):
             legs: whether the arm will move on straight legs between the keyframes.
         """
 
-    def missed_by(self, spline: BSpline) -> Diagnosis | None:
-        """What besides limits a path misses, in words; None where it misses nothing."""
+    def violated_place(self, spline: BSpline) -> Diagnosis | None:
+        """Return what besides limits a path misses, in words; None where it misses nothing."""
         del spline
         return None
 
@@ -233,7 +233,7 @@ class SearchTask(ABC):
         return self.limited(self.goal)
 
     def limited(self, goal: GoalPose) -> GoalPose:
-        """A goal with the limits that hold at the end of the motion."""
+        """Return a goal with the limits that hold at the end of the motion."""
         limits = tuple(limit.placed_at_goal() for limit in self.user_limits)
         return replace(goal, limits=limits, settings=self.settings.goal)
 
@@ -272,7 +272,7 @@ def first_found(
     task: SearchTask,
     find: Callable[[StrategyType, list[Failure]], FoundType | None],
 ) -> FoundType:
-    """What the first strategy finds that finds anything; what comes after the deadline is only listed.
+    """Return what the first strategy finds that finds anything; what comes after the deadline is only listed.
 
     Args:
         strategies: that apply, the cheap ones first.
@@ -303,7 +303,7 @@ def first_found(
 def nothing_found(
     task: SearchTask, failures: Sequence[Failure], strategies: Sequence[StrategyInVain]
 ) -> MotionNotFound | TimeLimitReached:
-    """The error that says why no motion was found.
+    """Return the error that says why no motion was found.
 
     Args:
         task: what was looked for.
@@ -349,7 +349,7 @@ def _way_made(tried: Sequence[Failure]) -> tuple[str, ...]:
 
 
 def _how_far(strategies: Sequence[StrategyInVain]) -> str:
-    """Which strategies were exhausted, and which the time cut short, in words."""
+    """Return which strategies were exhausted, and which the time cut short, in words."""
     # What had nothing to try says nothing of the problem.
     exhausted = [f"{each.name} ({_attempts(each)})" for each in strategies if each.exhausted and each.attempts]
     cut_short = [f"{each.name} ({_attempts(each)})" for each in strategies if not each.exhausted]
@@ -362,7 +362,7 @@ def _attempts(strategy: StrategyInVain) -> str:
 
 
 def evidence(tried: Sequence[Failure]) -> Mapping[str, object]:
-    """The figures behind a reason, all JSON-serialisable; failures come sorted, the best first.
+    """Return the figures behind a reason, all JSON-serialisable; failures come sorted, the best first.
 
     Returns:
         ``tried``: a line for each; ``candidates``: the same as tables; ``in_the_way``: how often what was the tightest
@@ -391,7 +391,7 @@ def _table(failure: Failure) -> dict[str, object]:
 
 
 def _limits_in_the_way(names: Sequence[str], tried: list[Failure]) -> str:
-    """The constraint in the way of the candidate that came nearest, or all of them."""
+    """Return the constraint in the way of the candidate that came nearest, or all of them."""
     if not names:
         return ""
     met = [failure.limit for failure in tried if failure.limit]

@@ -23,10 +23,10 @@ from ccm_opt.planning.hairpin import FOLD_LENGTHS, fitting_folds, led_along, pul
 from ccm_opt.planning.link_space import LinkSpace
 from ccm_opt.planning.motion import CurveMotion, Motion
 from ccm_opt.planning.motion_task import CachedItems, MotionTask
-from ccm_opt.planning.passage_exit import mouth_of_gates, pose_at_goal, slid_out
+from ccm_opt.planning.passage_exit import gate_entry, pose_at_goal, slid_out
 from ccm_opt.planning.passage_widths import evenly_along
 from ccm_opt.planning.pose import CurveUnknowns, Pose
-from ccm_opt.planning.retraction import drawn_back, lies_confined, width_of_fold, widths_beside_arm
+from ccm_opt.planning.retraction import drawn_back, fold_width, lies_confined, widths_beside_arm
 from ccm_opt.planning.search import Failure, SearchTask, tell_tried
 from ccm_opt.planning.step import Stepper, StepperOf
 from ccm_opt.planning.tip_paths import TipPath
@@ -46,9 +46,12 @@ _FEW_CORNERS = 2
 """A route with more corners bends the arm so that straight interpolation seldom works. Taste."""
 
 
-def mouth_of_passage(stepper: Stepper, start: Pose, path: TipPath) -> float | None:
-    """Arc length from the base at which the arm enters the first passage that it fills [m]; None if it fills none."""
-    filled = np.flatnonzero(widths_beside_arm(stepper, start, path.taut) < width_of_fold(stepper))
+def passage_entry(stepper: Stepper, start: Pose, path: TipPath) -> float | None:
+    """Return the arc length from the base at which the arm enters the first passage that it fills [m].
+
+    None if it fills none.
+    """
+    filled = np.flatnonzero(widths_beside_arm(stepper, start, path.taut) < fold_width(stepper))
     if len(filled) == 0:
         return None
     # The tip's way leads back along the arm: what it passes last is nearest to the base.
@@ -64,7 +67,7 @@ def first_candidates(
     tip_paths: tuple[TipPath, ...],
     whole_arm: FloatArray | None = None,
 ) -> Iterator[GuideCandidate]:
-    """The candidates that solve most problems, most promising first.
+    """Yield the candidates that solve most problems, most promising first.
 
     Args:
         stepper: of the link space they are to run in.
@@ -75,7 +78,7 @@ def first_candidates(
         whole_arm: coordinates of a goal for the whole arm; a fold that has run to the base is opened onto it.
     """
     # In a gate with hardly any play nothing else moves an arm.
-    gates = [(path, mouth_of_gates(stepper, start, path)) for path in tip_paths]
+    gates = [(path, gate_entry(stepper, start, path)) for path in tip_paths]
     yield from slid_out(stepper, start, whole_arm, gates, "slid out of gates")
 
     # Poses at the goal are dear among many walls, and often there are none along the routes; a tip is led in no time.
@@ -92,7 +95,7 @@ def first_candidates(
     # Out of a narrow place the arm comes only as it came in, and a tip that is drawn back alone buckles it.
     if tip_paths and lies_confined(stepper, start, tip_paths[0]):
         yield from withdrawn
-        passage = (tip_paths[0], mouth_of_passage(stepper, start, tip_paths[0]))
+        passage = (tip_paths[0], passage_entry(stepper, start, tip_paths[0]))
         yield from slid_out(stepper, start, whole_arm, [passage], "drawn in")
 
     for path in tip_paths:
@@ -114,7 +117,7 @@ def first_candidates(
 
 
 def _interpolations(stepper: Stepper, start: Pose, goal_coordinates: Iterable[FloatArray]) -> Iterator[GuideCandidate]:
-    """Straight to one pose at the goal after the other; each is made when it is asked for."""
+    """Yield the straight to one pose at the goal after the other; each is made when it is asked for."""
     for k, goal in enumerate(goal_coordinates, start=1):
         make_guide = partial(PoseLed, stepper.space, start.v, goal)
         yield GuideCandidate(f"interpolation {k}", make_guide)
@@ -129,7 +132,10 @@ def _withdrawn(
     *,
     whole_arm: bool,
 ) -> Iterator[GuideCandidate]:
-    """Drawn back along itself onto one pose at the goal after the other; each is made when it is asked for."""
+    """Yield the drawn back along itself onto one pose at the goal after the other.
+
+    Each is made when it is asked for.
+    """
     for path in tip_paths[:1]:
         for goal in goal_coordinates:
             yield from drawn_back(stepper, start, goal, path, lengths, whole_arm=whole_arm)
@@ -157,7 +163,7 @@ def further_candidates(
     tip_paths: tuple[TipPath, ...],
     whole_arm: FloatArray | None = None,
 ) -> Iterator[GuideCandidate]:
-    """Folds of other lengths, back and forth; arguments as for ``first_candidates``."""
+    """Yield the folds of other lengths, back and forth; arguments as for ``first_candidates``."""
     others = FOLD_LENGTHS[1:]
     yield from _withdrawn(stepper, start, goal_coordinates, tip_paths, others, whole_arm=whole_arm is not None)
     for path in tip_paths:
@@ -166,7 +172,7 @@ def further_candidates(
 
 
 def tip_led(stepper: Stepper, path: TipPath) -> GuideCandidate:
-    """The tip drawn along the taut path."""
+    """Return the tip drawn along the taut path."""
     return GuideCandidate(f"tip-led, {path.name}", partial(led_along, stepper, path.taut))
 
 
@@ -178,7 +184,7 @@ _MENDS = 3
 
 
 def drawn_order(candidates: Iterable[GuideCandidate], seed: int, put_off: float) -> Iterator[GuideCandidate]:
-    """All candidates, some of them later than their turn.
+    """Yield all candidates, some of them later than their turn.
 
     The first candidate that arrives decides which motion is optimised, but another may end in a better one. A seed puts
     every candidate off with some probability until all others have been tried, so that early ones still come early.
@@ -226,7 +232,7 @@ class SearchRun(Generic[TaskType, CurveType]):
     def attempt(
         self, name: str, lead: Callable[[], list[Pose]], failures: list[Failure]
     ) -> CurveMotion[CurveType] | None:
-        """The motion through the poses of a candidate; None and why where it stalls."""
+        """Return the motion through the poses of a candidate; None and why where it stalls."""
         tell_tried(name, failures)
         try:
             return self.motion(name, lead())
@@ -235,25 +241,25 @@ class SearchRun(Generic[TaskType, CurveType]):
             return None
 
     def motion(self, name: str, poses: list[Pose]) -> CurveMotion[CurveType]:
-        """The poses as a motion found by a candidate."""
+        """Return the poses as a motion found by a candidate."""
         return CurveMotion.of(self.stepper.space, poses, name)
 
     def failure(self, name: str, stalled: Stalled) -> Failure:
-        """Why a candidate stalled, and what was near."""
+        """Return why a candidate stalled, and what was near."""
         pose = stalled.poses[-1]
         limit = self.goal.describe_limits(pose)
         bends = self.stepper.space.bends(pose.q).reshape(self.task.arm.links, -1)
         return Failure(name, str(stalled), self._remaining(pose), self.tightest(pose), pose.q, bends, limit)
 
     def _remaining(self, pose: Pose) -> float:
-        """How far the tip, or with a goal for the whole arm the farthest joint, still is from the goal [m]."""
+        """Return how far the tip, or with a goal for the whole arm the farthest joint, still is from the goal [m]."""
         if self.goal.coordinates is None:
             return self.goal.errors(pose)[0]
         apart = self.stepper.pose(self.goal.coordinates).points - pose.points
         return float(np.linalg.norm(apart, axis=1).max())
 
     def arrived(self, poses: list[Pose]) -> list[Pose]:
-        """Poses that have come near the goal, and others onto it: settled, or led to the pose of the whole arm.
+        """Return poses that have come near the goal, and others onto it: settled, or led to the pose of the whole arm.
 
         Raises:
             Stalled: the goal is not reached.
@@ -263,7 +269,7 @@ class SearchRun(Generic[TaskType, CurveType]):
         return [*poses, *self.led_to(self.goal.coordinates, poses[-1])[1:]]
 
     def led_to(self, end: FloatArray, pose: Pose) -> list[Pose]:
-        """Poses from one to other unknowns, shape (p,), on the straight way.
+        """Return the poses from one to other unknowns, shape (p,), on the straight way.
 
         Raises:
             Stalled: when there is no such way.
@@ -281,7 +287,7 @@ class SearchRun(Generic[TaskType, CurveType]):
         return [*poses, *(self.stepper.pose(v) for v in self.stepper.space.pieces(poses[-1].v, end)[1:])]
 
     def tightest(self, pose: Pose) -> tuple[int, str, float] | None:
-        """What a pose nearly touches: link from 1, name, gap [m]; None when nothing is near."""
+        """Return what a pose nearly touches: link from 1, name, gap [m]; None when nothing is near."""
         finder = self.task.finder(0.0, _NEAR * self.task.arm.length)
         return finder.tightest(finder.find(pose.points))
 
@@ -300,7 +306,7 @@ class PlanarRun(SearchRun[MotionTask, LinkSpace]):
 
     @classmethod
     def from_task(cls, task: MotionTask, margin_links: float) -> "PlanarRun":
-        """A pass in the link space through the task's start.
+        """Return a pass in the link space through the task's start.
 
         Args:
             task: what is looked for.
@@ -329,36 +335,36 @@ class PlanarRun(SearchRun[MotionTask, LinkSpace]):
         return replace(run, guesses=run.settled_guesses()) if settled else run
 
     def settled_guesses(self) -> Iterable[FloatArray]:
-        """The guesses brought onto the goal and the limits there, those that can be."""
+        """Return the guesses brought onto the goal and the limits there, those that can be."""
         poses = (pose_at_goal(self.task, self.stepper, guess) for guess in self.task.guesses)
         return CachedItems(pose.v for pose in poses if pose is not None)
 
     def direct(self) -> Iterator[GuideCandidate]:
-        """Straight to a goal of the whole arm."""
+        """Yield the straight to a goal of the whole arm."""
         whole_arm = self.goal.coordinates
         if whole_arm is not None:
             yield from islice(first_candidates(self.stepper, self.start, self.guesses, (), whole_arm), 1)
 
     def first(self) -> Iterator[GuideCandidate]:
-        """The candidates that solve most problems."""
+        """Return the candidates that solve most problems."""
         whole_arm = self.goal.coordinates
         return self._drawn(first_candidates(self.stepper, self.start, self.guesses, self.task.tip_paths, whole_arm))
 
     def lies_in_gates(self) -> bool:
-        """Whether the arm lies in narrow gates at the start."""
-        return any(mouth_of_gates(self.stepper, self.start, path) is not None for path in self.task.tip_paths)
+        """Return whether the arm lies in narrow gates at the start."""
+        return any(gate_entry(self.stepper, self.start, path) is not None for path in self.task.tip_paths)
 
     def further(self) -> Iterator[GuideCandidate]:
-        """All other candidates."""
+        """Return all other candidates."""
         whole_arm = self.goal.coordinates
         return self._drawn(further_candidates(self.stepper, self.start, self.guesses, self.task.tip_paths, whole_arm))
 
     def _drawn(self, candidates: Iterator[GuideCandidate]) -> Iterator[GuideCandidate]:
-        """Candidates in the order that the seed draws."""
+        """Return the candidates in the order that the seed draws."""
         return drawn_order(candidates, self.task.seed, _PUT_OFF)
 
     def run(self, tried: Iterator[GuideCandidate], failures: list[Failure]) -> Motion | None:
-        """The finished motion of the first candidate that arrives and is certified, or None."""
+        """Return the finished motion of the first candidate that arrives and is certified, or None."""
         for candidate in tried:
             motion = self.attempt(candidate.name, partial(self._finished, candidate), failures)
             if motion is not None or self.task.deadline.passed():
@@ -369,7 +375,7 @@ class PlanarRun(SearchRun[MotionTask, LinkSpace]):
         return self.certified_without_pauses(self.arrived(self._led(candidate)))
 
     def certified_without_pauses(self, poses: list[Pose]) -> list[Pose]:
-        """The motion without pauses, certified.
+        """Return the motion without pauses, certified.
 
         Raises:
             Stalled: when it cannot be certified.
@@ -385,11 +391,11 @@ class PlanarRun(SearchRun[MotionTask, LinkSpace]):
         raise Stalled("the motion arrived but could not be certified", poses)
 
     def _mended(self, poses: list[Pose]) -> list[Pose] | None:
-        """Poses with others between them, put back onto gates' middles, where that certifies them; else None."""
+        """Return poses with others between them, put back onto gates' middles, where that certifies them; else None."""
         if self.task.gates is None:
             return None
         for _ in range(_MENDS):
-            failing = self.task.certificate.failures(configurations_of(poses))
+            failing = self.task.certificate.failures(stack_configurations(poses))
             if len(failing) == 0:
                 return poses
             for k in reversed(failing):
@@ -422,10 +428,10 @@ class PlanarRun(SearchRun[MotionTask, LinkSpace]):
         return poses
 
     def _certified(self, poses: list[Pose]) -> bool:
-        return len(self.task.certificate.failures(configurations_of(poses))) == 0
+        return len(self.task.certificate.failures(stack_configurations(poses))) == 0
 
     def goal_poses(self) -> Iterator[Pose]:
-        """The goal of the whole arm, or poses of it that have the tip at the goal."""
+        """Yield the goal of the whole arm, or poses of it that have the tip at the goal."""
         if self.goal.coordinates is not None:
             yield self.stepper.pose(self.goal.coordinates)
             return
@@ -435,7 +441,7 @@ class PlanarRun(SearchRun[MotionTask, LinkSpace]):
                 yield pose
 
     def tracked(self, found: Motion, failures: list[Failure]) -> Motion | None:
-        """A motion bent to the limits; None when that fails."""
+        """Return a motion bent to the limits; None when that fails."""
         name = f"{found.candidate}, tracked"
         reference = Reference.of(found, self.stepper.space)
         if self.goal.coordinates is not None:
@@ -452,7 +458,7 @@ class PlanarRun(SearchRun[MotionTask, LinkSpace]):
 
 
 def _made(make: Callable[[], Guide], pose: Pose) -> Guide:
-    """A guide that leads on from a pose.
+    """Return a guide that leads on from a pose.
 
     Raises:
         Stalled: when no way leads on from there. That says nothing of the problem: a tip in a wall's margin may
@@ -464,6 +470,6 @@ def _made(make: Callable[[], Guide], pose: Pose) -> Guide:
         raise Stalled(apart.diagnosis.reason, [pose]) from apart
 
 
-def configurations_of(poses: list[Pose]) -> FloatArray:
-    """The configurations of poses, shape (K, c)."""
+def stack_configurations(poses: list[Pose]) -> FloatArray:
+    """Return the configurations of poses, shape (K, c)."""
     return np.array([pose.q for pose in poses])

@@ -142,7 +142,7 @@ class StepSettings(AnyStepSettings):
         return 0.5 * (1.0 + self.limit_share)
 
     def narrowed(self, margin: float) -> "StepSettings":
-        """The numbers for a planning margin, in nominal links: where it is small, so are the steps.
+        """Return the numbers for a planning margin, in nominal links: where it is small, so are the steps.
 
         Linearised rows err by the square of the turn. What pushes the arm out of its margin has to grow as the margin
         gets smaller, or the guide would hold it at the very edge, where no step is left.

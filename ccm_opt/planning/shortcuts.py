@@ -44,7 +44,7 @@ class Shortcuts:
     saved: float = 0.01
 
     def shortened(self, way: FloatArray, rng: np.random.Generator) -> FloatArray:
-        """A certified way made shorter, link headings of shape (K, links) [rad]; the ends stay."""
+        """Return a certified way made shorter, link headings of shape (K, links) [rad]; the ends stay."""
         for _ in range(self.rounds):
             arcs = arc_lengths(way)
             # The whole way first: in plain scenes it was there all the time.
@@ -76,12 +76,12 @@ class Shortcuts:
 
 
 def _at(way: FloatArray, arcs: FloatArray, at: FloatArray) -> FloatArray:
-    """Poses of a way at some of its arc lengths, shape (m, links)."""
+    """Return the poses of a way at some of its arc lengths, shape (m, links)."""
     return np.column_stack([np.interp(at, arcs, column) for column in way.T])
 
 
 def dense(way: FloatArray, turn: float) -> FloatArray:
-    """A way with so many keyframes that no link turns by more between two of them, shape (K, links) [rad]."""
+    """Return a way with so many keyframes that no link turns by more between two of them, shape (K, links) [rad]."""
     turns = np.abs(np.diff(way, axis=0)).max(axis=1)
     counts = np.maximum(1, np.ceil(turns / turn)).astype(int)
     pieces = [
@@ -92,7 +92,7 @@ def dense(way: FloatArray, turn: float) -> FloatArray:
 
 
 def straightened(motion: Motion, task: MotionTask) -> Motion:
-    """A certified motion made shorter where it needs many keyframes; the same motion where it does not.
+    """Return a certified motion made shorter where it needs many keyframes; the same motion where it does not.
 
     Args:
         motion: certified, in its link space.

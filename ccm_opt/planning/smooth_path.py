@@ -16,11 +16,11 @@ from ccm_opt.planning.pose import CurveUnknowns
 from ccm_opt.planning.search import SearchTask
 from ccm_opt.planning.spline_path import (
     DEGREE,
+    certified_spare,
     certified_spline,
     clamped_spline,
     drawn_near,
     parameter_spans,
-    spare_kept,
     uncertified_spans,
 )
 from ccm_opt.problem.solution import JointPath
@@ -60,7 +60,7 @@ class SmoothPath:
 
 
 def joint_path(task: SearchTask, *motions: CurveMotion[CurveType], legs: bool = False) -> JointPath:
-    """The smooth, certified path through joint space along the first of some motions that has one.
+    """Return the smooth, certified path through joint space along the first of some motions that has one.
 
     Args:
         task: what was asked.
@@ -73,7 +73,7 @@ def joint_path(task: SearchTask, *motions: CurveMotion[CurveType], legs: bool = 
     missed = None
     for motion in motions:
         path = smooth_path(motion, task)
-        missed = None if path is None else task.missed_by(path.spline)
+        missed = None if path is None else task.violated_place(path.spline)
         if path is not None and missed is None:
             keyframes, spline, curves = task.keyframes_along(motion.configurations, path.spline, legs=legs)
             return JointPath(spline, keyframes, curves, motion.candidate, spare=path.spare)
@@ -81,7 +81,7 @@ def joint_path(task: SearchTask, *motions: CurveMotion[CurveType], legs: bool = 
 
 
 def _no_path(task: SearchTask) -> Diagnosis:
-    """Why a motion was found, and no path along it."""
+    """Return why a motion was found, and no path along it."""
     advice = room_advice(task.arm.radius, task.kept - task.arm.radius)
     if not task.constraints:
         return Diagnosis("a motion was found, but it leaves no room for a smooth path", "motion", advice)
@@ -94,7 +94,7 @@ def _no_path(task: SearchTask) -> Diagnosis:
 
 
 def smooth_path(motion: CurveMotion[CurveType], task: SearchTask) -> SmoothPath | None:
-    """The certified path through joint space along a motion; None when there is none.
+    """Return the certified path through joint space along a motion; None when there is none.
 
     A path near the keyframes is short, and smooth by itself, but leaves equations, and may break a gap of the user
     between the keyframes. One through knots that are moved onto the limits meets them, and leaves nothing to timing.
@@ -111,14 +111,14 @@ def smooth_path(motion: CurveMotion[CurveType], task: SearchTask) -> SmoothPath 
         if near is not None:
             # Where constraints are kept exactly, timing may use nothing of what is spared.
             exact = any(limit.names for limit in limits)
-            return SmoothPath(near, 0.0 if exact else spare_kept(near, task.certificate))
+            return SmoothPath(near, 0.0 if exact else certified_spare(near, task.certificate))
         spline = _through_knots(motion, task) if limits and not shaped else None
     return None if spline is None else SmoothPath(spline, 0.0)
 
 
 # ------------------------------------------------------------ through knots on the limits
 def _through_knots(motion: CurveMotion[CurveType], task: SearchTask) -> BSpline | None:
-    """The certified path through knots that meet the limits; None where there is none.
+    """Return the certified path through knots that meet the limits; None where there is none.
 
     Args:
         motion: linear in its unknowns, or else there is none.
@@ -142,7 +142,7 @@ def _through_knots(motion: CurveMotion[CurveType], task: SearchTask) -> BSpline 
 
 
 def _is_safe(spline: BSpline, task: SearchTask) -> bool:
-    """Whether a path keeps the limits of joints and is certified, linear between its samples."""
+    """Return whether a path keeps the limits of joints and is certified, linear between its samples."""
     q = np.asarray(spline(certified_samples(spline)))
     limits = task.arm.bend_limits
     bends = np.abs(q[:, : len(limits)])
@@ -153,7 +153,7 @@ def _is_safe(spline: BSpline, task: SearchTask) -> bool:
 
 # ------------------------------------------------------------ near the keyframes
 def _near_keyframes(motion: CurveMotion[CurveType], task: SearchTask) -> BSpline | None:
-    """A spline near a certified motion, itself certified at samples and linear between them; None where none is.
+    """Return a spline near a certified motion, itself certified at samples and linear between them; None where none is.
 
     It is a spline in the unknowns, in which a fed arm follows its own shape. With the keyframes as control points it
     cuts their corners by a sixth of the second differences. That makes motions of fixed arms quicker. A fed one, which
@@ -185,7 +185,7 @@ def _near_keyframes(motion: CurveMotion[CurveType], task: SearchTask) -> BSpline
 
 
 def path_near_configurations(keyframes: FloatArray, task: SearchTask) -> BSpline | None:
-    """The same near certified configurations that no curve shows, which are its control points.
+    """Return the same near certified configurations that no curve shows, which are its control points.
 
     Args:
         keyframes: shape (K, c) [rad, m].
@@ -211,7 +211,7 @@ class _Room:
 
     @classmethod
     def of(cls, task: SearchTask, configurations: FloatArray) -> "_Room":
-        """That of a motion, configurations of shape (K, c)."""
+        """Return that of a motion, configurations of shape (K, c)."""
         return cls(task, len(configurations), float(np.max(task.room_lacking(configurations))))
 
     @property
@@ -220,12 +220,12 @@ class _Room:
         return np.linspace(0.0, 1.0, _LOOKS * self.keyframes + 1)
 
     def lost_places(self, spline: BSpline) -> FloatArray:
-        """Where a path lacks more, but for a small share of the wanted room."""
+        """Return where a path lacks more, but for a small share of the wanted room."""
         lacking = self.task.room_lacking(np.asarray(spline(self._looks)))
         return self._looks[lacking > self.lack + _LOST_ROOM * self.task.wanted_gap]
 
     def lacking(self, spline: BSpline) -> float:
-        """What a path lacks of the wanted room at most [m]."""
+        """Return what a path lacks of the wanted room at most [m]."""
         return float(np.max(self.task.room_lacking(np.asarray(spline(self._looks)))))
 
 
@@ -239,7 +239,7 @@ def _halfway_onto(keyframes: FloatArray) -> FloatArray:
 def _failing_places(
     task: SearchTask, room: _Room | None, spline: BSpline, refinement: int, *, tube: bool
 ) -> FloatArray:
-    """Places of a path at which it is refused, shape (m,).
+    """Return the places of a path at which it is refused, shape (m,).
 
     Args:
         task: what it has to keep.
@@ -267,7 +267,7 @@ def _failing_places(
 
 
 def _bent_inside(arm: Arm, spline: BSpline) -> IntArray:
-    """Spans on which a joint may be bent while the guide tube holds it.
+    """Return the spans on which a joint may be bent while the guide tube holds it.
 
     A joint bends on the whole of a span when one of the span's four control points bends it; the feed is within half of
     the way between samples of what they have.

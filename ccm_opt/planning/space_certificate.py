@@ -78,7 +78,7 @@ class SpaceCertificate:
         )  # fmt: skip
 
     def safe(self, before: FloatArray, after: FloatArray, depth: int | None = None) -> bool:
-        """Whether the motion between two configurations, each of shape (c,), is proved to touch nothing.
+        """Return whether the motion between two configurations, each of shape (c,), is proved to touch nothing.
 
         Args:
             before: at its beginning.
@@ -92,6 +92,6 @@ class SpaceCertificate:
         return bool(self._call.fields.safe)
 
     def failures(self, keyframes: FloatArray, depth: int | None = None) -> IntArray:
-        """Intervals of a motion through keyframes, shape (K, c), that are not proved to be safe."""
+        """Return the intervals of a motion through keyframes, shape (K, c), that are not proved to be safe."""
         unsafe = [k for k in range(len(keyframes) - 1) if not self.safe(keyframes[k], keyframes[k + 1], depth)]
         return np.array(unsafe, dtype=np.intp)

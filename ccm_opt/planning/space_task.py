@@ -15,7 +15,7 @@ from ccm_opt.ik.compiled_terms import UserTerms
 from ccm_opt.planning.curve_map import CurveMap
 from ccm_opt.planning.goal import GoalPose, moved_onto
 from ccm_opt.planning.limits.limit import LimitOf
-from ccm_opt.planning.limits.limit_stack import ContactLimit, FeedLimit, limits_with, within_limits
+from ccm_opt.planning.limits.limit_stack import ContactLimit, FeedLimit, assembled_limits, within_limits
 from ccm_opt.planning.limits.motion_certificate import MotionCertificate
 from ccm_opt.planning.limits.surface_rows import distance_lacking, motion_rows, room_lacking
 from ccm_opt.planning.limits.user_limit import UserLimit
@@ -23,7 +23,7 @@ from ccm_opt.planning.motion import SpaceMotion
 from ccm_opt.planning.optimisation.interval_rows import Sweep
 from ccm_opt.planning.optimisation.objective import normalised
 from ccm_opt.planning.optimisation.sequential_convex import MotionProgram
-from ccm_opt.planning.passed_places import PassedPlaces, first_missed
+from ccm_opt.planning.passed_places import PassedPlaces, first_violation
 from ccm_opt.planning.search import SearchTask
 from ccm_opt.planning.settings import SpaceMotionSettings
 from ccm_opt.planning.space_certificate import SpaceCertificate
@@ -98,7 +98,7 @@ class SpaceTask(SearchTask):
         return self.arm.length / NOMINAL_LINKS
 
     def deadline_within(self, seconds: float) -> "SpaceTask":
-        """The same task with a deadline after so much CPU time from now on, or its own if that is earlier."""
+        """Return the same task with a deadline after so much CPU time from now on, or its own if that is earlier."""
         return replace(self, deadline=self.deadline.within(seconds))
 
     @cached_property
@@ -112,7 +112,7 @@ class SpaceTask(SearchTask):
         return MotionCertificate(self.arm, self.spare, self.limits(self.finder(0.0, 0.0)))
 
     def finder(self, margin: float, reach: float) -> SurfaceFinder:
-        """A finder of contacts, beyond what is proved, with a planning margin and a reach [m]."""
+        """Return a finder of contacts, beyond what is proved, with a planning margin and a reach [m]."""
         return SurfaceFinder(self.arm, self.tree, self.names, self.contact_certificate.gap, margin, reach)
 
     def limits(self, finder: SurfaceFinder, wanted_gap: float = 0.0) -> tuple[LimitOf[Any], ...]:
@@ -120,7 +120,7 @@ class SpaceTask(SearchTask):
         rows = partial(motion_rows, finder=finder)
         contact = ContactLimit(finder, self.contact_certificate, self.settings.step, rows, wanted_gap)
         feed = (FeedLimit(),) if self.arm.base_axes else ()
-        return limits_with(self.arm, contact, self.settings.step, (*feed, *self.user_limits, *self.held))
+        return assembled_limits(self.arm, contact, self.settings.step, (*feed, *self.user_limits, *self.held))
 
     @cached_property
     def spare(self) -> float:
@@ -136,7 +136,7 @@ class SpaceTask(SearchTask):
         return _LEAST_SPARE * self.unit
 
     def _room(self, q: FloatArray, most: float) -> float:
-        """Least gap of a configuration beyond the clearance, or between its links, up to so much [m]."""
+        """Return the least gap of a configuration beyond the clearance, or between its links, up to so much [m]."""
         arm = self.arm
         points = arm.joint_positions_at(q)
         _, axes = arm.exposed_links(points)
@@ -153,7 +153,7 @@ class SpaceTask(SearchTask):
         return _MARGIN * self.unit
 
     def program(self, motion: SpaceMotion, margin: float | None = None) -> MotionProgram[Sweep]:
-        """The program of optimising a motion, its keyframes still to be chosen."""
+        """Return the program of optimising a motion, its keyframes still to be chosen."""
         kept = _ROW_MARGIN * self.unit if margin is None else margin * self.arm.length
         goal = self.limited_goal
         exact = moved_onto(motion.curve, goal, motion.curve.pose(motion.unknowns[-1]))
@@ -179,33 +179,36 @@ class SpaceTask(SearchTask):
         )
 
     def _lack(self, sweep: Sweep) -> float:
-        """Room that a motion lacks over all its intervals, in nominal links."""
+        """Return the room that a motion lacks over all its intervals, in nominal links."""
         return float(np.sum(room_lacking(sweep, self.finder(0.0, 0.0), self.wanted_gap))) / self.unit
 
     def room_lacking(self, q: FloatArray) -> FloatArray:
-        """By how much configurations, shape (k, c), lack the wanted room, shape (k,) [m]."""
+        """Return by how much configurations, shape (k, c), lack the wanted room, shape (k,) [m]."""
         return distance_lacking(self.arm, self.tree, self.arm.joint_positions_at(q), self.kept + self.wanted_gap)
 
     def free(self, q: FloatArray) -> FloatArray:
-        """1 for what a knot may move, 0 for joints that are clamped, shape (c,); the base is fixed."""
+        """Return the 1 for what a knot may move, 0 for joints that are clamped, shape (c,); the base is fixed."""
         return (np.arange(len(q)) >= self.arm.bends_a_joint * self.arm.clamped_joints).astype(np.float64)
 
     def keyframes_along(
         self, keyframes: FloatArray, spline: BSpline, *, legs: bool
     ) -> tuple[FloatArray, BSpline, tuple[Configuration, ...]]:
-        """The path as it is; drawn in the unknowns, that of a fed arm may pass configurations of the motion by."""
+        """Return the path as it is.
+
+        Drawn in the unknowns, that of a fed arm may pass configurations of the motion by.
+        """
         if self.arm.base_axes and not legs:
             keyframes = np.asarray(spline(np.linspace(0.0, 1.0, len(keyframes))))
         return keyframes, spline, ()
 
-    def missed_by(self, spline: BSpline) -> Diagnosis | None:
-        """Which place the tip does not pass on a path, in words; None where it passes all."""
+    def violated_place(self, spline: BSpline) -> Diagnosis | None:
+        """Return which place the tip does not pass on a path, in words; None where it passes all."""
         if not self.via:
             return None
         spans = len(spline.t) - 2 * spline.k - 1
         u = np.linspace(0.0, 1.0, spans * _PATH_SAMPLES + 1)
         tips = self.arm.joint_positions_at(np.asarray(spline(u)))[:, -1]
-        missed = first_missed(tips, np.stack(self.via), self.via_reach)
+        missed = first_violation(tips, np.stack(self.via), self.via_reach)
         if missed is None:
             return None
         number, away = missed
@@ -216,7 +219,7 @@ class SpaceTask(SearchTask):
         return Diagnosis(reason, "motion", ("move the place to where an arm as long and stiff as this can pass it",))
 
     def stepper(self, curve: CurveMap, margin: float = 1.0) -> SpaceStepper:
-        """Takes steps in the unknowns of a curve, with a share of the margin."""
+        """Return the takes steps in the unknowns of a curve, with a share of the margin."""
         gap = margin * self.margin
         return SpaceStepper(curve, self.limits(self.finder(gap, gap + _REACH * curve.nominal_length)), self.settings)
 
@@ -228,7 +231,10 @@ def reach_box(arm: Arm, bounds: FloatArray | None) -> FloatArray:
 
 
 def tip_box(arm: Arm, bounds: FloatArray | None) -> FloatArray:
-    """Corners of where the tip can be, (2, 3) [m]; an arm is straight in its guide tube and turns about its end."""
+    """Return the corners of where the tip can be, (2, 3) [m].
+
+    An arm is straight in its guide tube and turns about its end.
+    """
     low, high = arm.base_range
     if not arm.base_axes:
         return reach_box(arm, bounds)
@@ -237,7 +243,7 @@ def tip_box(arm: Arm, bounds: FloatArray | None) -> FloatArray:
 
 
 def _box_about(arm: Arm, low: float, high: float, reach: float, bounds: FloatArray | None) -> FloatArray:
-    """Corners of what is within reach of a part of the line of the base, and in the room, (2, d) [m]."""
+    """Return the corners of what is within reach of a part of the line of the base, and in the room, (2, d) [m]."""
     ends = arm.base + np.outer([low, high], arm.direction)
     box = np.stack((ends.min(axis=0) - reach, ends.max(axis=0) + reach))
     if bounds is None:
@@ -252,7 +258,7 @@ def space_task(
     settings: SpaceMotionSettings,
     terms: UserTerms | None = None,
 ) -> SpaceTask:
-    """What the search is asked for a problem.
+    """Return what the search is asked for a problem.
 
     Args:
         problem: with one goal.
@@ -294,7 +300,7 @@ def space_task(
 
 
 def coarse_problem(problem: Problem, few: SpaceTask) -> Problem:
-    """The problem as the search for nominal links sees it; torques are left to the arm itself."""
+    """Return the problem as the search for nominal links sees it; torques are left to the arm itself."""
     limits = problem.limits
     revolutes = 3 * few.arm.links
     return replace(

@@ -34,7 +34,7 @@ DEGREE = 3
 
 
 def clamped_spline(control: FloatArray, ends: FloatArray | None = None) -> BSpline:
-    """Clamped cubic B-spline over [0, 1] with given control points.
+    """Return the clamped cubic B-spline over [0, 1] with given control points.
 
     Args:
         control: shape (m ≥ 4, c).
@@ -48,7 +48,7 @@ def clamped_spline(control: FloatArray, ends: FloatArray | None = None) -> BSpli
 
 @lru_cache(maxsize=64)
 def smoothing_matrix(keyframes: int) -> FloatArray:
-    """Where the spline is beside each of its control points, as a matrix on them, shape (keyframes, keyframes).
+    """Return where the spline is beside each of its control points, as a matrix on them, shape (keyframes, keyframes).
 
     Row k is the spline's value at the Greville abscissa of control point k, the mean of the three knots inside its
     support, where the spline is near it (de Boor, *A Practical Guide to Splines*, chapter IX). Fewer than four
@@ -70,7 +70,7 @@ def places_along(keyframes: int, samples: int) -> FloatArray:
 
 @lru_cache(maxsize=64)
 def _beside(keyframes: int) -> FloatArray:
-    """The spline's parameter beside each of at least four control points, shape (keyframes,)."""
+    """Return the spline's parameter beside each of at least four control points, shape (keyframes,)."""
     knots = clamped_spline(np.eye(keyframes)).t
     return np.array([knots[k + 1 : k + DEGREE + 1].mean() for k in range(keyframes)])
 
@@ -78,7 +78,7 @@ def _beside(keyframes: int) -> FloatArray:
 def certified_spline(
     keyframes: FloatArray, certificate: IntervalCertificate, refinements: int = _REFINEMENTS
 ) -> BSpline | None:
-    """A spline near certified keyframes, itself certified on a fine grid; None when refinement does not help.
+    """Return a spline near certified keyframes, itself certified on a fine grid; None when refinement does not help.
 
     Args:
         keyframes: shape (K, c) [rad, m].
@@ -102,7 +102,7 @@ def drawn_near(
     mended: Callable[[FloatArray, FloatArray], FloatArray] | None = None,
     refinements: int = _MOST_REFINEMENTS,
 ) -> BSpline | None:
-    """The path along the spline of control points, drawn onto their polygon until it is accepted.
+    """Return the path along the spline of control points, drawn onto their polygon until it is accepted.
 
     A cubic B-spline leaves its control polygon by at most a sixth of the second difference, so halving the legs of
     the control polygon where a span fails draws the spline onto the polygon, which is certified.
@@ -130,7 +130,7 @@ def drawn_near(
             return None
         # Not the insertion of a knot, which would leave the curve as it is: the polygon stays, and its second
         # differences, by which the curve leaves it, become smaller.
-        control = halved(control, legs_of_spans(control, spans))
+        control = halved(control, span_legs(control, spans))
         if mended is not None:
             control[:, :-1] = mended(control[:, :-1], control[:, -1])
     return None
@@ -147,7 +147,7 @@ def parameter_spans(u: FloatArray) -> FloatArray:
 
 
 def uncertified_spans(spline: BSpline, certificate: IntervalCertificate) -> IntArray:
-    """Spans of a clamped spline that are not certified when they are linear between enough samples, sorted."""
+    """Return spans of a clamped spline that are not certified when they are linear between enough samples, sorted."""
     counts = _samples_a_span(spline, certificate)
     # Sample i lies in the span k with ends[k] ≤ i < ends[k + 1]; that is undone below to name the spans that fail.
     ends = np.concatenate(([0], np.cumsum(counts)))
@@ -155,7 +155,7 @@ def uncertified_spans(spline: BSpline, certificate: IntervalCertificate) -> IntA
     return np.unique(np.searchsorted(ends, certificate.failures(np.asarray(spline(samples))), side="right") - 1)
 
 
-def spare_kept(spline: BSpline, certificate: IntervalCertificate) -> float:
+def certified_spare(spline: BSpline, certificate: IntervalCertificate) -> float:
     """Gap beyond contact that a certified spline keeps: what is spared, less the error of linear interpolation [m]."""
     errors = _interpolation_errors(spline, certificate) / _samples_a_span(spline, certificate) ** 2
     return max(0.0, certificate.spare - float(np.max(errors)))
@@ -170,7 +170,7 @@ def _samples_a_span(spline: BSpline, certificate: IntervalCertificate) -> IntArr
 
 
 def _interpolation_errors(spline: BSpline, certificate: IntervalCertificate) -> FloatArray:
-    """How far each span, interpolated linearly between its ends, may be off, shape (spans,) [m].
+    """Return how far each span, interpolated linearly between its ends, may be off, shape (spans,) [m].
 
     It errs by ⅛ h² max|q''| in a coordinate, so by how far such a change moves the arm in a position; q'' is linear on
     a span, its control points are its values at the knots.
@@ -181,7 +181,7 @@ def _interpolation_errors(spline: BSpline, certificate: IntervalCertificate) -> 
 
 
 def at_least_four(control: FloatArray) -> FloatArray:
-    """The same polygon with enough control points for a spline; a single one is a leg that goes nowhere."""
+    """Return the same polygon with enough control points for a spline; a single one is a leg that goes nowhere."""
     if len(control) == 1:
         control = np.repeat(control, 2, axis=0)
     while len(control) < DEGREE + 1:
@@ -189,11 +189,11 @@ def at_least_four(control: FloatArray) -> FloatArray:
     return control
 
 
-def legs_of_spans(control: FloatArray, spans: IntArray) -> IntArray:
-    """Legs of a control polygon that shape given spans; span k is shaped by control points k to k + 3."""
+def span_legs(control: FloatArray, spans: IntArray) -> IntArray:
+    """Return the legs of a control polygon that shape given spans; span k is shaped by control points k to k + 3."""
     return np.unique(np.clip(np.add.outer(spans, np.arange(DEGREE)).ravel(), 0, len(control) - 2))
 
 
 def halved(control: FloatArray, legs: IntArray) -> FloatArray:
-    """The control polygon with the middles of some of its legs put in."""
+    """Return the control polygon with the middles of some of its legs put in."""
     return np.insert(control, legs + 1, 0.5 * (control[legs] + control[legs + 1]), axis=0)

@@ -40,7 +40,7 @@ class StepperOf(Generic[AnyUnknowns]):
     settings: EngineSettings
 
     def pose(self, v: FloatArray) -> Pose:
-        """The pose of unknowns, shape (p,)."""
+        """Return the pose of unknowns, shape (p,)."""
         return self.space.pose(v)
 
     def step(self, pose: Pose, terms: Sequence[Term], turn: float | None = None, *, checked: bool = True) -> Pose:
@@ -74,7 +74,10 @@ class StepperOf(Generic[AnyUnknowns]):
         return self._accept(pose, delta, parts, turn) if checked else self.pose(pose.v + delta)
 
     def _accept(self, pose: Pose, delta: FloatArray, parts: list[LimitRows], turn: float) -> Pose:
-        """Backtrack until every limit's true check holds; the linearised rows promise that for small steps only."""
+        """Return the backtrack until every limit's true check holds.
+
+        The linearised rows promise that for small steps only.
+        """
         for k in range(_BACKTRACKS):
             # Halving always ends well in theory, for δ = 0 is feasible; after a few halvings the gain is not worth the
             # check.
@@ -87,36 +90,36 @@ class StepperOf(Generic[AnyUnknowns]):
         return pose
 
     def _proved(self, pose: Pose, trial: Pose) -> bool:
-        """Whether the way of a step is proved, where steps are."""
+        """Return whether the way of a step is proved, where steps are."""
         depth = self.settings.step.proof_depth
         return depth is None or self.safe(pose.q, trial.q, depth)
 
     def leads_to(self, near: Pose, final: Pose) -> bool:
-        """Whether a pose that was put exactly onto the goal may follow a pose near it."""
+        """Return whether a pose that was put exactly onto the goal may follow a pose near it."""
         # Backwards, as after a step: the check of contact costs most.
         kept = all(limit.keeps_at_goal(self.space, near, final) for limit in reversed(self.limits))
         return kept and (self.settings.step.proof_depth is None or self.safe(near.q, final.q))
 
     # ------------------------------------------------------------ what is certified
     def safe(self, before: FloatArray, after: FloatArray, depth: int | None = None) -> bool:
-        """Whether the motion between two configurations, each of shape (c,), keeps all limits for certain."""
+        """Return whether the motion between two configurations, each of shape (c,), keeps all limits for certain."""
         edge = np.stack((before, after))
         return not any(len(limit.failures(edge, depth)) for limit in reversed(self.limits))
 
     def edge_is_safe(self, before: FloatArray, after: FloatArray, depth: int | None = None) -> bool:
-        """The same between two unknowns, each of shape (p,)."""
+        """Return the same between two unknowns, each of shape (p,)."""
         return len(self.failing_edges(np.stack((before, after)), depth)) == 0
 
     def failing_edges(self, unknowns: FloatArray, depth: int | None = None) -> IntArray:
-        """Numbers of the edges of a motion, unknowns of shape (K + 1, p), that are not certified, sorted."""
+        """Return the numbers of the edges of a motion, unknowns of shape (K + 1, p), that are not certified, sorted."""
         return failing_edges(self.limits, self.space, unknowns, depth)
 
     def at(self, u: float) -> "Self":
-        """The stepper at a path parameter of the motion."""
+        """Return the stepper at a path parameter of the motion."""
         return replace(self, limits=tuple(limit.placed(u) for limit in self.limits))
 
     def miss(self, q: FloatArray) -> float:
-        """By how much the worst limit is missed that has to be met exactly; 0 when all are met."""
+        """Return by how much the worst limit is missed that has to be met exactly; 0 when all are met."""
         return max(limit.miss(q) for limit in self.limits)
 
 

@@ -16,7 +16,7 @@ from ccm_opt.planning.lifting import coarse_task, taken_over
 from ccm_opt.planning.motion import Motion, SpaceMotion
 from ccm_opt.planning.motion_task import MotionTask
 from ccm_opt.planning.passage_exit import backward_tasks, ending_in, laid_backward_tasks, reversed_motion
-from ccm_opt.planning.passage_widths import MARGINS, fitting_margins, nominal_links_asked
+from ccm_opt.planning.passage_widths import MARGINS, fitting_margins, required_nominal_links
 from ccm_opt.planning.rrt_connect import CONNECT, FEW_LINKS
 from ccm_opt.planning.sampled_check import LEAST_SPACING, POSE_SPACING
 from ccm_opt.planning.search import TREES, Failure, Strategy, first_found
@@ -24,7 +24,7 @@ from ccm_opt.planning.search_run import PlanarRun
 from ccm_opt.planning.shortcuts import straightened
 from ccm_opt.planning.smooth_path import smooth_path
 from ccm_opt.planning.space_task import SpaceTask
-from ccm_opt.planning.tip_walks import WALKS, by_walks, is_walked
+from ccm_opt.planning.tip_walks import WALKS, find_by_walks, is_walked
 from ccm_opt.planning.tree_search import search_by_trees
 from ccm_opt.planning.way_strategies import SpaceRun
 from ccm_opt.problem import Weights
@@ -63,12 +63,12 @@ class Turn(IntEnum):
 
 
 def goes_straight_to_pose(task: MotionTask) -> bool:
-    """Whether a straight motion may be one: poses of the whole arm alone say where straight is."""
+    """Return whether a straight motion may be one: poses of the whole arm alone say where straight is."""
     return task.goal_pose is not None and not task.parametric
 
 
 def straight(task: MotionTask, failures: list[Failure]) -> Motion | None:
-    """Straight to a goal of the whole arm, or straight back from it, bent round obstacles by the step."""
+    """Return the straight to a goal of the whole arm, or straight back from it, bent round obstacles by the step."""
     margins = fitting_margins(task)
     forward = PlanarRun.from_task(task, margins[0])
     motion = forward.run(forward.direct(), failures)
@@ -89,7 +89,7 @@ def connects(task: MotionTask, turn: Turn = Turn.EARLY) -> bool:
 
 
 def connected(task: MotionTask, failures: list[Failure], turn: Turn = Turn.EARLY) -> Motion | None:
-    """The motion that joins trees in the coordinates of the curve, with so many extensions that it costs little.
+    """Return the motion that joins trees in the coordinates of the curve, with so many extensions that it costs little.
 
     Args:
         task: arm, room, ends and limits.
@@ -114,7 +114,7 @@ def _budgets(task: MotionTask, turn: Turn) -> tuple[int, ...]:
     if not task.tip_paths and not few:
         return ()
     # Thin arms of many links have their late turn after the trees, for to look at them takes long.
-    slow = not few and looked_at_slowly(task)
+    slow = not few and needs_dense_sampling(task)
     if turn in {Turn.LATE, Turn.LAST}:
         return _LATE_BUDGETS if slow == (turn is Turn.LAST) else ()
     if few:
@@ -130,8 +130,10 @@ def bends_freely(task: MotionTask) -> bool:
     return free and task.goal_pose is None and len(task.tip_paths) > 0
 
 
-def by_limit_arcs(task: MotionTask, failures: list[Failure]) -> Motion | None:
-    """Straight to poses with the joints bent all they may be, where a goal for the tip asks for that; then RRT-Connect.
+def find_by_limit_arcs(task: MotionTask, failures: list[Failure]) -> Motion | None:
+    """Return the straight to poses with the joints bent all they may be, where a goal for the tip asks for that.
+
+    Then RRT-Connect.
 
     Guides that draw the tip to such a goal end near it with some joint at its limit and others short of theirs.
     """
@@ -145,8 +147,8 @@ def by_limit_arcs(task: MotionTask, failures: list[Failure]) -> Motion | None:
     return None
 
 
-def by_candidates(task: MotionTask, failures: list[Failure], *, narrow: bool = False) -> Motion | None:
-    """The first candidate's motion that arrives and is certified, with one planning margin after another.
+def find_by_candidates(task: MotionTask, failures: list[Failure], *, narrow: bool = False) -> Motion | None:
+    """Return the first candidate's motion that arrives and is certified, with one planning margin after another.
 
     Args:
         task: arm, room, ends and limits.
@@ -166,12 +168,12 @@ def by_candidates(task: MotionTask, failures: list[Failure], *, narrow: bool = F
 
 
 def is_divided(task: MotionTask) -> bool:
-    """Whether RRT-Connect has its turn between the widest margin of the candidates and the others."""
+    """Return whether RRT-Connect has its turn between the widest margin of the candidates and the others."""
     return not task.parametric and task.arm.links <= _MOST_LINKS and connects(task, Turn.MIDDLE)
 
 
 def tracked(task: MotionTask, failures: list[Failure]) -> Motion | None:
-    """A motion that is found without the user's limits, then tracked under them; one for each margin is tried.
+    """Return a motion that is found without the user's limits, then tracked under them; one for each margin is tried.
 
     For limits over the path parameter. Where candidates fail under limits that do not depend on it, tracking is another
     way to keep them.
@@ -187,7 +189,7 @@ def tracked(task: MotionTask, failures: list[Failure]) -> Motion | None:
     return None
 
 
-def by_trees(task: MotionTask, failures: list[Failure]) -> Motion | None:
+def find_by_trees(task: MotionTask, failures: list[Failure]) -> Motion | None:
     """The motion that joins trees of poses from both ends, until the deadline or until they reach nothing new."""
     if not task.tip_paths:
         return None
@@ -202,18 +204,20 @@ def by_trees(task: MotionTask, failures: list[Failure]) -> Motion | None:
     return None
 
 
-def _free_of_u(task: MotionTask) -> bool:
+def _independent_of_path_parameter(task: MotionTask) -> bool:
     """Whether no limit depends on u: candidates, and poses of trees, do not know how far along the motion they are."""
     return not task.parametric
 
 
-def looked_at_slowly(task: MotionTask) -> bool:
+def needs_dense_sampling(task: MotionTask) -> bool:
     """Whether poses have to be looked at nearer to each other than the arm is wide, which takes RRT-Connect long."""
     return POSE_SPACING * task.kept < LEAST_SPACING * task.arm.length
 
 
 def candidate_motions(task: MotionTask, margin: float, failures: list[Failure]) -> Iterator[Motion | None]:
-    """Forwards, then backwards from every pose at the goal, then forwards with all that is left; None for failures.
+    """Yield the forwards, then backwards from every pose at the goal, then forwards with all that is left.
+
+    None for failures.
 
     Backwards first where the way leads into narrow gates: an arm can be slid out of them.
     """
@@ -222,7 +226,7 @@ def candidate_motions(task: MotionTask, margin: float, failures: list[Failure]) 
     if not into_gates:
         before = len(failures)
         yield forward.run(forward.first(), failures)
-        if any(_kept_off_by_limits(task, failure) for failure in failures[before:]):
+        if any(_stopped_by_joint_limits(task, failure) for failure in failures[before:]):
             task = task.at_full_limits()
             forward = PlanarRun.from_task(task, margin)
             yield forward.run(forward.first(), failures)
@@ -241,14 +245,14 @@ def candidate_motions(task: MotionTask, margin: float, failures: list[Failure]) 
 
 
 def _touches_nothing(task: MotionTask, q: FloatArray) -> bool:
-    """Whether a configuration, shape (c,), keeps off walls and off itself."""
+    """Return whether a configuration, shape (c,), keeps off walls and off itself."""
     points = task.arm.joint_positions_at(q)
     finder = task.finder(0.0, task.arm.link_length)
     return not finder.crosses(points) and bool(finder.find(points).gap.min(initial=np.inf) > 0.0)
 
 
-def _kept_off_by_limits(task: MotionTask, failure: Failure) -> bool:
-    """Whether a candidate ended near its goal with a joint bent as far as planning does."""
+def _stopped_by_joint_limits(task: MotionTask, failure: Failure) -> bool:
+    """Return whether a candidate ended near its goal with a joint bent as far as planning does."""
     return failure.remaining < task.arm.length / NOMINAL_LINKS and task.bends_all_it_may(failure.pose)
 
 
@@ -258,16 +262,16 @@ def _connecting(name: str, turn: Turn) -> Strategy[MotionTask, Motion]:
 
 STRATEGIES: tuple[Strategy[MotionTask, Motion], ...] = (
     Strategy("interpolation", straight, goes_straight_to_pose, leads_others=True),
-    Strategy("arcs at the limits", by_limit_arcs, bends_freely),
-    Strategy(WALKS, by_walks, is_walked, leads_others=True),
+    Strategy("arcs at the limits", find_by_limit_arcs, bends_freely),
+    Strategy(WALKS, find_by_walks, is_walked, leads_others=True),
     _connecting(CONNECT, Turn.EARLY),
-    Strategy("candidates", by_candidates, _free_of_u, costly=True),
+    Strategy("candidates", find_by_candidates, _independent_of_path_parameter, costly=True),
     _connecting(f"{CONNECT}, longer", Turn.MIDDLE),
-    Strategy("candidates nearer to walls", partial(by_candidates, narrow=True), is_divided, costly=True),
+    Strategy("candidates nearer to walls", partial(find_by_candidates, narrow=True), is_divided, costly=True),
     Strategy("tracking", tracked, lambda task: bool(task.user_limits), costly=True),
     _connecting(f"{CONNECT} again", Turn.LATE),
-    Strategy(f"{WALKS} again", partial(by_walks, late=True), is_walked, costly=True),
-    Strategy(TREES, by_trees, _free_of_u, costly=True),
+    Strategy(f"{WALKS} again", partial(find_by_walks, late=True), is_walked, costly=True),
+    Strategy(TREES, find_by_trees, _independent_of_path_parameter, costly=True),
     _connecting(f"{CONNECT} again", Turn.LAST),
 )
 """What is tried in turn in the plane where the base is fixed."""
@@ -291,7 +295,7 @@ def find_motion(task: MotionTask, strategies: tuple[Strategy[MotionTask, Motion]
     ends = [task.start] if task.goal_pose is None else [task.start, task.goal_pose]
     if any(task.bends_all_it_may(end) for end in ends):
         task = task.at_full_limits()
-    task = replace(task, nominal_links=nominal_links_asked(task))
+    task = replace(task, nominal_links=required_nominal_links(task))
     coarse = coarse_task(task)
 
     def find(strategy: Strategy[MotionTask, Motion], failures: list[Failure]) -> Motion | None:
@@ -307,7 +311,10 @@ def find_motion(task: MotionTask, strategies: tuple[Strategy[MotionTask, Motion]
 
 
 def _finished(found: Motion, task: MotionTask) -> Motion:
-    """A motion optimised; one that follows its leader mostly lasts as long as its feed, and has its path's room."""
+    """Return a motion optimised.
+
+    One that follows its leader mostly lasts as long as its feed, and has its path's room.
+    """
     plain = not task.user_limits and task.weights == Weights()
     if found.follows and plain:
         straight_line = found.through(found.unknowns[[0, -1]])
@@ -328,17 +335,20 @@ def _is_fed(run: SpaceRun) -> bool:
 
 
 def _passes_places(run: SpaceRun) -> bool:
-    """Whether places on the way may be goals: the user's terms of a motion are written for the whole of it."""
+    """Return whether places on the way may be goals: the user's terms of a motion are written for the whole of it."""
     return bool(run.task.via) and run.task.user is None
 
 
 def _passes_none(run: SpaceRun) -> bool:
-    """Whether there are no places on the way: what is not led by the tip passes none."""
+    """Return whether there are no places on the way: what is not led by the tip passes none."""
     return not run.task.via
 
 
 def _poses(*, whole: bool) -> Strategy[SpaceRun, SpaceMotion]:
-    """A pose of the whole arm is known, and need not be drawn; other ways of the tip mostly lead to other poses."""
+    """Return a pose of the whole arm is known, and need not be drawn.
+
+    Other ways of the tip mostly lead to other poses.
+    """
     return Strategy(
         "poses at the goal",
         SpaceRun.to_poses,
@@ -348,7 +358,7 @@ def _poses(*, whole: bool) -> Strategy[SpaceRun, SpaceMotion]:
 
 
 def _drawing(number: int) -> Strategy[SpaceRun, SpaceMotion]:
-    return Strategy(CONNECT, lambda run, failed: run.by_connecting(number, failed), _passes_none, costly=True)
+    return Strategy(CONNECT, lambda run, failed: run.find_by_connecting(number, failed), _passes_none, costly=True)
 
 
 def _sampling(number: int) -> Strategy[SpaceRun, SpaceMotion]:
@@ -362,20 +372,20 @@ def _sampling(number: int) -> Strategy[SpaceRun, SpaceMotion]:
 
 
 def _by_stages(run: SpaceRun, failures: list[Failure]) -> SpaceMotion | None:
-    return run.by_stages(find_by_ways, failures)
+    return run.find_by_stages(find_by_ways, failures)
 
 
 WAYS: tuple[Strategy[SpaceRun, SpaceMotion], ...] = (
-    Strategy("first ways of the tip", SpaceRun.by_first_ways),
-    Strategy("withdrawal", SpaceRun.by_withdrawing, _is_fed),
+    Strategy("first ways of the tip", SpaceRun.find_along_first_ways),
+    Strategy("withdrawal", SpaceRun.find_by_withdrawing, _is_fed),
     _sampling(0),
     _poses(whole=True),
-    Strategy("other ways of the tip", SpaceRun.by_other_ways, costly=True),
+    Strategy("other ways of the tip", SpaceRun.find_along_other_ways, costly=True),
     _sampling(1),
     _poses(whole=False),
     _drawing(0),
     _drawing(1),
-    Strategy("ways of the tip through the finest grid", SpaceRun.by_finest_ways, costly=True),
+    Strategy("ways of the tip through the finest grid", SpaceRun.find_along_finest_ways, costly=True),
     _drawing(2),
     _drawing(3),
     Strategy("from place to place", _by_stages, _passes_places, costly=True),

@@ -56,19 +56,19 @@ class PlanarSweep(Sweep):
 
     # ------------------------------------------------------------ what rows need
     def deviation(self, rows: IntervalRows) -> FloatArray:
-        """How far the points of rows may leave their chord, shape (m,) [m]."""
+        """Return how far the points of rows may leave their chord, shape (m,) [m]."""
         return np.asarray(self.sag[rows.interval, rows.high] - self.sag[rows.interval, rows.low])
 
     def deviation_slopes(self, rows: IntervalRows) -> FloatArray:
-        """Derivatives of that by the change of the coordinates over the interval, shape (m, p) [m per unit]."""
+        """Return derivatives of that by the change of the coordinates over the interval, shape (m, p) [m per unit]."""
         return np.asarray(self.sag_slopes[rows.interval, rows.high] - self.sag_slopes[rows.interval, rows.low])
 
     def lost(self, rows: IntervalRows) -> FloatArray:
-        """Nothing: the deviation bounds it."""
+        """Return nothing: the deviation bounds it."""
         return np.zeros(len(rows))
 
     def curvature(self, rows: IntervalRows, multipliers: FloatArray, pull: FloatArray) -> RowCurvature:
-        """Convex part of the second derivatives of Σ λ g + pull·tip, for rows at the ends of intervals.
+        """Return the convex part of the second derivatives of Σ λ g + pull·tip, for rows at the ends of intervals.
 
         Args:
             rows: g.
@@ -85,7 +85,7 @@ class PlanarSweep(Sweep):
     def heading_curvature(
         self, rows: IntervalRows, multipliers: FloatArray, pull: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Second derivatives of Σ λ g + pull·tip, which are diagonal in headings and in their turns.
+        """Return the second derivatives of Σ λ g + pull·tip, which are diagonal in headings and in their turns.
 
         Returns:
             Of the positions by the headings, shape (K + 1, links), any sign; of the sag by the turns, shape (K, links).

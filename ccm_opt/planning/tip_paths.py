@@ -14,11 +14,11 @@ from ccm_opt.core.arrays import ROUNDING, SHORTEST, FloatArray
 from ccm_opt.core.errors import UnreachableGoal
 from ccm_opt.core.length_words import long_length
 from ccm_opt.core.polyline import (
-    heading_of,
     leg_headings,
     path_length,
     sweep_on_side,
     unit_vector,
+    vector_heading,
     without_repeats,
     wrap,
 )
@@ -94,7 +94,7 @@ class TipPath:
 def find_tip_paths(
     room: FreeSpace, points: FloatArray, routes: tuple[FloatArray, ...], shrink: float
 ) -> tuple[TipPath, ...]:
-    """Both sides of every route, shortest tip path first.
+    """Return both sides of every route, shortest tip path first.
 
     Args:
         room: free space, without the puncture at the base.
@@ -110,14 +110,14 @@ def find_tip_paths(
 def tip_paths_in(
     free_space: FreeSpace, points: FloatArray, routes: tuple[FloatArray, ...], shrink: float
 ) -> tuple[TipPath, ...]:
-    """Both sides of every route in a free space that is punctured at the base, shortest tip path first."""
+    """Return both sides of every route in a free space that is punctured at the base, shortest tip path first."""
     arm, curl = without_curl(free_space, points, shrink)
-    first_link = heading_of(arm[1] - arm[0])
+    first_link = vector_heading(arm[1] - arm[0])
     paths = []
     for lying in routes:
         # The shape of a goal for the whole arm may be curled too.
         route, last_curl = without_curl(free_space, lying, shrink)
-        first_leg = heading_of(route[1] - route[0])
+        first_leg = vector_heading(route[1] - route[0])
         for side in (1, -1):
             taut = taut_round_base(free_space, arm, route, side, shrink)
             turn = curl + sweep_on_side(first_leg - first_link, side) - last_curl
@@ -126,7 +126,7 @@ def tip_paths_in(
 
 
 def without_curl(free_space: FreeSpace, points: FloatArray, shrink: float) -> tuple[FloatArray, float]:
-    """The arm as the tip's paths have to follow it, and by how much its first link turns to come to lie so.
+    """Return the arm as the tip's paths have to follow it, and by how much its first link turns to come to lie so.
 
     An arm with length to spare may curl round its own base; drawn taut, its base turns and the curl is gone. Paths back
     along the curl would lead the tip round the base for nothing, and wind the arm the wrong way.
@@ -152,8 +152,8 @@ def without_curl(free_space: FreeSpace, points: FloatArray, shrink: float) -> tu
     return taut, float(curl)
 
 
-def turning_by(paths: tuple[TipPath, ...], turn: float) -> tuple[TipPath, ...]:
-    """The paths along which the base turns by a given angle; all when there is none.
+def with_base_turn(paths: tuple[TipPath, ...], turn: float) -> tuple[TipPath, ...]:
+    """Return the paths along which the base turns by a given angle; all when there is none.
 
     By continuity the first link turns by the angle between arm and route on the path's side, so that a whole-arm goal
     is only met along paths that agree with its first bend; other angles differ by whole turns.
@@ -167,7 +167,7 @@ def turning_by(paths: tuple[TipPath, ...], turn: float) -> tuple[TipPath, ...]:
 
 
 def turning_least(paths: tuple[TipPath, ...], first: float, limit: float) -> tuple[TipPath, ...]:
-    """The paths, those last on which the first link would have to turn beyond its limit.
+    """Return the paths, those last on which the first link would have to turn beyond its limit.
 
     Args:
         paths: of the tip.
@@ -181,14 +181,17 @@ def turning_least(paths: tuple[TipPath, ...], first: float, limit: float) -> tup
 def taut_round_base(
     free_space: FreeSpace, points: FloatArray, route: FloatArray, side: int, shrink: float
 ) -> FloatArray:
-    """The taut path in the class of: back along joints to the base, round it, out along a route; shape (k, 2) [m]."""
+    """Return the taut path in the class of: back along joints to the base, round it, out along a route.
+
+    Shape (k, 2) [m].
+    """
     if len(points) < 2:
         return _taut_route(free_space, route, shrink)
     return free_space.taut_path(round_base(points, route, side), shrink=shrink)
 
 
 def _taut_route(free_space: FreeSpace, route: FloatArray, shrink: float) -> FloatArray:
-    """The taut path along a route; the puncture at its own base is no obstacle to it, so the first bit stays."""
+    """Return the taut path along a route; the puncture at its own base is no obstacle to it, so the first bit stays."""
     span = float(np.linalg.norm(route[-1] - route[0]))  # the end must lie outside, however far the route strays
     outside = _beyond(route, min(free_space.inflation + 2.0 * shrink, 0.5 * span))
     inside = route[: len(route) - len(outside) + 1]
@@ -198,7 +201,7 @@ def _taut_route(free_space: FreeSpace, route: FloatArray, shrink: float) -> Floa
 
 
 def round_base(points: FloatArray, route: FloatArray, side: int) -> FloatArray:
-    """Back along the arm, round its base on one side, out along a route.
+    """Return the back along the arm, round its base on one side, out along a route.
 
     Args:
         points: joints from the base outwards, shape (m ≥ 2, 2) [m].
@@ -214,8 +217,8 @@ def round_base(points: FloatArray, route: FloatArray, side: int) -> FloatArray:
     inwards = _beyond(points, radius)[::-1]
     outwards = _beyond(route, radius)
 
-    first = heading_of(inwards[-1] - base)
-    last = heading_of(outwards[0] - base)
+    first = vector_heading(inwards[-1] - base)
+    last = vector_heading(outwards[0] - base)
     sweep = sweep_on_side(last - first, side)
     angles = first + np.linspace(0.0, sweep, max(2, int(abs(sweep) / _ARC_STEP) + 2))
     arc = base + radius * unit_vector(angles)
@@ -223,7 +226,10 @@ def round_base(points: FloatArray, route: FloatArray, side: int) -> FloatArray:
 
 
 def _beyond(path: FloatArray, radius: float) -> FloatArray:
-    """What is left of a path once it last leaves a disc about its first point, from the edge on; at least its end."""
+    """Return what is left of a path once it last leaves a disc about its first point, from the edge on.
+
+    At least its end.
+    """
     distance = np.linalg.norm(path - path[0], axis=1)
     inside = int(np.nonzero(distance <= radius)[0][-1])
     if inside == len(path) - 1:

@@ -17,7 +17,7 @@ from ccm_opt.core.arrays import BoolArray, FloatArray
 from ccm_opt.core.deadline import Deadline
 from ccm_opt.core.threads import on_one_thread
 from ccm_opt.planning.curve_map import CurveMap
-from ccm_opt.planning.drawn_poses import POLISH_TURN, drawn_unknowns
+from ccm_opt.planning.drawn_poses import POLISH_TURN, random_unknowns
 from ccm_opt.planning.draws import TargetDraws
 from ccm_opt.planning.ends import resolve_ends
 from ccm_opt.planning.goal import GoalPose, moved_onto
@@ -184,11 +184,11 @@ class TipLooker:
     task: SpaceTask | None = None
 
     def free(self, pose: Pose) -> bool:
-        """Whether a pose touches nothing and keeps all limits."""
+        """Return whether a pose touches nothing and keeps all limits."""
         return self.stepper.safe(pose.q, pose.q)
 
     def entered(self, task: ReachTask, width: float) -> CellFound:
-        """A pose in a cell, or one that comes into it, from poses near by.
+        """Return a pose in a cell, or one that comes into it, from poses near by.
 
         In a duct the middles of cells may lie in its walls. So a pose that only comes into the cell is a stepping
         stone, though the cell does not count as reached by it.
@@ -211,7 +211,7 @@ class TipLooker:
         return CellFound(stone=stone, tried=len(task.seeds))
 
     def turned(self, task: ReachTask, directions: FloatArray) -> CellFound:
-        """Directions that a cell can have, each tried from the poses that point most nearly there."""
+        """Return the directions that a cell can have, each tried from the poses that point most nearly there."""
         own, *beside = map(self.stepper.pose, task.seeds)
         found = [own]
         taken = np.zeros(len(directions), dtype=bool)
@@ -230,7 +230,7 @@ class TipLooker:
         )
 
     def _led(self, pose: Pose, goal: GoalPose) -> tuple[Pose | None, Pose]:
-        """A free pose at a goal, from a pose near by, or None where it does not arrive; and how far it comes."""
+        """Return a free pose at a goal, from a pose near by, or None where it does not arrive; and how far it comes."""
         stepper = self.stepper
         if self.task is not None:
             goal = self.task.limited(goal)
@@ -274,11 +274,11 @@ def _in_space(problem: Problem, settings: ReachSettings) -> TipLooker:
     curve, start = CurveMap.through(task.arm, task.start)
     stepper = task.stepper(curve)
     seen = replace(task, wanted_gap=settings.seen * task.arm.length)
-    return TipLooker(stepper, start, seen.least_gap, partial(drawn_unknowns, stepper), task.seed, task)
+    return TipLooker(stepper, start, seen.least_gap, partial(random_unknowns, stepper), task.seed, task)
 
 
 def _into(middle: FloatArray, width: float, place: FloatArray) -> FloatArray:
-    """A place moved into a cell along the axes on which it is not within it, as far as its middle there."""
+    """Return a place moved into a cell along the axes on which it is not within it, as far as its middle there."""
     return np.where(np.abs(place - middle) > 0.5 * width, middle, place)
 
 
@@ -325,7 +325,7 @@ class TipFlood:
             along: unknowns of poses of a motion, which leads where nothing else does, shape (N, p).
         """
         for pose in (*map(looker.stepper.pose, (looker.start, *along)), *self._drawn(looker)):
-            cell = self._cell_of(pose.tip)
+            cell = self._cell_index(pose.tip)
             if cell is not None and cell not in self._stones:
                 self._stones[cell] = pose.v
                 self._wave.append(ReachTask(cell, self._place(cell), (pose.v,)))
@@ -336,11 +336,11 @@ class TipFlood:
         self._found[task.cell] = found
 
     def __iter__(self) -> Iterator[ReachTask]:
-        """Itself."""
+        """Return the itself."""
         return self
 
     def __next__(self) -> ReachTask:
-        """The next task; it may end and go on again when results have come.
+        """Return the next task; it may end and go on again when results have come.
 
         Raises:
             StopIteration: there is none at the moment.
@@ -388,7 +388,7 @@ class TipFlood:
         return True
 
     def _entering(self, gained: list[Cell]) -> list[ReachTask]:
-        """What can be tried beside cells that have got a pose, from each of those beside them once."""
+        """Return what can be tried beside cells that have got a pose, from each of those beside them once."""
         seeds: dict[Cell, list[FloatArray]] = {}
         for cell in gained:
             for other in self._beside(cell):
@@ -399,7 +399,7 @@ class TipFlood:
         return [ReachTask(cell, self._place(cell), tuple(poses)) for cell, poses in seeds.items()]
 
     def _turning(self) -> list[ReachTask]:
-        """Directions to be looked at in cells that are reached."""
+        """Return the directions to be looked at in cells that are reached."""
         tasks: list[ReachTask] = []
         for cell in self.poses:
             if cell not in self._turned:
@@ -419,22 +419,22 @@ class TipFlood:
         return [ReachTask(cell, self._place(cell), tuple(poses)) for cell, poses in seeds.items() if poses]
 
     def _drawn(self, looker: TipLooker) -> Iterator[Pose]:
-        """Free poses that are drawn."""
+        """Yield the free poses that are drawn."""
         rng = np.random.default_rng(looker.seed)
         for _ in range(self.settings.drawn):
             pose = looker.stepper.pose(looker.drawn(rng))
             if looker.free(pose):
                 yield pose
 
-    def _cell_of(self, place: FloatArray) -> Cell | None:
-        """The cell of a place; None where the grid does not reach."""
+    def _cell_index(self, place: FloatArray) -> Cell | None:
+        """Return the cell of a place; None where the grid does not reach."""
         low = np.array([middles[0] for middles in self.axes])
         numbers = np.round((place - low) / self.width).astype(int)
         within = np.all(numbers >= 0) and np.all(numbers < self.closed.shape)
         return tuple(numbers.tolist()) if within else None
 
     def _beside(self, cell: Cell) -> Iterator[Cell]:
-        """Cells with a side in common."""
+        """Yield the cells with a side in common."""
         for axis, size in enumerate(self.closed.shape):
             for step in (1, -1):
                 if 0 <= cell[axis] + step < size:

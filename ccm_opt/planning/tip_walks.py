@@ -28,7 +28,7 @@ from ccm_opt.planning.motion_task import MotionTask
 from ccm_opt.planning.pose import Pose
 from ccm_opt.planning.pose_tree import PoseTree
 from ccm_opt.planning.search import Failure
-from ccm_opt.planning.search_run import PlanarRun, configurations_of
+from ccm_opt.planning.search_run import PlanarRun, stack_configurations
 from ccm_opt.planning.settings import TipWalkSettings
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
@@ -77,14 +77,20 @@ class TipWays:
     settings: TipWalkSettings
 
     def straight_on(self, pose: Pose) -> FloatArray | None:
-        """Back along the arm to the joint nearest to the goal, and over to it, shape (k, 2) [m]; None where closed."""
+        """Return the back along the arm to the joint nearest to the goal, and over to it, shape (k, 2) [m].
+
+        None where closed.
+        """
         entry, place = self._run_in(pose)
         nearest = int(np.argmin(np.linalg.norm(pose.points - entry, axis=1)))
         back = pose.points[max(nearest, 1) :][::-1]
         return self._led_onto(np.vstack((back, entry)), place, self.shrink)
 
     def drawn(self, pose: Pose, rng: np.random.Generator) -> tuple[FloatArray | None, bool]:
-        """A path drawn at random, shape (k, 2) [m], None where it is closed; and whether it leads onto the goal."""
+        """Return a path drawn at random, shape (k, 2) [m], None where it is closed.
+
+        And whether it leads onto the goal.
+        """
         entry, place = self._run_in(pose)
         tip = pose.points[-1:]
         shrink = self.shrink * float(rng.choice(_ROUNDING))
@@ -98,7 +104,7 @@ class TipWays:
         return self._led_onto(np.vstack((tip, via, entry)), place, shrink), True
 
     def _led_onto(self, polyline: FloatArray, place: FloatArray, shrink: float) -> FloatArray | None:
-        """The taut path in the class of a polyline (m, 2), led straight on to a place (2,), shape (k, 2) [m]."""
+        """Return the taut path in the class of a polyline (m, 2), led straight on to a place (2,), shape (k, 2) [m]."""
         try:
             taut = self.free_space.taut_path(polyline, shrink)
         except UnreachableGoal:
@@ -106,13 +112,16 @@ class TipWays:
         return taut if np.array_equal(taut[-1], place) else np.vstack((taut, place))
 
     def _run_in(self, pose: Pose) -> tuple[FloatArray, FloatArray]:
-        """Where the run onto the goal begins and ends, each of shape (2,) [m]; onto the member nearest to a pose."""
+        """Return where the run onto the goal begins and ends, each of shape (2,) [m].
+
+        Onto the member nearest to a pose.
+        """
         member = self.goal.nearest_member(pose.tip, pose.tip_direction)
         length = self.arm.length / NOMINAL_LINKS
         return run_in(self.free_space, member.position, member.heading, length), member.position
 
     def _free_place(self, middle: FloatArray, rng: np.random.Generator) -> FloatArray:
-        """A place at some distance from another, free where that can be had with few draws, shape (2,) [m]."""
+        """Return a place at some distance from another, free where that can be had with few draws, shape (2,) [m]."""
         angles = rng.uniform(-np.pi, np.pi, _PLACES_DRAWN)
         distances = self.arm.length * rng.uniform(_NEAREST, _FARTHEST, _PLACES_DRAWN)
         places = middle + distances[:, None] * unit_vector(angles)
@@ -126,13 +135,13 @@ WALKS = "walks of the tip"
 
 
 def is_walked(task: MotionTask) -> bool:
-    """Whether the tip is led among many walls; a goal of the whole arm is seldom met by a tip that is led."""
+    """Return whether the tip is led among many walls; a goal of the whole arm is seldom met by a tip that is led."""
     fits = not task.parametric and task.goal_pose is None
     return fits and task.among_many_walls and len(task.tip_paths) > 0
 
 
-def by_walks(task: MotionTask, failures: list[Failure], *, late: bool = False) -> Motion | None:
-    """The first motion of a tip that is led among many walls that arrives and is certified.
+def find_by_walks(task: MotionTask, failures: list[Failure], *, late: bool = False) -> Motion | None:
+    """Return the first motion of a tip that is led among many walls that arrives and is certified.
 
     Args:
         task: arm, room, ends and limits.
@@ -157,7 +166,10 @@ def by_walks(task: MotionTask, failures: list[Failure], *, late: bool = False) -
 
 
 def _straight_on(run: PlanarRun, ways: TipWays) -> Iterator[GuideCandidate]:
-    """The tip led along the arm as it lies and over to the goal, and along its shortest path; then a fold there."""
+    """Yield the tip led along the arm as it lies and over to the goal, and along its shortest path.
+
+    Then a fold there.
+    """
     shortest = min(run.task.tip_paths, key=lambda path: path.length)
     along_arm = ways.straight_on(run.start)
     if along_arm is not None:
@@ -213,7 +225,7 @@ class TipWalks:
         return None
 
     def _walk(self) -> list[Pose] | None:
-        """One more walk; all poses from the start to the goal where it arrives."""
+        """Return one more walk; all poses from the start to the goal where it arrives."""
         node = self._beginning()
         begin = self.reached.poses[node]
         run = self.runs[int(self.rng.integers(len(self.runs)))]
@@ -223,16 +235,19 @@ class TipWalks:
         poses, arrived = self._led(run, begin, taut, onto_goal=onto_goal)
         if len(poses) < 2:
             return None
-        failing = run.task.certificate.failures(configurations_of(poses))
+        failing = run.task.certificate.failures(stack_configurations(poses))
         if arrived and onto_goal and len(failing) == 0:
-            return [*self.reached.poses_to(node), *poses[1:]]
+            return [*self.reached.poses_to_node(node), *poses[1:]]
         certified = poses[: int(failing[0]) + 1] if len(failing) else poses
         if len(certified) > 1:
             self.reached.add(node, certified[1:])
         return None
 
     def _led(self, run: PlanarRun, begin: Pose, taut: FloatArray, *, onto_goal: bool) -> tuple[list[Pose], bool]:
-        """Poses with the tip led along a path, no farther than into a goal that is a set, and onto it; whether all."""
+        """Return the poses with the tip led along a path, no farther than into a goal that is a set, and onto it.
+
+        Whether all.
+        """
         poses = [begin]
         guide = led_along(run.stepper, taut)
         try:

@@ -66,7 +66,7 @@ _SPARE_LENGTH = 2.0
 
 
 def bend_allowances(arm: Arm, unit: float) -> list[tuple[float, float]]:
-    """What is counted on where an arm that follows its tip bends, in turn.
+    """Return what is counted on where an arm that follows its tip bends, in turn.
 
     Args:
         arm: the arm.
@@ -146,7 +146,7 @@ class SpaceTipWays:
         yield from self._behind_the_tip(_FOLLOWABLE_CELLS[0])
 
     def others(self) -> Iterator[TipWay]:
-        """Through finer grids, the cheapest ways whatever their bends, and others round other sides."""
+        """Yield the through finer grids, the cheapest ways whatever their bends, and others round other sides."""
         for cells in _FOLLOWABLE_CELLS[1:]:
             yield from self._behind_the_tip(cells)
         for cells in _CELLS[:-1]:
@@ -157,11 +157,11 @@ class SpaceTipWays:
                 yield TipWay("with another approach", way, _CLOSE)
 
     def finest(self) -> Iterator[TipWay]:
-        """The same through the finest grid, which takes longer than all before it."""
+        """Yield the same through the finest grid, which takes longer than all before it."""
         yield from self._through_cells(_CELLS[-1])
 
     def _through_cells(self, cells: int) -> Iterator[TipWay]:
-        """The cheapest ways through a grid, and others round other sides; none through one that was tried."""
+        """Yield the cheapest ways through a grid, and others round other sides; none through one that was tried."""
         size = self._grid(cells, _GRID_MARGINS[-1]).cell
         if size in self._tried:
             return
@@ -180,7 +180,7 @@ class SpaceTipWays:
         yield from self._detours(cells, seen)
 
     def _behind_the_tip(self, cells: int) -> Iterator[TipWay]:
-        """Ways that a fed arm can follow; none for an arm whose base is fixed."""
+        """Yield the ways that a fed arm can follow; none for an arm whose base is fixed."""
         if self.fed is None:
             return
         seen = self._followed
@@ -196,7 +196,7 @@ class SpaceTipWays:
     def _followable(
         self, cells: int, allowance: tuple[float, float], price: tuple[float, float], approach: float
     ) -> FloatArray | None:
-        """A way past all places with bends that the arm can take behind its tip."""
+        """Return a way past all places with bends that the arm can take behind its tip."""
         task = self.task
         nearness, margin = price
         radius, beside = allowance
@@ -223,7 +223,7 @@ class SpaceTipWays:
         return self._joined([*parts, self.goal])
 
     def _detours(self, cells: int, seen: list[FloatArray]) -> Iterator[TipWay]:
-        """Ways that keep away from those that have failed already."""
+        """Yield the ways that keep away from those that have failed already."""
         for _ in range(_DETOURS):
             way = self._through_grid(cells, _NEARNESS[0], _GRID_MARGINS[-1], _STRAIGHT_ENDS[0], seen)
             if way is None or any(_alike(way, other, self.task.unit) for other in seen):
@@ -238,7 +238,7 @@ class SpaceTipWays:
         return [*self.task.via, self._before_goal(approach), self.goal]
 
     def _before_goal(self, approach: float) -> FloatArray:
-        """Where the approach begins: as far before the goal as there is room for."""
+        """Return where the approach begins: as far before the goal as there is room for."""
         if self.direction is None:
             return self.goal
         task = self.task
@@ -253,7 +253,7 @@ class SpaceTipWays:
     def _through_grid(
         self, cells: int, nearness: float, margin: float, approach: float, avoided: list[FloatArray] | None
     ) -> FloatArray | None:
-        """The cheapest way through the grid past all places, its corners cut where there is room."""
+        """Return the cheapest way through the grid past all places, its corners cut where there is room."""
         task = self.task
         if task.deadline.passed():
             return None
@@ -277,7 +277,7 @@ class SpaceTipWays:
         return (self.fed or 0.0) - self.straight + _SPARE_LENGTH * self.task.unit
 
     def _grid(self, cells: int, margin: float, beside: float = 0.0, longest: float = np.inf) -> TipGrid:
-        """The grid of places with room for the tip, a share of the margin and a further distance [m].
+        """Return the grid of places with room for the tip, a share of the margin and a further distance [m].
 
         Args:
             cells: about how many.
@@ -297,7 +297,7 @@ class SpaceTipWays:
         return self._grids[key]
 
     def _closed_behind(self, grid: TipGrid) -> TipGrid:
-        """The grid without room just behind the end of the guide tube: no arm turns back through its hole.
+        """Return the grid without room just behind the end of the guide tube: no arm turns back through its hole.
 
         The grid itself where the base is fixed, or a place that is asked for lies there.
         """
@@ -322,7 +322,7 @@ class SpaceTipWays:
         return replace(grid, gaps=gaps)
 
     def _distances(self, cells: int, longest: float, reach: float) -> GridDistances:
-        """Distances of the places of a grid, at least up to a reach; arguments as of ``_grid``."""
+        """Return the distances of the places of a grid, at least up to a reach; arguments as of ``_grid``."""
         known = self._known.get((cells, longest))
         if known is None or known.reach < reach:
             task = self.task
@@ -355,7 +355,7 @@ class SpaceTipWays:
 
 
 def _prices(grid: TipGrid, avoided: list[FloatArray], price: float) -> FloatArray:
-    """What cells near ways that have failed cost more, of the shape of the grid."""
+    """Return what cells near ways that have failed cost more, of the shape of the grid."""
     prices = np.zeros(grid.gaps.shape)
     for way in avoided:
         lengths = np.linalg.norm(np.diff(way, axis=0), axis=1)
@@ -372,7 +372,7 @@ def _prices(grid: TipGrid, avoided: list[FloatArray], price: float) -> FloatArra
 
 
 def _alike(way: FloatArray, other: FloatArray, unit: float) -> bool:
-    """Whether two ways keep within a nominal link of each other."""
+    """Return whether two ways keep within a nominal link of each other."""
     share = np.linspace(0.0, 1.0, 33)
 
     def places(corners: FloatArray) -> FloatArray:

@@ -55,13 +55,13 @@ class Reference:
 
     @classmethod
     def of(cls, motion: Motion, space: LinkSpace) -> "Reference":
-        """A motion in the plane with u even in the turns of its links, as another space shows it."""
+        """Return a motion in the plane with u even in the turns of its links, as another space shows it."""
         way = arc_lengths(space.arm.poses(motion.configurations))
         u = way / way[-1] if way[-1] > 0.0 else np.linspace(0.0, 1.0, len(way))
         return cls(u, space.closest(motion.configurations))
 
     def drawn(self, space: CurveUnknowns, u: float, pose: Pose) -> tuple[list[Term], bool]:
-        """What draws the links to where they are at u, and whether one step could turn them there."""
+        """Return what draws the links to where they are at u, and whether one step could turn them there."""
         missing = np.array([np.interp(u, self.u, column) for column in self.unknowns.T]) - pose.v
         rows = turn_rows(space.arm, pose)
         turn = rows @ missing
@@ -118,7 +118,7 @@ def follow_reference(
             # arm.
             advance *= 0.5
             if advance < _LEAST_ADVANCE or deadline.passed():
-                raise Stalled(why_missed(stepper.at(u), tracked.poses[-1], u), tracked.poses)
+                raise Stalled(describe_violation(stepper.at(u), tracked.poses[-1], u), tracked.poses)
             continue
         tracked.append(poses, u)
         advance = min(settings.largest_advance, _GROWTH * advance)
@@ -129,7 +129,7 @@ def follow_reference(
 def _ended(
     stepper: StepperOf[AnyUnknowns], reference: Reference, goal: GoalPose, pose: Pose, deadline: Deadline
 ) -> list[Pose]:
-    """Poses from the last one that was tracked to where the reference ends, or at least onto the goal."""
+    """Return the poses from the last one that was tracked to where the reference ends, or at least onto the goal."""
     end = stepper.pose(reference.unknowns[-1])
     poses = [pose]
     if goal.on_goal(end) and goal.limits_met(end):
@@ -140,12 +140,12 @@ def _ended(
         if stepper.edge_is_safe(poses[-1].v, end.v):
             return [*poses[1:], *(stepper.pose(v) for v in stepper.space.pieces(poses[-1].v, end.v)[1:])]
     if goal.coordinates is not None:
-        raise Stalled(why_missed(stepper, poses[-1], 1.0), poses)
+        raise Stalled(describe_violation(stepper, poses[-1], 1.0), poses)
     return [*poses[1:], *settle(stepper, goal, poses[-1], deadline)[1:]]
 
 
 def _advanced(stepper: StepperOf[AnyUnknowns], reference: Reference, u: float, pose: Pose) -> list[Pose] | None:
-    """Poses towards the reference at u, to one that meets the limits of the stepper; None when there is none."""
+    """Return poses towards the reference at u, to one that meets the limits of the stepper; None when there is none."""
     poses = []
     kept = False
     for _ in range(_MEETING_STEPS):
@@ -162,8 +162,8 @@ def _advanced(stepper: StepperOf[AnyUnknowns], reference: Reference, u: float, p
     return (poses or [pose]) if kept else None
 
 
-def why_missed(stepper: StepperOf[AnyUnknowns], pose: Pose, u: float) -> str:
-    """Which constraint could not be met at u, in words."""
+def describe_violation(stepper: StepperOf[AnyUnknowns], pose: Pose, u: float) -> str:
+    """Return which constraint could not be met at u, in words."""
     name, miss = max((limit.worst(pose.q) for limit in stepper.limits), key=lambda worst: worst[1])
     if miss == 0.0:
         return f"at u = {u:.3f} the motion that was found cannot be bent to the constraints"
@@ -182,13 +182,13 @@ _EVEN = 0.02
 
 
 def shares_of(motion: SpaceMotion, slowness: FloatArray) -> FloatArray:
-    """How far each configuration of a motion is along it, by the length of the joint path, shape (K,)."""
+    """Return how far each configuration of a motion is along it, by the length of the joint path, shape (K,)."""
     arcs = arc_lengths(motion.configurations * slowness)
     return np.asarray(arcs / arcs[-1]) if arcs[-1] > 0.0 else np.linspace(0.0, 1.0, len(arcs))
 
 
 def schedule(motion: SpaceMotion, user: UserLimit, slowness: FloatArray) -> FloatArray:
-    """Path parameters of the configurations of a motion, increasing from 0 to 1, shape (K,).
+    """Return the path parameters of the configurations of a motion, increasing from 0 to 1, shape (K,).
 
     Args:
         motion: that knows nothing of u.
@@ -219,7 +219,7 @@ def _missed(user: UserLimit, q: FloatArray, u: float) -> FloatArray:
 
 
 def _cheapest(price: FloatArray) -> tuple[list[int], list[int]]:
-    """Cells of the cheapest way from the first to the last corner of a table; no step leads back."""
+    """Return the cells of the cheapest way from the first to the last corner of a table; no step leads back."""
     total = np.full(price.shape, np.inf)
     total[0, 0] = price[0, 0]
     for i in range(price.shape[0]):
@@ -242,7 +242,7 @@ def _cheapest(price: FloatArray) -> tuple[list[int], list[int]]:
 
 
 def tracked(task: SpaceTask, motion: SpaceMotion) -> SpaceMotion:
-    """A motion under constraints that depend on u, near one that knows nothing of it.
+    """Return a motion under constraints that depend on u, near one that knows nothing of it.
 
     Args:
         task: with the constraints.
@@ -260,7 +260,7 @@ def tracked(task: SpaceTask, motion: SpaceMotion) -> SpaceMotion:
 
 
 def _bent(task: SpaceTask, user: UserLimit, motion: SpaceMotion, u: FloatArray) -> SpaceMotion:
-    """A motion with path parameters u, shape (K,), bent to the constraints."""
+    """Return a motion with path parameters u, shape (K,), bent to the constraints."""
     stepper = task.stepper(motion.curve)
     start = stepper.pose(motion.unknowns[0])
     goal = task.limited_goal if task.goal_pose is None else replace(task.limited_goal, coordinates=motion.unknowns[-1])

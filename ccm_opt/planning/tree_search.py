@@ -93,7 +93,7 @@ class TreeSearch:
 
     @classmethod
     def from_runs(cls, runs: list[PlanarRun]) -> "TreeSearch":
-        """The start alone, before any extension."""
+        """Return the start alone, before any extension."""
         run = runs[-1]
         task = run.task
         rng = np.random.default_rng(task.seed)
@@ -157,7 +157,7 @@ class TreeSearch:
             self._connect(side, added[-1])
 
     def _led(self, guide: Guide, pose: Pose, patience: int) -> list[Pose]:
-        """The poses of one extension, with a planning margin drawn at random."""
+        """Return the poses of one extension, with a planning margin drawn at random."""
         # A wide margin moves on faster in the open, a narrow one gets through where it is tight.
         stepper = self.runs[int(self.rng.integers(len(self.runs)))].stepper
         try:
@@ -166,7 +166,7 @@ class TreeSearch:
             return stalled.poses
 
     def _certified(self, poses: list[Pose]) -> list[Pose]:
-        """The longest certified beginning of a motion."""
+        """Return the longest certified beginning of a motion."""
         if len(poses) < 2:
             return poses
         failing = self.task.certificate.failures(np.array([pose.q for pose in poses]))
@@ -204,7 +204,7 @@ class TreeSearch:
             self._keep(tree, node, self._certified(stalled.poses))
             return
         if len(self._certified(poses)) == len(poses):
-            self.found = tree.poses_to(node) + poses[1:]
+            self.found = tree.poses_to_node(node) + poses[1:]
 
     def _connect(self, side: int, node: int) -> None:
         """Lead a node to the nearest ones of the other tree."""
@@ -223,8 +223,8 @@ class TreeSearch:
             certified = self._certified(poses)
             if arrived and len(certified) == len(poses):
                 # The poses of both trees, each from its root; the last one is the target itself.
-                from_side = tree.poses_to(node) + poses[1:-1]
-                from_other = other.poses_to(int(target))
+                from_side = tree.poses_to_node(node) + poses[1:-1]
+                from_other = other.poses_to_node(int(target))
                 if side == _Root.START:
                     self.found = from_side + from_other[::-1]
                 else:
@@ -234,7 +234,7 @@ class TreeSearch:
             self._keep(tree, node, certified)
 
     def ended(self) -> str:
-        """Why the growth ended, in words."""
+        """Return why the growth ended, in words."""
         if self.rejected >= _SATURATED:
             limit = "until they reached nothing new"
         elif self._exhausted:
@@ -244,5 +244,5 @@ class TreeSearch:
         return f"trees of {sum(len(tree) for tree in self.trees)} poses were grown {limit}"
 
     def nearest_to_goal(self) -> Pose:
-        """The pose reached from the start whose tip is nearest to the goal."""
+        """Return the pose reached from the start whose tip is nearest to the goal."""
         return min(self.trees[_Root.START].poses, key=lambda pose: self.goal.errors(pose)[0])

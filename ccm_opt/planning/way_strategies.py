@@ -73,7 +73,7 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
 
     @classmethod
     def from_task(cls, task: SpaceTask, knots: int = KNOTS) -> "SpaceRun":
-        """The search in the curve through a task's start, or on from where a longer motion has come to."""
+        """Return the search in the curve through a task's start, or on from where a longer motion has come to."""
         curve, start = task.stage or CurveMap.through(task.arm, task.start, knots)
         goal = task.limited_goal
         if task.goal_pose is None:
@@ -86,12 +86,12 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
         return cls(task, stepper, stepper.pose(np.append(start, 0.0)), goal)
 
     # ------------------------------------------------------------ led by the tip
-    def by_first_ways(self, failures: list[Failure]) -> SpaceMotion | None:
+    def find_along_first_ways(self, failures: list[Failure]) -> SpaceMotion | None:
         """Along the ways of the tip that are tried first."""
-        return self.by_ways(self.first_ways(), failures)
+        return self.follow_ways(self.first_ways(), failures)
 
     def first_ways(self) -> Iterator[TipWay]:
-        """Ways that turn off where a joint has come out of the guide tube, then such as turn off at once.
+        """Yield the ways that turn off where a joint has come out of the guide tube, then such as turn off at once.
 
         A bend may begin so near to the mouth that an arm of few links has no other.
         """
@@ -100,16 +100,16 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
         if ways.straight > 0.0:
             yield from replace(ways, straight=0.0).first()
 
-    def by_other_ways(self, failures: list[Failure]) -> SpaceMotion | None:
+    def find_along_other_ways(self, failures: list[Failure]) -> SpaceMotion | None:
         """Along all other ways of the tip."""
-        return self.by_ways(self._other_ways.others(), failures)
+        return self.follow_ways(self._other_ways.others(), failures)
 
-    def by_finest_ways(self, failures: list[Failure]) -> SpaceMotion | None:
+    def find_along_finest_ways(self, failures: list[Failure]) -> SpaceMotion | None:
         """Along ways of the tip through the finest grid, which are dear to find."""
-        return self.by_ways(self._other_ways.finest(), failures)
+        return self.follow_ways(self._other_ways.finest(), failures)
 
-    def by_withdrawing(self, failures: list[Failure]) -> SpaceMotion | None:
-        """Back along the arm's own shape into its guide tube, and in anew."""
+    def find_by_withdrawing(self, failures: list[Failure]) -> SpaceMotion | None:
+        """Return the back along the arm's own shape into its guide tube, and in anew."""
         task = self.task
         if self.start.q[-1] - task.arm.base_range[0] < task.unit:
             return None
@@ -117,7 +117,7 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
         if len(poses) < 2:
             return None
         back = replace(self, start=poses[-1])
-        found = back.by_ways(back.first_ways(), failures, slides=False)
+        found = back.follow_ways(back.first_ways(), failures, slides=False)
         if found is None:
             return None
         unknowns = np.vstack(([pose.v for pose in poses[:-1]], found.unknowns))
@@ -129,7 +129,7 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
         return self.ways()
 
     def ways(self) -> SpaceTipWays:
-        """Makes ways of the tip from the start of the run."""
+        """Return the makes ways of the tip from the start of the run."""
         arm = self.task.arm
         start = self.start
         ways = partial(SpaceTipWays, self.task, start.tip, self.goal.position, self.goal.direction)
@@ -139,7 +139,9 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
         out = max(arm.hole + _TURNS_OFF * arm.link_length - feed - arm.length, 0.0)
         return ways(start.tip_direction, arm.base_range[1] - feed, out)
 
-    def by_ways(self, ways: Iterator[TipWay], failures: list[Failure], *, slides: bool = True) -> SpaceMotion | None:
+    def follow_ways(
+        self, ways: Iterator[TipWay], failures: list[Failure], *, slides: bool = True
+    ) -> SpaceMotion | None:
         """Along one way after the other.
 
         Args:
@@ -159,7 +161,7 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
         return None
 
     def with_margin(self, share: float) -> "SpaceRun":
-        """The run with a share of the margin."""
+        """Return the run with a share of the margin."""
         return replace(self, stepper=self.task.stepper(self.stepper.space, share))
 
     def _has_room(self, motion: SpaceMotion) -> bool:
@@ -182,7 +184,7 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
         return run.attempt("on the track of the tip", partial(run.arrived, poses), failures)
 
     def _fitted_slide(self, configurations: FloatArray) -> "tuple[SpaceRun, FloatArray] | None":
-        """A run in the curve that shows configurations, and their unknowns there, all certified."""
+        """Return a run in the curve that shows configurations, and their unknowns there, all certified."""
         task = self.task
 
         @cache
@@ -199,7 +201,7 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
         return None
 
     def along(self, way: TipWay) -> list[Pose]:
-        """Poses along a way of the tip and onto the goal."""
+        """Return the poses along a way of the tip and onto the goal."""
         stepper = self.stepper
         task = self.task
         poses = [self.start]
@@ -214,7 +216,7 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
         return self.arrived(poses)
 
     def _legs(self, way: TipWay) -> Iterator[tuple[FloatArray, GoalPose | None]]:
-        """A way from place to place that the tip passes, each with the place at its end, and from the last on."""
+        """Yield a way from place to place that the tip passes, each with the place at its end, and from the last on."""
         task = self.task
         before = way.corners[:0]
         first = 0
@@ -228,7 +230,7 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
         yield np.vstack((before, way.corners[first:])), None
 
     def _places(self) -> list[GoalPose]:
-        """The places that the tip passes, as goals."""
+        """Return the places that the tip passes, as goals."""
         task = self.task
         near_enough = (0.5 * task.via_reach, 0.0)
         return [GoalPose(place, near_enough=near_enough, settings=task.settings.goal) for place in task.via]
@@ -250,8 +252,8 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
         ways = partial(swung, self.stepper, self.start, goals, self._draws(), task.deadline)
         return self.attempt("unbent and swung", partial(self._met, ways), failures)
 
-    def by_connecting(self, number: int, failures: list[Failure]) -> SpaceMotion | None:
-        """By trees that grow from the start and from poses at the goal.
+    def find_by_connecting(self, number: int, failures: list[Failure]) -> SpaceMotion | None:
+        """Return by trees that grow from the start and from poses at the goal.
 
         Args:
             number: how many times that was tried before, with other draws and other poses.
@@ -296,24 +298,24 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
         return SampledMotions(task.arm, task.tree, task.kept, np.asarray(task.scene).reshape(-1, 3))
 
     def _goals(self, rng: np.random.Generator) -> Iterator[Pose]:
-        """The pose of the whole arm that is asked, or poses drawn at the goal."""
+        """Return the pose of the whole arm that is asked, or poses drawn at the goal."""
         if self.goal.coordinates is None:
             return goal_poses(self.task, self.stepper, rng)
         return iter([self.stepper.pose(self.goal.coordinates)])
 
     def _met(self, way: Callable[[], list[Pose] | None]) -> list[Pose]:
-        """Poses of a way that trees find."""
+        """Return the poses of a way that trees find."""
         poses = way()
         if poses is None:
             raise Stalled("no tree met the other", [self.start])
         return poses
 
     def _draws(self, number: int = 0) -> np.random.Generator:
-        """The draws of a strategy, others for every time that it is tried."""
+        """Return the draws of a strategy, others for every time that it is tried."""
         return np.random.default_rng((self.task.seed, number) if number else self.task.seed)
 
     # ------------------------------------------------------------ from place to place
-    def by_stages(self, find: Callable[[SpaceTask], SpaceMotion], failures: list[Failure]) -> SpaceMotion | None:
+    def find_by_stages(self, find: Callable[[SpaceTask], SpaceMotion], failures: list[Failure]) -> SpaceMotion | None:
         """To each place on the way as a goal of its own, by whatever leads there, and then to the goal.
 
         Args:

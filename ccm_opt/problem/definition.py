@@ -34,7 +34,10 @@ _Array: TypeAlias = tuple[str, FloatArray, tuple[int, ...]]  # name, value, shap
 
 
 def defects(problem: "Problem") -> Iterator[str]:
-    """What is wrong with the data of a problem, whoever made it; files are checked more closely by ``problem_file``."""
+    """Yield what is wrong with the data of a problem, whoever made it.
+
+    Files are checked more closely by ``problem_file``.
+    """
     d = problem.workspace.dimension
     if d == 3 and problem.workspace.bounds is None and np.shape(problem.arm.base) == (2,):
         yield "workspace.boundary must be a polygon that is not empty where the arm is in the plane"
@@ -59,7 +62,7 @@ _MOST_CONTACT_WORDS = "a thousandth of the arm's length"
 
 
 def _broken(*rules: tuple[bool | np.bool_, str]) -> Iterator[str]:
-    """What the rules say that do not hold."""
+    """Yield what the rules say that do not hold."""
     yield from (line for holds, line in rules if not holds)
 
 
@@ -151,7 +154,7 @@ def _pose_defects(problem: "Problem", d: int) -> Iterator[str]:
 
 
 def drive_defects(arm: Arm, limits: Limits, planner: PlannerOptions, simulation: SimulationOptions) -> Iterator[str]:
-    """What is wrong with masses, limits and options, which mean the same in the plane and in space."""
+    """Yield what is wrong with masses, limits and options, which mean the same in the plane and in space."""
     for name, value, shape in _positive_arrays(arm, limits):
         yield from array_defects(name, value, shape, positive=True)
     for key, name, names in (
@@ -181,7 +184,7 @@ def drive_defects(arm: Arm, limits: Limits, planner: PlannerOptions, simulation:
 
 
 def _point_defects(arm: Arm, limits: Limits) -> Iterator[str]:
-    """Limits on points: on the arm, positive, and one for each."""
+    """Yield the limits on points: on the arm, positive, and one for each."""
     for k, point in enumerate(limits.points):
         name = f"limits.points[{k}]"
         others = [other.at for other in limits.points[:k]]
@@ -196,12 +199,12 @@ def _point_defects(arm: Arm, limits: Limits) -> Iterator[str]:
 
 
 def _positive(name: str, value: float | None) -> tuple[bool, str]:
-    """The rule that a limit is positive."""
+    """Return the rule that a limit is positive."""
     return value is None or value > 0.0, f"{name} must be positive, or left out when it is not limited, got {value}"
 
 
 def feed_defects(arm: Arm, limits: Limits, placed: Sequence[tuple[str, float]]) -> Iterator[str]:
-    """What is wrong with a feed axis, its limits, and the places on it of poses by their names [m]."""
+    """Yield what is wrong with a feed axis, its limits, and the places on it of poses by their names [m]."""
     if not arm.base_axes:
         yield from (f"{name}.feed is {value} m, but the arm has no feed axis" for name, value in placed if value)
     for axis in arm.base_axes:
@@ -236,7 +239,7 @@ def _positive_arrays(arm: Arm, limits: Limits) -> Iterator[_Array]:
 
 
 def array_defects(name: str, value: FloatArray, shape: tuple[int, ...], *, positive: bool) -> Iterator[str]:
-    """What is wrong with an array, that has to be finite and of a shape, and perhaps positive."""
+    """Yield what is wrong with an array, that has to be finite and of a shape, and perhaps positive."""
     if not hasattr(value, "shape"):
         yield f"{name} must be an array of shape {shape}, got a {type(value).__name__}"
     elif value.shape != shape:

@@ -45,7 +45,7 @@ _ENTRIES: Mapping[str, type] = {"stops": Stop, "workspace.obstacles": Obstacle}
 
 
 def wrong_types(problem: object) -> Iterator[str]:
-    """A line for every part of a problem that is of another type than it has to be."""
+    """Yield a line for every part of a problem that is of another type than it has to be."""
     broken: set[str] = set()
     for name, kinds in _PARTS.items():
         value = _part(problem, name, broken)
@@ -68,7 +68,7 @@ _NOTHING = object()
 
 
 def _part(problem: object, name: str, broken: set[str]) -> object:
-    """A part of a problem by its dotted name."""
+    """Return a part of a problem by its dotted name."""
     value: object = problem
     at = ""
     for key in name.split("."):
@@ -85,7 +85,7 @@ metres are a factor of a thousand, and of drawings that fit their arm none is te
 
 
 def odd_times(ratio: float) -> str | None:
-    """How many times larger or smaller than the arm something is, where its scale must be wrong; else None."""
+    """Return how many times larger or smaller than the arm something is, where its scale must be wrong; else None."""
     if ODD_RATIO**-1 < ratio < ODD_RATIO:
         return None
     larger = ratio > 1.0
@@ -133,7 +133,7 @@ class ImportedDrawing:
         return max(xmax - xmin, ymax - ymin)
 
     def odd_size(self, arm_length: float) -> str | None:
-        """A warning where the drawing is so much larger or smaller than the arm that its scale must be wrong.
+        """Return a warning where the drawing is so much larger or smaller than the arm that its scale must be wrong.
 
         Args:
             arm_length: length of the arm [m].

@@ -93,7 +93,7 @@ default, where it does nothing, and why."""
 
 
 def options_without_effect(options: PlannerOptions, *, in_space: bool) -> Iterator[tuple[str, str]]:
-    """Planner options that were given and do nothing for a kind of problem.
+    """Yield the planner options that were given and do nothing for a kind of problem.
 
     Args:
         options: of the problem; what has its default counts as not given.

@@ -65,7 +65,7 @@ class JointPose:
         feed: float = 0.0,
         unit: LengthUnit = "m",
     ) -> "JointPose":
-        """A pose from bends in degrees, and the feed in the unit of length that suits.
+        """Return a pose from bends in degrees, and the feed in the unit of length that suits.
 
         Raises:
             ProblemError: with all that is wrong with them.
@@ -81,27 +81,27 @@ class JointPose:
         return cls(np.deg2rad(np.asarray(found)), carried)
 
     def headings(self, arm: Arm) -> FloatArray:
-        """Headings of the links in the plane, shape (links,) [rad]."""
+        """Return the headings of the links in the plane, shape (links,) [rad]."""
         return arm.headings(self.bends)
 
     @classmethod
     def from_configuration(cls, q: FloatArray, coordinates: Coordinates) -> "JointPose":
-        """The pose of a configuration, shape (c,) [rad, m]."""
+        """Return the pose of a configuration, shape (c,) [rad, m]."""
         bends = q[coordinates.bends]
         if coordinates.bends_a_joint > 1:
             bends = bends.reshape(-1, coordinates.bends_a_joint)
         return cls(bends.copy(), float(coordinates.advance(q)))
 
     def configuration(self, arm: Arm) -> FloatArray:
-        """The pose as a configuration of an arm, shape (c,) [rad, m]."""
+        """Return the pose as a configuration of an arm, shape (c,) [rad, m]."""
         return arm.configuration(self.bends, self.feed)
 
     def whole(self, arm: Arm) -> FloatArray | None:
-        """The configuration that a goal asks for, shape (c,) [rad, m]."""
+        """Return the configuration that a goal asks for, shape (c,) [rad, m]."""
         return self.configuration(arm)
 
     def tip(self, arm: Arm) -> FloatArray:
-        """Where the tip is, shape (d,) [m]."""
+        """Return where the tip is, shape (d,) [m]."""
         return np.asarray(arm.joint_positions_at(self.configuration(arm))[-1])
 
 
@@ -137,11 +137,11 @@ class TipGoal:
             object.__setattr__(self, "heading", float(np.arctan2(self.direction[1], self.direction[0])))
 
     def whole(self, _arm: Arm) -> FloatArray | None:
-        """None: the tip alone has a goal."""
+        """Return none: the tip alone has a goal."""
         return None
 
     def tip(self, _arm: Arm) -> FloatArray:
-        """Where the tip is to be, shape (d,) [m]."""
+        """Return where the tip is to be, shape (d,) [m]."""
         return self.position
 
     @classmethod
@@ -153,7 +153,7 @@ class TipGoal:
         direction: Sequence[float] | FloatArray | None = None,
         unit: LengthUnit = "m",
     ) -> "TipGoal":
-        """A goal in the unit of length that suits, in the plane with its heading in degrees.
+        """Return a goal in the unit of length that suits, in the plane with its heading in degrees.
 
         Args:
             position: of the tip, (x, y), in space (x, y, z).

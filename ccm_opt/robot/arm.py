@@ -125,7 +125,7 @@ class Arm:
         feed: Sequence[float] | FloatArray | None = None,
         hole: float | None = None,
     ) -> "Arm":
-        """An arm from its overall figures, in the unit of length that suits; links are solid cylinders.
+        """Return an arm from its overall figures, in the unit of length that suits; links are solid cylinders.
 
         Args:
             length: of the whole arm.
@@ -195,7 +195,7 @@ class Arm:
         return self.dimension - 1
 
     def with_links(self, links: int) -> "Arm":
-        """The arm cut into another number of links over the same length, its mass spread evenly over them."""
+        """Return the arm cut into another number of links over the same length, its mass spread evenly over them."""
         share = self.links / links
         return replace(
             self,
@@ -253,17 +253,20 @@ class Arm:
         return self.embedded(self.base)
 
     def embedded(self, points: FloatArray) -> FloatArray:
-        """World coordinates of points, shape (..., d) to (..., 3) [m]; the plane is x-z."""
+        """Return the world coordinates of points, shape (..., d) to (..., 3) [m]; the plane is x-z."""
         if self.dimension == 3:
             return points
         return np.stack((points[..., 0], np.zeros(points.shape[:-1]), points[..., 1]), axis=-1)
 
     def configuration(self, bends: FloatArray, feed: float) -> FloatArray:
-        """The configuration of given bends, shape (links,) or (links, 2) [rad], and position of the base [m]; (c,)."""
+        """Return the configuration of given bends, shape (links,) or (links, 2) [rad], and position of the base [m].
+
+        (c,).
+        """
         return np.append(np.ravel(bends), [feed for _ in self.base_axes])
 
     def joint_positions_at(self, q: FloatArray) -> FloatArray:
-        """Positions of the joints and the tip in configurations, shape (..., links + 1, d) [m].
+        """Return the positions of the joints and the tip in configurations, shape (..., links + 1, d) [m].
 
         Args:
             q: shape (..., c) [rad, m].
@@ -311,11 +314,14 @@ class Arm:
         return self.base_heading + np.cumsum(q[..., : self.links], axis=-1)
 
     def bends(self, headings: FloatArray) -> FloatArray:
-        """Joint bends from link headings, shape (..., links) [rad]; the first is relative to the base heading."""
+        """Return the joint bends from link headings, shape (..., links) [rad].
+
+        The first is relative to the base heading.
+        """
         return np.diff(headings, axis=-1, prepend=self.base_heading)
 
     def joint_positions(self, headings: FloatArray, feed: FloatArray | float = 0.0) -> FloatArray:
-        """Positions of the joints and the tip in the plane, shape (..., links + 1, 2) [m].
+        """Return the positions of the joints and the tip in the plane, shape (..., links + 1, 2) [m].
 
         Args:
             headings: of the links, shape (..., links) [rad].
@@ -329,7 +335,10 @@ class Arm:
         return positions + np.asarray(feed)[..., None, None] * self.direction
 
     def poses(self, q: FloatArray) -> FloatArray:
-        """Poses of configurations: link headings [rad], then the base in link lengths; both of shape (..., c)."""
+        """Return the poses of configurations: link headings [rad], then the base in link lengths.
+
+        Both of shape (..., c).
+        """
         base = q[..., self.links :] / self.link_length
         return np.concatenate((self.headings(q[..., : self.links]), base), axis=-1)
 
@@ -354,7 +363,9 @@ class Arm:
         return max((axis.hole for axis in self.base_axes), default=-np.inf)
 
     def held(self, feed: FloatArray | float) -> BoolArray:
-        """Which joints a guide tube of the base still holds straight, shape (..., links), boolean; none without one.
+        """Return which joints a guide tube of the base still holds straight, shape (..., links), boolean.
+
+        None without one.
 
         Args:
             feed: position of the base on its feed axis, shape (...) [m].
@@ -377,7 +388,7 @@ class Arm:
         return np.clip(self.mount_length / self.link_length - np.arange(self.links), 0.0, 1.0)
 
     def exposed_links(self, points: FloatArray) -> tuple[int, FloatArray]:
-        """Index of the first link beyond the mount, and the axes of the links from its end on.
+        """Return the index of the first link beyond the mount, and the axes of the links from its end on.
 
         Args:
             points: joints and tip of one pose or of several, shape (..., links + 1, d) [m].
@@ -416,7 +427,7 @@ class Arm:
         return none, none
 
     def link_margins(self, first: IntArray, second: IntArray, margin: float) -> FloatArray:
-        """Gap that planning keeps between the surfaces of distant links, shape (p,) [m].
+        """Return the gap that planning keeps between the surfaces of distant links, shape (p,) [m].
 
         Links that are not far apart along the arm cannot keep the whole margin round a tight bend: they keep a share of
         what the links between them leave at full stretch.
@@ -431,7 +442,7 @@ class Arm:
 
 
 def _feed_axis(given: Arguments, ends: object, hole: object) -> Feed:
-    """A feed axis from its range and the end of its guide tube."""
+    """Return a feed axis from its range and the end of its guide tube."""
     low, high = given.metres * given.numbers("feed", ends, 2, "numbers (least, greatest)")
     given.must(low < high or low == high == 0.0, f"feed: expected (least, greatest) with least < greatest, got {ends}")
     end = high if hole is None else given.length("hole", hole)

@@ -33,7 +33,7 @@ class SpaceArc(NamedTuple):
 def biarc(
     base: FloatArray, frame: FloatArray, tip: FloatArray, direction: FloatArray
 ) -> tuple[SpaceArc, SpaceArc] | None:
-    """Two arcs from a frame to a place and a direction there; the frame is carried without turning about them.
+    """Return two arcs from a frame to a place and a direction there; the frame is carried without turning about them.
 
     There are none where the tip lies behind the base and points the same way.
 
@@ -57,7 +57,7 @@ def biarc(
 
 
 def _arc(frame: FloatArray, chord: FloatArray) -> SpaceArc:
-    """The arc along t over a chord: it turns by twice the angle between the two."""
+    """Return the arc along t over a chord: it turns by twice the angle between the two."""
     along, *aside = frame.T @ chord
     away = float(np.hypot(*aside))
     half = float(np.arctan2(away, along))
@@ -72,14 +72,14 @@ FREE_AFTER = 2.0
 
 
 def free_before(arm: Arm) -> float:
-    """Arc length beyond the end of the guide tube on which joints stay straight [m].
+    """Return the arc length beyond the end of the guide tube on which joints stay straight [m].
 
     Every joint that comes out stops there once, so that none begins to bend while the tube still holds it.
     """
     return STRAIGHT_BEFORE * arm.length / NOMINAL_LINKS
 
 
-def free_shares_of_bends(arm: Arm, places: FloatArray) -> FloatArray:
+def bend_shares(arm: Arm, places: FloatArray) -> FloatArray:
     """Share of its bend that a joint at a place takes, which grows smoothly beyond a guide tube, shape (joints,).
 
     Args:
@@ -94,7 +94,7 @@ def free_shares_of_bends(arm: Arm, places: FloatArray) -> FloatArray:
 
 
 def straight_at_exit(arm: Arm, q: FloatArray) -> FloatArray:
-    """A configuration without the bends of joints that stand where they stay straight just beyond a guide tube.
+    """Return a configuration without the bends of joints that stand where they stay straight just beyond a guide tube.
 
     A motion to such a bend would have to make it on the short way since the joint left the tube, and no smooth path
     does. The tip has to be put back to its place afterwards.

@@ -37,7 +37,7 @@ _PROBES = 5
 def integrate_positions(
     heading_at: Callable[[FloatArray], FloatArray], arc: FloatArray, knots: FloatArray
 ) -> FloatArray:
-    """Positions relative to the base at given arc lengths.
+    """Return the positions relative to the base at given arc lengths.
 
     Args:
         heading_at: exact heading over arc length [rad].
@@ -65,7 +65,7 @@ def _refine(heading_at: Callable[[FloatArray], FloatArray], edges: FloatArray) -
 
 
 def _parted(edges: FloatArray, counts: IntArray) -> FloatArray:
-    """Arc lengths that cut every interval between edges into so many equal ones."""
+    """Return the arc lengths that cut every interval between edges into so many equal ones."""
     first = np.repeat(np.cumsum(counts) - counts, counts)
     share = (np.arange(counts.sum()) - first) / np.repeat(counts, counts)
     return np.append(np.repeat(edges[:-1], counts) + share * np.repeat(np.diff(edges), counts), edges[-1])
@@ -91,10 +91,10 @@ class Curve(Protocol):
         """Total length L [m]."""
 
     def positions_at(self, arc: FloatArray) -> FloatArray:
-        """Positions at increasing arc lengths in [0, L], shape (m,) to (m, d) [m]."""
+        """Return the positions at increasing arc lengths in [0, L], shape (m,) to (m, d) [m]."""
 
     def mean_directions(self, links: int) -> FloatArray:
-        """Mean direction over each of ``links`` equal lengths, shape (links, d)."""
+        """Return the mean direction over each of ``links`` equal lengths, shape (links, d)."""
 
 
 @dataclass(frozen=True)
@@ -168,29 +168,29 @@ class Configuration:
         return self.spline.antiderivative()
 
     def curvature_at(self, arc: FloatArray) -> FloatArray:
-        """Curvature at arc lengths in [0, L], shape of ``arc`` [1/m]."""
+        """Return the curvature at arc lengths in [0, L], shape of ``arc`` [1/m]."""
         return np.asarray(self.spline(arc))
 
     def heading_at(self, arc: FloatArray) -> FloatArray:
-        """Heading at arc lengths in [0, L], shape of ``arc`` [rad]; exact."""
+        """Return the heading at arc lengths in [0, L], shape of ``arc`` [rad]; exact."""
         return np.asarray(self.base_heading + self._turns(arc))
 
     def positions_at(self, arc: FloatArray) -> FloatArray:
-        """Positions at increasing arc lengths in [0, L], shape (len(arc), 2) [m]; Gauss-Legendre quadrature."""
+        """Return positions at increasing arc lengths in [0, L], shape (len(arc), 2) [m]; Gauss-Legendre quadrature."""
         return self.base + integrate_positions(self.heading_at, np.asarray(arc, dtype=np.float64), self.breakpoints)
 
     def heading_integral_at(self, arc: FloatArray) -> FloatArray:
-        """Integral of the heading from the base to arc lengths, shape of ``arc`` [rad m]; exact."""
+        """Return the integral of the heading from the base to arc lengths, shape of ``arc`` [rad m]; exact."""
         return np.asarray(self.base_heading * arc + self._turns.antiderivative()(arc))
 
     def mean_headings(self, links: int) -> FloatArray:
-        """Mean heading over each of ``links`` equal lengths, shape (links,) [rad]; exact."""
+        """Return the mean heading over each of ``links`` equal lengths, shape (links,) [rad]; exact."""
         edges = np.linspace(0.0, self.length, links + 1)
         means: FloatArray = np.diff(self.heading_integral_at(edges)) * (links / self.length)
         return means
 
     def mean_directions(self, links: int) -> FloatArray:
-        """Directions of the mean headings, shape (links, 2)."""
+        """Return the directions of the mean headings, shape (links, 2)."""
         return unit_vector(self.mean_headings(links))
 
     @cached_property
@@ -281,11 +281,11 @@ class SpaceConfiguration:
         return self.turns[0].length
 
     def curvature_at(self, arc: FloatArray) -> FloatArray:
-        """κ1 and κ2 at arc lengths in [0, L], shape (...) to (..., 2) [1/m]."""
+        """Return the κ1 and κ2 at arc lengths in [0, L], shape (...) to (..., 2) [1/m]."""
         return np.stack([turn.curvature_at(arc) for turn in self.turns], axis=-1)
 
-    def frames_at(self, arc: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Frames and positions at increasing arc lengths in [0, L], of shape (m,) [m].
+    def sample_frames(self, arc: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the frames and positions at increasing arc lengths in [0, L], of shape (m,) [m].
 
         Returns:
             Rotations with columns t, n1, n2, shape (m, 3, 3), and positions, shape (m, 3) [m].
@@ -312,11 +312,11 @@ class SpaceConfiguration:
         return _parted(edges, np.maximum(1, np.ceil(np.diff(edges) * per_step)).astype(np.intp))
 
     def positions_at(self, arc: FloatArray) -> FloatArray:
-        """Positions at increasing arc lengths in [0, L], shape (m, 3) [m]."""
-        return self.frames_at(arc)[1]
+        """Return the positions at increasing arc lengths in [0, L], shape (m, 3) [m]."""
+        return self.sample_frames(arc)[1]
 
     def mean_directions(self, links: int) -> FloatArray:
-        """Mean direction over each of ``links`` equal lengths, shape (links, 3).
+        """Return the mean direction over each of ``links`` equal lengths, shape (links, 3).
 
         The mean is that of the turns from the frame in the middle: in the plane that of the headings.
         """
@@ -325,7 +325,7 @@ class SpaceConfiguration:
         arcs = middles[:, None] + 0.5 * length * np.append(_NODES, 0.0)
         order = np.argsort(arcs.ravel())
         frames = np.empty((links * arcs.shape[1], 3, 3))
-        frames[order] = self.frames_at(arcs.ravel()[order])[0]
+        frames[order] = self.sample_frames(arcs.ravel()[order])[0]
         frames = frames.reshape(links, -1, 3, 3)
         middle = frames[:, -1]
         local = np.einsum("nij,nki->nkj", middle, frames[:, :-1, :, 0])
@@ -340,5 +340,5 @@ class SpaceConfiguration:
     @cached_property
     def tip(self) -> tuple[FloatArray, FloatArray]:
         """Position (3,) [m] and direction (3,) of the tip."""
-        frames, places = self.frames_at(np.array([self.length]))
+        frames, places = self.sample_frames(np.array([self.length]))
         return places[0], frames[0, :, 0]

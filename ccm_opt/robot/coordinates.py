@@ -76,7 +76,7 @@ class Coordinates:
         return self.revolutes + len(self.base_names)
 
     def advance(self, q: FloatArray) -> FloatArray:
-        """How far the base is carried along the base heading, shape (...) [m]; 0 when it is fixed.
+        """Return how far the base is carried along the base heading, shape (...) [m]; 0 when it is fixed.
 
         The map is linear, so it serves velocities and accelerations too.
 
@@ -104,7 +104,7 @@ class Coordinates:
 
 @lru_cache(maxsize=64)
 def joint_coordinates(links: int, bends_a_joint: int = 1, axes: tuple[str, ...] = ()) -> Coordinates:
-    """The coordinates of an arm: the bends of its joints, then the axes that carry its base.
+    """Return the coordinates of an arm: the bends of its joints, then the axes that carry its base.
 
     Of the three revolutes of ball i, numbers 3 i to 3 i + 2 in the order of ``joint_names``, the bend of the plane is
     the second, turned the other way, and the bends a and b of space are the first and the second. The others stay at
@@ -177,7 +177,7 @@ class Limits:
     points: tuple[PointLimit, ...] = ()
 
     def of_drives(self, coordinates: Coordinates) -> "DriveLimits":
-        """The limits of every drive of an arm, drive by drive."""
+        """Return the limits of every drive of an arm, drive by drive."""
         axes = len(coordinates.base_names)
 
         def both(of_revolutes: FloatArray | None, of_axes: float | None) -> FloatArray:
@@ -192,7 +192,7 @@ class Limits:
         )
 
     def of_coordinates(self, coordinates: Coordinates) -> "DriveLimits":
-        """The limits of the drives that move an arm's coordinates, one for each coordinate."""
+        """Return the limits of the drives that move an arm's coordinates, one for each coordinate."""
         return self.of_drives(coordinates).of(coordinates.drive_numbers)
 
 
@@ -227,9 +227,12 @@ class DriveLimits:
     effort: FloatArray
 
     def rates_within(self, share: float) -> "DriveLimits":
-        """The same with a share of the limits on velocities, accelerations and jerks; efforts are not changed."""
+        """Return the same with a share of the limits on velocities, accelerations and jerks.
+
+        Efforts are not changed.
+        """
         return DriveLimits(share * self.velocity, share * self.acceleration, share * self.jerk, self.effort)
 
     def of(self, drives: IntArray) -> "DriveLimits":
-        """The limits of drives of given numbers."""
+        """Return the limits of drives of given numbers."""
         return DriveLimits(self.velocity[drives], self.acceleration[drives], self.jerk[drives], self.effort[drives])

@@ -21,13 +21,13 @@ _FIT_SAMPLES = 65
 
 
 def add_segment(configuration: Configuration, segment: CurvatureSegment) -> Configuration:
-    """The configuration with a segment more at its tip; the new one goes on along the tip's heading."""
+    """Return the configuration with a segment more at its tip; the new one goes on along the tip's heading."""
     heading = configuration.segments[-1].end_heading
     return Configuration(configuration.base, (*configuration.segments, replace(segment, heading=heading)))
 
 
 def delete_segment(configuration: Configuration) -> Configuration:
-    """The configuration without its tip segment.
+    """Return the configuration without its tip segment.
 
     Raises:
         ProblemError: it has one segment only.
@@ -38,7 +38,7 @@ def delete_segment(configuration: Configuration) -> Configuration:
 
 
 def divide_segment(configuration: Configuration, index: int, at: float) -> Configuration:
-    """The same curve with one segment divided in two.
+    """Return the same curve with one segment divided in two.
 
     Args:
         configuration: the curve.
@@ -57,7 +57,7 @@ def divide_segment(configuration: Configuration, index: int, at: float) -> Confi
 
 
 def merge_segments(configuration: Configuration, index: int, tolerance: float = 1e-9) -> Configuration:
-    """The same curve with two neighbours merged.
+    """Return the same curve with two neighbours merged.
 
     Two segments have up to seven inner knots, one has three. Where the knots that count are three or fewer, as after a
     division, the curve does not move at all; else the headings are fitted by least squares, both ends exact.
@@ -80,7 +80,7 @@ def move_boundary(
     length: float,
     tolerance: float = 1e-9,
 ) -> Configuration:
-    """The same curve with the boundary between two neighbours elsewhere: one becomes longer, the other shorter.
+    """Return the same curve with the boundary between two neighbours elsewhere: one becomes longer, the other shorter.
 
     Args:
         configuration: the curve.
@@ -99,20 +99,20 @@ def move_boundary(
     return _replaced(configuration, index, index + 2, (first, second))
 
 
-def start_of(segment: CurvatureSegment, length: float) -> CurvatureSegment:
-    """The first ``length`` metres of a segment, exactly."""
+def segment_head(segment: CurvatureSegment, length: float) -> CurvatureSegment:
+    """Return the first ``length`` metres of a segment, exactly."""
     if length >= segment.length:
         return segment
     return _Stretch.from_segments((segment,)).part(0.0, length).segment()
 
 
-def rest_of(segment: CurvatureSegment, length: float) -> CurvatureSegment:
-    """What follows the first ``length`` metres of a segment, exactly."""
+def segment_tail(segment: CurvatureSegment, length: float) -> CurvatureSegment:
+    """Return what follows the first ``length`` metres of a segment, exactly."""
     return _Stretch.from_segments((segment,)).part(length, segment.length).segment()
 
 
 def interpolate(first: Configuration, last: Configuration, share: float) -> Configuration:
-    """The configuration between two: base heading and curvature at every arc length are interpolated linearly.
+    """Return the configuration between two: base heading and curvature at every arc length are interpolated linearly.
 
     Args:
         first: a curve.
@@ -145,12 +145,12 @@ def _joined(configuration: Configuration, index: int) -> "_Stretch":
 def _replaced(
     configuration: Configuration, first: int, end: int, segments: Sequence[CurvatureSegment]
 ) -> Configuration:
-    """The configuration with some of its segments replaced by others that end in the same heading."""
+    """Return the configuration with some of its segments replaced by others that end in the same heading."""
     return replace(configuration, segments=(*configuration.segments[:first], *segments, *configuration.segments[end:]))
 
 
 def _merged(values: FloatArray, length: float) -> FloatArray:
-    """Sorted values without repetition up to rounding."""
+    """Return the sorted values without repetition up to rounding."""
     values = np.sort(values)
     distinct: FloatArray = values[np.append(True, np.diff(values) > ROUNDING * length)]
     return distinct
@@ -172,7 +172,7 @@ class _Stretch:
 
     @classmethod
     def from_segments(cls, segments: Sequence[CurvatureSegment]) -> "_Stretch":
-        """The stretch of segments end to end."""
+        """Return the stretch of segments end to end."""
         ends = np.concatenate(([0.0], np.cumsum([s.length for s in segments])))
         breaks = [start + s.breakpoints[:-1] for start, s in zip(ends[:-1], segments, strict=True)]
         coefficients = np.concatenate([s.coefficients for s in segments])
@@ -183,13 +183,13 @@ class _Stretch:
         return float(self.breaks[-1])
 
     def on(self, breaks: FloatArray) -> FloatArray:
-        """Coefficients on finer breaks, shape (len(breaks) - 1, 4)."""
+        """Return the coefficients on finer breaks, shape (len(breaks) - 1, 4)."""
         piece = np.searchsorted(self.breaks[1:-1], 0.5 * (breaks[:-1] + breaks[1:]))
         t = breaks[:-1] - self.breaks[piece]
         return _about(self.coefficients[piece], t)
 
     def part(self, first: float, last: float) -> "_Stretch":
-        """The part between two arc lengths."""
+        """Return the part between two arc lengths."""
         inside = self.breaks[(self.breaks > first) & (self.breaks < last)]
         # Breaks at the very ends would make pieces of no length.
         margin = 1e-12 * self.length
@@ -213,7 +213,7 @@ class _Stretch:
         return jumps
 
     def segment(self) -> CurvatureSegment:
-        """The stretch as one segment, exactly; it has at most four pieces that join smoothly.
+        """Return the stretch as one segment, exactly; it has at most four pieces that join smoothly.
 
         Raises:
             ProblemError: it has more.
@@ -224,7 +224,7 @@ class _Stretch:
         return found
 
     def _exact(self) -> CurvatureSegment | None:
-        """The stretch as one segment where that changes nothing, else None."""
+        """Return the stretch as one segment where that changes nothing, else None."""
         jumps = self._jumps()
         scale = ROUNDING * max(1.0 / self.length, float(np.abs(self.coefficients[:, 0]).max()))
         too_many = len(self.breaks) > PIECES + 1
@@ -260,7 +260,7 @@ class _Stretch:
         return tuple(made)
 
     def fitted(self, tolerance: float) -> CurvatureSegment:
-        """One segment for the stretch: exact where that is possible, else the least-squares fit of its headings.
+        """Return one segment for the stretch: exact where that is possible, else the least-squares fit of its headings.
 
         Raises:
             ProblemError: the fit leaves the headings by more than the tolerance.
@@ -277,7 +277,7 @@ class _Stretch:
         return fit
 
     def _fit(self, samples: int) -> tuple[CurvatureSegment, float]:
-        """The natural spline with even knots whose headings come nearest; the last heading is met exactly."""
+        """Return the natural spline with even knots whose headings come nearest; the last heading is met exactly."""
         arc = np.linspace(0.0, self.length, samples)
         wanted = np.array([self._heading_at(float(s)) for s in arc]) - self.heading
         basis = np.stack(
@@ -298,7 +298,7 @@ def _about(c: FloatArray, t: FloatArray) -> FloatArray:
 
 
 def _with_idle(breaks: FloatArray) -> FloatArray:
-    """Breaks filled up to five: the widest gap is halved again and again."""
+    """Return the breaks filled up to five: the widest gap is halved again and again."""
     while len(breaks) < PIECES + 1:
         k = int(np.argmax(np.diff(breaks)))
         breaks = np.insert(breaks, k + 1, 0.5 * (breaks[k] + breaks[k + 1]))

@@ -39,14 +39,16 @@ class DhRow(NamedTuple):
 
 
 def joint_names(arm: Arm) -> tuple[str, ...]:
-    """Names of the revolutes from the base outward, length 3 * links, for example ``ball01_bend``."""
+    """Return the names of the revolutes from the base outward, length 3 * links, for example ``ball01_bend``."""
     width = max(2, len(str(arm.links)))
     kinds = REVOLUTE_NAMES[arm.axes]
     return tuple(f"ball{ball:0{width}d}_{kind}" for ball in range(1, arm.links + 1) for kind in kinds)
 
 
 def revolute_angles(arm: Arm, bends: FloatArray) -> FloatArray:
-    """Revolute angles of the bends of a pose: in the plane θ2 = −bend (section 5.2), in space θ1 and θ2; others are 0.
+    """Return the revolute angles of the bends of a pose: in the plane θ2 = −bend (section 5.2), in space θ1 and θ2.
+
+    Others are 0.
 
     The map is linear, so it serves velocities and accelerations too.
 
@@ -66,13 +68,13 @@ def revolute_angles(arm: Arm, bends: FloatArray) -> FloatArray:
 
 
 def bends_from_revolutes(arm: Arm, angles: FloatArray) -> FloatArray:
-    """Bends of the joints from revolute angles, shape (..., bends) [rad]; the other revolutes are left aside."""
+    """Return bends of the joints from revolute angles, shape (..., bends) [rad]; the other revolutes are left aside."""
     coordinates = arm.coordinates
     return np.asarray(0.0 + coordinates.sense * angles[..., coordinates.drive_numbers[coordinates.bends]])
 
 
 def dh_table(arm: Arm) -> tuple[DhRow, ...]:
-    """Standard DH rows of all revolutes, length 3 * links.
+    """Return the standard DH rows of all revolutes, length 3 * links.
 
     Under ``zyx`` the third frame of a ball has its y axis along the link, so the yaw of every later ball needs another
     quarter turn to bring x along the link again.
@@ -89,7 +91,7 @@ def _ball_rows(arm: Arm, *, first: bool) -> tuple[DhRow, DhRow, DhRow]:
 
 
 def frame_transforms(arm: Arm, angles: FloatArray) -> FloatArray:
-    """World transforms of the base frame and of every DH frame.
+    """Return the world transforms of the base frame and of every DH frame.
 
     Args:
         arm: the arm.
@@ -122,7 +124,7 @@ def dh_transform(row: DhRow, angle: FloatArray) -> FloatArray:
 
 
 def joint_positions_3d(arm: Arm, angles: FloatArray, feed: FloatArray | float = 0.0) -> FloatArray:
-    """Positions of the balls and the tip in the world, shape (..., links + 1, 3) [m].
+    """Return the positions of the balls and the tip in the world, shape (..., links + 1, 3) [m].
 
     Args:
         arm: the arm.

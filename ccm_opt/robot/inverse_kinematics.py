@@ -13,7 +13,7 @@ to about that accuracy. Taste."""
 
 
 def ball_angles(arm: Arm, positions: FloatArray, tolerance: float = LENGTH_TOLERANCE) -> FloatArray:
-    """Revolute angles that place the balls and the tip at given positions, with θ3 = 0.
+    """Return the revolute angles that place the balls and the tip at given positions, with θ3 = 0.
 
     In the base frame of its ball a link points along Rz(θ1) Ry(θ2) x̂ = (c1 c2, s1 c2, −s2), for ``zyx`` and ``zyz``
     alike. Of the two solutions the one with θ1 within ±90° is taken. In the plane it is the paper's own formula,
@@ -38,7 +38,7 @@ def ball_angles(arm: Arm, positions: FloatArray, tolerance: float = LENGTH_TOLER
 
 
 def aim(direction: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """θ1 and θ2 that turn x̂ into a unit direction, shape (..., 3), with |θ1| ≤ 90°."""
+    """Return the θ1 and θ2 that turn x̂ into a unit direction, shape (..., 3), with |θ1| ≤ 90°."""
     x, y, z = np.moveaxis(direction, -1, 0)
     side = np.where(x < 0.0, -1.0, 1.0)
     # A link that points backwards bends by more than 90° instead of turning its yaw round.
@@ -46,7 +46,7 @@ def aim(direction: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def _world_points(arm: Arm, positions: FloatArray) -> FloatArray:
-    """Positions in the world, shape (..., links + 1, 3); checks the shape."""
+    """Return the positions in the world, shape (..., links + 1, 3); checks the shape."""
     shape = (arm.links + 1, arm.dimension)
     if positions.ndim < 2 or positions.shape[-2:] not in {shape, (arm.links + 1, 3)}:
         raise ProblemError(
@@ -81,7 +81,7 @@ def _link_directions(arm: Arm, points: FloatArray, tolerance: float) -> tuple[Fl
 
 
 def bends_from_directions(arm: Arm, directions: FloatArray) -> FloatArray:
-    """Bends that let the links point in given directions; the rolls of the links follow.
+    """Return the bends that let the links point in given directions; the rolls of the links follow.
 
     In the axes of the link before a link points along (cos a cos b, sin a cos b, −sin b). Of the two solutions the one
     with a within ±90° is taken.
@@ -103,7 +103,7 @@ def bends_from_directions(arm: Arm, directions: FloatArray) -> FloatArray:
 
 
 def configuration_from_positions(arm: Arm, positions: FloatArray, tolerance: float = LENGTH_TOLERANCE) -> FloatArray:
-    """The configuration that places joints and tip at given positions, shape (..., c) [rad, m].
+    """Return the configuration that places joints and tip at given positions, shape (..., c) [rad, m].
 
     Args:
         arm: the arm.

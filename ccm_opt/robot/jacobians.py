@@ -13,7 +13,7 @@ from ccm_opt.robot.frames import frame_transforms
 
 
 def point_jacobians(arm: Arm, angles: FloatArray) -> FloatArray:
-    """Jacobians of the positions of all balls and of the tip.
+    """Return the Jacobians of the positions of all balls and of the tip.
 
     Args:
         arm: the arm.
@@ -33,7 +33,7 @@ def point_jacobians(arm: Arm, angles: FloatArray) -> FloatArray:
 
 
 def tip_jacobian(arm: Arm, angles: FloatArray) -> FloatArray:
-    """Geometric Jacobian of the tip: its velocity [m] over the angular velocity of the last link.
+    """Return the geometric Jacobian of the tip: its velocity [m] over the angular velocity of the last link.
 
     Args:
         arm: the arm.
@@ -49,13 +49,13 @@ def tip_jacobian(arm: Arm, angles: FloatArray) -> FloatArray:
 
 
 def _axes_and_points(arm: Arm, angles: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Axes of the revolutes, points on them, and balls and tip, all in the world."""
+    """Return the axes of the revolutes, points on them, and balls and tip, all in the world."""
     frames = frame_transforms(arm, angles)
     return frames[..., :-1, :3, 2], frames[..., :-1, :3, 3], frames[..., ::3, :3, 3]
 
 
 def _with_base(arm: Arm, columns: FloatArray, *, moved: float) -> FloatArray:
-    """The same columns after those of the axes that carry the base, if any; all run along the base heading."""
+    """Return the same columns after those of the axes that carry the base, if any; all run along the base heading."""
     direction = moved * arm.base_rotation[:, 0]
     first = np.broadcast_to(direction[:, None], (*columns.shape[:-1], len(arm.base_axes)))
     return np.concatenate((first, columns), axis=-1)

@@ -12,7 +12,7 @@ inertia about the axis the simulated drive overshoots within a step of a millise
 
 
 def cylinder_inertia(masses: FloatArray, radius: float, link_length: float) -> tuple[FloatArray, FloatArray]:
-    """Moments of inertia of solid cylinders about their centres: axial m r² / 2, transverse m (3 r² + l²) / 12.
+    """Return moments of inertia of solid cylinders about their centres: axial m r² / 2, transverse m (3 r² + l²) / 12.
 
     Args:
         masses: of the links, shape (links,) [kg].

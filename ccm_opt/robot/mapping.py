@@ -20,7 +20,7 @@ _ROUNDING = 1e-8
 
 
 def even_joint_directions(points: FloatArray, link_length: float) -> FloatArray:
-    """Link directions with every second joint on the curve.
+    """Return the link directions with every second joint on the curve.
 
     The odd joint of a pair lies at distance l from both even joints, to the side to which the curve bulges: that of its
     point half-way between them. In the plane these are the two circles of the paper; where the bulge changes side the
@@ -65,7 +65,7 @@ def even_joint_directions(points: FloatArray, link_length: float) -> FloatArray:
 
 
 def least_squares_directions(points: FloatArray, means: FloatArray, link_length: float) -> FloatArray:
-    """Link directions d = argmin Σ|P_j − p(s_j)|² + ε Σ angle(d_i, m_i)² subject to the tip being exact.
+    """Return the link directions d = argmin Σ|P_j − p(s_j)|² + ε Σ angle(d_i, m_i)² subject to the tip being exact.
 
     Gauss–Newton in turns of the links, Newton on the equations of the tip (Nocedal and Wright, Numerical Optimization,
     chapter 18); each step solves H δ + Jᵀλ = -g, J δ = -c by its Schur complement.
@@ -99,7 +99,7 @@ def least_squares_directions(points: FloatArray, means: FloatArray, link_length:
 def _tangent_step(
     points: FloatArray, directions: FloatArray, means: FloatArray, l: float, epsilon: float
 ) -> tuple[FloatArray, float]:
-    """Changes of the directions, each at right angles to its own, shape (n, d), and the tip's distance [m]."""
+    """Return changes of the directions, each at right angles to its own, shape (n, d), and the tip's distance [m]."""
     n, d = directions.shape
     residual = points[0] + l * np.cumsum(directions, axis=0) - points[1:]
     axes = _across(directions)
@@ -110,7 +110,7 @@ def _tangent_step(
     inner = residual.copy()
     inner[-1] = 0.0
     carried = np.cumsum(inner[::-1], axis=0)[::-1]
-    gradient = np.einsum("nad,nd->na", axes, l * carried - epsilon * _turn_to(directions, means)).ravel()
+    gradient = np.einsum("nad,nd->na", axes, l * carried - epsilon * _sphere_logarithm(directions, means)).ravel()
     solved = np.linalg.solve(hessian, np.column_stack((gradient, turn)))
     schur = turn.T @ solved[:, 1:]
     # A straight arm cannot move its tip along itself: the pseudo-inverse drops that direction.
@@ -120,11 +120,11 @@ def _tangent_step(
 
 
 def _across(directions: FloatArray) -> FloatArray:
-    """Unit vectors across directions and each other, shape (n, d) to (n, d - 1, d)."""
+    """Return the unit vectors across directions and each other, shape (n, d) to (n, d - 1, d)."""
     return np.asarray(np.linalg.svd(directions[:, None, :])[2][:, 1:])
 
 
-def _turn_to(directions: FloatArray, means: FloatArray) -> FloatArray:
+def _sphere_logarithm(directions: FloatArray, means: FloatArray) -> FloatArray:
     """The ways on the sphere from directions to their means: as long as the angle, across the direction, (n, d)."""
     along = np.sum(directions * means, axis=1, keepdims=True)
     sideways = means - along * directions
@@ -134,7 +134,9 @@ def _turn_to(directions: FloatArray, means: FloatArray) -> FloatArray:
 
 
 def map_curve(arm: Arm, curve: Curve, method: MappingName) -> FloatArray:
-    """Bends of the joints with which the arm follows a curve, shape (k links,) [rad]; every link keeps its length.
+    """Return the bends of the joints with which the arm follows a curve, shape (k links,) [rad].
+
+    Every link keeps its length.
 
     Args:
         arm: the jointed arm; it is placed at the base of the curve.
@@ -162,12 +164,12 @@ def map_curve(arm: Arm, curve: Curve, method: MappingName) -> FloatArray:
 
 
 def curve_points(curve: Curve, links: int) -> FloatArray:
-    """Points of the curve at equal arc lengths, base and tip included, shape (links + 1, d) [m]."""
+    """Return the points of the curve at equal arc lengths, base and tip included, shape (links + 1, d) [m]."""
     return curve.positions_at(np.linspace(0.0, curve.length, links + 1))
 
 
 def shape_error(arm: Arm, curve: Curve, bends: FloatArray) -> float:
-    """Greatest distance of a joint from its own point of the curve, max ``|P_j - p(s_j)|`` [m].
+    """Return the greatest distance of a joint from its own point of the curve, max ``|P_j - p(s_j)|`` [m].
 
     For curvature κ the even-joint mapping gives 0.077 κ l² with the elbow on the bulge side.
     """

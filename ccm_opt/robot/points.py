@@ -31,7 +31,7 @@ class MovingPoint:
     levers: FloatArray
 
     def position(self, q: FloatArray) -> FloatArray:
-        """Where the point is, shape (N, d) [m].
+        """Return where the point is, shape (N, d) [m].
 
         Args:
             q: coordinates of the arm, shape (N, c) [rad, m].
@@ -45,7 +45,7 @@ class MovingPoint:
         return self._carried(qd) + self._summed(np.cross(omega, axes.along))
 
     def acceleration(self, q: FloatArray, qd: FloatArray, qdd: FloatArray) -> FloatArray:
-        """Second derivative of the position, shape (N, d), for both derivatives of the coordinates."""
+        """Return the second derivative of the position, shape (N, d), for both derivatives of the coordinates."""
         axes = self._axes(q)
         rates = self._rates(qd)
         omega = np.cumsum(_turning(axes, rates), axis=-2)
@@ -90,7 +90,7 @@ class MovingPoint:
         return jerk
 
     def _rates(self, qd: FloatArray) -> FloatArray:
-        """Both bends of every joint, shape (N, links, 2); in the plane the first is none."""
+        """Return both bends of every joint, shape (N, links, 2); in the plane the first is none."""
         if self.arm.dimension == 3:
             return self.arm.bend_pairs(qd)
         bends = qd[..., : self.arm.links]
@@ -110,7 +110,7 @@ class MovingPoint:
         return np.asarray(np.einsum("...lk,l->...k", of_links, self.levers)[..., : self.arm.dimension])
 
     def _carried(self, q: FloatArray) -> FloatArray:
-        """How far the base is carried, shape (N, d) [m]; linear, so it serves derivatives too."""
+        """Return how far the base is carried, shape (N, d) [m]; linear, so it serves derivatives too."""
         return np.asarray(self.arm.coordinates.advance(q)[..., None] * self.arm.direction)
 
 
@@ -123,12 +123,12 @@ class _Axes(NamedTuple):
 
 
 def _turning(axes: _Axes, rates: FloatArray) -> FloatArray:
-    """What every joint adds to the turning of its link, shape (N, links, 3)."""
+    """Return what every joint adds to the turning of its link, shape (N, links, 3)."""
     return rates[..., :1] * axes.first + rates[..., 1:] * axes.second
 
 
 def point_of(arm: Arm, at: float | None) -> MovingPoint:
-    """The point of an arm at an arc length from its base [m]; the tip when None.
+    """Return the point of an arm at an arc length from its base [m]; the tip when None.
 
     Raises:
         ProblemError: the arm is not so long.

@@ -15,7 +15,7 @@ _SMALL = 1e-3
 
 
 def exponential(twists: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Rotations, shape (..., 3, 3), and translations, shape (..., 3), of twists (ω, u), shape (..., 6)."""
+    """Return the rotations, shape (..., 3, 3), and translations, shape (..., 3), of twists (ω, u), shape (..., 6)."""
     turn = twists[..., :3]
     along = twists[..., 3:]
     angle = np.linalg.norm(turn, axis=-1)
@@ -34,7 +34,7 @@ def exponential(twists: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def carried(twists: FloatArray, widths: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Motion of a frame over steps, from its twists at the three Gauss points of each.
+    """Return the motion of a frame over steps, from its twists at the three Gauss points of each.
 
     Args:
         twists: shape (m, 3, 6), in the frame's own axes, per unit of arc length.
@@ -58,7 +58,7 @@ def carried(twists: FloatArray, widths: FloatArray) -> tuple[FloatArray, FloatAr
 
 
 def chained(rotation: FloatArray, rotations: FloatArray, translations: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Frames after every step from a first one at the origin: rotations (m + 1, 3, 3), places (m + 1, 3)."""
+    """Return the frames after every step from a first one at the origin: rotations (m + 1, 3, 3), places (m + 1, 3)."""
     frames = np.empty((len(rotations) + 1, 3, 3))
     places = np.zeros((len(rotations) + 1, 3))
     frames[0] = rotation
@@ -69,14 +69,14 @@ def chained(rotation: FloatArray, rotations: FloatArray, translations: FloatArra
 
 
 def _bracket(first: FloatArray, second: FloatArray) -> FloatArray:
-    """Lie bracket of twists, shape (..., 6)."""
+    """Return the lie bracket of twists, shape (..., 6)."""
     turn = np.cross(first[..., :3], second[..., :3])
     along = np.cross(first[..., :3], second[..., 3:]) - np.cross(second[..., :3], first[..., 3:])
     return np.concatenate((turn, along), axis=-1)
 
 
 def _hat(turn: FloatArray) -> FloatArray:
-    """The matrix of ω ×, shape (..., 3) to (..., 3, 3)."""
+    """Return the matrix of ω ×, shape (..., 3) to (..., 3, 3)."""
     hat = np.zeros((*turn.shape[:-1], 3, 3))
     hat[..., 2, 1] = turn[..., 0]
     hat[..., 0, 2] = turn[..., 1]
@@ -99,7 +99,7 @@ NOMINAL_LINKS = 24
 
 
 def bend_rotations(bends: FloatArray) -> FloatArray:
-    """Rz(a) Ry(b) of pairs of bends, shape (..., 2) to (..., 3, 3)."""
+    """Return the rz(a) Ry(b) of pairs of bends, shape (..., 2) to (..., 3, 3)."""
     cos = np.cos(bends)
     sin = np.sin(bends)
     ca = cos[..., 0]

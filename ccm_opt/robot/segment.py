@@ -12,11 +12,11 @@ from scipy.special import j0
 
 from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.core.errors import ProblemError
-from ccm_opt.core.polyline import heading_of, wrap
+from ccm_opt.core.polyline import vector_heading, wrap
 
 
 def second_derivatives(widths: FloatArray, values: FloatArray, ends: tuple[float, float] = (0.0, 0.0)) -> FloatArray:
-    """Second derivatives M of the cubic spline at its knots; the natural one unless its ends are given.
+    """Return the second derivatives M of the cubic spline at its knots; the natural one unless its ends are given.
 
     Solves a_{i-1} M_{i-1} + 2 (a_{i-1} + a_i) M_i + a_i M_{i+1} = 6 [(C_{i+1} - C_i)/a_i - (C_i - C_{i-1})/a_{i-1}]
     with M_0, M_4 given (de Boor, A Practical Guide to Splines, chapter IV).
@@ -106,7 +106,7 @@ class CurvatureSegment:
         return curvature_spline(self.coefficients, self.breakpoints)
 
     def heading_at(self, arc: FloatArray) -> FloatArray:
-        """θ at arc lengths in [0, L], any shape [rad]; exact, a quartic on each piece."""
+        """Return the θ at arc lengths in [0, L], any shape [rad]; exact, a quartic on each piece."""
         return np.asarray(self.heading + self.spline.antiderivative()(arc))
 
     @cached_property
@@ -143,7 +143,7 @@ _OTHER_SIDE = {"straight": "straight", "left": "right", "right": "left"}
 
 
 def classify(segment: CurvatureSegment, least_turn: float = 1e-3) -> SegmentType:
-    """The type of a segment by the signs of its curvature.
+    """Return the type of a segment by the signs of its curvature.
 
     Args:
         segment: the segment.
@@ -182,7 +182,7 @@ def select_segment_type(
     tip_heading: float | None,
     tolerance: float = 1e-6,
 ) -> SegmentType:
-    """The simplest type that joins two poses, without simulating any curve (section 2.1).
+    """Return the simplest type that joins two poses, without simulating any curve (section 2.1).
 
     With the chord from base to tip let α be the turn from the base's tangent to the chord and β the turn from the
     chord to the tip's tangent, both in [-π, π). By the mean value theorem the chord's direction is a weighted mean of
@@ -201,7 +201,7 @@ def select_segment_type(
         tolerance: angles below it count as zero [rad].
     """
     chord = np.asarray(tip, dtype=np.float64) - np.asarray(base, dtype=np.float64)
-    direction = heading_of(chord)
+    direction = vector_heading(chord)
     alpha = None if base_heading is None else wrap(direction - base_heading)
     beta = None if tip_heading is None else wrap(tip_heading - direction)
     # A free end takes the turn of the other one, as on a circular arc; with both ends free the line is straight.
@@ -217,7 +217,7 @@ def select_segment_type(
 
 
 def natural_segment(kind: SegmentType, base: FloatArray, tip: FloatArray, length: float) -> CurvatureSegment:
-    """A first curve of a given type and length from base towards tip; the base turns to aim it.
+    """Return a first curve of a given type and length from base towards tip; the base turns to aim it.
 
     One-signed types are the circular arc: end angles a with sin(a)/a = chord/L and curvature ±2a/L. Types with an
     inflection are the modal curve θ = a (1 - cos 2πs), whose chord is L·J₀(a) long and makes the angle a with its
@@ -237,7 +237,7 @@ def natural_segment(kind: SegmentType, base: FloatArray, tip: FloatArray, length
         ProblemError: the tip is farther than the length.
     """
     chord = np.asarray(tip, dtype=np.float64) - np.asarray(base, dtype=np.float64)
-    direction = heading_of(chord)
+    direction = vector_heading(chord)
     ratio = float(np.hypot(*chord)) / length
     if ratio > 1.0 + 1e-9:
         raise ProblemError(f"a segment of {length:g} m cannot span {ratio * length:g} m; give it more length")
@@ -249,7 +249,7 @@ def natural_segment(kind: SegmentType, base: FloatArray, tip: FloatArray, length
 
 
 def end_angle(kind: SegmentType, ratio: float) -> float:
-    """Angle between the ends and the chord of a natural segment [rad], from chord / length in [0, 1]."""
+    """Return the angle between the ends and the chord of a natural segment [rad], from chord / length in [0, 1]."""
     if kind is SegmentType.STRAIGHT or ratio >= 1.0:
         return 0.0
     if kind in {SegmentType.LEFT, SegmentType.RIGHT}:
@@ -262,6 +262,6 @@ def _sign(angle: float, tolerance: float) -> int:
 
 
 def _extrema(heading: FloatArray) -> IntArray:
-    """Indices of the local extrema of a sampled heading: where its curvature changes sign."""
+    """Return the indices of the local extrema of a sampled heading: where its curvature changes sign."""
     slope = np.sign(np.diff(heading))
     return np.flatnonzero(slope[1:] * slope[:-1] < 0) + 1

@@ -13,7 +13,7 @@ from ccm_opt.scene.workspace import Workspace
 
 
 def room_advice(radius: float, clearance: float) -> tuple[str, ...]:
-    """How the arm itself could need less room: one line, or none for a bare axis that keeps no clearance."""
+    """Return how the arm itself could need less room: one line, or none for a bare axis that keeps no clearance."""
     keys = []
     if radius > 0.0:
         keys.append("arm.radius")
@@ -52,7 +52,7 @@ def joints_at_limits(bends: FloatArray, limits: FloatArray) -> tuple[str, tuple[
 
 
 def refuse_bad_pose(arm: Arm, workspace: Workspace, q: FloatArray, which: str, reach: float = 0.02) -> float:
-    """The least gap between the arm and anything near it [m]; infinite when nothing is near.
+    """Return the least gap between the arm and anything near it [m]; infinite when nothing is near.
 
     Args:
         arm: the arm.
@@ -105,7 +105,7 @@ def _touching(which: str, contact: str, room: tuple[str, ...]) -> Diagnosis:
 
 
 def _outside(arm: Arm, workspace: Workspace, points: FloatArray) -> str | None:
-    """Where a pose, joints and tip (links + 1, 2) [m], leaves the room, in words; None where it stays inside."""
+    """Return where a pose, joints and tip (links + 1, 2) [m], leaves the room, in words; None where it stays inside."""
     link, share = arm.mount_end
     behind_mount = np.vstack((points[link] + share * (points[link + 1] - points[link]), points[link + 1 :]))
     out = ~shapely.intersects_xy(workspace.boundary, behind_mount[:, 0], behind_mount[:, 1])

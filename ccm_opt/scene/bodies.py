@@ -31,7 +31,7 @@ class RigidPlacement:
 
     @classmethod
     def turned(cls, position: FloatArray, angles: FloatArray) -> "RigidPlacement":
-        """Turned about the fixed x-axis, then the fixed y-axis, then the fixed z-axis, then moved.
+        """Return the turned about the fixed x-axis, then the fixed y-axis, then the fixed z-axis, then moved.
 
         Args:
             position: where the body's origin comes to lie, shape (3,) [m].
@@ -42,7 +42,7 @@ class RigidPlacement:
 
     @classmethod
     def of_quaternion(cls, position: FloatArray, quaternion: FloatArray) -> "RigidPlacement":
-        """Turned as a quaternion (w, x, y, z) of any length but zero says, then moved."""
+        """Return the turned as a quaternion (w, x, y, z) of any length but zero says, then moved."""
         w, x, y, z = quaternion / np.linalg.norm(quaternion)
         rotation = np.array(
             [
@@ -78,16 +78,16 @@ class RigidPlacement:
         return bool(np.all(self.position == 0.0) and np.array_equal(self.rotation, np.eye(3)))
 
     def placed(self, by: "RigidPlacement") -> "RigidPlacement":
-        """The placement that this one becomes where it is placed itself."""
+        """Return the placement that this one becomes where it is placed itself."""
         return RigidPlacement(by.points(self.position), by.rotation @ self.rotation)
 
     def points(self, own: FloatArray) -> FloatArray:
-        """Points of the body where they come to lie, shape (..., 3) [m]."""
+        """Return the points of the body where they come to lie, shape (..., 3) [m]."""
         return np.asarray(own @ self.rotation.T + self.position)
 
 
 def _about(axis: int, angle: float) -> FloatArray:
-    """The rotation about a coordinate axis by an angle [rad]."""
+    """Return the rotation about a coordinate axis by an angle [rad]."""
     first = (axis + 1) % 3
     second = (axis + 2) % 3
     turn = np.eye(3)
@@ -129,13 +129,13 @@ BOX_FACES = np.array(
 
 
 def box_corners(low: FloatArray, high: FloatArray) -> FloatArray:
-    """The eight corners of a box, shape (8, 3), counted like binary numbers z y x."""
+    """Return the eight corners of a box, shape (8, 3), counted like binary numbers z y x."""
     counted = np.arange(8)[:, None] >> np.arange(3) & 1
     return np.asarray(np.where(counted == 1, high, low), dtype=np.float64)
 
 
-def turned_to(axis: FloatArray) -> FloatArray:
-    """A rotation that turns x to an axis, shape (3, 3); the identity for an axis without length."""
+def rotation_to_axis(axis: FloatArray) -> FloatArray:
+    """Return a rotation that turns x to an axis, shape (3, 3); the identity for an axis without length."""
     length = np.linalg.norm(axis)
     if length == 0.0:
         return np.eye(3)
@@ -146,7 +146,7 @@ def turned_to(axis: FloatArray) -> FloatArray:
 
 
 def capsule_surface(length: float, radius: float, sides: int) -> tuple[FloatArray, IntArray]:
-    """A cylinder along x with a half sphere at either end: rings of equal sides from pole to pole."""
+    """Return a cylinder along x with a half sphere at either end: rings of equal sides from pole to pole."""
     quarters = sides // 4
     tilt = np.linspace(0.0, 0.5 * np.pi, quarters + 1)
     along = np.concatenate((-radius * np.cos(tilt), length + radius * np.sin(tilt)))
@@ -174,7 +174,7 @@ def capsule_surface(length: float, radius: float, sides: int) -> tuple[FloatArra
 
 
 def loose_triangles(triangles: FloatArray) -> tuple[FloatArray, IntArray]:
-    """Triangles, shape (m, 3, 3), as corners, shape (3 m, 3) [m], and faces, shape (m, 3)."""
+    """Return the triangles, shape (m, 3, 3), as corners, shape (3 m, 3) [m], and faces, shape (m, 3)."""
     return triangles.reshape(-1, 3), np.arange(3 * len(triangles)).reshape(-1, 3)
 
 
@@ -213,15 +213,18 @@ class _Solid:
         return np.asarray(0.5 * (corners.min(axis=0) + corners.max(axis=0)))
 
     def placed(self, by: RigidPlacement) -> Self:
-        """The body turned and moved."""
+        """Return the body turned and moved."""
         raise NotImplementedError
 
     def surface(self, _sides: int) -> tuple[FloatArray, IntArray]:
-        """Corners, shape (v, 3) [m], and faces, shape (m, 3); what is round has so many sides, a multiple of four."""
+        """Return the corners, shape (v, 3) [m], and faces, shape (m, 3).
+
+        What is round has so many sides, a multiple of four.
+        """
         return loose_triangles(self.triangles)
 
     def moved(self, by: FloatArray) -> Self:
-        """The body moved by so much, shape (3,) [m]."""
+        """Return the body moved by so much, shape (3,) [m]."""
         return self.placed(RigidPlacement(by))
 
 
@@ -247,7 +250,7 @@ class BoxBody(_Solid):
         return self.placement.points(box_corners(self.low, self.high))
 
     def placed(self, by: RigidPlacement) -> "BoxBody":
-        """The box turned and moved."""
+        """Return the box turned and moved."""
         return replace(self, placement=self.placement.placed(by))
 
     @property
@@ -281,7 +284,7 @@ class SphereBody(_Solid):
         return corners + self.center, faces
 
     def placed(self, by: RigidPlacement) -> "SphereBody":
-        """The ball turned and moved."""
+        """Return the ball turned and moved."""
         return replace(self, center=by.points(self.center))
 
     @property
@@ -315,10 +318,10 @@ class CapsuleBody(_Solid):
         """Corners, shape (v, 3) [m], and faces, shape (m, 3), with so many sides all round, a multiple of four."""
         axis = self.end - self.start
         corners, faces = capsule_surface(float(np.linalg.norm(axis)), self.radius, sides)
-        return corners @ turned_to(axis).T + self.start, faces
+        return corners @ rotation_to_axis(axis).T + self.start, faces
 
     def placed(self, by: RigidPlacement) -> "CapsuleBody":
-        """The bar turned and moved."""
+        """Return the bar turned and moved."""
         return replace(self, start=by.points(self.start), end=by.points(self.end))
 
     @property
@@ -351,7 +354,7 @@ class CylinderBody(_Solid):
         return self.radius * self.settings.cylinder_error
 
     def placed(self, by: RigidPlacement) -> "CylinderBody":
-        """The bar turned and moved."""
+        """Return the bar turned and moved."""
         return replace(self, start=by.points(self.start), end=by.points(self.end))
 
     @property
@@ -374,7 +377,7 @@ class CylinderBody(_Solid):
         return np.concatenate((*walls, *ends))
 
     def _ring(self, sides: int) -> FloatArray:
-        """Corners of the prism about the axis, turning left as seen from the end, shape (sides, 3) [m]."""
+        """Return the corners of the prism about the axis, turning left as seen from the end, shape (sides, 3) [m]."""
         axis = (self.end - self.start) / np.linalg.norm(self.end - self.start)
         across = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
         across /= np.linalg.norm(across)
@@ -418,7 +421,7 @@ class MeshBody(_Solid):
 
     @classmethod
     def of_arrays(cls, vertices: object, faces: object) -> "MeshBody":
-        """A mesh that was made in Python, as it stands in the room.
+        """Return a mesh that was made in Python, as it stands in the room.
 
         Args:
             vertices: shape (v, 3) [m].
@@ -444,11 +447,11 @@ class MeshBody(_Solid):
         return cls(known, numbers, triangles_read=len(numbers))
 
     def surface(self, _sides: int) -> tuple[FloatArray, IntArray]:
-        """Corners, shape (v, 3) [m], and faces, shape (m, 3)."""
+        """Return the corners, shape (v, 3) [m], and faces, shape (m, 3)."""
         return self.vertices, self.faces
 
     def placed(self, by: RigidPlacement) -> "MeshBody":
-        """The mesh turned and moved."""
+        """Return the mesh turned and moved."""
         return replace(self, vertices=by.points(self.vertices), placement=self.placement.placed(by))
 
     @cached_property

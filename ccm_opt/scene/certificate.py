@@ -92,7 +92,7 @@ class PairProofs:
     least: FloatArray
 
     def unproved(self, stretches: Stretches, pairs: Pairs | None) -> tuple[Pairs, IntArray]:
-        """Pairs that are not proved apart, and the stretches in which one of these touches half-way.
+        """Return the pairs that are not proved apart, and the stretches in which one of these touches half-way.
 
         Args:
             stretches: of a motion.
@@ -142,7 +142,7 @@ class WallProofs:
     mount: tuple[int, float]
 
     def unproved(self, stretches: Stretches, links: Links | None) -> tuple[Links, IntArray]:
-        """Links that are not proved clear, and the stretches in which one of these touches a wall half-way.
+        """Return the links that are not proved clear, and the stretches in which one of these touches a wall half-way.
 
         Args:
             stretches: of a motion.
@@ -186,7 +186,9 @@ UNIT = 2.0**-53
 
 
 def proof_rounding(arm: Arm, workspace: Workspace, depth: int) -> float:
-    """By how much a distance of an arm's axis from a wall, less its sag, may be off [m]; twice that between links.
+    """Return by how much a distance of an arm's axis from a wall, less its sag, may be off [m].
+
+    Twice that between links.
 
     Args:
         arm: whose headings, sums of bends, are at most those of joints that all bend by half a turn.
@@ -225,11 +227,11 @@ class Certificate:
     def allowing_contact(
         cls, arm: Arm, workspace: Workspace, settings: CertificateSettings = DEFAULT_CERTIFICATE
     ) -> "Certificate":
-        """The certificate that lets an arm with some width touch."""
+        """Return the certificate that lets an arm with some width touch."""
         return cls(arm, workspace, -allowed_contact(arm, workspace, settings), settings)
 
     def failures(self, q: FloatArray, depth: int | None = None) -> IntArray:
-        """Intervals of a piecewise-linear motion that cannot be certified.
+        """Return the intervals of a piecewise-linear motion that cannot be certified.
 
         Args:
             q: configurations at the keyframes, shape (K, c) [rad, m].
@@ -257,7 +259,7 @@ class Certificate:
         return np.unique(np.concatenate(failed))
 
     def _halved(self, spans: Stretches, links: Links, pairs: Pairs, failed: IntArray) -> tuple[Stretches, Links, Pairs]:
-        """Both halves of every stretch with something unsafe, and what is to be tested on them again."""
+        """Return both halves of every stretch with something unsafe, and what is to be tested on them again."""
         # An interval that has failed need not be looked at further: the caller only learns that it failed.
         alive = ~np.isin(spans.owner, failed)
         keep_link = alive[links[0]]
@@ -315,7 +317,7 @@ class Certificate:
 
 
 def allowed_contact(arm: Arm, workspace: Workspace, settings: CertificateSettings = DEFAULT_CERTIFICATE) -> float:
-    """Depth below contact that may be [m]: none for axes that would then touch walls or each other."""
+    """Return the depth below contact that may be [m]: none for axes that would then touch walls or each other."""
     widths = [arm.radius + workspace.clearance, *([arm.radius] if arm.self_collision else [])]
     # Rounding must not refuse an arm that begins in contact, but an axis without width would be on the other side of
     # the wall.

@@ -45,11 +45,11 @@ class Contacts:
         return len(self.gap)
 
     def take(self, mask: BoolArray) -> "Contacts":
-        """The contacts selected by a mask."""
+        """Return the contacts selected by a mask."""
         return Contacts(*(getattr(self, each.name)[mask] for each in fields(Contacts)))
 
     def shortfall(self) -> float:
-        """Largest excess of the planning margin over the gap [m]; negative when every margin is kept."""
+        """Return the largest excess of the planning margin over the gap [m]; negative when every margin is kept."""
         return float(np.max(self.margin - self.gap, initial=-np.inf))
 
 
@@ -102,19 +102,22 @@ class ContactFinder(ABC):
 
     @abstractmethod
     def find(self, points: FloatArray) -> Contacts:
-        """Contacts of a pose with a gap below the reach.
+        """Return the contacts of a pose with a gap below the reach.
 
         Args:
             points: joint and tip positions, shape (links + 1, d) [m].
         """
 
     def crosses(self, points: FloatArray) -> bool:
-        """Whether a link of a pose cuts something that gaps do not tell of; distances from triangles are 0 there."""
+        """Return whether a link of a pose cuts something that gaps do not tell of.
+
+        Distances from triangles are 0 there.
+        """
         del points
         return False
 
     def describe(self, contacts: Contacts) -> str:
-        """The contact that is furthest inside its margin, in words."""
+        """Return the contact that is furthest inside its margin, in words."""
         tightest = self.tightest(contacts)
         if tightest is None:
             return "nothing near"
@@ -167,7 +170,7 @@ class WallFinder(ContactFinder):
         self._make_room(64)
 
     def find(self, points: FloatArray) -> Contacts:
-        """As of any finder, shape (links + 1, 2) [m]."""
+        """Return as of any finder, shape (links + 1, 2) [m]."""
         # By identity, not by value: a step and its check ask for the same array twice. Arrays of points must not be
         # changed in place.
         if self._latest is not None and self._latest[0] is points:
@@ -183,7 +186,7 @@ class WallFinder(ContactFinder):
         return contacts
 
     def crosses(self, points: FloatArray) -> bool:
-        """Whether any link of a pose cuts an edge of a wall or a distant link."""
+        """Return whether any link of a pose cuts an edge of a wall or a distant link."""
         self.find(points)
         return bool(self._call.fields.crosses)
 
@@ -222,7 +225,7 @@ class SurfaceFinder(ContactFinder):
         self._make_room(256)
 
     def find(self, points: FloatArray) -> Contacts:
-        """As of any finder, shape (links + 1, 3) [m]: the half-spaces about links that are free of surfaces."""
+        """Return as of any finder, shape (links + 1, 3) [m]: the half-spaces about links that are free of surfaces."""
         mounted, segments = self.arm.exposed_links(points)
         begins = self.arm.mount_end[1]
         planes = self.tree.planes(segments, self.kept + self.reach, _PLANES)
@@ -239,7 +242,7 @@ class SurfaceFinder(ContactFinder):
         return Contacts(*(np.concatenate(parts) for parts in joined))
 
     def near_links(self, points: FloatArray, reach: float) -> Contacts:
-        """Pairs of distant links whose gap is below a reach [m] in a pose, shape (links + 1, 3) [m]."""
+        """Return the pairs of distant links whose gap is below a reach [m] in a pose, shape (links + 1, 3) [m]."""
         self._pairs.set(points=checked_joints(self.arm, points[None])[0], reach=2.0 * self.arm.radius + reach)
         self._pairs()
         if self._pairs.fields.count > self._pairs.fields.capacity:
@@ -282,7 +285,7 @@ class NearestLinks:
 
 
 def nearest_links(arm: Arm, points: FloatArray, reach: float) -> NearestLinks:
-    """The nearest pair of distant links in every pose, the first of equally near ones.
+    """Return the nearest pair of distant links in every pose, the first of equally near ones.
 
     Args:
         arm: the arm.
@@ -301,7 +304,7 @@ def nearest_links(arm: Arm, points: FloatArray, reach: float) -> NearestLinks:
 
 
 def checked_joints(arm: Arm, points: FloatArray) -> FloatArray:
-    """Joints and tips of poses in space for C.
+    """Return the joints and tips of poses in space for C.
 
     Raises:
         ValueError: their shape is not (T, links + 1, 3).

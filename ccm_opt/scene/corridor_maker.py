@@ -66,7 +66,7 @@ class RegionSpan:
     def around(
         cls, region: ConvexRegion, first: float, last: float, taut: TautString, slack: float = 0.0
     ) -> "RegionSpan":
-        """A region with all of the string that it covers around a span known to be covered.
+        """Return a region with all of the string that it covers around a span known to be covered.
 
         Args:
             region: the region.
@@ -113,19 +113,19 @@ class Cover:
         return {}
 
     def link(self, here: int, there: int) -> "Link":
-        """How two candidates overlap."""
+        """Return how two candidates overlap."""
         if (here, there) not in self._links:
             pair = self.candidates[here], self.candidates[there]
             self._links[here, there] = link_between(*pair, self.taut, self.slack)
         return self._links[here, there]
 
     def portals(self, sequence: Sequence[int]) -> FloatArray:
-        """Portals between following candidates, left end then right end, in order; shape (n - 1, 2, 2) [m]."""
+        """Return portals between following candidates, left end then right end, in order; shape (n - 1, 2, 2) [m]."""
         choices = [self.link(here, there).chords for here, there in itertools.pairwise(sequence)]
         return np.array([choice.ends for choice in _in_order(choices)]).reshape(-1, 2, 2)
 
     def sequence(self, wanted: float) -> list[int]:
-        """Candidates that cover the string with overlaps of the quality wanted [m], or nearly the best there is.
+        """Return candidates that cover the string with overlaps of the quality wanted [m], or nearly the best there is.
 
         Raises:
             ValueError: when the spans of following candidates do not meet.
@@ -143,7 +143,7 @@ class Cover:
         return found
 
     def _search(self, wanted: float) -> list[int]:
-        """Depth-first search that tries the candidate that leads farthest first and enters each once."""
+        """Return the depth-first search that tries the candidate that leads farthest first and enters each once."""
         seen: set[int] = set()
         stack = [[k] for k in self._nearest_first(range(len(self.candidates)), 0.0)]
         while stack:
@@ -159,7 +159,7 @@ class Cover:
         return []
 
     def _nearest_first(self, which: Sequence[int], reached: float) -> list[int]:
-        """Those candidates that hold the string at ``reached`` [m], the one leading farthest last."""
+        """Return those candidates that hold the string at ``reached`` [m], the one leading farthest last."""
         # Spans of candidates that follow each other must meet, or the string is uncovered between them.
         holding = [k for k in which if self.candidates[k].first <= reached <= self.candidates[k].last]
         return sorted(holding, key=lambda k: self.candidates[k].last)
@@ -199,7 +199,7 @@ def link_between(
     taut: TautString,
     beside: float,
 ) -> Link:
-    """The overlap of two regions whose spans meet; its chords pass the string by ``beside`` at most."""
+    """Return the overlap of two regions whose spans meet; its chords pass the string by ``beside`` at most."""
     first = max(here.first, there.first)
     last = min(here.last, there.last)
     overlap = intersection(here.region.vertices, there.region.normals, there.region.offsets)
@@ -224,7 +224,7 @@ def link_between(
 def _chords(
     trials: Sequence[tuple[float, FloatArray, FloatArray, float]], normals: FloatArray, offsets: FloatArray
 ) -> tuple[Chord, ...]:
-    """Chords within half-planes, one for each place, point, direction and squareness tried."""
+    """Return the chords within half-planes, one for each place, point, direction and squareness tried."""
     places, points, directions, squareness = zip(*trials, strict=True)
     ends = chords(normals, offsets, np.array(points), np.array(directions))[:, ::-1]
     scores = np.array(squareness) * np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1)
@@ -264,19 +264,22 @@ def _nearest_within(polygon: FloatArray, normals: FloatArray, offsets: FloatArra
 
 
 def _thickness(overlap: FloatArray) -> float:
-    """Twice the area over the perimeter of a polygon (m, 2) [m]: for a long one its mean thickness; of a point 0."""
+    """Return twice the area over the perimeter of a polygon (m, 2) [m]: for a long one its mean thickness.
+
+    Of a point 0.
+    """
     perimeter = float(np.sum(np.linalg.norm(overlap - after_each(overlap), axis=1))) if len(overlap) > 2 else 0.0
     return 2.0 * signed_area(overlap) / perimeter if perimeter > 0.0 else 0.0
 
 
-def region_of(vertices: FloatArray) -> ConvexRegion:
-    """A convex polygon, counter-clockwise vertices of shape (m, 2) [m], with its half-planes."""
+def make_region(vertices: FloatArray) -> ConvexRegion:
+    """Return a convex polygon, counter-clockwise vertices of shape (m, 2) [m], with its half-planes."""
     vertices = without_short_edges(vertices, ROUNDING)
     return ConvexRegion(vertices, *half_planes(vertices))
 
 
 def grow(cell: FloatArray, walls: FloatArray, room: FloatArray) -> ConvexRegion:
-    """A convex free region that contains a convex free cell.
+    """Return a convex free region that contains a convex free cell.
 
     Args:
         cell: counter-clockwise vertices, shape (m, 2) [m]; m = 2 for a segment.
@@ -291,18 +294,18 @@ def grow(cell: FloatArray, walls: FloatArray, room: FloatArray) -> ConvexRegion:
     region = _shut_out(cell, walls[near], room)
     normals, offsets = half_planes(without_short_edges(region, ROUNDING))
     left_over = ~np.any(np.all(walls @ normals.T >= offsets - ROUNDING, axis=1), axis=1)
-    return region_of(_shut_out(cell, walls[left_over], region) if np.any(left_over) else region)
+    return make_region(_shut_out(cell, walls[left_over], region) if np.any(left_over) else region)
 
 
 def _nearest_first(cell: FloatArray, walls: FloatArray) -> IntArray:
-    """Walls in the order of a lower bound of their distance to the middle of the cell."""
+    """Return the walls in the order of a lower bound of their distance to the middle of the cell."""
     middles = walls.mean(axis=1)
     halves = 0.5 * np.linalg.norm(walls[:, 1] - walls[:, 0], axis=1)
     return np.argsort(np.linalg.norm(middles - cell.mean(axis=0), axis=1) - halves, kind="stable")
 
 
 def _shut_out(cell: FloatArray, walls: FloatArray, region: FloatArray) -> FloatArray:
-    """The part of a convex region around the cell that is left when each wall is shut out, nearest first."""
+    """Return the part of a convex region around the cell that is left when each wall is shut out, nearest first."""
     gaps, on_cell, on_wall = nearest_points(cell, walls)
     inside = np.ones(len(walls), dtype=bool)
     for wall in np.argsort(gaps, kind="stable"):
@@ -322,7 +325,7 @@ def _shut_out(cell: FloatArray, walls: FloatArray, region: FloatArray) -> FloatA
 
 
 def nearest_points(cell: FloatArray, walls: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """The gap between a convex cell and each wall that does not cross it, and where it is.
+    """Return the gap between a convex cell and each wall that does not cross it, and where it is.
 
     Args:
         cell: vertices, shape (m, 2) [m].
@@ -346,7 +349,7 @@ def nearest_points(cell: FloatArray, walls: FloatArray) -> tuple[FloatArray, Flo
 
 
 def _touching_half_plane(cell: FloatArray, wall: FloatArray, region: FloatArray) -> tuple[FloatArray, float]:
-    """The half-plane between a cell and a wall that touch which leaves most of the region.
+    """Return the half-plane between a cell and a wall that touch which leaves most of the region.
 
     Two convex sets that do not overlap are separated by the line of an edge of one of them (separating axis
     theorem); squares to the wall at its ends are tried as well. A line along a cell that is a segment would leave one
@@ -364,7 +367,7 @@ def _touching_half_plane(cell: FloatArray, wall: FloatArray, region: FloatArray)
 
 
 def _separators(cell: FloatArray, wall: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Half-planes (k, 2), (k,) worth trying between a cell (m, 2) and a wall (2, 2)."""
+    """Return the half-planes (k, 2), (k,) worth trying between a cell (m, 2) and a wall (2, 2)."""
     wall_normals, wall_offsets = half_planes(wall)
     cell_normals, cell_offsets = half_planes(cell)
     squares = wall_normals[:, ::-1] * (-1.0, 1.0)
@@ -377,7 +380,7 @@ def _area(vertices: FloatArray) -> float:
 
 
 def contains(region: ConvexRegion, points: FloatArray, tolerance: float = ROUNDING) -> BoolArray:
-    """Which points (..., 2) lie in the region, within ``tolerance`` [m]; shape (...)."""
+    """Return which points (..., 2) lie in the region, within ``tolerance`` [m]; shape (...)."""
     return np.asarray(np.all(points @ region.normals.T <= region.offsets + tolerance, axis=-1), dtype=np.bool_)
 
 
@@ -413,14 +416,14 @@ class CorridorMaker:
         return {}
 
     def grown(self, seed: FloatArray) -> ConvexRegion:
-        """The region grown from a convex free polygon or segment, vertices (m, 2) [m]."""
+        """Return the region grown from a convex free polygon or segment, vertices (m, 2) [m]."""
         key = seed.tobytes()
         if key not in self._grown:
             self._grown[key] = grow(seed, self.triangulation.walls, self._room)
         return self._grown[key]
 
     def corridor_along(self, route: Route, path: FloatArray | None = None) -> Corridor:
-        """The corridor of a route, with as few regions as overlap well.
+        """Return the corridor of a route, with as few regions as overlap well.
 
         Args:
             route: its sleeve names the cells.
@@ -438,7 +441,7 @@ class CorridorMaker:
         return Corridor(route, tuple(cover.candidates[k].region for k in kept), cover.portals(kept))
 
     def _candidates(self, sleeve: tuple[int, ...], edges: FloatArray, taut: TautString) -> list[RegionSpan]:
-        """Regions grown from the cells along a sleeve and, in between, from the edges where the cell changes."""
+        """Return regions grown from the cells along a sleeve and, in between, from the edges where the cell changes."""
         cells = self.partition.cell_of[list(sleeve)]
         changes = np.flatnonzero(np.diff(cells))
         times = np.concatenate(([0.0], taut.crossings[changes], [taut.length]))

@@ -25,7 +25,7 @@ from scipy.sparse.csgraph import dijkstra
 
 from ccm_opt.core.arrays import ROUNDING, TINY, BoolArray, FloatArray, IntArray
 from ccm_opt.core.polygons import cross, mitred
-from ccm_opt.core.polyline import heading_of, path_length, unit_vector
+from ccm_opt.core.polyline import path_length, unit_vector, vector_heading
 from ccm_opt.scene import sleeve as sleeves
 from ccm_opt.scene.corridor import Corridor, Route
 from ccm_opt.scene.corridor_maker import CorridorMaker
@@ -92,14 +92,14 @@ class ClassGraph:
     rest: FloatArray
 
     def partial(self, history: tuple[int, ...], walked: FloatArray) -> _Partial:
-        """A walk along chains, with the estimate of its whole length."""
+        """Return a walk along chains, with the estimate of its whole length."""
         return _Partial(float((walked + self.rest[history[-1]]).min()), history, walked)
 
 
 def homotopy_classes(
     metric: EdgeMetric, ends: IntArray, points: FloatArray, longest: float, effort: int
 ) -> Iterator[tuple[float, tuple[int, ...]]]:
-    """Sampled lengths and reduced sleeves that pass no triangle twice, by increasing sampled length.
+    """Yield the sampled lengths and reduced sleeves that pass no triangle twice, by increasing sampled length.
 
     Args:
         metric: of the triangulation.
@@ -127,7 +127,7 @@ def homotopy_classes(
 
 
 def _first_steps(metric: EdgeMetric, graph: ClassGraph, start: int, point: FloatArray) -> Iterator[_Partial]:
-    """The walks along one chain from the start."""
+    """Yield the walks along one chain from the start."""
     for index, chain in enumerate(graph.chains):
         if chain.triangles[0] == start:
             first = np.linalg.norm(metric.points[start, chain.exit] - point, axis=1)
@@ -135,7 +135,7 @@ def _first_steps(metric: EdgeMetric, graph: ClassGraph, start: int, point: Float
 
 
 def _further_steps(graph: ClassGraph, before: _Partial, start: int, goal: int) -> Iterator[_Partial]:
-    """The walks one chain longer that pass no node twice; the goal may be the start."""
+    """Yield the walks one chain longer that pass no node twice; the goal may be the start."""
     # The goal may be the start; then a walk comes back to it.
     passed = {start, *(graph.chains[index].head for index in before.history)} - {goal}
     for index, lengths in graph.steps[before.history[-1]]:
@@ -144,12 +144,12 @@ def _further_steps(graph: ClassGraph, before: _Partial, start: int, goal: int) -
 
 
 def _joined(chains: list[Chain]) -> tuple[int, ...]:
-    """The triangles of chains one after the other."""
+    """Return the triangles of chains one after the other."""
     return (*chains[0].triangles, *(t for chain in chains[1:] for t in chain.triangles[1:]))
 
 
 def class_graph(metric: EdgeMetric, ends: IntArray, goal_point: FloatArray) -> ClassGraph:
-    """Chains, the steps between them, and the least remaining lengths by one Dijkstra search from the goal."""
+    """Return chains, the steps between them, and the least remaining lengths by one Dijkstra search from the goal."""
     start, goal = ends.tolist()
     chains = chains_between(metric, (start, goal))
     leaving: dict[int, list[int]] = {}
@@ -173,7 +173,7 @@ def class_graph(metric: EdgeMetric, ends: IntArray, goal_point: FloatArray) -> C
 
 
 def _step_lengths(metric: EdgeMetric, chains: list[Chain], pairs: IntArray) -> FloatArray:
-    """Lengths from the end of each pair's first chain along the second one, shape (pairs, m, m) [m]."""
+    """Return the lengths from the end of each pair's first chain along the second one, shape (pairs, m, m) [m]."""
     if len(pairs) == 0:
         return np.empty((0, metric.samples, metric.samples))
     heads = np.array([chain.head for chain in chains])[pairs[:, 0]]
@@ -186,7 +186,7 @@ def _step_lengths(metric: EdgeMetric, chains: list[Chain], pairs: IntArray) -> F
 def _remaining(
     metric: EdgeMetric, chains: list[Chain], pairs: IntArray, lengths: FloatArray, goal: int, point: FloatArray
 ) -> FloatArray:
-    """Least lengths to the goal from the sample points of each chain's last edge, shape (chains, m) [m]."""
+    """Return the least lengths to the goal from the sample points of each chain's last edge, shape (chains, m) [m]."""
     samples = metric.samples
     size = len(chains) * samples
     sample = np.arange(samples)
@@ -217,7 +217,7 @@ def shortest_routes(
     longest: float = np.inf,
     shrink: float = 0.0,
 ) -> tuple[Route, ...]:
-    """Up to ``count`` routes in different homotopy classes by increasing taut length.
+    """Return the up to ``count`` routes in different homotopy classes by increasing taut length.
 
     Args:
         metric: of the triangulation of free space.
@@ -241,15 +241,15 @@ def shortest_routes(
         # The classes come by sampled length: once it exceeds the worst kept by all that sampling may add, none is left.
         if len(best) >= count and sampled > excess * best[count - 1][0]:
             break
-        route = route_of_sleeve(mesh, sleeve, points[0], points[1], shrink)
+        route = sleeve_route(mesh, sleeve, points[0], points[1], shrink)
         bisect.insort(best, (route.length, route), key=lambda pair: pair[0])
     return tuple(route for length, route in best[:count] if length <= longest)
 
 
-def route_of_sleeve(
+def sleeve_route(
     mesh: Triangulation, sleeve: tuple[int, ...], start: FloatArray, goal: FloatArray, shrink: float
 ) -> Route:
-    """The route with the taut string of a sleeve."""
+    """Return the route with the taut string of a sleeve."""
     taut = taut_string(mesh.portals(sleeve), start, goal, shrink)
     return Route(sleeve, taut, path_length(taut))
 
@@ -265,7 +265,7 @@ _CORNER_SLACK = 0.9
 def free_set(
     workspace: Workspace, inflation: float, settings: FreeSpaceSettings = DEFAULT_FREE_SPACE
 ) -> shapely.MultiPolygon:
-    """All places of the arm's axis farther than ``inflation`` from every wall, less a little at rounded corners.
+    """Return all places of the arm's axis farther than ``inflation`` from every wall, less a little at rounded corners.
 
     Args:
         workspace: the room and its obstacles.
@@ -292,7 +292,7 @@ def free_set(
 def grown_outline(
     obstacle: Obstacle, inflation: float, settings: FreeSpaceSettings = DEFAULT_FREE_SPACE
 ) -> shapely.Geometry:
-    """A polygon of few vertices that contains all points within ``inflation`` [m] of the obstacle."""
+    """Return a polygon of few vertices that contains all points within ``inflation`` [m] of the obstacle."""
     if settings.corner_quad_segs > 0:
         return obstacle.outline(inflation, settings.corner_quad_segs)
     radius = obstacle.rounding + inflation
@@ -306,15 +306,15 @@ def grown_outline(
 
 
 def _capsule(a: FloatArray, b: FloatArray, radius: float) -> shapely.Polygon:
-    """The octagon of tangents around the points within ``radius`` of the segment a–b."""
-    heading = heading_of(b - a)
+    """Return the octagon of tangents around the points within ``radius`` of the segment a–b."""
+    heading = vector_heading(b - a)
     angles = heading + np.deg2rad([-67.5, -22.5, 22.5, 67.5])
     corners = radius / np.cos(np.pi / 8) * unit_vector(angles)
     return shapely.Polygon(np.concatenate((b + corners, a - corners)))
 
 
 def _without_dents(polygon: shapely.Polygon, depth: float) -> shapely.Polygon:
-    """The polygon without those convex corners that stick out by less than ``depth`` [m]; a subset of it."""
+    """Return the polygon without those convex corners that stick out by less than ``depth`` [m]; a subset of it."""
     oriented = shapely.orient_polygons(polygon)
     shell = _cut_corners(shapely.get_coordinates(oriented.exterior)[:-1], depth)
     holes = [_cut_corners(shapely.get_coordinates(ring)[:-1], depth) for ring in oriented.interiors]
@@ -383,21 +383,21 @@ class FreeSpace:
         return EdgeMetric(self.triangulation, self.settings.edge_samples)
 
     def contains(self, points: FloatArray) -> BoolArray:
-        """Which points (m, 2) [m] are free; shape (m,)."""
+        """Return which points (m, 2) [m] are free; shape (m,)."""
         points = np.asarray(points, dtype=np.float64)
         return np.asarray(shapely.intersects_xy(self.polygons, points[:, 0], points[:, 1]), dtype=np.bool_)
 
     def snapped(self, points: FloatArray) -> FloatArray:
-        """The nearest free points to points (m, 2) [m]; shape (m, 2)."""
+        """Return the nearest free points to points (m, 2) [m]; shape (m, 2)."""
         return self.triangulation.nearest(np.asarray(points, dtype=np.float64))[1]
 
     def component(self, point: FloatArray) -> int:
-        """The number of the connected component that a point (2,) [m] belongs to."""
+        """Return the number of the connected component that a point (2,) [m] belongs to."""
         triangle = self.triangulation.nearest(np.asarray(point, dtype=np.float64)[None])[0][0]
         return int(self.triangulation.components[triangle])
 
     def sleeve_of(self, polyline: FloatArray) -> tuple[int, ...]:
-        """The homotopy class of a polyline (m, 2) [m]: the reduced sequence of triangles it crosses.
+        """Return the homotopy class of a polyline (m, 2) [m]: the reduced sequence of triangles it crosses.
 
         Raises:
             UnreachableGoal: when its ends lie in different components.
@@ -405,7 +405,7 @@ class FreeSpace:
         return sleeves.sleeve_of(self.triangulation, np.asarray(polyline, dtype=np.float64), self.settings.bisections)
 
     def same_homotopy(self, one: FloatArray, other: FloatArray) -> bool:
-        """Whether two polylines (m, 2), (k, 2) [m] with the same ends are homotopic in free space."""
+        """Return whether two polylines (m, 2), (k, 2) [m] with the same ends are homotopic in free space."""
         return self.sleeve_of(one) == self.sleeve_of(other)
 
     def taut_path(self, polyline: FloatArray, shrink: float = 0.0) -> FloatArray:
@@ -423,19 +423,22 @@ class FreeSpace:
         """
 
         def taut(line: FloatArray) -> FloatArray:
-            return self.path_of_sleeve(self.sleeve_of(line), line[0], line[-1], shrink)
+            return self.sleeve_path(self.sleeve_of(line), line[0], line[-1], shrink)
 
         polyline = np.asarray(polyline, dtype=np.float64)
         sleeve = self.sleeve_of(polyline)
-        path = self.path_of_sleeve(sleeve, polyline[0], polyline[-1], shrink)
+        path = self.sleeve_path(sleeve, polyline[0], polyline[-1], shrink)
         if self.gate_runs is None:
             return path
         return straight_through_gates(path, self.triangulation.portals(sleeve), self.gate_runs, taut, self.contains)
 
-    def path_of_sleeve(
+    def sleeve_path(
         self, sleeve: tuple[int, ...], start: FloatArray, goal: FloatArray, shrink: float = 0.0
     ) -> FloatArray:
-        """The shortest path from start to goal, each (2,) [m], through the triangles of a sleeve; shape (k, 2) [m]."""
+        """Return the shortest path from start to goal, each (2,) [m], through the triangles of a sleeve.
+
+        Shape (k, 2) [m].
+        """
         ends = np.array([start, goal], dtype=np.float64)
         free = self.snapped(ends)
         return _with_ends(taut_string(self.triangulation.portals(sleeve), free[0], free[1], shrink), ends)
@@ -443,7 +446,7 @@ class FreeSpace:
     def routes(
         self, start: FloatArray, goal: FloatArray, count: int, longest: float = np.inf, shrink: float = 0.0
     ) -> tuple[Route, ...]:
-        """Routes in different homotopy classes by increasing taut length, none of which passes a triangle twice.
+        """Return routes in different homotopy classes by increasing taut length, none of which passes a triangle twice.
 
         Args:
             start: shape (2,) [m].
@@ -464,7 +467,7 @@ class FreeSpace:
         return tuple(Route(r.sleeve, taut, path_length(taut)) for r, taut in zip(found, strings, strict=True))
 
     def corridor(self, route: Route) -> Corridor:
-        """Overlapping convex regions along a route, from its first free point to its last."""
+        """Return the overlapping convex regions along a route, from its first free point to its last."""
         free = self.snapped(route.taut[[0, -1]])
         # Ends that are not free are no part of the corridor.
         moved = np.linalg.norm(free - route.taut[[0, -1]], axis=1) > ROUNDING
@@ -481,7 +484,7 @@ class FreeSpace:
 
 
 def _with_ends(path: FloatArray, ends: FloatArray) -> FloatArray:
-    """A path (k, 2) between free points, led on to the ends (2, 2) that they stand for."""
+    """Return a path (k, 2) between free points, led on to the ends (2, 2) that they stand for."""
     first = ends[:1] if np.linalg.norm(ends[0] - path[0]) > ROUNDING else ends[:0]
     last = ends[1:] if np.linalg.norm(ends[1] - path[-1]) > ROUNDING else ends[:0]
     return np.concatenate((first, path, last))

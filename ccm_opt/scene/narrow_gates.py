@@ -49,7 +49,7 @@ class GateRuns:
     shortenings: tuple[float, ...] = (1.0, 0.7, 0.4)
 
     def gates(self, portals: FloatArray) -> list[tuple[int, int]]:
-        """First and last portal, shape (n, 2, 2) [m], of each narrow gate."""
+        """Return the first and last portal, shape (n, 2, 2) [m], of each narrow gate."""
         if len(portals) == 0:
             return []
         widths = np.linalg.norm(portals[:, 0] - portals[:, 1], axis=1)
@@ -60,7 +60,7 @@ class GateRuns:
         return [(int(group[0]), int(group[-1])) for group in groups if len(group)]
 
     def places(self, portals: FloatArray) -> FloatArray:
-        """Places along the middles of all narrow gates, shape (m, 2) [m]; portals of shape (n, 2, 2) [m]."""
+        """Return the places along the middles of all narrow gates, shape (m, 2) [m]; portals of shape (n, 2, 2) [m]."""
         ways = [portals[first : last + 1].mean(axis=1) for first, last in self.gates(portals)]
         share = np.linspace(0.0, 1.0, self.samples)[:, None]
         legs = [(1.0 - share) * a + share * b for way in ways for a, b in itertools.pairwise(way)]
@@ -87,7 +87,9 @@ class _Gate:
 def straight_through_gates(
     path: FloatArray, portals: FloatArray, runs: GateRuns, taut: Tautening, free: Membership
 ) -> FloatArray:
-    """A taut path with straight runs through the narrow gates that it crosses; the same path where it crosses none.
+    """Return a taut path with straight runs through the narrow gates that it crosses.
+
+    The same path where it crosses none.
 
     Args:
         path: shape (k, 2) [m].
@@ -114,14 +116,14 @@ def straight_through_gates(
 
 
 def gate_rails(path: FloatArray, portals: FloatArray, runs: GateRuns, free: Membership) -> tuple[FloatArray, ...]:
-    """The middle lines of the gates on a path with their runs, each of shape (k, 2) [m]; arguments as above."""
+    """Return the middle lines of the gates on a path with their runs, each of shape (k, 2) [m]; arguments as above."""
     middles = portals.mean(axis=1)
     gates = _gates(path, portals, runs, free)
     return tuple(np.vstack((gate.before, middles[gate.first : gate.last + 1], gate.behind)) for gate in gates)
 
 
 def _gates(path: FloatArray, portals: FloatArray, runs: GateRuns, free: Membership) -> list[_Gate]:
-    """The gates of a path with their runs, each at most half of the way to the next."""
+    """Return the gates of a path with their runs, each at most half of the way to the next."""
     groups = runs.gates(portals)
     if not groups:
         return []
@@ -157,7 +159,7 @@ def _direction(portals: FloatArray) -> FloatArray:
 
 
 def _run(place: FloatArray, run: FloatArray, runs: GateRuns, free: Membership) -> FloatArray:
-    """The end of the longest free run from a place, the place itself where none is free, shape (2,) [m]."""
+    """Return the end of the longest free run from a place, the place itself where none is free, shape (2,) [m]."""
     for share in runs.shortenings:
         end = place + share * run
         if free(np.linspace(place, end, runs.samples)).all():
@@ -220,12 +222,12 @@ class EdgeMetric:
 
 
 def min_plus(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Least sums over the middle index: (a ⊗ b)_ij = min_k a_ik + b_kj; a (..., i, k), b (..., k, j)."""
+    """Return the least sums over the middle index: (a ⊗ b)_ij = min_k a_ik + b_kj; a (..., i, k), b (..., k, j)."""
     return np.asarray((a[..., :, :, None] + b[..., None, :, :]).min(axis=-2), dtype=np.float64)
 
 
 def chains_between(metric: EdgeMetric, terminals: Sequence[int]) -> list[Chain]:
-    """All directed chains of the junction graph, dead ends left out.
+    """Return all directed chains of the junction graph, dead ends left out.
 
     Args:
         metric: of the triangulation.
@@ -243,7 +245,7 @@ def chains_between(metric: EdgeMetric, terminals: Sequence[int]) -> list[Chain]:
 
 
 def _pruned(mesh: Triangulation, terminals: set[int]) -> list[list[int]]:
-    """Neighbour lists with dead ends cut off, except those that lead to a terminal."""
+    """Return the neighbour lists with dead ends cut off, except those that lead to a terminal."""
     neighbours = [list(row) for row in mesh.adjacency]
     leaves = [t for t, row in enumerate(neighbours) if row.count(WALL) >= 2]
     while leaves:
@@ -259,7 +261,7 @@ def _pruned(mesh: Triangulation, terminals: set[int]) -> list[list[int]]:
 
 
 def _follow(metric: EdgeMetric, neighbours: list[list[int]], nodes: set[int], node: int, exit_edge: int) -> Chain:
-    """The chain that leaves ``node`` across its edge ``exit_edge``."""
+    """Return the chain that leaves ``node`` across its edge ``exit_edge``."""
     triangles = [node, neighbours[node][exit_edge]]
     # The unit of min-plus products: no way from a sample point but to itself.
     lengths = np.where(np.eye(metric.samples, dtype=bool), 0.0, np.inf)
@@ -290,7 +292,7 @@ class Bottleneck:
 
 
 def narrowest_passage(workspace: Workspace, mesh: Triangulation, sleeve: tuple[int, ...]) -> Bottleneck:
-    """The narrowest edge that a sleeve crosses; a sleeve of one triangle has none and infinite width."""
+    """Return the narrowest edge that a sleeve crosses; a sleeve of one triangle has none and infinite width."""
     edges = mesh.portals(sleeve)
     if len(edges) == 0:
         place = mesh.centroids[sleeve[0]]
@@ -301,19 +303,19 @@ def narrowest_passage(workspace: Workspace, mesh: Triangulation, sleeve: tuple[i
 
 
 def missing_link(workspace: Workspace, mesh: Triangulation, start: int, goal: int) -> Bottleneck:
-    """The shortest gap between the components of two triangles."""
+    """Return the shortest gap between the components of two triangles."""
     around = [_component(mesh, mesh.components[triangle]) for triangle in (start, goal)]
     place = shapely.get_coordinates(shapely.shortest_line(*around)).mean(axis=0)
     return Bottleneck(connected=False, width=0.0, place=place, walls=nearest_walls(workspace, place))
 
 
 def nearest_walls(workspace: Workspace, place: FloatArray, count: int = 2) -> tuple[str, ...]:
-    """Names of the walls nearest to a place (2,) [m], nearest first."""
+    """Return the names of the walls nearest to a place (2,) [m], nearest first."""
     order = np.argsort(workspace.apart(shapely.Point(place)), kind="stable")
     return tuple(workspace.walls[k].name for k in order[:count])
 
 
 def _component(mesh: Triangulation, number: int) -> shapely.Geometry:
-    """All triangles of one component."""
+    """Return all triangles of one component."""
     triangles: shapely.Geometry = shapely.multipolygons(shapely.polygons(mesh.corners[mesh.components == number]))
     return triangles

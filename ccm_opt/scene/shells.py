@@ -135,7 +135,7 @@ def repeated(faces: IntArray) -> IntArray:
 
 
 def _half_edges(faces: IntArray, chosen: BoolArray) -> _HalfEdges:
-    """Half-edges of some triangles; those that are an edge or a vertex join nothing, and have none."""
+    """Return the half-edges of some triangles; those that are an edge or a vertex join nothing, and have none."""
     proper = (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])
     numbers = np.flatnonzero(chosen & proper)
     some = faces[numbers].astype(np.int64)
@@ -264,7 +264,7 @@ def _lines(vertices: FloatArray, edges: _HalfEdges, reach: float) -> IntArray:
 
 
 def _pairs(edges: _HalfEdges) -> tuple[IntArray, IntArray, IntArray]:
-    """Pair the half-edges of every edge: the first of each pair, the second, and those that stay alone."""
+    """Return the pair the half-edges of every edge: the first of each pair, the second, and those that stay alone."""
     order, begins = edges.grouped()
     counts = np.diff(np.append(begins, len(order)))
     crowded = np.repeat(counts > 2, counts)
@@ -289,7 +289,7 @@ def _paired_up(edges: _HalfEdges, some: IntArray, counts: IntArray, others: IntA
     edge = np.repeat(np.arange(len(counts)), counts)
     two = others[np.isin(others, edges.unpaired(), invert=True)]
     patch = _components(edges.face[two[::2]], edges.face[two[1::2]], int(edges.face.max()) + 1)[edges.face[some]]
-    patch[_last_of_odd(edge, patch)] = len(edges.face)
+    patch[_last_odd_half_edges(edge, patch)] = len(edges.face)
     _, group = np.unique(edge * (len(edges.face) + 1) + patch, return_inverse=True)
     # The first that runs forth with the first that runs back, unless the mesh is turned every which way.
     back = edges.start[some] > edges.end[some]
@@ -304,7 +304,7 @@ def _paired_up(edges: _HalfEdges, some: IntArray, counts: IntArray, others: IntA
     return paired_up
 
 
-def _last_of_odd(edge: IntArray, patch: IntArray) -> IntArray:
+def _last_odd_half_edges(edge: IntArray, patch: IntArray) -> IntArray:
     """Return the last half-edge of each patch that has an odd number of them at an edge."""
     order = np.lexsort((patch, edge))
     changes = (np.diff(edge[order], append=-1) != 0) | (np.diff(patch[order], append=-1) != 0)

@@ -46,7 +46,9 @@ def reduce(sleeve: Iterable[int]) -> tuple[int, ...]:
 
 
 def concatenate(*sleeves: tuple[int, ...]) -> tuple[int, ...]:
-    """The reduced sleeve of paths one after the other; each must begin in the triangle where the one before ends.
+    """Return the reduced sleeve of paths one after the other.
+
+    Each must begin in the triangle where the one before ends.
 
     Raises:
         ValueError: when two following sleeves do not meet.
@@ -62,7 +64,7 @@ def concatenate(*sleeves: tuple[int, ...]) -> tuple[int, ...]:
 def sleeve_of(
     triangulation: Triangulation, polyline: FloatArray, bisections: int = DEFAULT_FREE_SPACE.bisections
 ) -> tuple[int, ...]:
-    """The reduced sleeve of a polyline; places outside free space count as the nearest free ones.
+    """Return the reduced sleeve of a polyline; places outside free space count as the nearest free ones.
 
     Args:
         triangulation: of free space.
@@ -82,7 +84,7 @@ def sleeve_of(
     if kept[-1] != len(polyline) - 1:
         raise UnreachableGoal(_gap(triangulation, int(triangles[0]), int(triangles[-1])))
     places = [_SleevePoint(polyline[k], free[k], int(triangles[k])) for k in kept]
-    walks = (_known_between(triangulation, p, q, bisections) for p, q in itertools.pairwise(places))
+    walks = (_cached_between(triangulation, p, q, bisections) for p, q in itertools.pairwise(places))
     return reduce(itertools.chain([places[0].triangle], *walks))
 
 
@@ -94,19 +96,19 @@ class _SleevePoint(NamedTuple):
     triangle: int
 
 
-def _known_between(mesh: Triangulation, p: _SleevePoint, q: _SleevePoint, depth: int) -> list[int]:
-    """The same as ``_between``, each walk made once: all paths of the tip lead back along the same arm."""
+def _cached_between(mesh: Triangulation, p: _SleevePoint, q: _SleevePoint, depth: int) -> list[int]:
+    """Return the same as ``_between``, each walk made once: all paths of the tip lead back along the same arm."""
     # The free point and its triangle follow from the point.
     ends = (float(p.point[0]), float(p.point[1]), float(q.point[0]), float(q.point[1]), depth)
-    walk = mesh.known_walks.get(ends)
+    walk = mesh.walk_cache.get(ends)
     if walk is None:
         walk = _between(mesh, p, q, depth)
-        mesh.known_walks[ends] = walk
+        mesh.walk_cache[ends] = walk
     return walk
 
 
 def _between(mesh: Triangulation, p: _SleevePoint, q: _SleevePoint, depth: int) -> list[int]:
-    """Triangles from one place to another, straight on where that is free."""
+    """Return the triangles from one place to another, straight on where that is free."""
     if p.triangle == q.triangle:
         return [p.triangle]
     straight = _straight_walk(mesh, _off_edges(mesh, p), p.triangle, _off_edges(mesh, q), q.triangle)
@@ -122,13 +124,13 @@ def _between(mesh: Triangulation, p: _SleevePoint, q: _SleevePoint, depth: int) 
 
 
 def _off_edges(mesh: Triangulation, place: _SleevePoint) -> Point:
-    """The free point moved a hair towards the centroid of its triangle, so that it lies on no edge."""
+    """Return the free point moved a hair towards the centroid of its triangle, so that it lies on no edge."""
     x, y = place.free + INWARDS * (mesh.centroids[place.triangle] - place.free)
     return float(x), float(y)
 
 
 def _straight_walk(mesh: Triangulation, p: Point, here: int, q: Point, there: int) -> list[int]:
-    """Triangles along the segment p–q, empty when it meets a wall. A vertex on the line counts as left of it."""
+    """Return triangles along the segment p–q, empty when it meets a wall. A vertex on the line counts as left of it."""
     dx = q[0] - p[0]
     dy = q[1] - p[1]
     walked = [here]
@@ -142,7 +144,7 @@ def _straight_walk(mesh: Triangulation, p: Point, here: int, q: Point, there: in
 
 
 def _shortest_walk(mesh: Triangulation, p: _SleevePoint, q: _SleevePoint) -> list[int]:
-    """The shortest walk between two places of one component (A*); edges are crossed on the way to the goal."""
+    """Return the shortest walk between two places of one component (A*); edges are crossed on the way to the goal."""
     goal = (float(q.free[0]), float(q.free[1]))
     queue = [(0.0, 0.0, p.triangle, (float(p.free[0]), float(p.free[1])), WALL)]
     parent: dict[int, int] = {}
@@ -164,7 +166,7 @@ def _shortest_walk(mesh: Triangulation, p: _SleevePoint, q: _SleevePoint) -> lis
 
 
 def _mirror_point(p: Point, q: Point, a: Sequence[float], b: Sequence[float]) -> Point:
-    """The point x of the segment a–b with the least |p − x| + |x − q| (Heron's mirror)."""
+    """Return the point x of the segment a–b with the least |p − x| + |x − q| (Heron's mirror)."""
     ux = b[0] - a[0]
     uy = b[1] - a[1]
     square = ux * ux + uy * uy
@@ -186,7 +188,7 @@ def _gap(mesh: Triangulation, here: int, there: int) -> Diagnosis:
 
 
 def taut_string(portals: FloatArray, start: FloatArray, goal: FloatArray, shrink: float = 0.0) -> FloatArray:
-    """The shortest path from start to goal that crosses the portals in their order.
+    """Return the shortest path from start to goal that crosses the portals in their order.
 
     Args:
         portals: left end, right end of each edge crossed, shape (n, 2, 2) [m]; following ones share a triangle.
@@ -232,7 +234,7 @@ class _Funnel:
         self._narrow(point, self.right, self.left, -1.0)
 
     def close(self, goal: Point) -> list[Point]:
-        """The whole path, with the goal as the last, zero-width portal; no two vertices alike in succession."""
+        """Return the whole path, with the goal as the last, zero-width portal; no two vertices alike in succession."""
         self.narrow_right(goal)
         path = [*self.path, *list(self.right)[1:]]
         distinct = [path[0], *(there for here, there in itertools.pairwise(path) if there != here)]
@@ -252,7 +254,7 @@ class _Funnel:
 
 
 def _turn(a: Point, b: Point, c: Point) -> float:
-    """Positive when a → b → c turns left [m²]."""
+    """Return the positive when a → b → c turns left [m²]."""
     return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
 
 
@@ -276,7 +278,7 @@ class TautString:
     def through(
         cls, edges: FloatArray, path: FloatArray, settings: FreeSpaceSettings = DEFAULT_FREE_SPACE
     ) -> "TautString":
-        """The taut string ``path`` (k, 2) of the sleeve with the given edges (n, 2, 2) [m]."""
+        """Return the taut string ``path`` (k, 2) of the sleeve with the given edges (n, 2, 2) [m]."""
         return cls(path, edges, _crossings(edges, path), settings)
 
     @cached_property
@@ -301,15 +303,15 @@ class TautString:
         return points_at(self.path, self.knots, self.stations)
 
     def at(self, place: float) -> FloatArray:
-        """The point at an arc length [m], shape (2,) [m]."""
+        """Return the point at an arc length [m], shape (2,) [m]."""
         return points_at(self.path, self.knots, place)
 
     def crossings_within(self, first: float, last: float) -> FloatArray:
-        """The crossings from arc length ``first`` to ``last`` [m]."""
+        """Return the crossings from arc length ``first`` to ``last`` [m]."""
         return self.crossings[(self.crossings >= first) & (self.crossings <= last)]
 
     def directions_across(self, place: float) -> list[tuple[FloatArray, float]]:
-        """Ways to lay a chord across the string at an arc length [m].
+        """Return the ways to lay a chord across the string at an arc length [m].
 
         Returns:
             Unit directions from right to left, each with its squareness: the cosine of the angle by which the string
@@ -326,13 +328,13 @@ class TautString:
 
 
 def _units(vectors: FloatArray) -> FloatArray:
-    """The directions of those vectors (n, 2) that are not zero."""
+    """Return the directions of those vectors (n, 2) that are not zero."""
     lengths = np.linalg.norm(vectors, axis=1)
     return np.asarray(vectors[lengths > 0.0] / lengths[lengths > 0.0, None], dtype=np.float64)
 
 
 def _crossings(edges: FloatArray, path: FloatArray) -> FloatArray:
-    """Arc length where the string crosses each edge: the first place not on the near side."""
+    """Return the arc length where the string crosses each edge: the first place not on the near side."""
     lengths = leg_lengths(path)
     knots = arc_lengths(path)
     found = np.empty(len(edges))

@@ -9,7 +9,7 @@ from ccm_opt.core.arrays import FloatArray, IntArray
 
 
 @dataclass(frozen=True, eq=False)
-class SurfaceSoup:
+class TriangleSoup:
     """Triangles in no order; a place is as far from one as from its points, less its rounding.
 
     Triangles may have no area: a point with rounding is a ball, a segment with rounding a capsule.
@@ -27,7 +27,7 @@ class SurfaceSoup:
     names: tuple[str, ...]
 
     @classmethod
-    def joined(cls, named: Iterable[tuple[str, FloatArray, float]]) -> "SurfaceSoup":
+    def joined(cls, named: Iterable[tuple[str, FloatArray, float]]) -> "TriangleSoup":
         """The triangles of several things, each with its name, its triangles, shape (·, 3, 3), and its rounding."""
         parts = list(named)
         counts = [len(triangles) for _, triangles, _ in parts]
@@ -56,7 +56,7 @@ def box_about(places: FloatArray) -> FloatArray:
 
 
 def thinned(vertices: FloatArray, faces: IntArray, cell: float) -> tuple[FloatArray, IntArray]:
-    """A surface whose corners in each cell of a grid are one corner, their mean (Rossignac and Borrel 1993).
+    """Return a surface whose corners in each cell of a grid are one corner, their mean (Rossignac and Borrel 1993).
 
     Args:
         vertices: shape (v, 3) [m].
@@ -82,7 +82,10 @@ def thinned(vertices: FloatArray, faces: IntArray, cell: float) -> tuple[FloatAr
 
 
 def within(vertices: FloatArray, faces: IntArray, most: int, cell: float) -> tuple[FloatArray, IntArray]:
-    """A surface with at most so many triangles; it is thinned by cells of a width, and wider ones as long as needed."""
+    """Return a surface with at most so many triangles.
+
+    It is thinned by cells of a width, and wider ones as long as needed.
+    """
     if len(faces) <= most:
         return vertices, faces
     while True:
@@ -114,7 +117,7 @@ def all_within(
 
 
 def sharp_edges(vertices: FloatArray, faces: IntArray, angle: float) -> IntArray:
-    """Edges at which a surface ends, or turns by more than an angle [rad]; their corners, shape (k, 2).
+    """Return the edges at which a surface ends, or turns by more than an angle [rad]; their corners, shape (k, 2).
 
     Args:
         vertices: shape (v, 3) [m]; corners at the same place count as one.

@@ -75,7 +75,7 @@ class Triangulation:
         return lists
 
     @cached_property
-    def known_walks(self) -> dict[tuple[float, float, float, float, int], list[int]]:
+    def walk_cache(self) -> dict[tuple[float, float, float, float, int], list[int]]:
         """Walks that were made already, by the ends of a straight piece of a path [m] and how often it was halved."""
         return {}
 
@@ -84,7 +84,10 @@ class Triangulation:
         return shapely.STRtree(list(shapely.get_parts(shapely.polygons(self.corners))))
 
     def locate(self, points: FloatArray) -> IntArray:
-        """The triangle that holds each point (m, 2), the lowest number where several do, -1 outside; shape (m,)."""
+        """Return the triangle that holds each point (m, 2), the lowest number where several do, -1 outside.
+
+        Shape (m,).
+        """
         found = np.full(len(points), len(self), dtype=np.intp)
         which, triangle = self._tree.query(shapely.points(points), predicate="intersects")
         np.minimum.at(found, which, triangle)
@@ -92,7 +95,7 @@ class Triangulation:
         return found
 
     def nearest(self, points: FloatArray) -> tuple[IntArray, FloatArray]:
-        """The nearest triangle and the nearest free point.
+        """Return the nearest triangle and the nearest free point.
 
         Args:
             points: shape (m, 2) [m]; points in free space stay where they are.
@@ -117,14 +120,14 @@ class Triangulation:
         return triangles, free
 
     def portals(self, sleeve: tuple[int, ...]) -> FloatArray:
-        """Left and right ends of the edges crossed by a sleeve of n triangles, shape (n - 1, 2, 2) [m]."""
+        """Return the left and right ends of the edges crossed by a sleeve of n triangles, shape (n - 1, 2, 2) [m]."""
         here = np.array(sleeve[:-1], dtype=np.intp)
         edges = np.argmax(self.neighbours[here] == np.array(sleeve[1:], dtype=np.intp)[:, None], axis=1)
         return np.stack((self.corners[here, (edges + 1) % 3], self.corners[here, edges]), axis=1)
 
 
 def triangulate(free: shapely.MultiPolygon) -> Triangulation:
-    """The constrained Delaunay triangulation of a polygon set, holes included."""
+    """Return the constrained Delaunay triangulation of a polygon set, holes included."""
     pieces = shapely.get_parts(shapely.constrained_delaunay_triangles(shapely.get_parts(free)))
     corners = shapely.get_coordinates(pieces).reshape(-1, 4, 2)[:, :3]
     corners = _oriented(corners)
@@ -134,7 +137,7 @@ def triangulate(free: shapely.MultiPolygon) -> Triangulation:
 
 
 def _oriented(corners: FloatArray) -> FloatArray:
-    """Triangles (T, 3, 2) turned counter-clockwise."""
+    """Return the triangles (T, 3, 2) turned counter-clockwise."""
     clockwise = cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) < 0.0
     corners = corners.copy()
     corners[clockwise] = corners[clockwise, ::-1]
@@ -142,7 +145,7 @@ def _oriented(corners: FloatArray) -> FloatArray:
 
 
 def _neighbours(triangles: IntArray, vertices: int) -> IntArray:
-    """Pair the half-edges that join the same two vertices."""
+    """Return the pair the half-edges that join the same two vertices."""
     heads = triangles
     tails = np.roll(triangles, -1, axis=1)
     key = (np.minimum(heads, tails) * vertices + np.maximum(heads, tails)).ravel()
@@ -157,7 +160,7 @@ def _neighbours(triangles: IntArray, vertices: int) -> IntArray:
 
 
 def _nearest_on_edges(corners: FloatArray, points: FloatArray) -> FloatArray:
-    """The nearest point to each of ``points`` (m, 2) on the edges of its triangle (m, 3, 2)."""
+    """Return the nearest point to each of ``points`` (m, 2) on the edges of its triangle (m, 3, 2)."""
     feet = nearest_on_segments(points[:, None], np.stack((corners, np.roll(corners, -1, axis=1)), axis=2))
     best = np.argmin(np.linalg.norm(points[:, None] - feet, axis=2), axis=1)
     return np.asarray(feet[np.arange(len(points)), best], dtype=np.float64)
@@ -185,7 +188,7 @@ def merge(triangulation: Triangulation) -> Partition:
 
 
 def _longest_first(mesh: Triangulation) -> IntArray:
-    """One half-edge number 3 t + e for each edge between two triangles."""
+    """Return one half-edge number 3 t + e for each edge between two triangles."""
     triangle, edge = np.nonzero(mesh.neighbours > np.arange(len(mesh))[:, None])
     length = np.linalg.norm(mesh.corners[triangle, edge] - mesh.corners[triangle, (edge + 1) % 3], axis=1)
     return (3 * triangle + edge)[np.argsort(-length, kind="stable")]
@@ -223,7 +226,7 @@ class _Faces:
         self.removed[half_edge] = self.removed[twin] = True
 
     def partition(self) -> Partition:
-        """The cells left, numbered by their first triangle."""
+        """Return the cells left, numbered by their first triangle."""
         faces = [self._face(t) for t in range(len(self.parent))]
         roots, cell_of = np.unique(np.array(faces, dtype=np.intp), return_inverse=True)
         first: dict[int, int] = {}
@@ -233,14 +236,14 @@ class _Faces:
         return Partition(tuple(self._ring(first[int(root)]) for root in roots), cell_of.reshape(-1).astype(np.intp))
 
     def _face(self, triangle: int) -> int:
-        """The first triangle of the face that a triangle belongs to by now (union-find, paths halved)."""
+        """Return the first triangle of the face that a triangle belongs to by now (union-find, paths halved)."""
         while self.parent[triangle] != triangle:
             self.parent[triangle] = self.parent[self.parent[triangle]]
             triangle = self.parent[triangle]
         return triangle
 
     def _turns_left(self, tail: int, head: int) -> bool:
-        """Whether half-edge ``tail`` followed by ``head`` does not turn right."""
+        """Return whether half-edge ``tail`` followed by ``head`` does not turn right."""
         ax, ay = self.points[tail]
         bx, by = self.points[head]
         cx, cy = self.points[self.following[head]]
@@ -256,7 +259,7 @@ class _Faces:
 
 
 def _twins(mesh: Triangulation) -> list[int]:
-    """The half-edge on the other side of each; its own number on a wall."""
+    """Return the half-edge on the other side of each; its own number on a wall."""
     twins = np.arange(3 * len(mesh))
     triangle, edge = np.nonzero(mesh.neighbours >= 0)
     other = mesh.neighbours[triangle, edge]

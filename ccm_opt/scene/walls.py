@@ -38,7 +38,7 @@ class BoxTree:
 
     @classmethod
     def over(cls, low: FloatArray, high: FloatArray) -> "BoxTree":
-        """Over items with bounding boxes from low to high, each of shape (n, 2) [m]."""
+        """Return the over items with bounding boxes from low to high, each of shape (n, 2) [m]."""
         items = np.argsort(_morton(0.5 * (low + high)), kind="stable")
         levels = [np.hstack((low[items], high[items]))]
         while len(levels[-1]) > 1:
@@ -52,12 +52,12 @@ class BoxTree:
         return cls(items, np.ascontiguousarray(np.concatenate(levels)), offsets)
 
     def for_c(self) -> dict[str, Any]:
-        """The tree as ``Tree`` of box_tree.h."""
+        """Return the tree as ``Tree`` of box_tree.h."""
         levels = len(self.offsets) - 1 if len(self.items) else 0
         return {"levels": levels, "items": self.items, "boxes": self.boxes, "offsets": self.offsets}
 
     def meeting(self, low: FloatArray, high: FloatArray) -> IntArray:
-        """The items whose boxes meet a box from low to high, each of shape (2,) [m]; sorted, shape (m,)."""
+        """Return the items whose boxes meet a box from low to high, each of shape (2,) [m]; sorted, shape (m,)."""
         level = len(self.offsets) - 2
         nodes = np.zeros(min(1, len(self.boxes)), dtype=np.intp)
         for k in range(level + 1):
@@ -70,7 +70,7 @@ class BoxTree:
 
 
 def _morton(places: FloatArray) -> IntArray:
-    """Numbers along the Morton curve through the bounding box of places (n, 2), shape (n,)."""
+    """Return the numbers along the Morton curve through the bounding box of places (n, 2), shape (n,)."""
     if len(places) == 0:
         return np.zeros(0, dtype=np.intp)
     low = places.min(axis=0)
@@ -141,7 +141,10 @@ class Walls:
 
 
 def _lines_and_points(cores: Any) -> tuple[Any, IntArray]:
-    """The rings of polygons, and all else as it is, with the number of the core that each belongs to; in order."""
+    """Return the rings of polygons, and all else as it is, with the number of the core that each belongs to.
+
+    In order.
+    """
     kinds = shapely.get_type_id(cores)
     areas = np.flatnonzero(kinds == shapely.GeometryType.POLYGON)
     others = np.flatnonzero(kinds != shapely.GeometryType.POLYGON)
@@ -169,7 +172,7 @@ class WallSegments:
 
     @classmethod
     def of(cls, obstacles: "Sequence[Obstacle]", walls: Walls) -> "WallSegments":
-        """The segments of walls, given as they are and as arrays of edges and vertices."""
+        """Return the segments of walls, given as they are and as arrays of edges and vertices."""
         # A round obstacle is a point swept by a disc: it has no edge, and becomes a segment of length 0.
         lone = ~np.isin(walls.vertex_wall, walls.edge_wall)
         points = np.repeat(walls.vertices[lone][:, None], 2, axis=1)

@@ -14,7 +14,7 @@ from ccm_opt.core.arrays import TINY, FloatArray, in_space
 from ccm_opt.core.errors import ProblemError
 from ccm_opt.core.length_words import LengthUnit
 from ccm_opt.scene.bodies import BOX_FACES, Body, MeshBody, box_corners
-from ccm_opt.scene.surfaces import SurfaceSoup, box_about
+from ccm_opt.scene.surfaces import TriangleSoup, box_about
 from ccm_opt.scene.walls import Walls, WallSegments
 
 
@@ -32,7 +32,7 @@ class Shape(Protocol):
         ...
 
     def moved(self, by: FloatArray) -> "Shape":
-        """The shape moved by so much, shape (d,) [m]."""
+        """Return the shape moved by so much, shape (d,) [m]."""
         ...
 
 
@@ -54,7 +54,7 @@ class PlaneShape:
         return np.asarray(shapely.get_coordinates(shapely.centroid(self.core))[0], dtype=np.float64)
 
     def moved(self, by: FloatArray) -> "PlaneShape":
-        """The shape moved by so much, shape (2,) [m]."""
+        """Return the shape moved by so much, shape (2,) [m]."""
         return replace(self, core=shapely.transform(self.core, lambda points: points + by))
 
 
@@ -138,7 +138,7 @@ class Workspace:
         )
 
     def within(self, box: FloatArray) -> "Workspace":
-        """The same in a room that is a box between two corners, shape (2, d) [m]."""
+        """Return the same in a room that is a box between two corners, shape (2, d) [m]."""
         return replace(self, bounds=box) if self.dimension == 3 else replace(self, boundary=shapely.box(*np.ravel(box)))
 
     @property
@@ -147,29 +147,29 @@ class Workspace:
         found = [] if self.dimension == 2 else [(k, each.name, each.body) for k, each in enumerate(self.obstacles)]
         return tuple((k, name, body) for k, name, body in found if body.kind == "mesh")
 
-    def middle_of(self, name: str) -> FloatArray:
-        """Middle of an obstacle of a name, shape (d,) [m]."""
+    def obstacle_centre(self, name: str) -> FloatArray:
+        """Return the middle of an obstacle of a name, shape (d,) [m]."""
         return next(obstacle.shape.middle for obstacle in self.obstacles if obstacle.name == name)
 
     def with_moved(self, name: str, by: FloatArray) -> "Workspace":
-        """The workspace with the obstacles of a name moved by so much, shape (d,) [m]."""
+        """Return the workspace with the obstacles of a name moved by so much, shape (d,) [m]."""
         moved = [replace(each, shape=each.shape.moved(by)) if each.name == name else each for each in self.obstacles]
         return replace(self, obstacles=tuple(moved))
 
     def without(self, name: str) -> "Workspace":
-        """The workspace without the obstacles of a name."""
+        """Return the workspace without the obstacles of a name."""
         return replace(self, obstacles=tuple(each for each in self.obstacles if each.name != name))
 
     @cached_property
-    def soup(self) -> SurfaceSoup:
+    def soup(self) -> TriangleSoup:
         """The surfaces of all obstacles in their order, then the sides of the room; of walls triangles without area."""
         if self.dimension == 2:
             edges = self.wall_segments
-            return SurfaceSoup(in_space(edges.ends[:, [0, 1, 1]]), edges.rounding, edges.owner, self.flat_walls.names)
+            return TriangleSoup(in_space(edges.ends[:, [0, 1, 1]]), edges.rounding, edges.owner, self.flat_walls.names)
         named = [(each.name, each.body.triangles, each.rounding) for each in self.obstacles]
         if self.bounds is not None:
             named.append((ROOM_NAME, box_corners(self.bounds[0], self.bounds[1])[BOX_FACES], 0.0))
-        return SurfaceSoup.joined(named)
+        return TriangleSoup.joined(named)
 
     @cached_property
     def extent(self) -> FloatArray:
@@ -213,7 +213,7 @@ class Workspace:
         return np.asarray(shapely.bounds(self._cores))
 
     def apart(self, shape: shapely.Geometry) -> FloatArray:
-        """Distance of a shape from every wall, in the order of the walls, shape (walls,) [m]."""
+        """Return the distance of a shape from every wall, in the order of the walls, shape (walls,) [m]."""
         return np.asarray(shapely.distance(self._cores, shape)) - self._roundings
 
     def nearest(self, shape: shapely.Geometry) -> tuple[int, float]:
@@ -237,7 +237,7 @@ class Workspace:
         return np.asarray(np.hypot(across, along) * (1.0 - TINY) - self._roundings)
 
     def near(self, shape: shapely.Geometry, distance: float) -> "Workspace":
-        """The room with those obstacles alone that come within a distance [m] of a shape."""
+        """Return the room with those obstacles alone that come within a distance [m] of a shape."""
         if not self.obstacles:
             return self
         maybe = np.flatnonzero(self._least_apart(shape)[: len(self.obstacles)] <= distance)
@@ -252,7 +252,7 @@ WANTED = "a polygon, a line, or several of them"
 
 
 def obstacles_of(shapes: Shapes, *, unit: LengthUnit = "m") -> tuple[Obstacle, ...]:
-    """Obstacles from shapely's geometries.
+    """Return the obstacles from shapely's geometries.
 
     A polygon is an obstacle, its holes are free. A line string is a wall without thickness; buffered, it is a polygon.
     What has several parts gives an obstacle for each, numbered behind the name. Heights (z) are left out. A geometry
@@ -272,7 +272,7 @@ def obstacles_of(shapes: Shapes, *, unit: LengthUnit = "m") -> tuple[Obstacle, .
     found: list[Obstacle] = []
     for name, shape in named_shapes(shapes, given):
         try:
-            found += [shape] if isinstance(shape, Obstacle) else _in_metres(parts_of(name, shape), given.metres)
+            found += [shape] if isinstance(shape, Obstacle) else _in_metres(edge_parts(name, shape), given.metres)
         except ProblemError as error:
             given.must(holds=False, line=str(error))
     given.refuse()
@@ -280,7 +280,10 @@ def obstacles_of(shapes: Shapes, *, unit: LengthUnit = "m") -> tuple[Obstacle, .
 
 
 def named_shapes(shapes: object, given: Arguments, first: int = 1) -> Iterator[tuple[str, object]]:
-    """Every shape with its name, or a number from the first on; what is no list and no table of shapes is noted."""
+    """Yield every shape with its name, or a number from the first on.
+
+    What is no list and no table of shapes is noted.
+    """
     if isinstance(shapes, Mapping):
         yield from ((str(name), shape) for name, shape in shapes.items())
     elif isinstance(shapes, (shapely.Geometry, Obstacle)):
@@ -291,8 +294,8 @@ def named_shapes(shapes: object, given: Arguments, first: int = 1) -> Iterator[t
         given.must(holds=False, line=f"expected a geometry, a list of them, or names with them, got {in_words(shapes)}")
 
 
-def parts_of(name: str, shape: object) -> list[Obstacle]:
-    """The obstacles that a geometry is, in its own unit.
+def edge_parts(name: str, shape: object) -> list[Obstacle]:
+    """Return the obstacles that a geometry is, in its own unit.
 
     Raises:
         ProblemError: it is none, or no usable one.
@@ -313,7 +316,7 @@ def parts_of(name: str, shape: object) -> list[Obstacle]:
 
 
 def _flattened(shape: shapely.Geometry) -> list[shapely.Geometry]:
-    """Geometries without collections in each other."""
+    """Return the geometries without collections in each other."""
     if not hasattr(shape, "geoms"):
         return [shape]
     return [part for each in shape.geoms for part in _flattened(each)]
@@ -328,7 +331,7 @@ def _obstacle(name: str, part: shapely.Geometry) -> Obstacle:
 
 
 def _in_metres(obstacles: Sequence[Obstacle], metres: float) -> list[Obstacle]:
-    """Obstacles without rounding in a unit of so many metres, in metres."""
+    """Return the obstacles without rounding in a unit of so many metres, in metres."""
     return [
         replace(each, shape=PlaneShape(shapely.transform(each.core, lambda points: metres * points)))
         for each in obstacles

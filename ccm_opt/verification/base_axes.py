@@ -7,8 +7,8 @@ from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import Check, JointStates, JointTrajectory
 from ccm_opt.robot.arm import Arm, Feed
 from ccm_opt.verification.consistency import check_efforts, check_rates
-from ccm_opt.verification.drives import Efforts, bends_a_ball, moment_of
-from ccm_opt.verification.limits import check_sources, jerks_of, less_rounding, size_of
+from ccm_opt.verification.drives import Efforts, bends_a_ball, sample_words
+from ccm_opt.verification.limits import check_sources, finite_jerks, largest_magnitude, less_rounding
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
 
 
@@ -46,7 +46,7 @@ def check_base_axes(
                 limits.feed_acceleration or np.inf,
                 [(gain, time), (_slopes(speed, time), time[:-1])],
             ),
-            ("jerk", "m/s³", limits.feed_jerk, [(jerks_of(gain, time), np.append(time, time[-1]))]),
+            ("jerk", "m/s³", limits.feed_jerk, [(finite_jerks(gain, time), np.append(time, time[-1]))]),
             ("force", "N", limits.feed_force, [(force, time)]),
         ]
         checks += [
@@ -57,7 +57,7 @@ def check_base_axes(
         most = limits.feed_acceleration or 0.0
         checks.append(check_rates(f"{name} velocity against positions", "m/s", (time, place, speed), most))
         against = f"{name} force against dynamics"
-        checks.append(check_efforts(against, "N", force - needed[1], needed[1], moment_of(time), settings))
+        checks.append(check_efforts(against, "N", force - needed[1], needed[1], sample_words(time), settings))
     return checks
 
 
@@ -75,7 +75,9 @@ def _range(name: str, axis: Feed, time: FloatArray, place: FloatArray, settings:
 def _held(
     arm: Arm, axis: Feed, place: FloatArray, trajectory: JointTrajectory, settings: VerificationSettings
 ) -> Check:
-    """What the guide tube holds is straight; within an interval, too, up to the moment the joint passes the hole.
+    """Return what the guide tube holds is straight.
+
+    Within an interval, too, up to the moment the joint passes the hole.
 
     Feed and bend are linear between samples, so the bend a joint has when it passes is found by proportion.
     """
@@ -102,6 +104,6 @@ def _held(
 
 
 def _slopes(values: FloatArray, time: FloatArray) -> FloatArray:
-    """Difference quotients, drawn towards zero by what rounding can have added to them."""
+    """Return the difference quotients, drawn towards zero by what rounding can have added to them."""
     step = np.diff(time)
-    return less_rounding(np.diff(values) / step, 1.0 + size_of(values), step)
+    return less_rounding(np.diff(values) / step, 1.0 + largest_magnitude(values), step)

@@ -20,7 +20,7 @@ from ccm_opt.core.arrays import BoolArray, FloatArray, IntArray
 
 
 def separations(start: FloatArray, end: FloatArray, triangles: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Bounds on the distances of segments from triangles.
+    """Return the bounds on the distances of segments from triangles.
 
     Args:
         start: of the segments, shape (P, 3) [m].
@@ -56,7 +56,7 @@ def nearest_lines(start: FloatArray, end: FloatArray, triangles: FloatArray) -> 
 
 
 def _candidates(start: FloatArray, line: FloatArray, triangles: FloatArray) -> list[tuple[FloatArray, BoolArray]]:
-    """Differences of pairs of points, shape (P, 3), with whether both points lie on their bodies, shape (P,)."""
+    """Return differences of pairs of points, shape (P, 3), with whether both points lie on their bodies, shape (P,)."""
     everywhere = np.ones(len(start), dtype=bool)
     found: list[tuple[FloatArray, BoolArray]] = []
     corners = [triangles[:, k] for k in range(3)]
@@ -72,14 +72,14 @@ def _candidates(start: FloatArray, line: FloatArray, triangles: FloatArray) -> l
 
 
 def _clipped_foot(offset: FloatArray, line: FloatArray) -> FloatArray:
-    """Where the foot of a point on a line from the origin is, as a share of it within [0, 1]."""
+    """Return where the foot of a point on a line from the origin is, as a share of it within [0, 1]."""
     square = np.einsum("pd,pd->p", line, line)
     share = np.einsum("pd,pd->p", offset, line) / np.where(square > 0.0, square, 1.0)
     return np.asarray(np.clip(share, 0.0, 1.0))
 
 
 def _between_lines(offset: FloatArray, line: FloatArray, edge: FloatArray) -> tuple[FloatArray, BoolArray]:
-    """Where two lines are nearest, by their common normal; valid where that is on both segments."""
+    """Return where two lines are nearest, by their common normal; valid where that is on both segments."""
     normal = np.cross(line, edge)
     square = np.einsum("pd,pd->p", normal, normal)
     safe = np.where(square > 0.0, square, 1.0)
@@ -92,7 +92,7 @@ def _between_lines(offset: FloatArray, line: FloatArray, edge: FloatArray) -> tu
 def _through_face(
     start: FloatArray, line: FloatArray, corner: FloatArray, one: FloatArray, other: FloatArray
 ) -> list[tuple[FloatArray, BoolArray]]:
-    """Ends over the inside of the triangle, and the place where the segment goes through it."""
+    """Return the ends over the inside of the triangle, and the place where the segment goes through it."""
     normal = np.cross(one, other)
     square = np.einsum("pd,pd->p", normal, normal)
     safe = np.where(square > 0.0, square, 1.0)
@@ -189,13 +189,13 @@ class _Piece:
         return float(np.einsum("md,md->", a, np.cross(b, c))) / 6.0
 
     def encloses(self, point: FloatArray) -> bool:
-        """Whether a place is inside, as most directions tell."""
+        """Return whether a place is inside, as most directions tell."""
         if self._is_beyond(point):
             return False
         return abs(self.turns(point)) > 0.5 if self.alike else _odd_share(self.triangles, point) > _MOST
 
     def goes_round(self, point: FloatArray) -> bool:
-        """Whether a place is inside in all directions, as it is of closed pieces alone."""
+        """Return whether a place is inside in all directions, as it is of closed pieces alone."""
         if self._is_beyond(point):
             return False
         if not self.alike:
@@ -207,12 +207,12 @@ class _Piece:
         return bool(np.any(point < self.triangles.min(axis=(0, 1))) or np.any(point > self.triangles.max(axis=(0, 1))))
 
     def contains(self, other: "_Piece") -> bool:
-        """Whether another piece is inside, as far as a number of its corners and middles tell."""
+        """Return whether another piece is inside, as far as a number of its corners and middles tell."""
         places = np.concatenate((other.triangles[:, 0], other.triangles.mean(axis=1)))
         return all(self.encloses(place) for place in places[:: max(len(places) // _PROBES, 1)])
 
     def turns(self, point: FloatArray) -> float:
-        """How often the triangles go round a place.
+        """Return how often the triangles go round a place.
 
         Seen from inside, they fill the whole sphere of directions, 4 π; from outside they cancel (A. Van Oosterom and
         J. Strackee, The solid angle of a plane triangle, 1983).
@@ -227,7 +227,10 @@ class _Piece:
 
 
 def _heights(triangles: FloatArray) -> FloatArray:
-    """Least height of each triangle, shape (m,) [m]; those that are lines enclose nothing and have no side."""
+    """Return the least height of each triangle, shape (m,) [m].
+
+    Those that are lines enclose nothing and have no side.
+    """
     sides = np.roll(triangles, -1, axis=1) - triangles
     area = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
     longest = np.max(np.linalg.norm(sides, axis=2), axis=1)
@@ -235,7 +238,7 @@ def _heights(triangles: FloatArray) -> FloatArray:
 
 
 def _corner_numbers(triangles: FloatArray) -> IntArray:
-    """Numbers of the corners, shape (m, 3); those in one cell of a grid, or in cells that touch, are one."""
+    """Return the numbers of the corners, shape (m, 3); those in one cell of a grid, or in cells that touch, are one."""
     corners = triangles.reshape(-1, 3)
     low = corners.min(axis=0)
     width = _GRID * float(np.max(corners.max(axis=0) - low))
@@ -273,7 +276,7 @@ def _components(first: IntArray, second: IntArray, count: int) -> IntArray:
 
 
 def _turn_alike(corner: IntArray) -> bool:
-    """Whether at every edge of two triangles or more as many run one way as the other."""
+    """Return whether at every edge of two triangles or more as many run one way as the other."""
     start = corner.ravel()
     end = np.roll(corner, -1, axis=1).ravel()
     key = np.minimum(start, end) * (int(corner.max()) + 1) + np.maximum(start, end)

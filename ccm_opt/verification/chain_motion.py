@@ -16,7 +16,7 @@ from ccm_opt.verification.drives import as_revolutes
 
 
 def bend_pairs(arm: Arm, values: FloatArray) -> FloatArray:
-    """Turns of every joint about its z axis and then about the new y axis, shape (T, c) to (T, links, 2).
+    """Return the turns of every joint about its z axis and then about the new y axis, shape (T, c) to (T, links, 2).
 
     The map is linear, so it serves rates and changes too.
     """
@@ -24,7 +24,10 @@ def bend_pairs(arm: Arm, values: FloatArray) -> FloatArray:
 
 
 def carried(arm: Arm, positions: FloatArray) -> FloatArray:
-    """How far the base is carried along its direction, shape (T, c) to (T,) [m]; linear, so it serves rates too."""
+    """Return how far the base is carried along its direction, shape (T, c) to (T,) [m].
+
+    Linear, so it serves rates too.
+    """
     return np.asarray(np.sum(positions[:, arm.coordinates.base], axis=1))
 
 
@@ -46,7 +49,7 @@ class LinkFrames:
 
     @classmethod
     def of(cls, arm: Arm, positions: FloatArray) -> "LinkFrames":
-        """The frames of configurations, shape (T, c)."""
+        """Return the frames of configurations, shape (T, c)."""
         if arm.dimension == 2:
             return cls._in_plane(arm, positions)
         shape = (len(positions), arm.links, 3)
@@ -81,7 +84,7 @@ class LinkFrames:
 
 
 def link_directions(arm: Arm, positions: FloatArray) -> FloatArray:
-    """Directions of the links in configurations (T, c), shape (T, links, d)."""
+    """Return the directions of the links in configurations (T, c), shape (T, links, d)."""
     if arm.dimension == 3:
         return LinkFrames.of(arm, positions).along
     turned = np.cumsum(positions[:, arm.coordinates.bends], axis=1)
@@ -91,7 +94,7 @@ def link_directions(arm: Arm, positions: FloatArray) -> FloatArray:
 
 
 def chain_points(arm: Arm, positions: FloatArray) -> FloatArray:
-    """Base, joints and tip in configurations (T, c), shape (T, links + 1, d) [m]."""
+    """Return the base, joints and tip in configurations (T, c), shape (T, links + 1, d) [m]."""
     along = link_directions(arm, positions)
     points = np.empty((len(positions), arm.links + 1, along.shape[-1]))
     points[:, 0] = arm.base + carried(arm, positions)[:, None] * arm.direction
@@ -102,7 +105,7 @@ def chain_points(arm: Arm, positions: FloatArray) -> FloatArray:
 
 
 def lengths_of(vectors: FloatArray) -> FloatArray:
-    """Lengths of vectors, shape (..., d) to (...); numpy's norm along a short axis takes three times as long."""
+    """Return lengths of vectors, shape (..., d) to (...); numpy's norm along a short axis takes three times as long."""
     return np.asarray(np.sqrt(np.einsum("...d,...d->...", vectors, vectors)))
 
 
@@ -122,13 +125,13 @@ class TimeStretches:
 
     @classmethod
     def blocks(cls, samples: int, size: int) -> "TimeStretches":
-        """So many intervals between samples a stretch."""
+        """Return the so many intervals between samples a stretch."""
         low = np.arange(0.0, samples - 1, size)
         return cls(low, np.minimum(low + size, samples - 1.0))
 
     @classmethod
     def moments(cls, samples: int, most: int) -> "TimeStretches":
-        """Stretches of no length at some samples, spread evenly."""
+        """Return the stretches of no length at some samples, spread evenly."""
         few = np.unique(np.linspace(0, samples - 1, min(most, samples)).astype(np.intp)).astype(np.float64)
         return cls(few, few)
 
@@ -142,11 +145,11 @@ class TimeStretches:
         return np.where(self.high - self.low > 1.0, np.floor(middle), middle)
 
     def take(self, index: IntArray) -> "TimeStretches":
-        """Some of the stretches."""
+        """Return some of the stretches."""
         return TimeStretches(self.low[index], self.high[index])
 
     def halves(self) -> "TimeStretches":
-        """The first halves of all, and then the second."""
+        """Return the first halves of all, and then the second."""
         middle = self.middle
         return TimeStretches(np.concatenate((self.low, middle)), np.concatenate((middle, self.high)))
 
@@ -168,7 +171,7 @@ class ChainMotion:
     deviation: FloatArray | None = None
 
     def off(self, stretches: TimeStretches, stretch: IntArray, link: IntArray) -> FloatArray | float:
-        """How far links may be off in stretches, by the numbers of both, shape (P,) [m]."""
+        """Return how far links may be off in stretches, by the numbers of both, shape (P,) [m]."""
         if self.deviation is None:
             return 0.0
         ends = np.stack((np.floor(stretches.low), np.ceil(stretches.high)), axis=1).astype(np.intp)
@@ -194,7 +197,7 @@ class ChainMotion:
     @cached_property
     def bows(self) -> FloatArray:
         """Bound on the second derivative of the joints' places over an interval, shape (T − 1, links + 1) [m]."""
-        return bows_of(self.arm, 0.5 * (self.positions[:-1] + self.positions[1:]), self.steps)
+        return acceleration_bounds(self.arm, 0.5 * (self.positions[:-1] + self.positions[1:]), self.steps)
 
     @cached_property
     def rounding(self) -> float:
@@ -207,7 +210,7 @@ class ChainMotion:
         return float(np.max(np.abs(self.points))) + self.arm.length
 
     def poses(self, at: FloatArray) -> FloatArray:
-        """Base, joints and tip at times counted in samples, shape (S, links + 1, d) [m]."""
+        """Return the base, joints and tip at times counted in samples, shape (S, links + 1, d) [m]."""
         between = at != np.floor(at)
         poses = self.points[np.floor(at).astype(np.intp)]
         if np.any(between):
@@ -215,12 +218,12 @@ class ChainMotion:
         return poses
 
     def places(self, at: FloatArray) -> FloatArray:
-        """Coordinates at times counted in samples, before the last one, shape (S, c) [rad, m]."""
+        """Return the coordinates at times counted in samples, before the last one, shape (S, c) [rad, m]."""
         interval = at.astype(np.intp)
         return np.asarray(self.positions[interval] + (at - interval)[:, None] * self.steps[interval])
 
     def turned(self, at: FloatArray) -> FloatArray:
-        """How far every joint has turned, to and fro, up to times counted in samples, shape (S, links) [rad]."""
+        """Return how far every joint has turned, to and fro, up to times counted in samples, shape (S, links) [rad]."""
         interval = np.minimum(at.astype(np.intp), len(self.time) - 2)
         return np.asarray(self._turned[interval] + (at - interval)[:, None] * self._turns[interval])
 
@@ -237,28 +240,28 @@ class ChainMotion:
         return float(np.interp(at, np.arange(len(self.time)), self.time))
 
     def travels(self, stretches: TimeStretches) -> FloatArray:
-        """How far each joint goes at most from where it is at the middle, shape (S, links + 1) [m]."""
+        """Return how far each joint goes at most from where it is at the middle, shape (S, links + 1) [m]."""
         length = stretches.high - stretches.low
         travels = np.zeros((len(stretches), self.arm.links + 1))
         for some, of_kind in (
             (length > 1.0, self._travels_over_samples),
-            (length == 1.0, self._travels_of_intervals),
+            (length == 1.0, self._interval_travels),
             ((length > 0.0) & (length < 1.0), self._travels_within),
         ):
             if np.any(some):
                 travels[some] = of_kind(stretches.take(np.flatnonzero(some)))
         return travels
 
-    def _travels_of_intervals(self, stretches: TimeStretches) -> FloatArray:
-        """The same for whole intervals."""
+    def _interval_travels(self, stretches: TimeStretches) -> FloatArray:
+        """Return the same for whole intervals."""
         interval = stretches.low.astype(np.intp)
         return half_travels(self.chords[interval], self.bows[interval])
 
     def _travels_within(self, stretches: TimeStretches) -> FloatArray:
-        """The same for parts of intervals, in which as much less changes."""
+        """Return the same for parts of intervals, in which as much less changes."""
         steps = (stretches.high - stretches.low)[:, None] * self.steps[stretches.low.astype(np.intp)]
         chords = self.poses(stretches.high) - self.poses(stretches.low)
-        return half_travels(chords, bows_of(self.arm, self.places(stretches.middle), steps))
+        return half_travels(chords, acceleration_bounds(self.arm, self.places(stretches.middle), steps))
 
     def _travels_over_samples(self, stretches: TimeStretches) -> FloatArray:
         """The same for stretches of several intervals: the farthest sample, and what a path leaves its chords by."""
@@ -274,7 +277,7 @@ class ChainMotion:
         return np.asarray(np.maximum.reduceat(away, starts) + np.maximum.reduceat(bows, starts) / 8.0)
 
 
-def bows_of(arm: Arm, middle: FloatArray, steps: FloatArray) -> FloatArray:
+def acceleration_bounds(arm: Arm, middle: FloatArray, steps: FloatArray) -> FloatArray:
     """Bound on the second derivative of the joints' places over a stretch of unit length, shape (N, links + 1) [m].
 
     With rates ω_j of the links, ω_j' is at most D_j = D_(j−1) + S_(j−1) √(Δa² + Δb²) + |Δa Δb|, as the axes of joint j
@@ -307,7 +310,7 @@ def bows_of(arm: Arm, middle: FloatArray, steps: FloatArray) -> FloatArray:
 
 
 def half_travels(chords: FloatArray, bows: FloatArray) -> FloatArray:
-    """How far joints go from the middle of a stretch to its ends at most, shape (N, links + 1) [m].
+    """Return how far joints go from the middle of a stretch to its ends at most, shape (N, links + 1) [m].
 
     The mean of the velocity is the chord, from which it is away by half of its greatest change at most.
     """

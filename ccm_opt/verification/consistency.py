@@ -17,11 +17,11 @@ from ccm_opt.robot.configuration import Configuration
 from ccm_opt.verification.drives import (
     Efforts,
     as_revolutes,
+    bend_revolutes,
     check_worst,
-    joints_of_bends,
-    joints_of_revolutes,
-    moment_of,
-    revolutes_of_bends,
+    describe_bend_joints,
+    describe_revolute_joints,
+    sample_words,
 )
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
 
@@ -35,8 +35,8 @@ def check_consistency(
 ) -> list[Check]:
     """Check that angles, rates and torques tell one story; ``needed`` are efforts by the verifier's own dynamics."""
     # A bend has the limit of its revolute.
-    limit = problem.limits.acceleration[revolutes_of_bends(trajectory.coordinates)]
-    names = joints_of_bends(trajectory.coordinates)
+    limit = problem.limits.acceleration[bend_revolutes(trajectory.coordinates)]
+    names = describe_bend_joints(trajectory.coordinates)
     motion = (trajectory.time, trajectory.bend_angles, trajectory.bend_velocities)
     return [
         check_rates("velocities against angles", "rad/s", motion, limit, names),
@@ -47,7 +47,7 @@ def check_consistency(
             "N m",
             joints.torques - needed[0],
             needed[0],
-            moment_of(trajectory.time, joints_of_revolutes(joints.names)),
+            sample_words(trajectory.time, describe_revolute_joints(joints.names)),
             settings,
         ),
     ]
@@ -76,7 +76,7 @@ def check_rates(
     gap = np.diff(places, axis=0) / step - 0.5 * (velocities[1:] + velocities[:-1])
     # Differences of places as large as 1 lose their last digits, and a short step makes much of them.
     rounding = 16.0 * np.finfo(np.float64).eps * (1.0 + np.max(np.abs(places))) / step
-    return check_worst(name, unit, gap, 0.25 * step * limit + rounding, moment_of(time, names))
+    return check_worst(name, unit, gap, 0.25 * step * limit + rounding, sample_words(time, names))
 
 
 def check_efforts(
@@ -96,7 +96,7 @@ def check_efforts(
 def _accelerations(
     trajectory: JointTrajectory, limit: FloatArray, names: Sequence[str], settings: VerificationSettings
 ) -> Check:
-    """The velocity a joint gains is that of its accelerations, up to what the samples cannot show.
+    """Return the velocity a joint gains is that of its accelerations, up to what the samples cannot show.
 
     The mean acceleration of a step lies between the values at its ends unless acceleration jumps twice within the
     step. Summed over the motion, what lies outside may be a small share of the velocity gained and lost.
@@ -118,7 +118,7 @@ def _accelerations(
 
 
 def _revolutes(trajectory: JointTrajectory, joints: JointStates, settings: VerificationSettings) -> Check:
-    """The bends of a ball are revolutes of it, and its other revolutes stay at zero."""
+    """Return the bends of a ball are revolutes of it, and its other revolutes stay at zero."""
     pairs = (
         (trajectory.bend_angles, joints.angles),
         (trajectory.bend_velocities, joints.velocities),
@@ -126,7 +126,7 @@ def _revolutes(trajectory: JointTrajectory, joints: JointStates, settings: Verif
     )
     # Angles, rates and their derivatives are held to one tolerance, each in its own unit.
     errors = np.stack([as_revolutes(trajectory.coordinates, bends) - revolutes for bends, revolutes in pairs])
-    where = moment_of(trajectory.time, joints_of_revolutes(joints.names))
+    where = sample_words(trajectory.time, describe_revolute_joints(joints.names))
     return check_worst("revolutes against bends", "rad", errors, settings.match, lambda _, k, j: where(k, j))
 
 
@@ -224,7 +224,7 @@ OF_DISTANCES = 64.0 * UNIT
 
 
 def point_rounding(arm: Arm, positions: FloatArray) -> float:
-    """By how much a joint's place may be off [m], for poses at samples and linear between them.
+    """Return by how much a joint's place may be off [m], for poses at samples and linear between them.
 
     In the plane a heading is a running sum of up to ``links`` bends; in space the frame of a link is that of the one
     before, turned twice: some thirty operations with errors of a unit in the last place, which add up along the arm, as
@@ -242,7 +242,7 @@ def point_rounding(arm: Arm, positions: FloatArray) -> float:
 
 
 def distance_rounding(size: float) -> float:
-    """By how much the distance of two segments may be off [m].
+    """Return by how much the distance of two segments may be off [m].
 
     Args:
         size: that no coordinate of the segments exceeds [m].
@@ -314,7 +314,7 @@ def check_keyframes(
 
 
 def _distances_from_pieces(point: FloatArray, starts: FloatArray, pieces: FloatArray) -> FloatArray:
-    """Distances of a point from straight pieces that begin at some points, each of shape (n, c); shape (n,)."""
+    """Return distances of a point from straight pieces that begin at some points, each of shape (n, c); shape (n,)."""
     away = point - starts
     squares = np.maximum(np.einsum("tc,tc->t", pieces, pieces), np.finfo(np.float64).tiny)
     along = np.clip(np.einsum("tc,tc->t", away, pieces) / squares, 0.0, 1.0)
@@ -365,7 +365,7 @@ def check_followed_curves(arm: Arm, curves: Sequence[Configuration], keyframes: 
 
 
 def _mean_headings(arm: Arm, curve: Configuration) -> FloatArray:
-    """Mean headings of a curve over the arm's links, shape (links,) [rad]."""
+    """Return the mean headings of a curve over the arm's links, shape (links,) [rad]."""
     of_links = np.linspace(0.0, curve.length, arm.links + 1)
     ends = np.union1d(curve.breakpoints, of_links)
     # Between breakpoints headings are quartics, which three Gauss points integrate exactly.
@@ -378,7 +378,7 @@ def _mean_headings(arm: Arm, curve: Configuration) -> FloatArray:
 
 
 def _difference(ours: Configuration, theirs: Configuration, size: float) -> float:
-    """The greatest difference of headings at the base [rad], and of curvatures, lengths and knots as shares."""
+    """Return the greatest difference of headings at the base [rad], and of curvatures, lengths and knots as shares."""
     found = [abs(ours.base_heading - theirs.base_heading)]
     for part, other in zip(ours.segments, theirs.segments, strict=True):
         found.append(float(np.max(np.abs(part.curvature - other.curvature))) / size)

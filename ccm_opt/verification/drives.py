@@ -20,11 +20,11 @@ Efforts: TypeAlias = tuple[FloatArray, FloatArray]
 
 
 def bends_a_ball(coordinates: Coordinates) -> int:
-    """How many bends a ball joint has: one in the plane, two in space."""
+    """Return how many bends a ball joint has: one in the plane, two in space."""
     return coordinates.joints // (coordinates.revolutes // 3)
 
 
-def revolutes_of_bends(coordinates: Coordinates) -> IntArray:
+def bend_revolutes(coordinates: Coordinates) -> IntArray:
     """Number of the revolute of every bend, shape (bends,)."""
     first = np.arange(0, coordinates.revolutes, 3)
     if bends_a_ball(coordinates) == 1:
@@ -33,30 +33,30 @@ def revolutes_of_bends(coordinates: Coordinates) -> IntArray:
 
 
 def as_revolutes(coordinates: Coordinates, bends: FloatArray) -> FloatArray:
-    """Revolutes of bends (T, bends), shape (T, 3 * links)."""
+    """Return the revolutes of bends (T, bends), shape (T, 3 * links)."""
     values = np.zeros((len(bends), coordinates.revolutes))
     # In the plane a bend is counter-clockwise in x-z, which is a negative turn about y.
-    values[:, revolutes_of_bends(coordinates)] = -bends if bends_a_ball(coordinates) == 1 else bends
+    values[:, bend_revolutes(coordinates)] = -bends if bends_a_ball(coordinates) == 1 else bends
     return values
 
 
-def joint_of_bend(coordinates: Coordinates, number: int) -> str:
-    """The joint that a bend belongs to, in words."""
+def describe_bend_joint(coordinates: Coordinates, number: int) -> str:
+    """Return the joint that a bend belongs to, in words."""
     each = bends_a_ball(coordinates)
     return f"joint {number + 1}" if each == 1 else f"joint {number // each + 1} {'ab'[number % each]}"
 
 
-def joints_of_bends(coordinates: Coordinates) -> tuple[str, ...]:
-    """The joints that all bends belong to, in words."""
-    return tuple(joint_of_bend(coordinates, number) for number in range(coordinates.joints))
+def describe_bend_joints(coordinates: Coordinates) -> tuple[str, ...]:
+    """Return the joints that all bends belong to, in words."""
+    return tuple(describe_bend_joint(coordinates, number) for number in range(coordinates.joints))
 
 
-def joints_of_revolutes(names: Sequence[str]) -> tuple[str, ...]:
-    """Revolutes with names in words, the joints counted from 1."""
+def describe_revolute_joints(names: Sequence[str]) -> tuple[str, ...]:
+    """Return the revolutes with names in words, the joints counted from 1."""
     return tuple(f"joint {number // 3 + 1} ({name})" for number, name in enumerate(names))
 
 
-def moment_of(time: FloatArray, names: Sequence[str] = ()) -> Callable[..., str]:
+def sample_words(time: FloatArray, names: Sequence[str] = ()) -> Callable[..., str]:
     """What says of the numbers of a time, and of a column with a name where there are any, where and when it is."""
     return lambda k, *column: " at ".join((*(names[j] for j in column), f"t = {time[k]:.4f} s"))
 

@@ -22,7 +22,7 @@ from ccm_opt.problem.solution import Check, JointStates, JointTrajectory
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.coordinates import Coordinates
 from ccm_opt.verification.base_axes import check_base_axes
-from ccm_opt.verification.drives import bends_a_ball, joints_of_bends, revolutes_of_bends
+from ccm_opt.verification.drives import bend_revolutes, bends_a_ball, describe_bend_joints
 from ccm_opt.verification.limits import UNIT, check_points
 from ccm_opt.verification.newton_euler import drive_efforts
 from ccm_opt.verification.start_and_goal import check_pauses
@@ -79,7 +79,7 @@ class Message:
         return np.array(parts)
 
     def at(self, segments: IntArray, since: FloatArray, order: int = 0) -> FloatArray:
-        """A derivative at times since the first points of segments, shape (N, c)."""
+        """Return a derivative at times since the first points of segments, shape (N, c)."""
         found = np.zeros((len(since), self.positions.shape[1]))
         for power in range(len(self.coefficients) - 1, order - 1, -1):
             factor = np.prod(np.arange(power - order + 1, power + 1), dtype=np.float64)
@@ -87,7 +87,7 @@ class Message:
         return found
 
     def at_times(self, times: FloatArray, order: int = 0) -> FloatArray:
-        """A derivative at some times of the motion, shape (N, c)."""
+        """Return a derivative at some times of the motion, shape (N, c)."""
         segments = np.clip(np.searchsorted(self.time, times, side="right") - 1, 0, len(self.time) - 2)
         return self.at(segments, times - self.time[segments], order)
 
@@ -125,7 +125,7 @@ class _Steps:
         return tuple(np.array([self.message.at(self.segments, time, order) for time in both]) for order in orders)
 
     def greatest(self, order: int) -> FloatArray:
-        """A bound on the size of a derivative in every step, shape (n, c)."""
+        """Return a bound on the size of a derivative in every step, shape (n, c)."""
         if order >= len(self.ends):
             return np.zeros(self.ends[0].shape[1:])
         at_ends = np.asarray(np.max(np.abs(self.ends[order]), axis=0))
@@ -135,13 +135,13 @@ class _Steps:
         return np.asarray(at_ends + np.where(self._keeps_sign(order + 1), 0.0, beyond))
 
     def _keeps_sign(self, order: int) -> BoolArray:
-        """Where f has one sign: with b = h² max|f''| it is at least (1 − s) f₀ + s f₁ − ½ s (1 − s) b."""
+        """Return where f has one sign: with b = h² max|f''| it is at least (1 − s) f₀ + s f₁ − ½ s (1 − s) b."""
         first, last = self.ends[order]
         bow = 0.5 * self.length[:, None] ** 2 * self.greatest(order + 2)
         return np.asarray((first * last >= 0.0) & (np.maximum(np.abs(first), np.abs(last)) >= bow))
 
     def trajectory(self, stops: Sequence[int]) -> JointTrajectory:
-        """The states at the ends of all steps; stops are numbers of points."""
+        """Return the states at the ends of all steps; stops are numbers of points."""
         q, v, a = (np.concatenate((self.ends[order][0], self.ends[order][1, -1:])) for order in range(3))
         time = np.append(self.message.time[self.segments] + self.since, self.message.time[-1])
         first = np.searchsorted(self.segments, np.asarray(stops, dtype=np.intp))
@@ -189,7 +189,7 @@ def _rate_shares(problem: Problem, steps: _Steps) -> list[tuple[float, str]]:
     """The greatest share of every limit on positions, velocities, accelerations and jerks, and where it is used."""
     layout = steps.message.coordinates
     limits = problem.limits
-    bends = revolutes_of_bends(layout)
+    bends = bend_revolutes(layout)
     axes = len(layout.base_names)
     most = np.full(layout.joints, problem.arm.joint_limit)
     most[: bends_a_ball(layout)] = problem.arm.base_limit
@@ -205,7 +205,7 @@ def _rate_shares(problem: Problem, steps: _Steps) -> list[tuple[float, str]]:
         "jerk": both(limits.jerk, limits.feed_jerk),
     }
     found = []
-    names = (*joints_of_bends(layout), *layout.base_names)
+    names = (*describe_bend_joints(layout), *layout.base_names)
     for order, (kind, bound) in enumerate(bounds.items()):
         share = steps.greatest(order) / bound
         # Where accelerations jump at the points nothing bounds the jerk.
@@ -310,7 +310,7 @@ def check_message_deviation(
 
 
 def _deviation(arm: Arm, proved: JointTrajectory, message: Message, factor: float, pieces: int) -> FloatArray:
-    """Bounds on the deviation of links in every step of the proved motion, shape (T − 1, links) [m].
+    """Return the bounds on the deviation of links in every step of the proved motion, shape (T − 1, links) [m].
 
     Every place on the straight piece between two poses is held against the place of the curve as far between the two
     times at which it is nearest to these poses; its chord between them it leaves by its acceleration.
@@ -343,7 +343,7 @@ def _deviation(arm: Arm, proved: JointTrajectory, message: Message, factor: floa
 
 
 def _controls(message: Message) -> list[FloatArray]:
-    """The Bernstein coefficients of the acceleration between each two points, each of shape (P − 1, c)."""
+    """Return the Bernstein coefficients of the acceleration between each two points, each of shape (P − 1, c)."""
     h = np.diff(message.time)[:, None]
     powers = [k * (k - 1) * part * h ** (k - 2) for k, part in enumerate(message.coefficients) if k > 1]
     if len(powers) == 2:
@@ -353,7 +353,7 @@ def _controls(message: Message) -> list[FloatArray]:
 
 
 def _travel(arm: Arm, layout: Coordinates, change: FloatArray) -> FloatArray:
-    """How far any point of each link moves at most when coordinates change, shape (N, c) to (N, links) [m]."""
+    """Return how far any point of each link moves at most when coordinates change, shape (N, c) to (N, links) [m]."""
     bends = change[:, : layout.joints]
     if bends_a_ball(layout) > 1:
         bends = np.linalg.norm(bends.reshape(len(bends), arm.links, -1), axis=2)
@@ -362,7 +362,7 @@ def _travel(arm: Arm, layout: Coordinates, change: FloatArray) -> FloatArray:
 
 
 def interpolation_deviation(arm: Arm, trajectory: JointTrajectory) -> float:
-    """A distance that no point of the arm passes from where it is at some time of the proved motion.
+    """Return a distance that no point of the arm passes from where it is at some time of the proved motion.
 
     It is that of controllers which are sent all samples, and join them by cubics or by quintics.
 

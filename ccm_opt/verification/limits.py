@@ -20,9 +20,9 @@ from ccm_opt.verification.drives import (
     as_revolutes,
     bends_a_ball,
     check_worst,
-    joint_of_bend,
-    joints_of_revolutes,
-    moment_of,
+    describe_bend_joint,
+    describe_revolute_joints,
+    sample_words,
 )
 from ccm_opt.verification.newton_euler import LinkRates, drive_efforts
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
@@ -44,7 +44,7 @@ def check_limits(
     Velocities and accelerations are judged twice, by the reported values and by differences of the samples: a mean
     rate over a step can never pass a limit that holds at all times, so a false report cannot hide one.
     """
-    names = joints_of_revolutes(joints.names)
+    names = describe_revolute_joints(joints.names)
     found = [
         ("velocity", "rad/s", limits.velocity, _velocity_sources),
         ("acceleration", "rad/s²", limits.acceleration, _acceleration_sources),
@@ -69,14 +69,14 @@ def check_bends(arm: Arm, trajectory: JointTrajectory, settings: VerificationSet
     bends = np.abs(trajectory.bend_angles)
     excess = bends - limit
     k, j = np.unravel_index(np.argmax(excess), excess.shape)
-    where = f"{joint_of_bend(arm.coordinates, int(j))} at t = {trajectory.time[k]:.4f} s"
+    where = f"{describe_bend_joint(arm.coordinates, int(j))} at t = {trajectory.time[k]:.4f} s"
     worst = float(bends[k, j])
     bound = float(limit[j])
     return Check("joint limit", worst, bound, "rad", where, passed=worst <= bound + settings.bend_tolerance)
 
 
 def _velocity_sources(trajectory: JointTrajectory, joints: JointStates) -> list[_Source]:
-    """Reported velocities of revolutes and bends, and mean velocities of the steps."""
+    """Return the reported velocities of revolutes and bends, and mean velocities of the steps."""
     time = trajectory.time
     step = np.diff(time)[:, None]
     # Mean rates carry the rounding of the angles, magnified by 1/h; that much is no violation.
@@ -84,7 +84,7 @@ def _velocity_sources(trajectory: JointTrajectory, joints: JointStates) -> list[
     return [
         (joints.velocities, time),
         (as_revolutes(trajectory.coordinates, trajectory.bend_velocities), time),
-        (less_rounding(mean, size_of(trajectory.bend_angles), step), time[:-1]),
+        (less_rounding(mean, largest_magnitude(trajectory.bend_angles), step), time[:-1]),
     ]
 
 
@@ -97,7 +97,7 @@ def _acceleration_sources(trajectory: JointTrajectory, joints: JointStates) -> l
     return [
         (joints.accelerations, time),
         (as_revolutes(trajectory.coordinates, trajectory.bend_accelerations), time),
-        (less_rounding(gained, size_of(joints.velocities), step), time[:-1]),
+        (less_rounding(gained, largest_magnitude(joints.velocities), step), time[:-1]),
         (_second_differences(as_revolutes(trajectory.coordinates, trajectory.bend_angles), step), time[1:-1]),
     ]
 
@@ -107,37 +107,37 @@ def _jerk_sources(trajectory: JointTrajectory, joints: JointStates) -> list[_Sou
     time = trajectory.time
     reported = (joints.accelerations, as_revolutes(trajectory.coordinates, trajectory.bend_accelerations))
     return [
-        *((jerks_of(values, time), np.append(time, time[-1])) for values in reported),
+        *((finite_jerks(values, time), np.append(time, time[-1])) for values in reported),
         (_second_differences(joints.velocities, np.diff(time)[:, None]), time[1:-1]),
     ]
 
 
-def jerks_of(accelerations: FloatArray, time: FloatArray) -> FloatArray:
+def finite_jerks(accelerations: FloatArray, time: FloatArray) -> FloatArray:
     """Differences of accelerations (T, …), and those at the ends, before and after which the arm rests, (T + 1, …)."""
     step = np.diff(time).reshape(-1, *[1] * (accelerations.ndim - 1))
     # Before the first sample and after the last the arm rests, for as long as the step beside it.
     around = np.concatenate((step[:1], step, step[-1:]))
     rest = np.zeros_like(accelerations[:1])
     jerks = np.diff(np.concatenate((rest, accelerations, rest)), axis=0) / around
-    return less_rounding(jerks, size_of(accelerations), around)
+    return less_rounding(jerks, largest_magnitude(accelerations), around)
 
 
 def _second_differences(values: FloatArray, step: FloatArray) -> FloatArray:
-    """Second difference quotients at the inner samples, shape (T − 2, 3 * links)."""
+    """Return the second difference quotients at the inner samples, shape (T − 2, 3 * links)."""
     mean = np.diff(values, axis=0) / step
     # Mean rates belong to the middles of their steps, which are this far apart in time.
     apart = 0.5 * (step[1:] + step[:-1])
     shortest = np.minimum(step[1:], step[:-1])
-    return less_rounding(np.diff(mean, axis=0) / apart, size_of(values), shortest**2)
+    return less_rounding(np.diff(mean, axis=0) / apart, largest_magnitude(values), shortest**2)
 
 
-def size_of(values: FloatArray) -> float:
-    """The greatest size of some values."""
+def largest_magnitude(values: FloatArray) -> float:
+    """Return the greatest size of some values."""
     return float(np.max(np.abs(values)))
 
 
 def less_rounding(quotient: FloatArray, size: float, step: FloatArray) -> FloatArray:
-    """A difference quotient, drawn towards zero by what rounding of values of a size can have added to it."""
+    """Return a difference quotient, drawn towards zero by what rounding of values of a size can have added to it."""
     noise = 16.0 * np.finfo(np.float64).eps * size / step
     return np.asarray(np.sign(quotient) * np.maximum(np.abs(quotient) - noise, 0.0))
 
@@ -152,7 +152,7 @@ def check_sources(
 ) -> Check:
     """Check the values of several sources against the limit of every drive, or against one."""
     values, times = (np.concatenate(parts) for parts in zip(*sources, strict=True))
-    return check_worst(name, unit, values, limit, moment_of(times, names), settings.limit_tolerance)
+    return check_worst(name, unit, values, limit, sample_words(times, names), settings.limit_tolerance)
 
 
 def check_points(
@@ -217,7 +217,7 @@ class _PointMotion:
         return self._summed(swing) + self._carried(self.trajectory.velocities)
 
     def mean_speeds(self) -> FloatArray:
-        """Distance over time of every step, shape (T − 1,) [m/s]."""
+        """Return the distance over time of every step, shape (T − 1,) [m/s]."""
         return self._quotient(self.places)
 
     def speeds_between(self) -> FloatArray:
@@ -235,17 +235,17 @@ class _PointMotion:
         return np.asarray(np.maximum(*map(lengths_of, ends)) + self._step**2 / 8.0 * third)
 
     def reported_accelerations(self) -> FloatArray:
-        """By the reported velocities and accelerations, shape (T,) [m/s²]."""
+        """Return by the reported velocities and accelerations, shape (T,) [m/s²]."""
         # Between the middle of a link and its end the acceleration grows by half of what the link adds.
         added = 2.0 / self.arm.link_length * (self.rates.ends - self.rates.middles)
         return lengths_of(self._summed(added) + self._carried(self.trajectory.accelerations))
 
     def gained(self) -> FloatArray:
-        """What reported velocities gain in every step, over its time, shape (T − 1,) [m/s²]."""
+        """Return what reported velocities gain in every step, over its time, shape (T − 1,) [m/s²]."""
         return self._quotient(self.velocities)
 
     def second_differences(self) -> FloatArray:
-        """What mean velocities gain from step to step, shape (T − 2,) [m/s²]."""
+        """Return what mean velocities gain from step to step, shape (T − 2,) [m/s²]."""
         step = self._step
         means = np.diff(self.places, axis=0) / step[:, None]
         apart = 0.5 * (step[1:] + step[:-1])
@@ -274,7 +274,7 @@ class _PointMotion:
         return np.asarray(np.maximum(change - self._noise(values), 0.0) / self._step)
 
     def _noise(self, values: FloatArray) -> float:
-        """What rounding can have added to a difference of values."""
+        """Return what rounding can have added to a difference of values."""
         return float((16.0 + self.arm.links) * np.finfo(np.float64).eps * np.max(np.abs(values)))
 
 
@@ -304,20 +304,20 @@ def check_shares(
     for kind in ("velocity", "acceleration", "jerk"):
         limited = [check for check in of_limits if check.name in {f"{drive} {kind}" for drive in drives}]
         if limited:
-            checks.append(_of_rate(kind, limited, share, settings))
+            checks.append(_rate_check(kind, limited, share, settings))
     limit = effort_limits(problem)
     if np.any(np.isfinite(limit)):
         taken = np.column_stack((joints.torques, joints.base_forces)) / limit
         # More than all of it holds nothing still; the check of the limit itself says so.
         held = np.minimum(np.abs(holding) / limit, 1.0)
         axes = tuple(f"the {name} axis" for name in trajectory.coordinates.base_names)
-        names = (*joints_of_revolutes(joints.names), *axes)
-        checks.append(_of_effort(taken, held, moment_of(trajectory.time, names), share, settings))
+        names = (*describe_revolute_joints(joints.names), *axes)
+        checks.append(_effort_check(taken, held, sample_words(trajectory.time, names), share, settings))
     return checks
 
 
-def _of_rate(kind: str, limited: Sequence[Check], share: float, settings: VerificationSettings) -> Check:
-    """The check for velocities, accelerations or jerks, from those of their limits."""
+def _rate_check(kind: str, limited: Sequence[Check], share: float, settings: VerificationSettings) -> Check:
+    """Return the check for velocities, accelerations or jerks, from those of their limits."""
     tightest = max(limited, key=lambda check: check.worst / check.limit)
     worst = tightest.worst / tightest.limit
     # The place of an axis that carries the base is a time alone.
@@ -327,10 +327,10 @@ def _of_rate(kind: str, limited: Sequence[Check], share: float, settings: Verifi
     )
 
 
-def _of_effort(
+def _effort_check(
     taken: FloatArray, held: FloatArray, place: Callable[..., str], share: float, settings: VerificationSettings
 ) -> Check:
-    """The check for efforts; what may be taken depends on what holds the arm still at each sample."""
+    """Return the check for efforts; what may be taken depends on what holds the arm still at each sample."""
     allowed = allowed_share(held, share)
 
     def where(k: int, j: int) -> str:
@@ -346,14 +346,17 @@ def allowed_share(held: FloatArray, share: float) -> FloatArray:
 
 
 def effort_limits(problem: Problem) -> FloatArray:
-    """Limits on the torques of all revolutes and the forces of the base's axes; inf for what is not limited."""
+    """Return limits on the torques of all revolutes and the forces of the base's axes; inf for what is not limited."""
     limits = problem.limits
     torque = np.full(3 * problem.arm.links, np.inf) if limits.torque is None else limits.torque
     return np.append(torque, [np.inf if limits.feed_force is None else limits.feed_force] * len(problem.arm.base_axes))
 
 
 def holding_efforts(problem: Problem, positions: FloatArray) -> FloatArray:
-    """Efforts of all drives that hold the arm still at poses (T, c), shape (T, drives); zeros where none is limited."""
+    """Return the efforts of all drives that hold the arm still at poses (T, c), shape (T, drives).
+
+    Zeros where none is limited.
+    """
     limit = effort_limits(problem)
     if not np.any(np.isfinite(limit)):
         return np.zeros((len(positions), len(limit)))

@@ -57,7 +57,7 @@ class LinkRates:
 def drive_efforts(
     arm: Arm, gravity: FloatArray, positions: FloatArray, velocities: FloatArray, accelerations: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Torques of all revolutes, and the force along the base's direction, that a motion needs.
+    """Return the torques of all revolutes, and the force along the base's direction, that a motion needs.
 
     Args:
         arm: the arm; masses and inertia are used, payload and drives too.
@@ -79,7 +79,7 @@ def drive_efforts(
 def _efforts(
     arm: Arm, gravity: FloatArray, positions: FloatArray, velocities: FloatArray, accelerations: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """As ``drive_efforts``, for some samples."""
+    """Return as ``drive_efforts``, for some samples."""
     frames = LinkFrames.of(arm, positions)
     rates = LinkRates.of(arm, frames, velocities, accelerations)
     needed = arm.masses[:, None] * (rates.middles - gravity)
@@ -113,5 +113,5 @@ def _momentum_change(arm: Arm, frames: LinkFrames, rates: LinkRates) -> FloatArr
 
 
 def from_tip(values: FloatArray) -> FloatArray:
-    """Sums over a link and all beyond it, shape (T, n, ...)."""
+    """Return the sums over a link and all beyond it, shape (T, n, ...)."""
     return np.cumsum(values[:, ::-1], axis=1)[:, ::-1]

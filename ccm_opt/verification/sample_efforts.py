@@ -25,7 +25,7 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import Check, JointTrajectory
 from ccm_opt.verification.chain_motion import ChainMotion, LinkFrames, bend_pairs
-from ccm_opt.verification.drives import check_worst, joints_of_bends, moment_of, revolutes_of_bends
+from ccm_opt.verification.drives import bend_revolutes, check_worst, describe_bend_joints, sample_words
 from ccm_opt.verification.limits import allowed_share
 from ccm_opt.verification.newton_euler import from_tip
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
@@ -51,18 +51,18 @@ class HatMeans:
         return step[:-1], step[1:]
 
     def mean(self, values: FloatArray) -> FloatArray:
-        """Means of what is linear between samples, shape (T − 2, …)."""
+        """Return the means of what is linear between samples, shape (T − 2, …)."""
         before, after = self._beside(values)
         change = after * (values[2:] - values[1:-1]) + before * (values[:-2] - values[1:-1])
         return np.asarray(values[1:-1] + change / (3.0 * (before + after)))
 
     def first(self, values: FloatArray) -> FloatArray:
-        """Mean rates over both steps, shape (T − 2, …)."""
+        """Return the mean rates over both steps, shape (T − 2, …)."""
         before, after = self._beside(values)
         return np.asarray((values[2:] - values[:-2]) / (before + after))
 
     def second(self, values: FloatArray) -> FloatArray:
-        """Second difference quotients: exactly the means of second derivatives, shape (T − 2, …)."""
+        """Return the second difference quotients: exactly the means of second derivatives, shape (T − 2, …)."""
         before, after = self._beside(values)
         rates = np.diff(values, axis=0)
         return np.asarray(2.0 * (rates[1:] / after - rates[:-1] / before) / (before + after))
@@ -104,25 +104,25 @@ def check_sample_efforts(
     means = SampleMeans(problem, motion)
     layout = trajectory.coordinates
     if limits.torque is not None:
-        bending = revolutes_of_bends(layout)
+        bending = bend_revolutes(layout)
         allowed = _allowed_beside(holding[:, bending], limits.torque[bending], problem)
         efforts = np.abs(means.torques)
         limit = allowed * (1.0 + settings.limit_tolerance)
         # The bound is worth its price only where the effort by differences passes the limit.
         for sample, bend in np.argwhere(efforts > limit):
             limit[sample, bend] += means.torque_error(int(sample), int(bend))
-        where = moment_of(time[1:], joints_of_bends(layout))
+        where = sample_words(time[1:], describe_bend_joints(layout))
         checks.append(check_worst("joint torque of the samples", "N m", efforts, limit, where))
     if limits.feed_force is not None:
         allowed = _allowed_beside(holding[:, layout.revolutes :], np.array(limits.feed_force), problem)
         limit = allowed * (1.0 + settings.limit_tolerance) + means.force_errors[:, None]
         for name, bound in zip(layout.base_names, limit.T, strict=True):
-            checks.append(check_worst(f"{name} force of the samples", "N", means.force, bound, moment_of(time[1:])))
+            checks.append(check_worst(f"{name} force of the samples", "N", means.force, bound, sample_words(time[1:])))
     return checks
 
 
 def _allowed_beside(held: FloatArray, limit: FloatArray, problem: Problem) -> FloatArray:
-    """The greatest effort that is allowed anywhere in the two steps beside each inner sample, shape (T − 2, N).
+    """Return the greatest effort that is allowed anywhere in the two steps beside each inner sample, shape (T − 2, N).
 
     Args:
         held: what holds the arm still at the samples, shape (T, N).
@@ -153,7 +153,7 @@ class SampleMeans:
         axes = (self._frames.first_axes, self._frames.second_axes)
         pairs = bend_pairs(arm, self.motion.positions)
         torques = np.zeros((len(pairs) - 2, *pairs.shape[1:]))
-        bending = revolutes_of_bends(arm.coordinates)
+        bending = bend_revolutes(arm.coordinates)
         for revolute in np.unique(bending % 3):
             torques[..., revolute] = np.einsum("tld,tld->tl", hat.mean(axes[revolute]), self._moments)
         torques += _of_bends(arm.rotor_inertia, arm.links) * hat.second(pairs)
@@ -172,13 +172,13 @@ class SampleMeans:
         return np.asarray(4.0 * self.motion.rounding / (before * after) * np.sum(self._masses))
 
     def torque_error(self, sample: int, bend: int) -> float:
-        """How far a mean torque may be from the mean that every motion through the samples has [N m].
+        """Return how far a mean torque may be from the mean that every motion through the samples has [N m].
 
         Args:
             sample: number of an inner sample, from 0.
             bend: number of a bend, from 0.
         """
-        joint, revolute = divmod(int(revolutes_of_bends(self.problem.arm.coordinates)[bend]), 3)
+        joint, revolute = divmod(int(bend_revolutes(self.problem.arm.coordinates)[bend]), 3)
         axes = (self._frames.first_axes, self._frames.second_axes)[revolute]
         moment = float(np.linalg.norm(self._moments[sample, joint]))
         bounds = SampleBounds(self.problem, self.motion, self._frames, self._bodies, sample)
@@ -231,7 +231,7 @@ class SampleMeans:
 
 
 def _of_bends(drives: FloatArray | float, links: int) -> FloatArray:
-    """A property of the drives for the first two revolutes of every ball, shape (links, 2)."""
+    """Return a property of the drives for the first two revolutes of every ball, shape (links, 2)."""
     return np.broadcast_to(np.asarray(drives, dtype=np.float64), (3 * links,)).reshape(-1, 3)[:, :2]
 
 
@@ -285,7 +285,7 @@ class SampleBounds:
     sample: int
 
     def of_torque(self, joint: int, revolute: int, axis: FloatArray, moment: float) -> float:
-        """How far the mean torque of a revolute may be from the one by means [N m].
+        """Return how far the mean torque of a revolute may be from the one by means [N m].
 
         Args:
             joint: number of the joint, from 0.
@@ -319,7 +319,7 @@ class SampleBounds:
         lever = self._levers(joint)
         bow = self._eighth * self._bounds_beyond(joint)
         gain = self._hat.second(self.bodies[self._within, joint:])[0]
-        at_all = _bounds_of_bodies(arm.link_length * self._curving)[joint:]
+        at_all = _body_bounds(arm.link_length * self._curving)[joint:]
         at_all = at_all + (self.problem.limits.feed_acceleration or 0.0)
         return Factors(
             np.append(arm.masses, arm.payload)[joint:],
@@ -331,7 +331,7 @@ class SampleBounds:
         )
 
     def _turning_beyond(self, joint: int) -> Factors:
-        """Links that are turned: their directions stand for levers, how these are bent for forces."""
+        """Return the links that are turned: their directions stand for levers, how these are bent for forces."""
         along = self.frames.along[self._within, joint:]
         bow = self._eighth * self._curving[joint:]
         gain = self._hat.second(along)[0]
@@ -345,7 +345,7 @@ class SampleBounds:
         )
 
     def _held(self, joint: int, axis: FloatArray, bow: float) -> float:
-        """By how much what holds the arm still can be more between samples than at them [N m].
+        """Return by how much what holds the arm still can be more between samples than at them [N m].
 
         The share of a limit that a plan may use grows with it.
         """
@@ -373,10 +373,10 @@ class SampleBounds:
         return np.asarray(self.bodies[self._within, joint:] - self.problem.arm.embedded(joints))
 
     def _bounds_beyond(self, joint: int) -> FloatArray:
-        """Bounds on the second derivatives of those levers, shape (n,) [m/s²]."""
+        """Return the bounds on the second derivatives of those levers, shape (n,) [m/s²]."""
         arm = self.problem.arm
         beyond = np.where(np.arange(arm.links) >= joint, arm.link_length * self._curving, 0.0)
-        return _bounds_of_bodies(beyond)[joint:]
+        return _body_bounds(beyond)[joint:]
 
     @cached_property
     def _curving(self) -> FloatArray:
@@ -442,10 +442,10 @@ class SampleBounds:
 
 
 def _unsteady(at_all: FloatArray, mean: FloatArray) -> FloatArray:
-    """Root mean square of how far vectors of bounded size are from their means (n, 3)."""
+    """Return the root mean square of how far vectors of bounded size are from their means (n, 3)."""
     return np.asarray(np.sqrt(np.maximum(at_all**2 - np.sum(mean**2, axis=1), 0.0)))
 
 
-def _bounds_of_bodies(of_links: FloatArray) -> FloatArray:
-    """Bounds on the middles of the links and the tip, from those that each link adds, shape (links + 1,)."""
+def _body_bounds(of_links: FloatArray) -> FloatArray:
+    """Return the bounds on the middles of the links and the tip, from those that each link adds, shape (links + 1,)."""
     return np.append(np.cumsum(of_links) - 0.5 * of_links, np.sum(of_links))

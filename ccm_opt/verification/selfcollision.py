@@ -20,7 +20,7 @@ from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, Ver
 
 
 def segment_distances(a: FloatArray, b: FloatArray, c: FloatArray, d: FloatArray) -> FloatArray:
-    """Distances between segments ab and cd; a segment may be a single point.
+    """Return the distances between segments ab and cd; a segment may be a single point.
 
     The squared distance is convex in both shares: either it is least inside of both, or on an end of one of them.
 
@@ -57,7 +57,7 @@ def segment_distances(a: FloatArray, b: FloatArray, c: FloatArray, d: FloatArray
 
 
 def _from_segment(point: FloatArray, start: FloatArray, end: FloatArray) -> FloatArray:
-    """Squared distances of points from segments, shape (N,) [m²]."""
+    """Return the squared distances of points from segments, shape (N,) [m²]."""
     line = end - start
     away = point - start
     square = np.maximum(_dot(line, line), np.finfo(np.float64).tiny)
@@ -70,14 +70,14 @@ def _dot(first: FloatArray, second: FloatArray) -> FloatArray:
 
 
 def _normal(first: FloatArray, second: FloatArray) -> FloatArray:
-    """Cross products; in the plane their one component that is not zero, shape (N, 1)."""
+    """Return the cross products; in the plane their one component that is not zero, shape (N, 1)."""
     if first.shape[1] == 2:
         return (first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0])[:, None]
     return np.cross(first, second)
 
 
 def first_distant(arm: Arm) -> int:
-    """Least j − i of links that must keep apart: the least d with (d − 1) l ≥ max(2 l, π r).
+    """Return the least j − i of links that must keep apart: the least d with (d − 1) l ≥ max(2 l, π r).
 
     ``Arm.first_self_pair`` says the same; the verifier counts for itself, on purpose.
     """
@@ -112,7 +112,10 @@ def check_self_collision(motion: ChainMotion, settings: VerificationSettings = D
 
 
 def nearest_links(motion: ChainMotion, settings: VerificationSettings = DEFAULT_VERIFICATION) -> Verdict | None:
-    """Whether distant links keep apart, with their nearest approach; None for an arm too short to meet itself."""
+    """Return whether distant links keep apart, with their nearest approach.
+
+    None for an arm too short to meet itself.
+    """
     arm = motion.arm
     if first_distant(arm) >= arm.links:
         return None
@@ -144,7 +147,10 @@ class LinkProof:
     def measure(
         self, stretches: TimeStretches, poses: FloatArray, pairs: Pairs, cutoff: FloatArray | float
     ) -> Measured:
-        """What is known of the gaps of pairs; beyond the cutoff, one number or of shape (P,) [m], not exactly."""
+        """Return what is known of the gaps of pairs.
+
+        Beyond the cutoff, one number or of shape (P,) [m], not exactly.
+        """
         motion = self.motion
         k, i, j = pairs.stretch, pairs.link, pairs.other
         travels = motion.travels(stretches)
@@ -163,7 +169,7 @@ class LinkProof:
 
 
 def relative_travels(motion: ChainMotion, stretches: TimeStretches, travels: FloatArray, pairs: Pairs) -> FloatArray:
-    """How much nearer two links may come than they are at the middle, shape (P,) [m].
+    """Return how much nearer two links may come than they are at the middle, shape (P,) [m].
 
     Within an interval what both do alike does not count. Seen in the frame of the first link, which leaves distances
     as they are, a joint k between turns what is beyond it by its own turn ψ_k alone: l Σ (j − k + 1) ψ_k.
@@ -215,7 +221,7 @@ def travels_in_frame(
 
 
 def link_gaps(arm: Arm, poses: FloatArray, reach: float) -> tuple[Pairs, FloatArray]:
-    """Pairs of distant links that may have their surfaces within a reach of each other, and few others.
+    """Return the pairs of distant links that may have their surfaces within a reach of each other, and few others.
 
     Args:
         arm: the arm.
@@ -236,7 +242,9 @@ def link_gaps(arm: Arm, poses: FloatArray, reach: float) -> tuple[Pairs, FloatAr
 
 
 def crossing_near_links(motion: ChainMotion, settings: VerificationSettings = DEFAULT_VERIFICATION) -> str:
-    """Where two links cross that share no joint and are too near along the arm to be kept apart; empty if none do.
+    """Return where two links cross that share no joint and are too near along the arm to be kept apart.
+
+    Empty if none do.
 
     Axes that meet close a polygon, which turns by 2 π at least (Fenchel), of which the bends between them are all but
     half a turn: where these add up to less than π nothing is to be proved. That is how it is almost always.

@@ -11,7 +11,13 @@ from ccm_opt.problem.solution import Check, JointTrajectory
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.configuration import Configuration
 from ccm_opt.verification.chain_motion import ChainMotion, chain_points, link_directions
-from ccm_opt.verification.drives import check_worst, joint_of_bend, joints_of_bends, moment_of, revolutes_of_bends
+from ccm_opt.verification.drives import (
+    bend_revolutes,
+    check_worst,
+    describe_bend_joint,
+    describe_bend_joints,
+    sample_words,
+)
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
 
 _CURVE_SHAPE_FACTOR = 1.08
@@ -54,11 +60,11 @@ def check_ends(
 
 
 def _rest(problem: Problem, trajectory: JointTrajectory, settings: VerificationSettings) -> list[Check]:
-    """The arm rests at both ends and at every stop."""
+    """Return the arm rests at both ends and at every stop."""
     places = [0, *trajectory.stops, len(trajectory.time) - 1]
     layout = trajectory.coordinates
-    bound = settings.rest_share * problem.limits.velocity[revolutes_of_bends(layout)]
-    where = moment_of(trajectory.time[places], joints_of_bends(layout))
+    bound = settings.rest_share * problem.limits.velocity[bend_revolutes(layout)]
+    where = sample_words(trajectory.time[places], describe_bend_joints(layout))
     checks = [check_worst("rest", "rad/s", trajectory.bend_velocities[places], bound, where)]
 
     # An arm that is not fed has no velocity limit here, and no axis to be checked either.
@@ -79,7 +85,7 @@ def _whole_arm(
     of_places: float,
     settings: VerificationSettings,
 ) -> list[Check]:
-    """A pose of all joints, or of the whole arm along a curve, and where the base stands.
+    """Return a pose of all joints, or of the whole arm along a curve, and where the base stands.
 
     Args:
         name: of the pose, before what is checked of it.
@@ -98,7 +104,7 @@ def _whole_arm(
         error = np.abs(bends - np.ravel(pose.bends))
         j = int(np.argmax(error))
         worst = float(error[j])
-        where = joint_of_bend(trajectory.coordinates, j)
+        where = describe_bend_joint(trajectory.coordinates, j)
         passed = worst <= of_joints + _ROUNDING
         checks = [Check(f"{name}joints", worst, of_joints, "rad", where, passed=passed)]
     for axis, place in zip(trajectory.coordinates.base_names, trajectory.base_positions[sample], strict=True):
@@ -137,7 +143,7 @@ def _tip_checks(
 def _places(
     name: str, motion: ChainMotion, via: Sequence[FloatArray], samples: tuple[int, int], tolerance: float
 ) -> list[Check]:
-    """Whether the tip passes the places on its way to a goal between two samples, one after the other."""
+    """Return whether the tip passes the places on its way to a goal between two samples, one after the other."""
     begin, end = samples
     bound = max(tolerance, motion.arm.link_length)
     tip = motion.points[begin : end + 1, -1]
@@ -190,7 +196,7 @@ def _on_curve(
 def check_pauses(
     problem: Problem, trajectory: JointTrajectory, settings: VerificationSettings = DEFAULT_VERIFICATION
 ) -> list[Check]:
-    """One check a goal on the way that asks for a pause: its worst value is how long the arm stands there [s].
+    """Return one check a goal on the way that asks for a pause: its worst value is how long the arm stands there [s].
 
     Coordinates are linear between samples, so an arm that stands alike at two samples in a row stands still between.
     """
@@ -206,7 +212,7 @@ def check_pauses(
 
 
 def _time_at_rest(problem: Problem, trajectory: JointTrajectory, sample: int, settings: VerificationSettings) -> float:
-    """How long the arm stands as it does at one sample, from there on [s]."""
+    """Return how long the arm stands as it does at one sample, from there on [s]."""
     still = _still(problem, trajectory, sample, settings)[sample:]
     # The first sample that is not still ends the rest at the one before it.
     count = len(still) if np.all(still) else int(np.argmin(still))
@@ -214,12 +220,12 @@ def _time_at_rest(problem: Problem, trajectory: JointTrajectory, sample: int, se
 
 
 def _still(problem: Problem, trajectory: JointTrajectory, sample: int, settings: VerificationSettings) -> BoolArray:
-    """Samples at which the arm stands as at a given one and does not move, shape (T,)."""
+    """Return the samples at which the arm stands as at a given one and does not move, shape (T,)."""
     limits = problem.limits
     away = np.abs(trajectory.positions - trajectory.positions[sample])
     bends = trajectory.coordinates.joints
     there = np.all(away[:, :bends] <= settings.match, axis=1)
-    slowest = settings.rest_share * limits.velocity[revolutes_of_bends(trajectory.coordinates)]
+    slowest = settings.rest_share * limits.velocity[bend_revolutes(trajectory.coordinates)]
     slow = np.all(np.abs(trajectory.bend_velocities) <= slowest, axis=1)
     # A base that is fixed has no columns, and these hold.
     there &= np.all(away[:, bends:] <= settings.range_tolerance, axis=1)

@@ -43,16 +43,16 @@ class Pairs:
 
     @classmethod
     def in_all(cls, stretches: int, link: IntArray, other: IntArray) -> "Pairs":
-        """The same pairs in each of some stretches."""
+        """Return the same pairs in each of some stretches."""
         stretch = np.repeat(np.arange(stretches), len(link))
         return cls(stretch, np.tile(link, stretches), np.tile(other, stretches))
 
     def where(self, chosen: BoolArray | IntArray) -> "Pairs":
-        """The pairs that a mask of shape (P,), or numbers, keep."""
+        """Return the pairs that a mask of shape (P,), or numbers, keep."""
         return Pairs(self.stretch[chosen], self.link[chosen], self.other[chosen])
 
     def and_also(self, others: "Pairs", shift: int = 0) -> "Pairs":
-        """These, and others whose stretches are numbered from a shift."""
+        """Return the these, and others whose stretches are numbered from a shift."""
         return Pairs(
             np.concatenate((self.stretch, others.stretch + shift)),
             np.concatenate((self.link, others.link)),
@@ -125,7 +125,7 @@ def open_none(pairs: Pairs, travel: FloatArray) -> tuple[Pairs, BoolArray]:
 
 
 def least_allowed_gap(limit: float, thickness: float, settings: VerificationSettings) -> float:
-    """The gap a pair must have: the limit less the contact tolerance, but never axes that touch.
+    """Return the gap a pair must have: the limit less the contact tolerance, but never axes that touch.
 
     Args:
         limit: gap asked for [m].
@@ -187,7 +187,7 @@ def prove_stretches(
 
 
 def _told(ceiling: float, settings: VerificationSettings) -> float:
-    """Gaps from which on nothing is told more exactly, where a known one is met [m]."""
+    """Return the gaps from which on nothing is told more exactly, where a known one is met [m]."""
     return min(ceiling - settings.report_resolution, (1.0 - settings.report_share) * ceiling)
 
 
@@ -201,7 +201,7 @@ def _nearer(motion: ChainMotion, stretches: TimeStretches, pairs: Pairs, known: 
 
 
 def _divided(stretches: TimeStretches, pairs: Pairs, travel: FloatArray, opened: Opened) -> tuple[TimeStretches, Pairs]:
-    """Boxes that are larger than what moves are opened, and the stretches of the other pairs halved."""
+    """Return the boxes that are larger than what moves are opened, and the stretches of the other pairs halved."""
     parts, boxes = opened(pairs, travel)
     whole = pairs.where(~boxes)
     # Stretches without a pair are dropped, so pairs are numbered anew among those that are left.

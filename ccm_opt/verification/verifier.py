@@ -86,7 +86,7 @@ def verify(
 def left_unchecked(
     problem: Problem, trajectory: JointTrajectory, settings: VerificationSettings = DEFAULT_VERIFICATION
 ) -> tuple[str, ...]:
-    """What nothing was held against, though one might think so; none as a rule.
+    """Return what nothing was held against, though one might think so; none as a rule.
 
     Args:
         problem: what was asked.
@@ -97,7 +97,7 @@ def left_unchecked(
         A clause each.
     """
     arm = problem.arm
-    remarks = [_of_mount(arm)]
+    remarks = [_mount_note(arm)]
     if not arm.self_collision:
         remarks.append("links were not kept apart from each other, since arm.self_collision is false")
     elif first_distant(arm) >= arm.links:
@@ -112,7 +112,7 @@ def left_unchecked(
     return tuple(remark for remark in remarks if remark)
 
 
-def _of_mount(arm: Arm) -> str:
+def _mount_note(arm: Arm) -> str:
     # Of a link that the mount covers but for rounding no more than its end is held against walls.
     whole = int((exposed_starts(arm) >= 1.0 - 1e-9).sum())
     if whole == arm.links:

@@ -60,7 +60,7 @@ class CheckedSurfaces:
 
     @classmethod
     def of(cls, workspace: Workspace) -> "CheckedSurfaces":
-        """The boxes over at least one part: of about one size and place in the lower levels."""
+        """Return the boxes over at least one part: of about one size and place in the lower levels."""
         if workspace.dimension == 2:
             return cls._over(*edges_of(workspace))
         soup = workspace.soup
@@ -89,15 +89,15 @@ class CheckedSurfaces:
         return float(np.max(np.abs(self.parts)))
 
     def name_of(self, node: int) -> str:
-        """Whose surface a box of one part is."""
+        """Return whose surface a box of one part is."""
         return str(self.names[self.owner[node - self.offsets[-2]]])
 
     def is_single(self, node: IntArray) -> BoolArray:
-        """Which nodes are single edges or triangles, shape (P,)."""
+        """Return which nodes are single edges or triangles, shape (P,)."""
         return np.asarray(node >= self.offsets[-2])
 
     def children(self, node: IntArray) -> tuple[IntArray, IntArray]:
-        """Places in the list of nodes, and the children of these, each of shape (Q,)."""
+        """Return the places in the list of nodes, and the children of these, each of shape (Q,)."""
         level = np.searchsorted(self.offsets, node, side="right") - 1
         first = self.offsets[level + 1] + _FAN * (node - self.offsets[level])
         count = np.minimum(self.offsets[level + 2] - first, _FAN)
@@ -121,16 +121,16 @@ class CheckedSurfaces:
         return np.maximum(apart, from_centre - half), from_centre + half
 
     def separations(self, node: IntArray, start: FloatArray, end: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """The same of single edges or triangles, as exactly as they are known."""
-        return self.between(start, end, self.parts_of(node))
+        """Return the same of single edges or triangles, as exactly as they are known."""
+        return self.between(start, end, self.edge_parts(node))
 
-    def parts_of(self, node: IntArray) -> FloatArray:
-        """Corners of single edges or triangles, shape (P, d, d) [m]."""
+    def edge_parts(self, node: IntArray) -> FloatArray:
+        """Return the corners of single edges or triangles, shape (P, d, d) [m]."""
         return np.asarray(self.parts[node - self.offsets[-2]])
 
     @staticmethod
     def between(start: FloatArray, end: FloatArray, parts: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """How far segments (P, d) are from edges or triangles (P, d, d), at least and at most, each (P,) [m]."""
+        """Return how far segments (P, d) are from edges or triangles (P, d, d), at least and at most, each (P,) [m]."""
         if parts.shape[1] == 2:
             distance = segment_distances(start, end, parts[:, 0], parts[:, 1])
             return distance, distance
@@ -143,19 +143,19 @@ class CheckedSurfaces:
 
 
 def edges_of(workspace: Workspace) -> tuple[FloatArray, FloatArray, IntArray, tuple[str, ...]]:
-    """Edges of all walls, shape (E, 2, 2) [m], with their roundings and owners, and the names of the walls."""
+    """Return edges of all walls, shape (E, 2, 2) [m], with their roundings and owners, and the names of the walls."""
     walls = workspace.walls
-    pieces = [np.concatenate([_edges_of_part(part) for part in shapely.get_parts(wall.core)]) for wall in walls]
+    pieces = [np.concatenate([_part_edges(part) for part in shapely.get_parts(wall.core)]) for wall in walls]
     counts = [len(piece) for piece in pieces]
     rounding = np.repeat([wall.rounding for wall in walls], counts)
     owner = np.repeat(np.arange(len(walls)), counts)
     return np.concatenate(pieces), rounding, owner, tuple(wall.name for wall in walls)
 
 
-def _edges_of_part(part: shapely.Geometry) -> FloatArray:
-    """Edges of a polygon, line or point, shape (E, 2, 2) [m]; the centre of a circle is one of no length."""
+def _part_edges(part: shapely.Geometry) -> FloatArray:
+    """Return the edges of a polygon, line or point, shape (E, 2, 2) [m]; the centre of a circle is one of no length."""
     if isinstance(part, shapely.Polygon):
-        return np.concatenate([_edges_of_part(ring) for ring in (part.exterior, *part.interiors)])
+        return np.concatenate([_part_edges(ring) for ring in (part.exterior, *part.interiors)])
     points = shapely.get_coordinates(part)
     if len(points) == 1:
         return np.repeat(points[None], 2, axis=1)
@@ -163,7 +163,7 @@ def _edges_of_part(part: shapely.Geometry) -> FloatArray:
 
 
 def _by_size_and_place(parts: FloatArray) -> IntArray:
-    """An order in which neighbours are alike in size and near each other, shape (m,)."""
+    """Return an order in which neighbours are alike in size and near each other, shape (m,)."""
     low = parts.min(axis=1)
     high = parts.max(axis=1)
     extent = high.max(axis=0) - low.min(axis=0)
@@ -215,7 +215,7 @@ def nearest_wall(
     settings: VerificationSettings = DEFAULT_VERIFICATION,
     first: int = 0,
 ) -> tuple[Verdict, str] | None:
-    """Whether the arm keeps the clearance from every wall, with the nearest approach and the name of its wall.
+    """Return whether the arm keeps the clearance from every wall, with the nearest approach and the name of its wall.
 
     None where there is nothing to keep away, as when the whole arm counts as its mount. Links before the first,
     counted from 0, are not looked at.
@@ -245,12 +245,12 @@ def touch_beside_mount(arm: Arm, link: int, gap: float) -> str:
 
 
 def is_empty(workspace: Workspace) -> bool:
-    """Whether there is nothing that an arm might touch."""
+    """Return whether there is nothing that an arm might touch."""
     return workspace.dimension == 3 and len(workspace.soup) == 0
 
 
 def link_axes(poses: FloatArray, pairs: Pairs, exposed: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Ends of the exposed part of the links' axes, each shape (P, d) [m]."""
+    """Return the ends of the exposed part of the links' axes, each shape (P, d) [m]."""
     points = poses.reshape(-1, poses.shape[2])
     joint = pairs.stretch * poses.shape[1] + pairs.link
     end = points.take(joint + 1, axis=0)
@@ -278,12 +278,12 @@ class WallProof:
         """Prove that all links keep a gap; arguments as for ``prove_stretches``."""
         samples = len(self.motion.time)
         # At a few moments the nearest surface is looked for alone, to know how far the search must look.
-        moments = self._of_all_links(TimeStretches.moments(samples, _PROBES), least, settings, nearest)
+        moments = self._all_link_pairs(TimeStretches.moments(samples, _PROBES), least, settings, nearest)
         if moments.nearest.gap < least:
             return moments
-        return self._of_all_links(TimeStretches.blocks(samples, BLOCK), least, settings, moments.nearest)
+        return self._all_link_pairs(TimeStretches.blocks(samples, BLOCK), least, settings, moments.nearest)
 
-    def _of_all_links(
+    def _all_link_pairs(
         self, stretches: TimeStretches, least: float, settings: VerificationSettings, nearest: Nearest | None
     ) -> Verdict:
         links = np.flatnonzero(self._exposed < 1.0)
@@ -293,7 +293,10 @@ class WallProof:
     def measure(
         self, stretches: TimeStretches, poses: FloatArray, pairs: Pairs, cutoff: FloatArray | float
     ) -> Measured:
-        """What is known of the gaps of pairs; beyond the cutoff, one number or of shape (P,) [m], not exactly."""
+        """Return what is known of the gaps of pairs.
+
+        Beyond the cutoff, one number or of shape (P,) [m], not exactly.
+        """
         arm = self.motion.arm
         travels = self.motion.travels(stretches).ravel()
         joint = pairs.stretch * poses.shape[1] + pairs.link
@@ -350,7 +353,7 @@ class WallProof:
         travel[close] = aside[slides]
 
     def opened(self, pairs: Pairs, travel: FloatArray) -> tuple[Pairs, BoolArray]:
-        """The children of boxes that are larger than what moves, and which pairs these were."""
+        """Return the children of boxes that are larger than what moves, and which pairs these were."""
         surfaces = self.surfaces
         size = surfaces.diagonals.take(pairs.other)
         boxes = ~surfaces.is_single(pairs.other) & ((size > travel) | (size == 0.0))

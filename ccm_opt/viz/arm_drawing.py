@@ -63,7 +63,7 @@ def draw_obstacle(axes: Axes, obstacle: Obstacle) -> None:
 
 
 def polygon_patch(polygon: shapely.Polygon, **look: object) -> PathPatch:
-    """A filled polygon with its holes."""
+    """Return a filled polygon with its holes."""
     rings = [shapely.get_coordinates(ring) for ring in (polygon.exterior, *polygon.interiors)]
     return PathPatch(Path.make_compound_path(*(Path(ring, closed=True) for ring in rings)), **look)
 
@@ -159,7 +159,7 @@ class Side:
     labels: tuple[str, str]
 
     def __call__(self, points: FloatArray) -> FloatArray:
-        """Places in the picture, shape (..., 3) to (..., 2) [m]."""
+        """Return the places in the picture, shape (..., 3) to (..., 2) [m]."""
         return np.stack((points @ self.across, points @ self.up), axis=-1)
 
 
@@ -204,7 +204,7 @@ class DrawnPlan:
 
     @classmethod
     def from_solution(cls, solution: Solution) -> "DrawnPlan":
-        """What a solution shows."""
+        """Return what a solution shows."""
         near = None if solution.room is None or not solution.room.nearest.link else solution.room.nearest
         return cls(solution.problem, solution.trajectory, solution.joint_positions, solution.path.curves, near)
 

@@ -46,7 +46,7 @@ class ArmSection:
 
 
 def section_along(problem: Problem, points: FloatArray, count: int, reach: float) -> ArmSection:
-    """The section of a pose.
+    """Return the section of a pose.
 
     Args:
         problem: whose surfaces are met.
@@ -69,7 +69,7 @@ def section_along(problem: Problem, points: FloatArray, count: int, reach: float
 
 
 def _carried_up(along: FloatArray, first: FloatArray) -> FloatArray:
-    """A direction across each link, carried from link to link by the shortest turn, shape (links, 3)."""
+    """Return a direction across each link, carried from link to link by the shortest turn, shape (links, 3)."""
     found = [first - (first @ along[0]) * along[0]]
     for before, after in pairwise(along):
         axis = np.cross(before, after)
@@ -81,7 +81,7 @@ def _carried_up(along: FloatArray, first: FloatArray) -> FloatArray:
 
 
 def free_lengths(tree: SurfaceTree, origins: FloatArray, rays: FloatArray, reach: float) -> FloatArray:
-    """Length of each ray to the first surface that it meets, at most the reach, shape (N,) [m].
+    """Return the length of each ray to the first surface that it meets, at most the reach, shape (N,) [m].
 
     Every step along a ray is as long as the nearest surface on any side is away (Hart, *Sphere tracing*, 1996).
 

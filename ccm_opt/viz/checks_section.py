@@ -76,18 +76,18 @@ class CheckWords:
 
 
 def checks_in_words(checks: Iterable[Check], units: PageUnits, *, in_space: bool = False) -> list[CheckWords]:
-    """All checks for people, the most important first, those of the plan against itself last.
+    """Return all checks for people, the most important first, those of the plan against itself last.
 
     Args:
         checks: of the verifier.
         units: of the page.
         in_space: whether joints have two bends, which are told apart.
     """
-    ordered = sorted(checks, key=lambda check: (_of_itself(check), check.passed, _rank(check.name)))
+    ordered = sorted(checks, key=lambda check: (_self_check_rows(check), check.passed, _rank(check.name)))
     return [_in_words(check, units, in_space=in_space) for check in ordered]
 
 
-def _of_itself(check: Check) -> bool:
+def _self_check_rows(check: Check) -> bool:
     return bool(_OF_ITSELF.fullmatch(check.name))
 
 
@@ -96,7 +96,7 @@ def _rank(name: str) -> int:
 
 
 def joint_in_words(where: str, *, in_space: bool) -> str:
-    """A place with its revolutes' names as people say them: in the plane a joint has one bend, in space a and b.
+    """Return a place with its revolutes' names as people say them: in the plane a joint has one bend, in space a and b.
 
     Args:
         where: such as ``joint 3 (ball03_yaw)``.
@@ -113,7 +113,7 @@ def _in_words(check: Check, units: PageUnits, *, in_space: bool) -> CheckWords:
     bound = units.given(check.limit, check.unit)
     if "constraint " in check.name:
         # A constraint's value is by how much its bounds are passed, in a unit that only the user knows.
-        worst = _constraint_kept(check)
+        worst = _constraint_value(check)
         limit = "soft" if check.name.startswith("soft") else "must be kept"
     elif gap:
         # Only what is beyond the clearance is told, as everywhere else; the limit is the clearance.
@@ -132,19 +132,19 @@ def _in_words(check: Check, units: PageUnits, *, in_space: bool) -> CheckWords:
     where = _PATH.sub(lambda u: "" if when else f"{100.0 * float(u[1]):.0f} % of the path", check.where)
     where = joint_in_words(re.sub(r"\s*,?\s*((at|from) )?t = \S+ s", "", where), in_space=in_space)
     return CheckWords(
-        title=f"{title_of(check.name)} beyond {bound}" if gap and check.limit else title_of(check.name),
+        title=f"{check_title(check.name)} beyond {bound}" if gap and check.limit else check_title(check.name),
         worst=worst if check.worst != float("inf") else "nothing near",
         limit=limit,
         used=used,
         where=where,
         time=float(when[1]) if when else None,
         passed=check.passed,
-        of_itself=_of_itself(check),
+        of_itself=_self_check_rows(check),
     )
 
 
-def title_of(name: str) -> str:
-    """The name of a check for people."""
+def check_title(name: str) -> str:
+    """Return the name of a check for people."""
     if name in _WORDS:
         return _WORDS[name]
     if stop := _PAUSE.fullmatch(name):
@@ -160,8 +160,11 @@ def title_of(name: str) -> str:
     return name[:1].upper() + name[1:]
 
 
-def _constraint_kept(check: Check) -> str:
-    """How far a user's constraint is from its bounds; a soft one may be missed by anything, and is kept only if not."""
+def _constraint_value(check: Check) -> str:
+    """Return how far a user's constraint is from its bounds.
+
+    A soft one may be missed by anything, and is kept only if not.
+    """
     allowed = 0.0 if check.name.startswith("soft") else check.limit
     if not check.worst <= allowed:
         return f"missed by {check.worst:.3g}"
@@ -169,7 +172,7 @@ def _constraint_kept(check: Check) -> str:
 
 
 def checks_section(solution: Solution, units: PageUnits) -> Markup:
-    """The section with its heading.
+    """Return the section with its heading.
 
     Args:
         solution: the plan.
@@ -202,7 +205,7 @@ def _row(check: CheckWords) -> tuple[Child, ...]:
 
 
 def _place(check: CheckWords) -> Markup:
-    """Where the worst was met; its time is a button that goes there."""
+    """Return where the worst was met; its time is a button that goes there."""
     if check.time is None:
         return joined((check.where,))
     between = ", " if check.where else ""
@@ -211,7 +214,7 @@ def _place(check: CheckWords) -> Markup:
 
 
 def used_bar(share: float | None) -> Markup | None:
-    """A share of a limit as a bar with its number; nothing where there is no such share."""
+    """Return a share of a limit as a bar with its number; nothing where there is no such share."""
     if share is None:
         return None
     width = 100.0 * min(share, 1.0)
@@ -220,7 +223,7 @@ def used_bar(share: float | None) -> Markup | None:
 
 
 def _simulation(verdict: SimulationVerdict) -> Markup:
-    """What the simulation says of the plan, and what would help where the arm did not follow."""
+    """Return what the simulation says of the plan, and what would help where the arm did not follow."""
     step = f"with steps of {1e3 * verdict.step:g} ms"
     if verdict.followed:
         return element("p", element("span", "Followed", cls="holds"), f" in the simulation, {step}.")

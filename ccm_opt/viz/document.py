@@ -41,7 +41,9 @@ _ROUNDING = 1e-5
 
 
 def three_digits(value: float, finest: int) -> str:
-    """A number with three digits, but no more than so many decimals unless it would be 0; a dash where there is none.
+    """Return a number with three digits, but no more than so many decimals unless it would be 0.
+
+    A dash where there is none.
 
     Args:
         value: the number.
@@ -73,7 +75,7 @@ class PageUnits:
 
     @classmethod
     def of_arm(cls, length: float) -> "PageUnits":
-        """The units for an arm of a length [m]."""
+        """Return the units for an arm of a length [m]."""
         name, metres = _UNITS_OF_LENGTH[1]
         if length >= _LARGE_ARM:
             name, metres = _UNITS_OF_LENGTH[0]
@@ -84,34 +86,37 @@ class PageUnits:
 
     @classmethod
     def of_file(cls, length_unit: LengthUnit, length: float) -> "PageUnits":
-        """The unit that a problem file counts lengths in, for an arm of a length [m]."""
+        """Return the unit that a problem file counts lengths in, for an arm of a length [m]."""
         metres = METRES[length_unit]
         finest = floor(-log10(_FINEST_SHARE * length / metres))
         return cls(length_unit, metres, min(max(finest, 0), 6))
 
     @classmethod
     def of_page(cls, problem: Problem) -> "PageUnits":
-        """The unit of a problem's page: that of its file; who counts in metres is told those that suit the arm."""
+        """Return the unit of a problem's page: that of its file.
+
+        Who counts in metres is told those that suit the arm.
+        """
         length = problem.arm.length
         return cls.of_arm(length) if problem.length_unit == "m" else cls.of_file(problem.length_unit, length)
 
     def data(self) -> dict[str, object]:
-        """The unit as the scripts of a page read it."""
+        """Return the unit as the scripts of a page read it."""
         return {"name": self.name, "metres": self.metres, "decimals": self.decimals}
 
     def length(self, value: float) -> str:
-        """A length [m] with its unit."""
+        """Return a length [m] with its unit."""
         return f"{three_digits(value / self.metres, self.decimals)} {self.name}"
 
     def given(self, value: float, unit: str) -> str:
-        """A value that somebody chose, such as a limit, without zeros behind its last digit."""
+        """Return a value that somebody chose, such as a limit, without zeros behind its last digit."""
         number, _, rest = self.shown(value, unit).partition(" ")
         digits = number.rstrip("°")
         whole = digits.rstrip("0").rstrip(".") if "." in digits else digits
         return f"{whole}{number[len(digits) :]} {rest}".rstrip()
 
     def shown(self, value: float, unit: str, scale: float = 0.0) -> str:
-        """A value with its unit, in units for people.
+        """Return a value with its unit, in units for people.
 
         Args:
             value: in ``unit``.
@@ -151,7 +156,7 @@ _VOID = frozenset(("input", "br", "hr"))
 
 
 def element(name: str, *children: Child, **attributes: str | float | bool | None) -> Markup:
-    """An element of HTML.
+    """Return an element of HTML.
 
     Args:
         name: of the element.
@@ -168,14 +173,14 @@ def element(name: str, *children: Child, **attributes: str | float | bool | None
 
 
 def joined(children: Iterable[Child]) -> Markup:
-    """Several things one after the other; texts are escaped."""
+    """Return several things one after the other; texts are escaped."""
     return Markup("".join(child if isinstance(child, Markup) else escape(child) for child in children if child))
 
 
 def table(
     heads: Iterable[Child], rows: Iterable[Iterable[Child]], *, cls: str = "", numbers: Iterable[int] = ()
 ) -> Markup:
-    """A table that scrolls by itself where it is too wide for the page.
+    """Return a table that scrolls by itself where it is too wide for the page.
 
     Args:
         heads: of the columns; none for a table without heads.
@@ -205,7 +210,7 @@ _CHARTS = ("axes", "chart", "joint_charts", "gap_chart", "phase_chart", "curvatu
 
 
 def scene_scripts(dimension: int, *, moves: bool) -> tuple[str, ...]:
-    """Scripts of a page with a scene, in the order in which they are needed.
+    """Return the scripts of a page with a scene, in the order in which they are needed.
 
     Args:
         dimension: of the scene.
@@ -215,7 +220,7 @@ def scene_scripts(dimension: int, *, moves: bool) -> tuple[str, ...]:
 
 
 def html_document(title: str, body: Markup, data: Mapping[str, object], scripts: Sequence[str]) -> str:
-    """A whole page.
+    """Return a whole page.
 
     Args:
         title: of the window, plain text.
@@ -243,7 +248,7 @@ def html_document(title: str, body: Markup, data: Mapping[str, object], scripts:
 
 
 def json_for_html(data: Mapping[str, object]) -> str:
-    """JSON that can neither end nor begin an element of HTML."""
+    """Return the JSON that can neither end nor begin an element of HTML."""
     text = json.dumps(data, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
     return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
 
@@ -258,13 +263,13 @@ CodedArray = dict[str, object]
 
 
 def coded(values: FloatArray, step: float) -> CodedArray:
-    """An array of shape (T,) as differences of whole numbers; no value is off by more than half a step."""
+    """Return an array of shape (T,) as differences of whole numbers; no value is off by more than half a step."""
     whole = np.round(np.asarray(values, dtype=np.float64) / step).astype(np.int64)
     return {"step": step, "d": np.diff(whole, prepend=0).tolist()}
 
 
 def step_for(values: FloatArray, share: float = NUMBER_STEP) -> float:
-    """A round step, at most a share of the range of some values; of values that do not vary a small one."""
+    """Return a round step, at most a share of the range of some values; of values that do not vary a small one."""
     extent = float(np.max(np.abs(values), initial=0.0))
     if extent == 0.0:
         return 1.0
@@ -294,12 +299,12 @@ def page_header(problem: Problem, badges: Iterable[Markup], figures: Iterable[Fi
 
 
 def badge(words: str, *, good: bool) -> Markup:
-    """A verdict in a word or two."""
+    """Return a verdict in a word or two."""
     return element("span", words, cls="badge" if good else "badge poor")
 
 
 def plan_badges(solution: Solution) -> Markup:
-    """What the verifier and the simulation say of a plan."""
+    """Return what the verifier and the simulation say of a plan."""
     verdict = solution.simulation.verdict
     verified = all(check.passed for check in solution.checks)
     first = badge("solved and verified" if verified else "refused by the verifier", good=verified)
@@ -308,7 +313,7 @@ def plan_badges(solution: Solution) -> Markup:
 
 
 def plan_figures(solution: Solution, units: PageUnits) -> list[Figure]:
-    """The figures of a plan that one looks for first; those that it does not have are left out."""
+    """Return the figures of a plan that one looks for first; those that it does not have are left out."""
     metrics = solution.metrics
     found = [(f"{solution.trajectory.duration:.2f} s", "duration")]
     room = solution.room
@@ -338,7 +343,7 @@ def plan_figures(solution: Solution, units: PageUnits) -> list[Figure]:
 
 
 def _peak_torque(solution: Solution, units: PageUnits) -> Iterator[Figure]:
-    """The greatest torque, with its limit where there is one."""
+    """Yield the greatest torque, with its limit where there is one."""
     peak = solution.metrics.get("peak_torque_Nm")
     if peak is None:
         return

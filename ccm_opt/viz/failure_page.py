@@ -30,7 +30,7 @@ _IN_A_WORD = {"contact": "in contact", "blocked": "no way leads through", "hemme
 
 
 def drawn_findings(problem: Problem, diagnosis: Diagnosis, units: PageUnits) -> list[Mark]:
-    """Marks for every finding; the first one has words in the scene, the others say theirs under the mouse.
+    """Return the marks for every finding; the first one has words in the scene, the others say theirs under the mouse.
 
     Args:
         problem: what was asked.
@@ -80,7 +80,7 @@ def _marks(problem: Problem, finding: Finding, units: PageUnits) -> Iterator[Mar
 
 
 def _too_short(problem: Problem, finding: Finding, units: PageUnits) -> Iterator[Mark]:
-    """The way that is longer than the arm, or the circle that it can reach with what is missing to the goal."""
+    """Yield the way that is longer than the arm, or the circle that it can reach with what is missing to the goal."""
     if finding.measured is None or finding.place is None:
         return
     missing = f"{units.length(finding.measured - problem.arm.length)} too short"
@@ -99,7 +99,7 @@ def _too_short(problem: Problem, finding: Finding, units: PageUnits) -> Iterator
 
 
 def nearest_base(problem: Problem, place: tuple[float, ...]) -> list[float]:
-    """The place of the base, of all to which a feed axis can carry it, that is nearest to a point [m]."""
+    """Return the place of the base, of all to which a feed axis can carry it, that is nearest to a point [m]."""
     arm = problem.arm
     low, high = arm.base_range
     along = float(np.clip((np.array(place) - arm.base) @ arm.direction, low, high)) if arm.feed else 0.0
@@ -107,7 +107,7 @@ def nearest_base(problem: Problem, place: tuple[float, ...]) -> list[float]:
 
 
 def _too_thick(problem: Problem, finding: Finding, units: PageUnits) -> Iterator[Mark]:
-    """The gap between the two walls beside it, and the arm with its clearance as a disc that does not fit."""
+    """Yield the gap between the two walls beside it, and the arm with its clearance as a disc that does not fit."""
     if finding.place is None or finding.measured is None or finding.allowed is None:
         return
     tight = {"radius": 0.5 * finding.allowed, "room": 0.5 * finding.measured}
@@ -130,7 +130,7 @@ def _too_thick(problem: Problem, finding: Finding, units: PageUnits) -> Iterator
 
 
 def _too_stiff(problem: Problem, finding: Finding, units: PageUnits) -> Iterator[Mark]:
-    """The circle inside which the tip never comes, or the arm with every joint at its limit."""
+    """Yield the circle inside which the tip never comes, or the arm with every joint at its limit."""
     arm = problem.arm
     if finding.unit == "m" and finding.allowed is not None:
         base = _listed(arm.base)
@@ -178,7 +178,7 @@ def failure_html(
     diagnosis: Diagnosis,
     timings: Mapping[str, float] | None = None,
 ) -> str:
-    """The report of a problem without a plan.
+    """Return the report of a problem without a plan.
 
     Args:
         problem: what was asked.
@@ -206,7 +206,7 @@ def failure_html(
 
 
 def failure_data(problem: Problem, diagnosis: Diagnosis, units: PageUnits) -> dict[str, object]:
-    """Everything that the scripts of a failure's page read."""
+    """Return the everything that the scripts of a failure's page read."""
     blocking = [name for finding in diagnosis.findings[:1] for name in finding.obstacles]
     return {
         "unit": units.data(),
@@ -217,7 +217,7 @@ def failure_data(problem: Problem, diagnosis: Diagnosis, units: PageUnits) -> di
 
 
 def reason_section(diagnosis: Diagnosis) -> Markup:
-    """Why there is no plan, and what else is in the way."""
+    """Return why there is no plan, and what else is in the way."""
     others = [finding for finding in diagnosis.findings if finding.reason != diagnosis.reason]
     first = next((finding for finding in diagnosis.findings if finding.reason == diagnosis.reason), None)
     also = [element("h3", "Also in the way")] if others else []
@@ -236,7 +236,7 @@ def reason_section(diagnosis: Diagnosis) -> Markup:
 
 
 def _sentences(reason: str, before: Markup | None = None) -> Iterator[Markup]:
-    """What a reason says: its first sentence, and the details as a list."""
+    """Yield what a reason says: its first sentence, and the details as a list."""
     first, *details = sentences(reason)
     yield element("p", before, f"{first}.")
     if details:
@@ -253,7 +253,7 @@ def _finding(finding: Finding) -> Markup:
 
 
 def help_section(diagnosis: Diagnosis) -> Markup:
-    """What would help: what was tried, and what was not."""
+    """Return what would help: what was tried, and what was not."""
     solved = [element("li", relaxation.words) for relaxation in diagnosis.relaxations]
     tried = [element("li", line) for line in diagnosis.advice]
     parts: list[Markup] = []
@@ -268,7 +268,7 @@ def help_section(diagnosis: Diagnosis) -> Markup:
 
 
 def search_section(problem: Problem, diagnosis: Diagnosis, timings: Mapping[str, float]) -> Markup:
-    """How a plan was looked for: options, times, the figures behind the reason."""
+    """Return how a plan was looked for: options, times, the figures behind the reason."""
     evidence = None
     if diagnosis.evidence:
         text = json.dumps(diagnosis.evidence, indent=2, ensure_ascii=False, default=str)

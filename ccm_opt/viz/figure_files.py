@@ -59,14 +59,14 @@ _COMPRESSION = 3
 
 
 def figure_pixels(figure: Figure) -> Image.Image:
-    """A figure drawn, RGB: what is behind it is white, and a channel that says so would make files larger."""
+    """Return a figure drawn, RGB: what is behind it is white, and a channel that says so would make files larger."""
     canvas = FigureCanvasAgg(figure)
     canvas.draw()  # type: ignore[no-untyped-call]
     return Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")  # type: ignore[no-untyped-call]
 
 
 def figure_file(draw: Callable[[], Figure], kind: FigureFormat) -> bytes:
-    """The content of the file of a figure, the same for the same figure.
+    """Return the content of the file of a figure, the same for the same figure.
 
     Args:
         draw: makes the figure; it runs, and the figure is rendered, while the fonts are in force.

@@ -23,7 +23,7 @@ from ccm_opt.viz import figure_files as style
 from ccm_opt.viz.arm_drawing import PLANE, SLANTED, DrawnPlan, draw_tip_path
 from ccm_opt.viz.plan import draw_goals
 from ccm_opt.viz.settings import FILM, SPACE_FILM, FilmSettings
-from ccm_opt.viz.views import SeenScene, draw_base, seen_window, window_of
+from ccm_opt.viz.views import SeenScene, draw_base, view_box, view_window
 
 _TOLD_FACTOR = 1.05
 """Films that are faster than the motion by more than this factor say so."""
@@ -90,7 +90,7 @@ class Film:
             yield Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")  # type: ignore[no-untyped-call]
 
     def gif(self) -> bytes:
-        """The film as the content of an animated GIF file."""
+        """Return the film as the content of an animated GIF file."""
         frames = list(self.frames())
         # One palette for all frames: a palette each would make the colours flicker.
         palette = frames[-1].quantize(self.settings.colours)
@@ -116,8 +116,8 @@ def _arm(axes: Axes, points: FloatArray, radius: float, colours: tuple[str, str]
     return [body, axis]
 
 
-def film_of(plan: DrawnPlan, settings: FilmSettings | None = None, scene: SeenScene | None = None) -> Film:
-    """The motion of a plan as a film, in real time unless it is too long for that.
+def make_film(plan: DrawnPlan, settings: FilmSettings | None = None, scene: SeenScene | None = None) -> Film:
+    """Return the motion of a plan as a film, in real time unless it is too long for that.
 
     Args:
         plan: the plan.
@@ -127,9 +127,9 @@ def film_of(plan: DrawnPlan, settings: FilmSettings | None = None, scene: SeenSc
     problem, points, time = plan.problem, plan.points, plan.trajectory.time
     settings = settings or _usual_settings(plan)
     side = SLANTED if problem.dimension == 3 else PLANE
-    window = window_of(problem, points)
+    window = view_box(problem, points)
     # Even sides, as a video needs.
-    spans = np.ptp(seen_window(side, window), axis=0)
+    spans = np.ptp(view_window(side, window), axis=0)
     width, height = settings.longest_side * spans / float(np.max(spans))
     times = settings.longest_side / FILM.longest_side
     whole = 2.0 * np.round(0.5 * np.array([width, height + times * _STRIP]))
@@ -153,7 +153,7 @@ def film_of(plan: DrawnPlan, settings: FilmSettings | None = None, scene: SeenSc
 
 
 def _usual_settings(plan: DrawnPlan) -> FilmSettings:
-    """Size and number of the frames of a film in the plane, or in space."""
+    """Return the size and number of the frames of a film in the plane, or in space."""
     return SPACE_FILM if plan.problem.dimension == 3 else FILM
 
 
@@ -161,17 +161,17 @@ _QUALITY = ("-c:v", "libx264", "-crf", "20", "-preset", "veryfast", "-pix_fmt", 
 
 
 def encoder() -> str | None:
-    """Where ffmpeg is; None where it is not."""
+    """Return where ffmpeg is; None where it is not."""
     return shutil.which("ffmpeg")
 
 
 def motion_gif(plan: DrawnPlan, scene: SeenScene | None = None) -> bytes:
     """The motion of a plan as an animated GIF, in real time unless it is too long for that: the content of a file."""
-    return film_of(plan, scene=scene).gif()
+    return make_film(plan, scene=scene).gif()
 
 
 def motion_mp4(plan: DrawnPlan, settings: FilmSettings | None = None) -> bytes:
-    """The motion of a plan as a video, in real time unless it is too long for that: the content of an MP4 file.
+    """Return the motion of a plan as a video, in real time unless it is too long for that: the content of an MP4 file.
 
     Args:
         plan: the plan.
@@ -186,7 +186,7 @@ def motion_mp4(plan: DrawnPlan, settings: FilmSettings | None = None) -> bytes:
     usual = settings or _usual_settings(plan)
     rate = usual.video_frames_a_second
     of_video = {"longest_side": usual.video_side, "frames_a_second": rate, "most_frames": _MOST_VIDEO_FRAMES}
-    frames = list(film_of(plan, replace(usual, **of_video)).frames())
+    frames = list(make_film(plan, replace(usual, **of_video)).frames())
     still = frames[-1:] * round(rate * usual.last_frame / 1e3)
     width, height = frames[0].size
     raw = ("-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}", "-r", str(rate), "-i", "-")

@@ -55,7 +55,7 @@ BindingRow = tuple[str, float, str]
 def binding_rows(
     solution: Solution, record: GoalPoseRecord, points: FloatArray, units: PageUnits, most: int = 6
 ) -> list[BindingRow]:
-    """The strongest rows of a goal pose; those of one link against one wall count as one.
+    """Return the strongest rows of a goal pose; those of one link against one wall count as one.
 
     Args:
         solution: the plan.
@@ -75,7 +75,7 @@ def binding_rows(
 def _row(
     solution: Solution, record: GoalPoseRecord, name: str, multiplier: float, points: FloatArray, units: PageUnits
 ) -> BindingRow:
-    """One row: multipliers are for one arm's length, one radian, or the whole of a limit."""
+    """Return one row: multipliers are for one arm's length, one radian, or the whole of a limit."""
     if region := _REGION.fullmatch(name):
         link = int(region[1])
         end = points[link if region[2] == "end" else link - 1]
@@ -92,7 +92,7 @@ def _row(
 
 
 def _neighbour(solution: Solution, points: FloatArray, link: int, end: FloatArray, reach: float) -> str:
-    """What is nearest to the end of a link: a wall by its name, or another link that is not its neighbour."""
+    """Return what is nearest to the end of a link: a wall by its name, or another link that is not its neighbour."""
     # A side of a region is a plane: what it keeps the link from may touch it far from the link.
     problem = solution.problem
     place = shapely.Point(end)
@@ -127,7 +127,7 @@ _COSTS = {
 
 
 def goal_pose_section(solution: Solution, units: PageUnits) -> Markup | None:
-    """The section with its heading; nothing where no goal-pose NLP was asked.
+    """Return the section with its heading; nothing where no goal-pose NLP was asked.
 
     Args:
         solution: the plan.
@@ -147,7 +147,7 @@ def goal_pose_section(solution: Solution, units: PageUnits) -> Markup | None:
 
 
 def _summary(record: GoalPoseRecord, units: PageUnits) -> str:
-    """How the pose came about, and whether the motion ends in it."""
+    """Return how the pose came about, and whether the motion ends in it."""
     variables, rows = record.size
     solved = (
         f"The goal-pose program, of {variables} variables and {rows} rows, found this pose in {record.iterations} "
@@ -162,7 +162,7 @@ def _summary(record: GoalPoseRecord, units: PageUnits) -> str:
 
 
 def goal_pose_data(solution: Solution) -> dict[str, object] | None:
-    """What the page draws of the goal pose: joints, and the curve by its segments; None where there is none."""
+    """Return what the page draws of the goal pose: joints, and the curve by its segments; None where there is none."""
     record = solution.path.goal_pose
     if record is None:
         return None
@@ -179,7 +179,10 @@ def goal_pose_data(solution: Solution) -> dict[str, object] | None:
 
 
 def pose_points(solution: Solution, record: GoalPoseRecord) -> FloatArray:
-    """Base, joints and tip of the pose, shape (n + 1, 2) [m]; of fewer links than the arm has, where it is so."""
+    """Return the base, joints and tip of the pose, shape (n + 1, 2) [m].
+
+    Of fewer links than the arm has, where it is so.
+    """
     arm = solution.problem.arm
     headings = arm.base_heading + np.cumsum(record.configuration)
     steps = arm.length / len(headings) * np.stack((np.cos(headings), np.sin(headings)), axis=1)
@@ -189,7 +192,7 @@ def pose_points(solution: Solution, record: GoalPoseRecord) -> FloatArray:
 
 
 def _segments(record: GoalPoseRecord, units: PageUnits) -> Markup:
-    """A row for each segment of the curve, with the colour that it has in the picture."""
+    """Return a row for each segment of the curve, with the colour that it has in the picture."""
     rows = []
     for number, segment in enumerate(record.curve.segments):
         dot = element("i", cls="dot", style=f"background:{_colour(number)}")
@@ -199,7 +202,7 @@ def _segments(record: GoalPoseRecord, units: PageUnits) -> Markup:
 
 
 def _costs(record: GoalPoseRecord) -> Markup:
-    """A row for each part of the objective, the largest first, with a bar for its share."""
+    """Return a row for each part of the objective, the largest first, with a bar for its share."""
     total = sum(abs(value) for value in record.costs.values()) or 1.0
     rows = []
     for name, value in sorted(record.costs.items(), key=lambda item: -abs(item[1])):
@@ -209,14 +212,14 @@ def _costs(record: GoalPoseRecord) -> Markup:
 
 
 def cost_words(name: str) -> str:
-    """A part of the objective in words; that of a user by the user's name."""
+    """Return a part of the objective in words; that of a user by the user's name."""
     if name.startswith("user: "):
         return f"your cost '{name.removeprefix('user: ')}'"
     return _COSTS.get(name, name)
 
 
 def _binding(solution: Solution, record: GoalPoseRecord, units: PageUnits) -> Markup:
-    """What holds the pose where it is, the strongest first, and what giving way would bring."""
+    """Return what holds the pose where it is, the strongest first, and what giving way would bring."""
     found = binding_rows(solution, record, pose_points(solution, record), units)
     rows = [(words, f"{gain:.2g}", f"for {unit}") for words, gain, unit in found]
     if not rows:
@@ -229,7 +232,7 @@ def _colour(number: int) -> str:
 
 
 def tolerance_section(errors: Sequence[SurvivedError], units: PageUnits, *, in_space: bool = False) -> Markup | None:
-    """The section with its heading; nothing where nobody asked.
+    """Return the section with its heading; nothing where nobody asked.
 
     Args:
         errors: that the plan survives, with what limits them.
@@ -249,7 +252,7 @@ _OTHERS = ("feed", "feed-velocity", "feed-force", "tip-speed")
 
 
 def timing_section() -> Markup:
-    """What limits the speed."""
+    """Return what limits the speed."""
     return element(
         "section",
         element("h2", "Timing: what limits the speed"),
@@ -258,7 +261,7 @@ def timing_section() -> Markup:
 
 
 def joints_section(groups: Collection[str], *, curvature: bool = True) -> Markup:
-    """Every joint over time, the base and the tip, and the curvature along the arm.
+    """Return every joint over time, the base and the tip, and the curvature along the arm.
 
     Args:
         groups: keys of the groups of curves that there are.
@@ -300,7 +303,7 @@ def report_html(
     pictures: Sequence[str] = ("plan.png", "motion.gif"),
     plans: PlanPages | None = None,
 ) -> str:
-    """The report of a plan.
+    """Return the report of a plan.
 
     Args:
         solution: the plan.
@@ -337,7 +340,7 @@ def report_html(
 
 
 def plan_data(solution: Solution, units: PageUnits) -> dict[str, object]:
-    """Everything that the scripts of a plan's page read.
+    """Return the everything that the scripts of a plan's page read.
 
     Args:
         solution: the plan.

@@ -26,7 +26,7 @@ _KEYS = (
 
 
 def stage_section(label: str, *, moves: bool, in_space: bool = False) -> Markup:
-    """The scene, empty: the page's script draws it.
+    """Return the scene, empty: the page's script draws it.
 
     Args:
         label: what it shows, for those who do not see it.
@@ -68,13 +68,13 @@ def stage_section(label: str, *, moves: bool, in_space: bool = False) -> Markup:
 
 
 def _slider(name: str, words: str, value: float, most: float) -> Markup:
-    """How clearly obstacles are seen, or where they are cut."""
+    """Return how clearly obstacles are seen, or where they are cut."""
     bar = element("input", id=name, type="range", min="0", max=str(most), step="0.01", value=str(value))
     return element("label", words, " ", bar)
 
 
 def _cut() -> tuple[Markup, Markup]:
-    """Where the obstacles are cut away, and across which axis."""
+    """Return where the obstacles are cut away, and across which axis."""
     options = [element("option", name, value=str(k), selected=k == 1) for k, name in enumerate("xyz")]
     axis = element("select", *options, id="cut-axis", aria_label="axis of the cut")
     return _slider("cut", "cut", 1.0, 1.0), element("label", "across ", axis)
@@ -95,7 +95,7 @@ def player_bar() -> Markup:
 
 
 def goal_times(solution: Solution) -> list[dict[str, object]]:
-    """When the arm rests at a goal: those on the way, then the last."""
+    """Return when the arm rests at a goal: those on the way, then the last."""
     time = solution.trajectory.time
     numbers = [*solution.trajectory.stops, len(time) - 1]
     single = len(numbers) == 1
@@ -119,7 +119,7 @@ Row = tuple[Child, Child]
 
 
 def problem_section(problem: Problem, units: PageUnits) -> Markup:
-    """What was asked: arm, limits, room, start and goals.
+    """Return what was asked: arm, limits, room, start and goals.
 
     Args:
         problem: what was asked.
@@ -155,7 +155,7 @@ def _arm_rows(problem: Problem, units: PageUnits) -> Iterable[Row]:
 
 
 def _limit_rows(problem: Problem, units: PageUnits) -> Iterable[Row]:
-    """The limits that the motion keeps, and what plans use of them."""
+    """Yield the limits that the motion keeps, and what plans use of them."""
     limits = problem.limits
     yield "joint velocities", _bounds(limits.velocity, "rad/s")
     yield "joint accelerations", _bounds(limits.acceleration, "rad/s²")
@@ -197,7 +197,7 @@ def _room_rows(problem: Problem, units: PageUnits) -> Iterable[Row]:
 
 
 def _goal_rows(problem: Problem, units: PageUnits) -> Iterable[Row]:
-    """Every goal with its tolerances."""
+    """Yield every goal with its tolerances."""
     for number, stop in enumerate(problem.goals, start=1):
         goal, near = stop.goal, units.given(stop.tolerances.position, "m")
         turn = units.given(min(stop.tolerances.heading, np.pi), "rad")
@@ -223,7 +223,7 @@ def _direction(vector: FloatArray) -> str:
 
 
 def making_section(solution: Solution) -> Markup:
-    """How the plan was made: method, tactic, seed, versions, and where the time went."""
+    """Return how the plan was made: method, tactic, seed, versions, and where the time went."""
     problem = solution.problem
     versions = ", ".join(f"{name} {version}" for name, version in solution.versions.items())
     rows: list[Row] = [
@@ -244,7 +244,7 @@ def making_section(solution: Solution) -> Markup:
 
 
 def tries_table(solution: Solution) -> Markup | None:
-    """What came of every try, where there were several."""
+    """Return what came of every try, where there were several."""
     if not solution.tries:
         return None
     rows = [
@@ -260,7 +260,7 @@ def tries_table(solution: Solution) -> Markup | None:
 
 
 def timings_table(timings: Mapping[str, float]) -> Markup | None:
-    """Where the CPU time went, the longest first."""
+    """Return where the CPU time went, the longest first."""
     if not timings:
         return None
     longest = max(*timings.values(), 1e-9)
@@ -276,7 +276,7 @@ def timings_table(timings: Mapping[str, float]) -> Markup | None:
 
 
 def files_section(name: str, pictures: Sequence[str]) -> Markup:
-    """Links to the files beside the page, and the commands that go on from here.
+    """Return the links to the files beside the page, and the commands that go on from here.
 
     Args:
         name: of the output folder.
@@ -311,7 +311,7 @@ class PlanPages:
 
 
 def plans_section(pages: PlanPages | None, units: PageUnits) -> Markup | None:
-    """The table; nothing where there is only one plan.
+    """Return the table; nothing where there is only one plan.
 
     Args:
         pages: the plans.

@@ -34,7 +34,7 @@ from ccm_opt.viz.arm_drawing import (
 from ccm_opt.viz.figure_files import FigureFormat, figure_file, label_axes, label_axis
 from ccm_opt.viz.plan import draw_goals, even_steps
 from ccm_opt.viz.settings import PICTURES
-from ccm_opt.viz.views import SeenScene, action_window, draw_pose, seen_window, window_of
+from ccm_opt.viz.views import SeenScene, action_window, draw_pose, view_box, view_window
 
 _CURVES_SIDE = 3.6
 """Width and height of the drawing of curves and of that of curvatures [inch]."""
@@ -62,7 +62,7 @@ _MOST_CURVES = 14
 
 
 def curves_picture(plan: DrawnPlan, kind: FigureFormat = "png") -> bytes:
-    """The curves behind the keyframes beside their curvatures, early to late.
+    """Return the curves behind the keyframes beside their curvatures, early to late.
 
     Args:
         plan: the plan.
@@ -109,7 +109,7 @@ def _draw_curves(room: Axes, along: Axes, curves: Sequence[Configuration]) -> No
 
 
 def steps_picture(plan: DrawnPlan, kind: FigureFormat = "png") -> bytes:
-    """The motion in numbered steps: start and goals, one stretch after the other, and all movements.
+    """Return the motion in numbered steps: start and goals, one stretch after the other, and all movements.
 
     Args:
         plan: the plan.
@@ -119,7 +119,7 @@ def steps_picture(plan: DrawnPlan, kind: FigureFormat = "png") -> bytes:
 
 
 def _steps_figure(plan: DrawnPlan) -> Figure:
-    ends = _ends_of_steps(plan, _STEPS)
+    ends = _step_boundaries(plan, _STEPS)
     columns = min(3, len(ends) + 1)
     rows = -(-(len(ends) + 1) // columns)
     window = action_window(plan.planar_problem, plan.points)
@@ -140,8 +140,8 @@ def _steps_figure(plan: DrawnPlan) -> Figure:
     return figure
 
 
-def _ends_of_steps(plan: DrawnPlan, count: int) -> IntArray:
-    """Samples between which the steps are: the stops of a tour, else such that all steps travel equally far."""
+def _step_boundaries(plan: DrawnPlan, count: int) -> IntArray:
+    """Return samples between which the steps are: the stops of a tour, else such that all steps travel equally far."""
     stops = plan.trajectory.stops
     last = len(plan.points) - 1
     if stops:
@@ -168,7 +168,7 @@ def _draw_step(axes: Axes, plan: DrawnPlan, samples: IntArray, title: str) -> No
 
 
 def links_picture(plan: DrawnPlan, kind: FigureFormat = "png") -> bytes:
-    """The jointed arm, link by link, in poses that are equally far apart.
+    """Return the jointed arm, link by link, in poses that are equally far apart.
 
     Args:
         plan: the plan.
@@ -199,7 +199,9 @@ def _links_figure(plan: DrawnPlan) -> Figure:
 
 
 def space_picture(plan: DrawnPlan, kind: FigureFormat = "png") -> bytes:
-    """The simulated arm in space, a third of the time in each of three pictures; as planned where it was not simulated.
+    """Return the simulated arm in space, a third of the time in each of three pictures.
+
+    As planned where it was not simulated.
 
     Args:
         plan: the plan.
@@ -266,7 +268,7 @@ _MOST_THUMBNAIL = 2.6
 
 
 def pareto_png(found: ParetoPlans) -> bytes:
-    """The picture of a trade-off.
+    """Return the picture of a trade-off.
 
     Args:
         found: the plans.
@@ -278,12 +280,12 @@ def pareto_png(found: ParetoPlans) -> bytes:
 
 
 def pareto_figure(found: ParetoPlans) -> Figure:
-    """The same picture as a matplotlib figure, made without pyplot."""
+    """Return the same picture as a matplotlib figure, made without pyplot."""
     problem, count = found.problem, len(found.plans)
     side = SLANTED if problem.dimension == 3 else PLANE
     ends = [plan.solution.joint_positions for plan in found.plans if plan.solution is not None]
-    window = window_of(problem, np.concatenate(ends)) if side is SLANTED else whole_room(problem.workspace)
-    wide, high = np.ptp(seen_window(side, window), axis=0)
+    window = view_box(problem, np.concatenate(ends)) if side is SLANTED else whole_room(problem.workspace)
+    wide, high = np.ptp(view_window(side, window), axis=0)
     thumbnail = min(_PARETO_WIDTH / count * high / wide, _MOST_THUMBNAIL)
     scene = SeenScene(problem)
     rows = (_CHART_HEIGHT, thumbnail)

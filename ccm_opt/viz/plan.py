@@ -12,8 +12,8 @@ from ccm_opt.viz import figure_files as style
 from ccm_opt.viz.arm_drawing import PLANE, DrawnPlan, Side, draw_body, draw_poses, draw_tip_path
 from ccm_opt.viz.arm_section import draw_section
 from ccm_opt.viz.figure_files import FigureFormat, figure_file
-from ccm_opt.viz.room_section import place_of_least_gap
-from ccm_opt.viz.views import ARROW_SHARE, SeenScene, Sheet, draw_base, draw_pose, window_of
+from ccm_opt.viz.room_section import least_gap_place
+from ccm_opt.viz.views import ARROW_SHARE, SeenScene, Sheet, draw_base, draw_pose, view_box
 
 ARROW_IN_LINKS = 3.0
 """Length of a goal's arrow in space, where views differ in size, in links."""
@@ -41,7 +41,7 @@ def number_goal(axes: Axes, place: FloatArray, heading: float | None, number: in
 
 
 def plan_picture(plan: DrawnPlan, kind: FigureFormat = "png", scene: SeenScene | None = None) -> bytes:
-    """The picture of a plan: room, start, poses on the way, goals, path of the tip, least gap.
+    """Return the picture of a plan: room, start, poses on the way, goals, path of the tip, least gap.
 
     Args:
         plan: the plan.
@@ -55,7 +55,7 @@ def plan_picture(plan: DrawnPlan, kind: FigureFormat = "png", scene: SeenScene |
 
 
 def plan_figure(plan: DrawnPlan, scene: SeenScene | None = None) -> Figure:
-    """The same picture as a matplotlib figure, made without pyplot.
+    """Return the same picture as a matplotlib figure, made without pyplot.
 
     Args:
         plan: the plan.
@@ -63,7 +63,7 @@ def plan_figure(plan: DrawnPlan, scene: SeenScene | None = None) -> Figure:
     """
     problem, points = plan.problem, plan.points
     in_space = problem.dimension == 3
-    sheet = Sheet.of(problem, window_of(problem, points), scene)
+    sheet = Sheet.of(problem, view_box(problem, points), scene)
     for axes, side in sheet.views:
         draw_pose(axes, side, points[0], problem.arm.radius, "start")
         draw_poses(axes, side(points[even_steps(points, _POSES_ON_THE_WAY)]))
@@ -83,7 +83,7 @@ def plan_figure(plan: DrawnPlan, scene: SeenScene | None = None) -> Figure:
         counted = problem.workspace.clearance and not plan.nearest.second_link
         label = f"{gap} at {plan.nearest.time:.2f} s" + ("\nbeyond the clearance" if counted else "")
         sheet.views[0][0].plot(
-            *place_of_least_gap(problem, plan.trajectory, plan.nearest), marker="o", markersize=10,
+            *least_gap_place(problem, plan.trajectory, plan.nearest), marker="o", markersize=10,
             markerfacecolor="none", markeredgewidth=1.4, color=style.LEAST_GAP, zorder=10, linestyle="none",
             label=label,
         )  # fmt: skip

@@ -18,7 +18,7 @@ from ccm_opt.viz.arm_section import draw_section
 from ccm_opt.viz.figure_files import figure_file
 from ccm_opt.viz.plan import ARROW_IN_LINKS, draw_goal
 from ccm_opt.viz.settings import PICTURES
-from ccm_opt.viz.views import SeenScene, Sheet, draw_base, draw_pose, dress_view, layout_of, window_of
+from ccm_opt.viz.views import SeenScene, Sheet, draw_base, draw_pose, dress_view, figure_layout, view_box
 
 _SCALE_ROOM = 0.9
 """Room for a scale of colours at the right [inch]."""
@@ -29,15 +29,15 @@ _BAR_SHARE = 0.02
 
 
 def pose_png(found: StaticPose) -> bytes:
-    """The picture of a pose: the content of a PNG file."""
+    """Return the picture of a pose: the content of a PNG file."""
     return figure_file(lambda: pose_figure(found), "png")
 
 
 def pose_figure(found: StaticPose) -> Figure:
-    """The same picture as a matplotlib figure, made without pyplot."""
+    """Return the same picture as a matplotlib figure, made without pyplot."""
     problem, points, curve = found.problem, found.joint_positions, found.curve
     in_space = problem.dimension == 3
-    sheet = Sheet.of(problem, window_of(problem, points) if in_space else whole_room(problem.workspace))
+    sheet = Sheet.of(problem, view_box(problem, points) if in_space else whole_room(problem.workspace))
     line = curve.positions_at(np.linspace(0.0, curve.length, _CURVE_PLACES))
     ends = curve.positions_at(curve.boundaries[1:-1])
     reach = ARROW_IN_LINKS * problem.arm.link_length if in_space else 0.0
@@ -81,7 +81,7 @@ def _draw_binding(axes: Axes, found: StaticPose) -> None:
 
 
 def _bar(found: StaticPose, side: BindingSide) -> list[tuple[float, float]]:
-    """Both ends of the bar of a side."""
+    """Return both ends of the bar of a side."""
     arm = found.problem.arm
     normal = np.array(side.towards)
     middle = np.array(side.place) + (arm.radius + max(found.pose.gap, 0.0)) * normal
@@ -91,18 +91,18 @@ def _bar(found: StaticPose, side: BindingSide) -> list[tuple[float, float]]:
 
 
 def reach_png(found: ReachMap) -> bytes:
-    """The picture of a map: the content of a PNG file."""
+    """Return the picture of a map: the content of a PNG file."""
     return figure_file(lambda: reach_figure(found), "png")
 
 
 def reach_figure(found: ReachMap) -> Figure:
-    """The same picture as a matplotlib figure, made without pyplot."""
+    """Return the same picture as a matplotlib figure, made without pyplot."""
     return _reach_in_space(found) if found.problem.dimension == 3 else _reach_in_plane(found)
 
 
 def _reach_in_plane(found: ReachMap) -> Figure:
     workspace = found.problem.workspace
-    (across, up), (left, bottom, width, height) = layout_of(whole_room(workspace))
+    (across, up), (left, bottom, width, height) = figure_layout(whole_room(workspace))
     # Room for the scale of colours at the right.
     wider = across + _SCALE_ROOM
     figure = Figure(figsize=(wider, up), dpi=PICTURES.dots_per_inch)
@@ -208,7 +208,7 @@ def _legend(figure: Figure, axes: Axes, found: ReachMap) -> None:
 
 
 def _shades(found: ReachMap, gap: FloatArray) -> FloatArray:
-    """Colours of cells that are reached, by their room, shape (..., 4)."""
+    """Return the colours of cells that are reached, by their room, shape (..., 4)."""
     share = np.clip(gap / found.seen, 0.0, 1.0)
     return np.asarray(colormaps[style.HEADING_COLOURS](style.LEAST_SHADE + (1.0 - style.LEAST_SHADE) * share))
 

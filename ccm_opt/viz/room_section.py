@@ -37,7 +37,7 @@ _CAUSES = {
 
 
 def room_sentences(room: RoomRecord, units: PageUnits, most: int = 3) -> Iterator[str]:
-    """What a person wants to know of a motion's room, the most important first.
+    """Yield what a person wants to know of a motion's room, the most important first.
 
     Args:
         room: the record.
@@ -60,7 +60,7 @@ def room_sentences(room: RoomRecord, units: PageUnits, most: int = 3) -> Iterato
 
 
 def _least_gap(room: RoomRecord, units: PageUnits) -> str:
-    """The least gap of the motion and where it is."""
+    """Return the least gap of the motion and where it is."""
     near = room.nearest
     if not near.link:
         return f"least gap more than {units.given(room.reach, 'm')}, the farthest that the room is measured"
@@ -72,7 +72,7 @@ def _least_gap(room: RoomRecord, units: PageUnits) -> str:
 
 
 def _short_stretch(part: ShortStretch, units: PageUnits) -> str:
-    """When there is less than the wanted gap, and why."""
+    """Return when there is less than the wanted gap, and why."""
     near = part.nearest
     gap = f"{units.length(near.gap)} of {units.given(near.wanted, 'm')}"
     times = f"{part.begin:.2f} to {part.end:.2f} s"
@@ -80,7 +80,7 @@ def _short_stretch(part: ShortStretch, units: PageUnits) -> str:
 
 
 def _bound(possible: PossibleGap, units: PageUnits) -> str:
-    """What stands against more room."""
+    """Return what stands against more room."""
     most = units.length(possible.value)
     if possible.walls:
         one, other = possible.walls
@@ -89,7 +89,7 @@ def _bound(possible: PossibleGap, units: PageUnits) -> str:
 
 
 def room_section(room: RoomRecord | None, units: PageUnits) -> Markup | None:
-    """The section with its heading; nothing where nobody measured the room.
+    """Return the section with its heading; nothing where nobody measured the room.
 
     Args:
         room: the record.
@@ -109,16 +109,16 @@ def room_section(room: RoomRecord | None, units: PageUnits) -> Markup | None:
 
 
 def nearest_mark(solution: Solution, units: PageUnits) -> dict[str, object] | None:
-    """Where the least gap is, with its words, for the scene; None where nothing is near."""
+    """Return where the least gap is, with its words, for the scene; None where nothing is near."""
     room = solution.room
     if room is None or not room.nearest.link:
         return None
-    place = place_of_least_gap(solution.problem, solution.trajectory, room.nearest)
+    place = least_gap_place(solution.problem, solution.trajectory, room.nearest)
     return {"place": [float(value) for value in place], "words": next(room_sentences(room, units))}
 
 
-def place_of_least_gap(problem: Problem, trajectory: JointTrajectory, near: NearPlace) -> FloatArray:
-    """Half-way between the two bodies of a least gap at its time, shape (2,) [m]."""
+def least_gap_place(problem: Problem, trajectory: JointTrajectory, near: NearPlace) -> FloatArray:
+    """Return the half-way between the two bodies of a least gap at its time, shape (2,) [m]."""
     at = [np.interp(near.time, trajectory.time, column) for column in trajectory.positions.T]
     points = problem.arm.joint_positions_at(np.array(at))
     first = shapely.LineString(points[near.link - 1 : near.link + 1])
@@ -147,7 +147,7 @@ _TIME = re.compile(r" at t = (\d+(?:\.\d+)?) s")
 
 
 def survived_in_words(error: SurvivedError, units: PageUnits, *, in_space: bool) -> tuple[str, str, str]:
-    """What is otherwise than planned, the largest error that is survived, and what limits it, and when.
+    """Return what is otherwise than planned, the largest error that is survived, and what limits it, and when.
 
     Args:
         error: that is survived, with what limits it.
@@ -164,7 +164,7 @@ def survived_in_words(error: SurvivedError, units: PageUnits, *, in_space: bool)
 
 
 def gap_data(room: RoomRecord) -> dict[str, object]:
-    """The record of a motion's room as the page's script reads it; lengths [m], times [s].
+    """Return the record of a motion's room as the page's script reads it; lengths [m], times [s].
 
     Args:
         room: the record.
@@ -179,14 +179,14 @@ def gap_data(room: RoomRecord) -> dict[str, object]:
         "wanted": room.wanted,
         "clearance": room.clearance,
         "reach": room.reach,
-        "highest": highest_shown(room),
+        "highest": chart_top(room),
         "nearest": {"gap": near.gap, "time": near.time, "pair": near.pair, "itself": bool(near.second_link)}
         if near.link
         else None,
     }
 
 
-def highest_shown(room: RoomRecord) -> float:
+def chart_top(room: RoomRecord) -> float:
     """Gap at the upper edge of the chart [m]: some times the wanted or the least one, the largest if that is less."""
     # What is beyond the record's reach stands there as the reach, and is not shown as if it were a gap.
     largest = 1.1 * float(room.gaps.max())

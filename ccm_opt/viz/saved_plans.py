@@ -119,7 +119,7 @@ def animate(plan: Solution | SavedPlan, file: str | Path) -> Path:
 
 
 def drawn(plan: Solution | SavedPlan) -> "DrawnPlan":
-    """What pictures show of a plan; of one that was loaded the simulated arm too."""
+    """Return what pictures show of a plan; of one that was loaded the simulated arm too."""
     from ccm_opt.viz.arm_drawing import DrawnPlan  # noqa: PLC0415 - loads matplotlib
 
     expect(plan, (Solution, SavedPlan), "a plan", "ccm_opt.solve makes one and ccm_opt.load reads one")

@@ -39,7 +39,7 @@ SceneData = dict[str, object]
 
 
 def scene_data(problem: Problem, shown: FloatArray) -> SceneData:
-    """Arm, start, goals, room and obstacles of a problem, as the scripts of its page read them.
+    """Return the arm, start, goals, room and obstacles of a problem, as the scripts of its page read them.
 
     Args:
         problem: whose scene it is.
@@ -64,7 +64,7 @@ def scene_data(problem: Problem, shown: FloatArray) -> SceneData:
 
 
 def _goal_data(number: int, stop: Stop, arm: Arm) -> SceneData:
-    """Where a goal is marked, along which direction, and with what tolerances."""
+    """Return where a goal is marked, along which direction, and with what tolerances."""
     goal = stop.goal
     return {
         "number": number,
@@ -160,7 +160,7 @@ _NO_WIDTH = 1e-6
 
 
 def route_layers(problem: Problem, end: FloatArray) -> dict[str, object]:
-    """The way that the arm takes round the obstacles in its last pose, drawn taut, and the regions along it.
+    """Return the way that the arm takes round the obstacles in its last pose, drawn taut, and the regions along it.
 
     Args:
         problem: what was asked.
@@ -175,7 +175,7 @@ def route_layers(problem: Problem, end: FloatArray) -> dict[str, object]:
     space = FreeSpace(problem.workspace, inflation)
     try:
         sleeve = space.sleeve_of(end)
-        taut = space.path_of_sleeve(sleeve, end[0], end[-1])
+        taut = space.sleeve_path(sleeve, end[0], end[-1])
         corridor = space.corridor(Route(sleeve, taut, path_length(taut)))
     except CcmError:
         # The base may stand in a wall, and the mount may lead through one: then there is no such way.
@@ -189,7 +189,7 @@ _CORNER_STEPS = 65535
 
 
 def _body_data(name: str, body: Body, share: int, extent: FloatArray) -> dict[str, object]:
-    """A body: corners as whole numbers of 16 bits, faces and sharp edges as numbers of corners, in base 64."""
+    """Return a body: corners as whole numbers of 16 bits, faces and sharp edges as numbers of corners, in base 64."""
     surface = body.surface(_ROUND_SIDES)
     vertices, faces = within(*surface, max(share, 500), _CELL * float(np.max(np.ptp(extent, axis=0))))
     # Corners that several triangles have at one place are written once.

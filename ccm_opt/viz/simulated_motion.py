@@ -27,7 +27,7 @@ from ccm_opt.viz.views import (
     draw_pose,
     dress_view,
     points_a_metre,
-    window_of,
+    view_box,
 )
 
 _SIMULATED_POSES = (0.25, 0.5, 0.75)
@@ -37,7 +37,7 @@ _SIMULATED_POSES = (0.25, 0.5, 0.75)
 def simulation_png(
     problem: Problem, trajectory: JointTrajectory, joints: JointStates, simulated: SimulatedMotion
 ) -> bytes:
-    """The picture of a simulated motion: the content of a PNG file.
+    """Return the picture of a simulated motion: the content of a PNG file.
 
     Args:
         problem: arm and room.
@@ -79,7 +79,10 @@ def draw_errors(
 def _simulation_figure(
     problem: Problem, trajectory: JointTrajectory, joints: JointStates, simulated: SimulatedMotion
 ) -> Figure:
-    """Planned end, simulated poses and end, in the plane or from above and from the front; and the errors over time."""
+    """Return the planned end, simulated poses and end, in the plane or from above and from the front.
+
+    And the errors over time.
+    """
     arm, reached = problem.arm, simulated_samples(trajectory, simulated)
     carried = np.sum(simulated.base_positions[:reached], axis=1)
     points = joint_positions_3d(arm, simulated.angles[:reached], carried)
@@ -89,7 +92,7 @@ def _simulation_figure(
         window = whole_room(problem.workspace)
         sides: tuple[Side, ...] = (PLANE,)
     else:
-        window = window_of(problem, np.concatenate((planned, points)))
+        window = view_box(problem, np.concatenate((planned, points)))
         sides = SIDES[:2]
     figure, grid = _sheet_with_errors([np.ptp(side(window), axis=0) for side in sides])
     scene = SeenScene(problem)
@@ -124,7 +127,7 @@ def _sheet_with_errors(spans: list[FloatArray]) -> tuple[Figure, GridSpec]:
 
 
 def tolerance_png(problem: Problem, trajectory: JointTrajectory, error: SurvivedError) -> bytes:
-    """The picture of what errors of the joints may do: the content of a PNG file.
+    """Return the picture of what errors of the joints may do: the content of a PNG file.
 
     Args:
         problem: arm and room.
@@ -141,9 +144,9 @@ def _tolerance_figure(problem: Problem, trajectory: JointTrajectory, error: Surv
     worst[: len(error.worst)] += error.size * np.array(error.worst)
     points, off = problem.arm.joint_positions_at(np.stack((pose, worst)))
     moved = moved_by_joint_errors(problem.arm, points, error.size)
-    sheet = Sheet.of(problem, window_of(problem, points))
+    sheet = Sheet.of(problem, view_box(problem, points))
     for axes, side in sheet.views:
-        _draw_reach_of_errors(axes, side(points), problem.arm.radius + moved)
+        _draw_error_reach(axes, side(points), problem.arm.radius + moved)
         draw_pose(axes, side, points, problem.arm.radius, "end", "arm")
         axes.plot(*side(off).T, color=style.PRESSED, linewidth=1.1, zorder=8, label="with the worst errors")
         _mark_limiting_place(axes, side, error)
@@ -159,7 +162,7 @@ def _tolerance_figure(problem: Problem, trajectory: JointTrajectory, error: Surv
     return sheet.figure
 
 
-def _draw_reach_of_errors(axes: Axes, flat: FloatArray, half: FloatArray) -> None:
+def _draw_error_reach(axes: Axes, flat: FloatArray, half: FloatArray) -> None:
     """Every link as wide as it may get.
 
     Args:

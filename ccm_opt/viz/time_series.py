@@ -31,7 +31,7 @@ _POSE_ERROR = 1e-4
 """The same of the joints' bends, from which the arm is drawn [rad]."""
 
 
-def kept_samples(time: FloatArray, columns: FloatArray, tolerance: float, most: int, always: IntArray) -> IntArray:
+def select_samples(time: FloatArray, columns: FloatArray, tolerance: float, most: int, always: IntArray) -> IntArray:
     """Choose the samples that are kept, by their numbers, increasing.
 
     Sample by sample, the one that is farthest from the lines between those kept so far is added (Ramer 1972, Douglas
@@ -62,7 +62,10 @@ def kept_samples(time: FloatArray, columns: FloatArray, tolerance: float, most: 
 
 
 def _farthest(time: FloatArray, columns: FloatArray, begin: int, end: int) -> tuple[float, int, int, int] | None:
-    """The sample between two that is farthest from their line, with the negative distance first; None without any."""
+    """Return the sample between two that is farthest from their line, with the negative distance first.
+
+    None without any.
+    """
     if end - begin < 2:
         return None
     share = ((time[begin + 1 : end] - time[begin]) / (time[end] - time[begin]))[:, None]
@@ -106,7 +109,7 @@ class SeriesGroup:
 
 
 def series_data(solution: Solution) -> list[dict[str, object]]:
-    """All groups of a plan, thinned and coded, as the page's script reads them.
+    """Return all groups of a plan, thinned and coded, as the page's script reads them.
 
     Args:
         solution: the plan.
@@ -117,7 +120,7 @@ def series_data(solution: Solution) -> list[dict[str, object]]:
 
 
 def series_groups(solution: Solution) -> Iterator[SeriesGroup]:
-    """All groups of a plan at every sample, those of the joints first."""
+    """Yield all groups of a plan at every sample, those of the joints first."""
     arm = solution.problem.arm
     trajectory = solution.trajectory
     joints = trajectory.coordinates.names[trajectory.coordinates.bends]
@@ -132,7 +135,7 @@ def series_groups(solution: Solution) -> Iterator[SeriesGroup]:
 
 
 def _base_groups(solution: Solution) -> Iterator[SeriesGroup]:
-    """What carries the base: its place and speed in the page's unit, and its force; nothing for a fixed base."""
+    """Yield what carries the base: its place and speed in the page's unit, and its force; nothing for a fixed base."""
     trajectory = solution.trajectory
     limits = solution.problem.limits
     names = trajectory.coordinates.base_names
@@ -149,7 +152,7 @@ def _base_groups(solution: Solution) -> Iterator[SeriesGroup]:
 
 
 def _drive_groups(solution: Solution) -> Iterator[SeriesGroup]:
-    """Velocities, accelerations and torques of the revolutes that move or bear anything."""
+    """Yield the velocities, accelerations and torques of the revolutes that move or bear anything."""
     states = solution.joints
     limits = solution.problem.limits
     coordinates = solution.trajectory.coordinates
@@ -170,7 +173,7 @@ def _drive_groups(solution: Solution) -> Iterator[SeriesGroup]:
 
 
 def _drive_name(number: int) -> str:
-    """A revolute that does not bend the arm by its place in the ball joint."""
+    """Return a revolute that does not bend the arm by its place in the ball joint."""
     joint, axis = divmod(number, 3)
     return f"joint {joint + 1}, {('first', 'second', 'third')[axis]} revolute"
 
@@ -188,7 +191,7 @@ def _tip_speed(solution: Solution) -> SeriesGroup:
 
 
 def _simulated_groups(solution: Solution, joints: tuple[str, ...]) -> Iterator[SeriesGroup]:
-    """How far the simulated arm is from its plan, and what its drives gave."""
+    """Yield how far the simulated arm is from its plan, and what its drives gave."""
     simulated = solution.simulation
     if len(simulated.angles) != len(solution.trajectory.time):
         return
@@ -211,7 +214,7 @@ def _coded_group(group: SeriesGroup, time: FloatArray, always: IntArray) -> dict
     error = _CURVE_ERROR * extent if group.error is None else group.error
     fewest = _MOST_NUMBERS // max(values.shape[1], 1)
     most = int(np.clip(fewest, _LEAST_SAMPLES, _MOST_SAMPLES))
-    kept = kept_samples(time, values, error, most, always)
+    kept = select_samples(time, values, error, most, always)
     step = step_for(values, NUMBER_STEP if group.error is None else 0.1 * group.error / extent)
     return {
         "key": group.key,
@@ -243,7 +246,7 @@ class LimitShare:
 
 
 def limit_shares(solution: Solution) -> list[LimitShare]:
-    """How much of every kind of limit a plan uses at each of its samples."""
+    """Return how much of every kind of limit a plan uses at each of its samples."""
     states = solution.joints
     limits = solution.problem.limits
     trajectory = solution.trajectory
@@ -279,7 +282,7 @@ def _share(name: str, values: FloatArray, bounds: FloatArray, drives: tuple[str,
 
 
 def phase_data(solution: Solution) -> dict[str, object]:
-    """The phase plane and the shares of the limits, as the page's script reads them.
+    """Return the phase plane and the shares of the limits, as the page's script reads them.
 
     Args:
         solution: the plan.
@@ -292,7 +295,7 @@ def phase_data(solution: Solution) -> dict[str, object]:
     scaled = np.column_stack((columns, place / max(float(place[-1]), 1e-300), speed / max(float(speed.max()), 1e-300)))
     always = np.array([0, *trajectory.stops, len(trajectory.time) - 1], dtype=np.intp)
     most = int(np.clip(_MOST_NUMBERS // scaled.shape[1], _LEAST_SAMPLES, _MOST_SAMPLES))
-    kept = kept_samples(trajectory.time, scaled, _CURVE_ERROR, most, always)
+    kept = select_samples(trajectory.time, scaled, _CURVE_ERROR, most, always)
     return {
         "time": coded(trajectory.time[kept], 1e-5),
         "place": coded(np.rad2deg(place[kept]), step_for(np.rad2deg(place))),
@@ -307,14 +310,14 @@ def phase_data(solution: Solution) -> dict[str, object]:
 
 
 def path_and_speed(solution: Solution) -> tuple[FloatArray, FloatArray]:
-    """Length of the path of the bends so far [rad], and the speed along it [rad/s], each of shape (T,)."""
+    """Return the length of the path of the bends so far [rad], and the speed along it [rad/s], each of shape (T,)."""
     trajectory = solution.trajectory
     steps = np.linalg.norm(np.diff(trajectory.bend_angles, axis=0), axis=1)
     return np.concatenate(([0.0], np.cumsum(steps))), np.linalg.norm(trajectory.bend_velocities, axis=1)
 
 
 def speed_at_velocity_limits(speed: FloatArray, shares: list[LimitShare], moving: float) -> FloatArray:
-    """Speed along the path at which some velocity would be at its limit, shape (T,) [rad/s].
+    """Return the speed along the path at which some velocity would be at its limit, shape (T,) [rad/s].
 
     Args:
         speed: along the path, shape (T,) [rad/s].

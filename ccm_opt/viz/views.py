@@ -81,8 +81,8 @@ def action_window(problem: Problem, points: FloatArray) -> FloatArray:
     return room if most else window
 
 
-def layout_of(window: FloatArray) -> tuple[tuple[float, float], tuple[float, float, float, float]]:
-    """Size of a figure as large as a window of the plane, with margins for labels, title and legend [inch].
+def figure_layout(window: FloatArray) -> tuple[tuple[float, float], tuple[float, float, float, float]]:
+    """Return the size of a figure as large as a window of the plane, with margins for labels, title and legend [inch].
 
     Args:
         window: lower left and upper right corner, shape (2, 2) [m].
@@ -130,7 +130,7 @@ class SeenScene:
         if side is PLANE:
             draw_workspace(axes, self.problem.workspace, window)
             return
-        low, high = seen_window(side, window)
+        low, high = view_window(side, window)
         axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
         self.draw_room(axes, side)
         self.draw(axes, side)
@@ -207,7 +207,7 @@ def _lay_sheet(sheets: IntArray, flat: FloatArray, faces: IntArray) -> None:
     sheets[first[1] : last[1], first[0] : last[0]] += np.asarray(mask)
 
 
-def seen_window(side: Side, window: FloatArray) -> FloatArray:
+def view_window(side: Side, window: FloatArray) -> FloatArray:
     """Lower left and upper right corner of what is seen of a box, shape (2, d) [m], in the picture, shape (2, 2)."""
     seen = side(_corners(window))
     return np.stack((seen.min(axis=0), seen.max(axis=0)))
@@ -220,8 +220,8 @@ def _corners(box: FloatArray) -> FloatArray:
     return np.asarray(np.where(counted == 1, box[1], box[0]))
 
 
-def window_of(problem: Problem, points: FloatArray) -> FloatArray:
-    """Corners of the box in which the arm moves, and of what is near it, shape (2, d) [m].
+def view_box(problem: Problem, points: FloatArray) -> FloatArray:
+    """Return the corners of the box in which the arm moves, and of what is near it, shape (2, d) [m].
 
     Args:
         problem: what is shown.
@@ -264,7 +264,7 @@ class Sheet:
 
     @classmethod
     def of(cls, problem: Problem, window: FloatArray, scene: "SeenScene | None" = None) -> "Sheet":
-        """The room and what is in it, drawn.
+        """Return the room and what is in it, drawn.
 
         Args:
             problem: what is shown.
@@ -272,7 +272,7 @@ class Sheet:
             scene: bodies of space that are made ready already.
         """
         if problem.dimension == 2:
-            size, place = layout_of(window)
+            size, place = figure_layout(window)
             figure = Figure(figsize=size, dpi=PICTURES.dots_per_inch)
             sheet = cls(problem, figure, ((figure.add_axes(place), PLANE),))
         else:
@@ -284,7 +284,7 @@ class Sheet:
 
     @classmethod
     def of_box(cls, problem: Problem, box: FloatArray) -> "Sheet":
-        """An empty sheet for what lies in a box of space, whose corners have the shape (2, 3) [m]."""
+        """Return an empty sheet for what lies in a box of space, whose corners have the shape (2, 3) [m]."""
         spans = np.ptp(box, axis=0)
         scale = VIEW_SIDE / float(np.max(spans))
         # From above at the upper left, from the front below it, from the left beside that: lengths stand in line.
@@ -376,7 +376,7 @@ def draw_arm(axes: Axes, flat: FloatArray, radius: float, colour: str, opacity: 
 
 
 def points_a_metre(axes: Axes) -> float:
-    """How many points of line width a metre of the drawing is."""
+    """Return how many points of line width a metre of the drawing is."""
     box = axes.get_window_extent()
     # The axes have the aspect of their limits only inside their box.
     pixels_a_metre = min(box.width / np.ptp(axes.get_xlim()), box.height / np.ptp(axes.get_ylim()))

@@ -24,7 +24,7 @@ import numpy as np
 
 from ccm_opt.cli.compare.running import compare
 from ccm_opt.cli.compare.runs import Run, Task, execute, open_journal
-from ccm_opt.cli.compare.suites import Case, cases_of_suite
+from ccm_opt.cli.compare.suites import Case, suite_cases
 from ccm_opt.core.executors import DaskWorkers, LocalWorkers, completed
 from tests.comparison_tasks import double
 from tests.test_comparison_executors import dask_cluster, wait_for_workers
@@ -51,7 +51,7 @@ class WarmWorkers:
     def open(self) -> Iterator[tuple[Executor, int]]:
         """An executor that is ready, and when it became so in ``ready``."""
         with LocalWorkers(self.count).open() as (executor, width):
-            task = Task(cases_of_suite("open-space", 1, 10**6)[0], self.method)
+            task = Task(suite_cases("open-space", 1, 10**6)[0], self.method)
             list(executor.map(execute, [task] * (4 * self.count)))
             clock["ready"] = time.perf_counter()
             clock["cpu"] = time.process_time()
@@ -66,7 +66,7 @@ def timed(cases: Sequence[Case], method: str, workers: int) -> tuple[float, floa
     """Time of a comparison from ready workers to the last result, and the time of its runs added up [s]."""
     with tempfile.TemporaryDirectory() as folder, open_journal(Path(folder) / "journal.jsonl") as journal:
         comparison = compare(cases, (method,), WarmWorkers(workers, method), journal)
-        return clock["done"] - clock["ready"], sum(run.wall for run in comparison.runs_of(method))
+        return clock["done"] - clock["ready"], sum(run.wall for run in comparison.method_runs(method))
 
 
 def workers(options: argparse.Namespace) -> None:
@@ -75,7 +75,7 @@ def workers(options: argparse.Namespace) -> None:
     rates: dict[int, list[tuple[int, float, float]]] = {1: [], 2: []}
     for k in range(options.rounds):
         for number in (1, 2):
-            cases = cases_of_suite("open-space", each, (2 * k + number - 1) * each)
+            cases = suite_cases("open-space", each, (2 * k + number - 1) * each)
             rates[number].append((len(cases), *timed(cases, METHOD, number)))
     print("| workers | problems | time [s] | problems a second | busy |\n| --- | --- | --- | --- | --- |")
     speeds = {}
@@ -93,7 +93,7 @@ def workers(options: argparse.Namespace) -> None:
 
 def overhead(options: argparse.Namespace) -> None:
     """What a run costs beside itself: CPU time, so that other work on the machine does not count."""
-    tasks = [Task(case, NO_RUN) for case in cases_of_suite("open-space", options.count)]
+    tasks = [Task(case, NO_RUN) for case in suite_cases("open-space", options.count)]
     gaps = []
     with tempfile.TemporaryDirectory() as folder, open_journal(Path(folder) / "journal.jsonl") as journal:
         for _, result in completed(WarmWorkers(1, NO_RUN), execute_clocked, tasks):

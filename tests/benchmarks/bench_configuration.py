@@ -73,7 +73,7 @@ def clutter_task(obstacles: int, seed: int) -> ConfigurationTask:
         routes = room.routes(ends[0], ends[1], 1)
         if routes:
             break
-    taut = room.path_of_sleeve(routes[0].sleeve, ends[0], ends[1])
+    taut = room.sleeve_path(routes[0].sleeve, ends[0], ends[1])
     length = path_length(taut) * RATIOS[seed % len(RATIOS)]
     leg = taut[-1] - taut[-2]
     way = room.corridor(Route(routes[0].sleeve, taut, path_length(taut)))

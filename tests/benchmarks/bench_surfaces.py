@@ -15,7 +15,7 @@ import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.scene.distances.surface_tree import DEFAULT_DISTANCES, SurfaceTree
-from ccm_opt.scene.surfaces import SurfaceSoup
+from ccm_opt.scene.surfaces import TriangleSoup
 from tests.benchmarks.bench_planning import head, row
 
 REACH = 0.026
@@ -47,7 +47,7 @@ def main() -> None:
             row(len(scene), leaf, f"{build:.2f}", *figures, f"{grid:.2f}", f"{peak:.0f}")
 
 
-def duct(count: int) -> SurfaceSoup:
+def duct(count: int) -> TriangleSoup:
     """A duct of about so many triangles along x, 1.1 m long, of a radius of 40 mm."""
     around = max(int(np.sqrt(count / 2.0 * 0.25 / 1.1)), 8)
     along = max(count // (2 * around), 1)
@@ -57,7 +57,7 @@ def duct(count: int) -> SurfaceSoup:
     a, b, c, d = grid[:-1, :-1], grid[1:, :-1], grid[1:, 1:], grid[:-1, 1:]
     halves = [np.stack(corners, axis=2).reshape(-1, 3, 3) for corners in ((a, b, c), (a, c, d))]
     triangles = np.concatenate(halves)
-    return SurfaceSoup(triangles, np.zeros(len(triangles)), np.zeros(len(triangles), dtype=np.intp), ("duct",))
+    return TriangleSoup(triangles, np.zeros(len(triangles)), np.zeros(len(triangles), dtype=np.intp), ("duct",))
 
 
 def arm(aside: float) -> FloatArray:

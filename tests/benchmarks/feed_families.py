@@ -13,7 +13,7 @@ import shapely
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.polyline import unit_vector
-from ccm_opt.planning.leader import LeaderPath, pose_on
+from ccm_opt.planning.leader import LeaderPath, pose_on_path
 from ccm_opt.problem import JointPose, Problem, TipGoal, Tolerances
 from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
@@ -84,7 +84,7 @@ def clutter(rng: np.random.Generator, ways: list[LeaderPath]) -> list[Obstacle]:
 def on_way(arm: Arm, path: LeaderPath) -> JointPose:
     """The arm on a way with its tip at the end."""
     feed = path.base_with_tip_at_end(arm.links, arm.link_length)
-    return JointPose(pose_on(arm, path, feed), feed)
+    return JointPose(pose_on_path(arm, path, feed), feed)
 
 
 def tip_of(pose: JointPose, path: LeaderPath) -> TipGoal:

@@ -12,7 +12,7 @@ import numpy as np
 import shapely
 
 from ccm_opt.core.arrays import BoolArray, FloatArray
-from ccm_opt.core.polyline import WHOLE_TURN, arc_lengths, leg_headings, legs_at, without_repeats, wrap
+from ccm_opt.core.polyline import WHOLE_TURN, arc_lengths, leg_headings, leg_indices, without_repeats, wrap
 from ccm_opt.planning.curve_routes import find_routes, route_room
 from ccm_opt.planning.ends import Ends
 from ccm_opt.planning.link_space import LinkSpace
@@ -86,7 +86,7 @@ class RandomPoses:
         taut = without_repeats(route.taut, NEAR)
         arcs = arc_lengths(taut)
         places = (np.arange(self.problem.arm.links) + 0.5) / self.problem.arm.links
-        along = leg_headings(taut)[legs_at(arcs, places * arcs[-1])]
+        along = leg_headings(taut)[leg_indices(arcs, places * arcs[-1])]
         # Whole turns count from the start of the motion, which the objective counts them from.
         along = along + WHOLE_TURN * np.round((self.problem.arm.headings(self.ends.start)[0] - along[0]) / WHOLE_TURN)
         turns = WHOLE_TURN * self.rng.choice((-1.0, 0.0, 0.0, 0.0, 1.0), (BATCH, 1))

@@ -14,7 +14,7 @@ from ccm_opt.core.errors import NoPlanFound
 from ccm_opt.core.polyline import path_length
 from ccm_opt.planning.continuation import Stalled, follow
 from ccm_opt.planning.pose import Pose
-from ccm_opt.planning.search_run import PlanarRun, configurations_of, tip_led
+from ccm_opt.planning.search_run import PlanarRun, stack_configurations, tip_led
 from ccm_opt.planning.tip_paths import TipPath
 from ccm_opt.problem import TipGoal
 from tests.scenes import Scene, motion_task
@@ -83,5 +83,5 @@ def _certified_part(run: PlanarRun, path: TipPath) -> list[Pose]:
         poses = follow(run.stepper, guide, run.start, run.task.deadline)
     except Stalled as stalled:
         poses = stalled.poses
-    refused = run.task.certificate.failures(configurations_of(poses)) if len(poses) > 1 else []
+    refused = run.task.certificate.failures(stack_configurations(poses)) if len(poses) > 1 else []
     return poses[: int(refused[0]) + 1] if len(refused) else poses

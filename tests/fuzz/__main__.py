@@ -27,7 +27,7 @@ from tests.space_files import three_mf
 
 with atheris.instrument_imports(include=["ccm_opt.io"]):
     from ccm_opt.io.drawing import READERS, ImportOptions, import_scene
-    from ccm_opt.io.mesh_obstacles import MESH_READERS, mended_mesh, read_mesh_file
+    from ccm_opt.io.mesh_obstacles import MESH_READERS, read_mesh_file, repaired_mesh
 
 OPTIONS = ImportOptions(scale=0.001)
 LONGEST = 5
@@ -124,7 +124,7 @@ def _read_drawing(path: Path) -> None:
 
 
 def _read_mesh(path: Path) -> None:
-    mended_mesh(read_mesh_file(path))
+    repaired_mesh(read_mesh_file(path))
 
 
 if __name__ == "__main__":

@@ -45,7 +45,7 @@ class SearchByPython:
     search: FollowSearch
     goal: WayEnd
 
-    def arcs_from(self, place: FloatArray, frame: FloatArray) -> list[int] | None:
+    def connecting_arc_indices(self, place: FloatArray, frame: FloatArray) -> list[int] | None:
         """Numbers of the arcs of a way to where two more lead to the goal; None where none is found.
 
         Args:

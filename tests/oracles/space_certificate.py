@@ -115,7 +115,7 @@ class SpaceCertificateByNumpy:
         """Whether the motion between two configurations, each of shape (c,), is proved to touch nothing."""
         whole = self._interval(self._pose(before), self._pose(after))
         pairs = self._near_pairs(whole)
-        return self._walls_clear(whole, self._looked_at, depth) and self._pairs_clear(whole, *pairs, depth)
+        return self._walls_clear(whole, self._inspected_samples, depth) and self._pairs_clear(whole, *pairs, depth)
 
     def _pose(self, q: FloatArray) -> _Pose:
         return _Pose(q, self.arm.joint_positions_at(q), self.arm.link_rotations(q))
@@ -129,7 +129,7 @@ class SpaceCertificateByNumpy:
 
     # ------------------------------------------------------------ walls
     @property
-    def _looked_at(self) -> IntArray:
+    def _inspected_samples(self) -> IntArray:
         """Links that walls may not touch: all that do not lie wholly in the mount."""
         first = int(self.arm.mount_length / self.arm.link_length + 1e-9)
         return np.arange(min(first, self.arm.links), self.arm.links)

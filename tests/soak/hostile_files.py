@@ -12,7 +12,7 @@ from pathlib import Path
 from ccm_opt import load_problem
 from ccm_opt.core.errors import CcmError
 from ccm_opt.io.drawing import ImportOptions, import_scene
-from ccm_opt.io.mesh_obstacles import mended_mesh, read_mesh_file
+from ccm_opt.io.mesh_obstacles import read_mesh_file, repaired_mesh
 from tests.conftest import PROBLEMS
 from tests.fuzz.seeds import seeds
 from tests.soak.mutations import mutated
@@ -52,7 +52,7 @@ def drawings(suffix: str, generator: random.Random) -> Iterator[Defect | None]:
 
 def meshes(suffix: str, generator: random.Random) -> Iterator[Defect | None]:
     """Mutated meshes of one format without end; None for each that was dealt with."""
-    yield from _read_for_ever(seeds(suffix), suffix, lambda path: mended_mesh(read_mesh_file(path)), generator)
+    yield from _read_for_ever(seeds(suffix), suffix, lambda path: repaired_mesh(read_mesh_file(path)), generator)
 
 
 def _read_for_ever(

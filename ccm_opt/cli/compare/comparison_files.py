@@ -47,7 +47,10 @@ def write_comparison(comparison: Comparison, folder: Path, page: str) -> None:
 
 
 def runs_csv(comparison: Comparison) -> str:
-    """One row a run: problem, method, outcome, figures with their units, time, tactic, reason; empty where none."""
+    """Return one row a run: problem, method, outcome, figures with their units, time, tactic, reason.
+
+    Empty where none.
+    """
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     keys = [quantity.key for quantity in QUANTITIES]
@@ -60,7 +63,7 @@ def runs_csv(comparison: Comparison) -> str:
 
 
 def comparison_json(comparison: Comparison) -> str:
-    """The statistics: every method by itself, every two of them by pairs, and every failure with its reason."""
+    """Return the statistics: every method by itself, every two of them by pairs, and every failure with its reason."""
     data = {
         "schema": 1,
         "level": LEVEL,
@@ -76,7 +79,7 @@ def comparison_json(comparison: Comparison) -> str:
 
 
 def medians(runs: Sequence[Run]) -> dict[str, float]:
-    """Median of every figure over the solved runs that have it, by key; NaN when none has."""
+    """Return the median of every figure over the solved runs that have it, by key; NaN when none has."""
     found = {
         item.key: [run.figures[item.key] for run in runs if run.solved and item.key in run.figures]
         for item in QUANTITIES
@@ -86,7 +89,7 @@ def medians(runs: Sequence[Run]) -> dict[str, float]:
 
 def _method(comparison: Comparison, name: str) -> dict[str, object]:
     count, interval = comparison.solved(name)
-    runs = comparison.runs_of(name)
+    runs = comparison.method_runs(name)
     return {
         "name": name,
         "summary": method_named(name).summary,
@@ -164,7 +167,7 @@ def write_problems(cases: Sequence[Case], folder: Path) -> tuple[Path, ...]:
 
 
 def problem_text(problem: Problem) -> str:
-    """A problem file: the one that a problem was read from, if that says all of it, or a new one."""
+    """Return a problem file: the one that a problem was read from, if that says all of it, or a new one."""
     if problem.dimension == 3:
         return tomlkit.dumps(problem_data(problem, [_mesh_name(each.body) for each in problem.workspace.obstacles]))
     data = recorded_data(problem)
@@ -175,12 +178,15 @@ def problem_text(problem: Problem) -> str:
 
 
 def mesh_files(problem: Problem) -> dict[str, bytes]:
-    """The meshes that a problem needs, by their paths beside its file; the same mesh has the same path everywhere."""
+    """Return the meshes that a problem needs, by their paths beside its file.
+
+    The same mesh has the same path everywhere.
+    """
     return {_mesh_name(body): body.content for _, _, body in problem.workspace.meshes}
 
 
 def _mesh_name(body: Body) -> str:
-    """Path of a mesh; empty for other bodies."""
+    """Return the path of a mesh; empty for other bodies."""
     if body.kind != "mesh":
         return ""
     file = PurePosixPath(body.file)

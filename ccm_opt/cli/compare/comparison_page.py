@@ -19,52 +19,55 @@ LEAST_P = 1e-3
 """Smaller probabilities are as good as none."""
 
 
-def shown_unit(quantity: Quantity) -> tuple[str, float]:
+def display_unit(quantity: Quantity) -> tuple[str, float]:
     """The unit in which a figure is shown, and the factor from its own: lengths in millimetres, all else as it is."""
     return ("mm", 1e3) if quantity.unit == "m" else (quantity.unit, 1.0)
 
 
-def shown_title(quantity: Quantity) -> str:
-    """A figure with its unit."""
-    return f"{quantity.title} [{shown_unit(quantity)[0]}]"
+def format_title(quantity: Quantity) -> str:
+    """Return a figure with its unit."""
+    return f"{quantity.title} [{display_unit(quantity)[0]}]"
 
 
-def shown_value(quantity: Quantity, figure: float) -> str:
-    """A value of a figure."""
-    return three_digits(shown_unit(quantity)[1] * figure, DECIMALS)
+def format_value(quantity: Quantity, figure: float) -> str:
+    """Return a value of a figure."""
+    return three_digits(display_unit(quantity)[1] * figure, DECIMALS)
 
 
-def shown_effect(quantity: Quantity, value: float, times: str = TIMES) -> str:
-    """By how much two methods differ in a figure: ``× 0.95`` or ``+1.2``; a dash where there are too few problems."""
+def format_effect(quantity: Quantity, value: float, times: str = TIMES) -> str:
+    """Return by how much two methods differ in a figure: ``× 0.95`` or ``+1.2``.
+
+    A dash where there are too few problems.
+    """
     if not math.isfinite(value):
         return NONE
     # Ratios have no unit; differences have that of the figure.
     if quantity.scale == "ratio":
         return f"{times}{three_digits(value, DECIMALS)}"
-    text = shown_value(quantity, value)
+    text = format_value(quantity, value)
     return f"+{text}" if value > 0.0 and float(text) else text
 
 
-def shown_interval(quantity: Quantity, interval: ConfidenceInterval) -> str:
-    """What that may be."""
-    ends = [shown_effect(quantity, value, "") for value in (interval.low, interval.high)]
+def format_interval(quantity: Quantity, interval: ConfidenceInterval) -> str:
+    """Return what that may be."""
+    ends = [format_effect(quantity, value, "") for value in (interval.low, interval.high)]
     return NONE if NONE in ends else " to ".join(ends)
 
 
 def probability(value: float) -> str:
-    """A p value."""
+    """Return a p value."""
     if not math.isfinite(value):
         return NONE
     return f"< {LEAST_P:g}" if value < LEAST_P else f"{value:.2g}"
 
 
 def percents(share: float) -> str:
-    """A share."""
+    """Return a share."""
     return f"{100.0 * share:.0f} %" if math.isfinite(share) else NONE
 
 
 def success_words(pair: Pair) -> str:
-    """How often two methods solve the same problems, in a sentence."""
+    """Return how often two methods solve the same problems, in a sentence."""
     success = pair.success
     p_value = probability(success.p_value)
     return (
@@ -80,7 +83,7 @@ PAIR_HEADS = ("where both solve", "pairs", "first", "second", "", "median by pai
 
 
 def comparison_page(comparison: Comparison) -> str:
-    """The page of a comparison, which loads nothing."""
+    """Return the page of a comparison, which loads nothing."""
     count, problems = len(comparison.methods), len(comparison.problems)
     title = f"{count} method{'s' if count > 1 else ''} on {problems} problems"
     sections = (
@@ -94,7 +97,7 @@ def comparison_page(comparison: Comparison) -> str:
 
 
 def _data(comparison: Comparison) -> dict[str, object]:
-    """What the scripts of the page read; gaps may be nothing, so that lengths have linear axes."""
+    """Return what the scripts of the page read; gaps may be nothing, so that lengths have linear axes."""
     intervals = {name: comparison.solved(name)[1] for name in comparison.methods}
     return {
         "methods": [{"name": name, "interval": [it.low, it.high]} for name, it in intervals.items()],
@@ -102,7 +105,7 @@ def _data(comparison: Comparison) -> dict[str, object]:
         "quantities": [
             {"key": q.key, "title": q.title, "unit": unit, "factor": factor, "log": q.unit != "m"}
             for q in QUANTITIES
-            for unit, factor in [shown_unit(q)]
+            for unit, factor in [display_unit(q)]
         ],
         "runs": [
             {"problem": run.problem, "method": run.method, "solved": run.solved, "figures": _figures(run)}
@@ -118,7 +121,7 @@ def _figures(run: Run) -> dict[str, float]:
 
 
 def _without_dust(key: str, value: float) -> float:
-    """A figure to what counts as a difference at all: axes are not to show billionths of a millimetre."""
+    """Return a figure to what counts as a difference at all: axes are not to show billionths of a millimetre."""
     tie = next((item.tie for item in QUANTITIES if item.key == key), 0.0)
     return tie * round(value / tie) if tie > 0.0 else value
 
@@ -160,27 +163,27 @@ def _pair_section(pair: Pair, number: int) -> Markup:
 
 
 def _row(item: FigurePair) -> tuple[str, ...]:
-    """One figure of two methods."""
+    """Return one figure of two methods."""
     quantity = item.quantity
     return (
-        shown_title(quantity),
+        format_title(quantity),
         str(item.pairs),
-        shown_value(quantity, item.first),
-        shown_value(quantity, item.second),
+        format_value(quantity, item.first),
+        format_value(quantity, item.second),
         quantity.scale,
-        shown_effect(quantity, item.effect),
-        shown_interval(quantity, item.interval),
+        format_effect(quantity, item.effect),
+        format_interval(quantity, item.interval),
         percents(item.better),
         probability(item.p_value),
     )
 
 
 def _methods_section(comparison: Comparison) -> Markup:
-    heads = ("method", "solved", "95 %", *map(shown_title, QUANTITIES))
+    heads = ("method", "solved", "95 %", *map(format_title, QUANTITIES))
     rows = []
     for name in comparison.methods:
         solved, interval = comparison.solved(name)
-        found = medians(comparison.runs_of(name))
+        found = medians(comparison.method_runs(name))
         rows.append(
             (
                 name,
@@ -193,7 +196,7 @@ def _methods_section(comparison: Comparison) -> Markup:
 
 
 def _runs_section(comparison: Comparison) -> Markup:
-    heads = ("problem", "method", "outcome", *map(shown_title, QUANTITIES), "tactic, or reason")
+    heads = ("problem", "method", "outcome", *map(format_title, QUANTITIES), "tactic, or reason")
     rows = [
         (
             run.problem,
@@ -216,5 +219,5 @@ def _runs_section(comparison: Comparison) -> Markup:
 
 
 def _value(figures: Mapping[str, float], quantity: Quantity) -> str:
-    unit, factor = shown_unit(quantity)
+    unit, factor = display_unit(quantity)
     return three_digits(factor * figures.get(quantity.key, math.nan), 2 if unit == "mm" else 4)

@@ -14,7 +14,7 @@ from typing import Any
 from ccm_opt.core.errors import ProblemError
 from ccm_opt.core.progress import Stages
 from ccm_opt.driver.legs import Planner
-from ccm_opt.ik.terms import TIME_TO_LOAD, answer_of
+from ccm_opt.ik.terms import TIME_TO_LOAD, call_user_function
 from ccm_opt.problem import Problem
 from ccm_opt.problem.options import PlannerOptions
 
@@ -36,14 +36,14 @@ class Method:
     make: Callable[[], Planner] | None = None
 
     def prepared(self, problem: Problem, time_limit: float | None = None) -> Problem:
-        """The problem with this method's options, and a limit of CPU time [s] unless that is None."""
+        """Return the problem with this method's options, and a limit of CPU time [s] unless that is None."""
         options = dict(self.options)
         if time_limit is not None:
             options["time_limit"] = time_limit
         return replace(problem, planner=replace(problem.planner, **options))  # type: ignore[arg-type]
 
     def planner(self, prepared: Problem) -> Planner:
-        """The planner for a problem that was prepared.
+        """Return the planner for a problem that was prepared.
 
         Raises:
             ProblemError: this method knows the plane alone, and the problem is in space.
@@ -87,7 +87,7 @@ DEFAULT = ("nlp", "hill-climbing")
 
 
 def method_named(name: str) -> Method:
-    """A method of the table, or any planner as ``module:attribute``.
+    """Return a method of the table, or any planner as ``module:attribute``.
 
     Args:
         name: the attribute is a planner, or something that returns one when called without arguments.
@@ -103,7 +103,7 @@ def method_named(name: str) -> Method:
 
 
 def check_methods(names: Sequence[str]) -> tuple[str, ...]:
-    """The names, each once; a wrong name, or a planner that cannot be made, is refused before any work.
+    """Return the names, each once; a wrong name, or a planner that cannot be made, is refused before any work.
 
     Raises:
         ProblemError: when a planner cannot be made.
@@ -125,7 +125,7 @@ def _made(name: str) -> Any:
 
 
 def _loaded(name: str) -> Planner:
-    value = answer_of(partial(_made, name), f"loading the planner module:attribute {name}", TIME_TO_LOAD)
+    value = call_user_function(partial(_made, name), f"loading the planner module:attribute {name}", TIME_TO_LOAD)
     if not callable(getattr(value, "plan", None)):
         raise ProblemError(f"{name} is a {type(value).__name__} without a method 'plan'; expected a planner")
     planner: Planner = value
@@ -145,22 +145,24 @@ SOURCES = frozenset((".py", ".c", ".h", ".so", ".pyd"))
 
 @cache
 def code_of(method: str) -> str:
-    """Digest of the code that a method runs on this machine, hexadecimal; that of a planner from elsewhere included.
+    """Return the digest of the code that a method runs on this machine, hexadecimal.
+
+    That of a planner from elsewhere included.
 
     Args:
         method: of the table, or ``module:attribute``.
     """
-    digest = hashlib.sha256(_digest_of_package(OURS, NOT_MET).encode())
+    digest = hashlib.sha256(_package_digest(OURS, NOT_MET).encode())
     if method == "ompl":
         digest.update(metadata.version("ompl").encode())
     if method not in METHODS:
         # All of the top-level package: a planner may well be changed in a module that its own imports.
-        digest.update(_digest_of_package(method.partition(":")[0].partition(".")[0], ()).encode())
+        digest.update(_package_digest(method.partition(":")[0].partition(".")[0], ()).encode())
     return digest.hexdigest()[:DIGITS]
 
 
 @cache
-def _digest_of_package(name: str, left_out: tuple[str, ...]) -> str:
+def _package_digest(name: str, left_out: tuple[str, ...]) -> str:
     digest = hashlib.sha256()
     for place, file in _sources(name):
         if place.startswith(left_out) and not place.startswith(_OMPL):
@@ -171,7 +173,7 @@ def _digest_of_package(name: str, left_out: tuple[str, ...]) -> str:
 
 
 def _sources(name: str) -> Iterator[tuple[str, Path]]:
-    """Every source file of a module or package, in order, with its place in it; none where it has no files."""
+    """Yield every source file of a module or package, in order, with its place in it; none where it has no files."""
     spec = find_spec(name) if name not in sys.modules else sys.modules[name].__spec__
     if spec is None:
         return

@@ -21,12 +21,12 @@ from ccm_opt.planning.drawn_poses import goal_poses
 from ccm_opt.planning.draws import GoalDraws, TargetDraws
 from ccm_opt.planning.ends import Ends, refuse_ends, resolve_ends
 from ccm_opt.planning.link_space import nearest_curves
-from ccm_opt.planning.own_units import in_own_units
+from ccm_opt.planning.own_units import planning_units
 from ccm_opt.planning.sampled_check import SampledCheck
 from ccm_opt.planning.settings import SpaceMotionSettings
 from ccm_opt.planning.smooth_path import path_near_configurations
 from ccm_opt.planning.space_task import SpaceTask, space_task
-from ccm_opt.planning.spline_path import certified_spline, spare_kept
+from ccm_opt.planning.spline_path import certified_spare, certified_spline
 from ccm_opt.planning.strategies import find_by_ways
 from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import JointPath
@@ -106,7 +106,7 @@ class OmplPlanner:
             return self._path(_InSpace(problem, self.settings))
         if problem.arm.base_axes:
             raise ProblemError("the method ompl moves no feed axis; use planner.method nlp, or leave arm.feed out")
-        with in_own_units(problem) as units:
+        with planning_units(problem) as units:
             path = self._path(_InPlane(units.scaled(problem), self.settings))
         return units.path_in_metres(path, problem.arm)
 
@@ -127,7 +127,7 @@ class OmplPlanner:
         return path
 
     def _way(self, query: "_Query", start: FloatArray, goals: list[FloatArray]) -> FloatArray:
-        """Draws along a certified way, shape (K ≥ 2, c), the ends exact."""
+        """Return the draws along a certified way, shape (K ≥ 2, c), the ends exact."""
         base, geometric, util = ompl_modules()
         util.noOutputHandler()
         planner_options = query.problem.planner
@@ -187,13 +187,13 @@ class SampledJoints:
         return self.upper / self._units
 
     def configuration(self, drawn: FloatArray) -> FloatArray:
-        """What draws stand for, shape (..., c) [rad, m]."""
+        """Return what draws stand for, shape (..., c) [rad, m]."""
         q = drawn * self._units
         q[..., self.arm.coordinates.bends] *= self._out(q)
         return q
 
     def drawn(self, q: FloatArray) -> FloatArray | None:
-        """What stands for a configuration, shape (c,); None where that is beyond the limits."""
+        """Return what stands for a configuration, shape (c,); None where that is beyond the limits."""
         out = np.append(self._out(q), np.ones(len(self.arm.base_axes)))
         drawn = np.where(out > 0.0, q / np.where(out > 0.0, out, 1.0), 0.0) / self._units
         slack = 1e-9
@@ -201,7 +201,7 @@ class SampledJoints:
         return np.clip(drawn, self.low, self.high) if fits and np.allclose(self.configuration(drawn), q) else None
 
     def keyframes(self, before: FloatArray, after: FloatArray) -> FloatArray:
-        """Configurations along a straight line between draws, shape (k ≥ 2, c) [rad, m]."""
+        """Return the configurations along a straight line between draws, shape (k ≥ 2, c) [rad, m]."""
         bends = self.arm.coordinates.bends
         count = max(1, int(np.ceil(float(np.abs((after - before)[bends]).max()) / self.longest_turn)))
         shares = [np.linspace(0.0, 1.0, count + 1)]
@@ -228,7 +228,7 @@ class SampledJoints:
         return np.asarray(self.arm.hole + beyond - self.arm.link_length * np.arange(self.arm.links), dtype=np.float64)
 
     def _out(self, q: FloatArray) -> FloatArray:
-        """How far each bend counts, from 0 to 1, shape (..., joints)."""
+        """Return how far each bend counts, from 0 to 1, shape (..., joints)."""
         coordinates = self.arm.coordinates
         if not self.arm.base_axes:
             return np.ones(coordinates.joints)
@@ -255,7 +255,7 @@ class _InPlane:
         self._searched = _certificate(problem, ends, settings.searched_gap)
 
     def goals(self) -> Iterator[FloatArray]:
-        """Configurations at the goal, few enough to grow trees from all of them, each of shape (c,) [rad, m]."""
+        """Yield configurations at the goal, few enough to grow trees from all of them, each of shape (c,) [rad, m]."""
         arm, settings = self.problem.arm, self._settings
         if self._ends.goal_pose is not None:
             yield self._ends.goal_pose
@@ -280,16 +280,16 @@ class _InPlane:
         if spline is None:
             return None
         curves = nearest_curves(self.problem.arm, keyframes)
-        return JointPath(spline, keyframes, curves, NAME, spare=spare_kept(spline, certificate))
+        return JointPath(spline, keyframes, curves, NAME, spare=certified_spare(spline, certificate))
 
 
 def _stands_free(certificate: Certificate, q: FloatArray) -> bool:
-    """Whether a configuration, shape (c,), touches nothing."""
+    """Return whether a configuration, shape (c,), touches nothing."""
     return len(certificate.failures(np.stack((q, q)), depth=0)) == 0
 
 
 def _any_shape(problem: Problem, ends: Ends) -> TargetDraws:
-    """Draws of every shape that the joints allow; a base that is clamped stays where it is."""
+    """Return the draws of every shape that the joints allow; a base that is clamped stays where it is."""
     arm = problem.arm
     free = np.eye(arm.links)
     if ends.clamped:
@@ -337,7 +337,9 @@ class _InSpace:
         return space_task(self.problem, self._tree, until, self._settings.motion)
 
     def _where_ours_ends(self) -> FloatArray | None:
-        """Where our own search ends, which the sampler gets for nothing of its time; None where that finds nothing.
+        """Return where our own search ends, which the sampler gets for nothing of its time.
+
+        None where that finds nothing.
 
         In ducts hardly any pose that is drawn at a goal touches nothing, and a sampler without a goal can only fail.
         """
@@ -350,7 +352,7 @@ class _InSpace:
         return None if self.joints.drawn(found) is None else found
 
     def goals(self) -> Iterator[FloatArray]:
-        """Configurations at the goal, few enough to grow trees from all of them, each of shape (c,) [rad, m]."""
+        """Yield configurations at the goal, few enough to grow trees from all of them, each of shape (c,) [rad, m]."""
         if self._given is not None:
             yield self._given
             return
@@ -368,11 +370,11 @@ class _InSpace:
                 return
 
     def safe(self, before: FloatArray, after: FloatArray, depth: int | None = None) -> bool:
-        """Whether the straight motion between two configurations is proved free of contact."""
+        """Return whether the straight motion between two configurations is proved free of contact."""
         return self._searched.safe(before, after, depth=depth)
 
     def smooth_path(self, keyframes: FloatArray) -> JointPath | None:
-        """The certified smooth path near keyframes, shape (K, c) [rad, m]; None where there is none."""
+        """Return the certified smooth path near keyframes, shape (K, c) [rad, m]; None where there is none."""
         spline = path_near_configurations(keyframes, self._task)
         return None if spline is None else JointPath(spline, keyframes, (), NAME, spare=self._task.spare)
 
@@ -382,7 +384,7 @@ _Query: TypeAlias = _InPlane | _InSpace
 
 
 def _information(base: Any, query: _Query) -> Any:
-    """The space that OMPL plans in, with the certificate as judge of states and motions."""
+    """Return the space that OMPL plans in, with the certificate as judge of states and motions."""
     joints = query.joints
     low, high = joints.low, joints.high
     count = len(low)
@@ -402,7 +404,7 @@ def _information(base: Any, query: _Query) -> Any:
         """Motions that the certificate proves free of contact."""
 
         def checkMotion(self, one: Any, other: Any) -> bool:  # noqa: N802 - OMPL's name
-            """Whether the straight motion from a state to another touches nothing."""
+            """Return whether the straight motion from a state to another touches nothing."""
             keyframes = joints.keyframes(_drawn(one, count), _drawn(other, count))
             return all(query.safe(before, after) for before, after in pairwise(keyframes))
 
@@ -413,7 +415,7 @@ def _information(base: Any, query: _Query) -> Any:
 
 
 def _state(information: Any, drawn: FloatArray) -> Any:
-    """A state of OMPL from draws, shape (c,)."""
+    """Return a state of OMPL from draws, shape (c,)."""
     state = information.allocState()
     for k, value in enumerate(drawn):
         state[k] = float(value)
@@ -425,7 +427,7 @@ def _drawn(state: Any, count: int) -> FloatArray:
 
 
 def ompl_modules() -> tuple[Any, Any, Any]:
-    """OMPL's modules ``base``, ``geometric`` and ``util``.
+    """Return the OMPL's modules ``base``, ``geometric`` and ``util``.
 
     Raises:
         ProblemError: OMPL is not installed.

@@ -133,7 +133,7 @@ class RunProcess:
                 self._answers.put(answer)
 
     def _watched(self, until: float, limit: float, settings: SupervisionSettings) -> Run | tuple[Outcome, str]:
-        """The answer, or how the run ended without one."""
+        """Return the answer, or how the run ended without one."""
         while True:
             with suppress(Empty):
                 answer = self._answers.get(timeout=settings.look_every)
@@ -166,7 +166,7 @@ def run_apart(task: Task, settings: SupervisionSettings = DEFAULT_SUPERVISION) -
 
 
 def wall_limit(task: Task, settings: SupervisionSettings) -> float:
-    """Wall time after which a run is ended [s]."""
+    """Return the wall time after which a run is ended [s]."""
     limit = task.time_limit if task.time_limit is not None else task.case.problem().planner.time_limit
     return settings.time_factor * limit + settings.spare_time
 
@@ -175,7 +175,7 @@ _kept: list[RunProcess] = []
 
 
 def _process() -> RunProcess:
-    """The process of the runs before, or a new one where that is gone."""
+    """Return the process of the runs before, or a new one where that is gone."""
     if _kept and not _kept[0].alive:
         _kept.pop().end()
     if not _kept:
@@ -190,7 +190,7 @@ def _end_kept() -> None:
 
 
 def _resident_memory(process: int) -> int:
-    """Memory of a process [B]; 0 where the system does not tell."""
+    """Return the memory of a process [B]; 0 where the system does not tell."""
     try:
         pages = Path(f"/proc/{process}/statm").read_text(encoding="ascii").split()[1]
     except (OSError, IndexError):
@@ -229,8 +229,8 @@ class Comparison:
     methods: tuple[str, ...]
     runs: tuple[tuple[Run, ...], ...]
 
-    def runs_of(self, method: str) -> tuple[Run, ...]:
-        """The runs of a method, in the order of the problems."""
+    def method_runs(self, method: str) -> tuple[Run, ...]:
+        """Return the runs of a method, in the order of the problems."""
         column = self.methods.index(method)
         return tuple(row[column] for row in self.runs)
 
@@ -239,14 +239,14 @@ class Comparison:
         """Every two methods, in their order."""
         found = []
         for one, other in combinations(self.methods, 2):
-            first = self.runs_of(one)
-            second = self.runs_of(other)
+            first = self.method_runs(one)
+            second = self.method_runs(other)
             found.append(Pair(one, other, compare_success(first, second), compare_figures(first, second)))
         return tuple(found)
 
     def solved(self, method: str) -> tuple[int, ConfidenceInterval]:
-        """How many problems a method solves, and the interval of that as a share."""
-        count = sum(run.solved for run in self.runs_of(method))
+        """Return how many problems a method solves, and the interval of that as a share."""
+        count = sum(run.solved for run in self.method_runs(method))
         return count, success_interval(count, len(self.problems))
 
     @property
@@ -256,7 +256,7 @@ class Comparison:
 
 
 def outdated(journal: Journal, cases: Sequence[Case], methods: Sequence[str]) -> Mapping[str, int]:
-    """How many runs of these problems in the journal were made with other code, by method; none is left out.
+    """Return how many runs of these problems in the journal were made with other code, by method; none is left out.
 
     They stay in the journal and count no more: such runs are made anew.
     """

@@ -132,7 +132,7 @@ class Run:
         return self.outcome == "solved"
 
     def figure(self, key: str) -> float:
-        """A figure, NaN when there is none."""
+        """Return a figure, NaN when there is none."""
         return self.figures.get(key, math.nan)
 
 
@@ -210,13 +210,13 @@ def _refuse_other_code(task: Task) -> None:
 
 
 def failed_run(task: Task, error: BaseException) -> Run:
-    """The record of a task that ended with an error."""
-    outcome, reason = _outcome_of(error)
+    """Return the record of a task that ended with an error."""
+    outcome, reason = _run_outcome(error)
     return Run(task.key, task.case.name, task.method, outcome, reason[:LONGEST_REASON], code=task.code)
 
 
-def _outcome_of(error: BaseException) -> tuple[Outcome, str]:
-    """How a run ended, and why, in one line."""
+def _run_outcome(error: BaseException) -> tuple[Outcome, str]:
+    """Return how a run ended, and why, in one line."""
     if isinstance(error, NoPlanFound):
         outcome: Outcome = "timed out" if isinstance(error, TimeLimitReached) else "no plan"
         return outcome, f"{type(error).__name__}: {error.diagnosis.reason}"
@@ -289,7 +289,7 @@ class Journal:
                 self.runs[run.key] = run
 
     def has(self, key: str) -> bool:
-        """Whether there is a run with this key that counts: one that did not crash."""
+        """Return whether there is a run with this key that counts: one that did not crash."""
         return key in self.runs and self.runs[key].outcome != "crashed"
 
     def append(self, run: Run) -> None:
@@ -323,7 +323,7 @@ class Journal:
 
 @contextmanager
 def open_journal(path: Path) -> Iterator[Journal]:
-    """A journal for one writer; a second one is refused while the first is there.
+    """Return a journal for one writer; a second one is refused while the first is there.
 
     Raises:
         ProblemError: when the file cannot be used, is used by another comparison, or holds something else.
@@ -342,7 +342,7 @@ def open_journal(path: Path) -> Iterator[Journal]:
 
 
 def json_line(run: Run) -> bytes:
-    """A run as a line of JSON; figures that are not finite are left out."""
+    """Return a run as a line of JSON; figures that are not finite are left out."""
     finite = {key: value for key, value in run.figures.items() if math.isfinite(value)}
     data = vars(run) | {"figures": finite}
     return (json.dumps(data, ensure_ascii=False, allow_nan=False) + "\n").encode()
@@ -361,7 +361,7 @@ def _lock(path: Path, descriptor: int) -> None:
 
 
 def _whole_lines(descriptor: int) -> list[bytes]:
-    """The lines of the file; a torn one at its end is cut off the file."""
+    """Return the lines of the file; a torn one at its end is cut off the file."""
     size = os.fstat(descriptor).st_size
     # A duplicate, since closing the file closes its descriptor.
     with os.fdopen(os.dup(descriptor), "rb") as file:

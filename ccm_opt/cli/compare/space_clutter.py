@@ -21,7 +21,7 @@ from ccm_opt.robot.link_bodies import cylinder_inertia
 from ccm_opt.scene.bodies import Body, BoxBody, CapsuleBody, CylinderBody, RigidPlacement, SphereBody
 from ccm_opt.scene.distances.enclosures import segment_distances
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
-from ccm_opt.scene.surfaces import SurfaceSoup
+from ccm_opt.scene.surfaces import TriangleSoup
 from ccm_opt.scene.workspace import Obstacle, Workspace
 
 USUAL_LINKS = 24
@@ -45,7 +45,7 @@ ACCELERATION = 2.0
 
 
 def arm_of_links(links: int, length: float, radius: float) -> Arm:
-    """An arm at the origin along x, whose base turns any way."""
+    """Return an arm at the origin along x, whose base turns any way."""
     coarse = Arm(
         links=2,
         link_length=0.5 * length,
@@ -64,7 +64,7 @@ def arm_of_links(links: int, length: float, radius: float) -> Arm:
 
 
 def with_links(arm: Arm, links: int) -> Arm:
-    """An arm as long, thick and heavy, of another number of links, whose drives are all alike.
+    """Return an arm as long, thick and heavy, of another number of links, whose drives are all alike.
 
     Few links have to bend more for the same curve, up to a right angle.
     """
@@ -84,7 +84,10 @@ def with_links(arm: Arm, links: int) -> Arm:
 
 
 def random_bends(rng: np.random.Generator, arm: Arm, bend: float = BEND) -> FloatArray:
-    """Bends of a smooth random pose, shape (c,) [rad]; curvature has the standard deviation ``bend`` [1/m] each way."""
+    """Return the bends of a smooth random pose, shape (c,) [rad].
+
+    Curvature has the standard deviation ``bend`` [1/m] each way.
+    """
     middles = (np.arange(arm.links) + 0.5) / arm.links
     # Six normally distributed curvatures each way, linear between them: smooth but arbitrary.
     knots = rng.normal(0.0, bend, (arm.dimension - 1, 6))
@@ -97,7 +100,7 @@ def random_bends(rng: np.random.Generator, arm: Arm, bend: float = BEND) -> Floa
 
 
 def clear_bends(rng: np.random.Generator, arm: Arm, bend: float = BEND) -> FloatArray:
-    """The same, drawn again until no link comes near another."""
+    """Return the same, drawn again until no link comes near another."""
     while True:
         q = random_bends(rng, arm, bend)
         if links_apart(arm, arm.joint_positions_at(q), KEPT_OFF):
@@ -105,14 +108,14 @@ def clear_bends(rng: np.random.Generator, arm: Arm, bend: float = BEND) -> Float
 
 
 def links_apart(arm: Arm, points: FloatArray, gap: float) -> bool:
-    """Whether distant links keep more than a gap [m] between their surfaces; points (links + 1, d) [m]."""
+    """Return whether distant links keep more than a gap [m] between their surfaces; points (links + 1, d) [m]."""
     i, j = arm.distant_pairs
     apart = segment_distances(points[i], points[i + 1], points[j], points[j + 1])[2]
     return bool(np.all(apart > 2.0 * arm.radius + gap))
 
 
 def axes_of(points: FloatArray) -> FloatArray:
-    """Axes of links, shape (links, 2, 3) [m]."""
+    """Return the axes of links, shape (links, 2, 3) [m]."""
     return np.stack((points[:-1], points[1:]), axis=1)
 
 
@@ -135,7 +138,7 @@ def space_clutter(seed: int, count: int, links: int, name: str) -> Problem:
     bodies: list[Obstacle] = []
     while len(bodies) < count:
         body = _random_body(rng, LENGTH * _in_ball(rng))
-        tree = SurfaceTree.of(SurfaceSoup.joined([("", body.triangles, body.rounding)]))
+        tree = SurfaceTree.of(TriangleSoup.joined([("", body.triangles, body.rounding)]))
         if float(tree.distances(axes, 4.0 * RADIUS).min()) > arm.radius + KEPT_OFF:
             bodies.append(Obstacle(f"body {len(bodies)}", body))
     bounds = 1.3 * LENGTH * np.array([[-1.0] * 3, [1.0] * 3])
@@ -150,7 +153,7 @@ def space_clutter(seed: int, count: int, links: int, name: str) -> Problem:
 
 
 def _random_body(rng: np.random.Generator, middle: FloatArray) -> Body:
-    """A ball, a box or a bar about a place: 60 to 180 mm thick, bars 20 to 60 mm thick and 0.1 to 0.4 m long."""
+    """Return a ball, a box or a bar about a place: 60 to 180 mm thick, bars 20 to 60 mm thick and 0.1 to 0.4 m long."""
     kind = int(rng.integers(4))
     if kind == 0:
         return SphereBody(middle, float(rng.uniform(0.03, 0.09)))
@@ -176,7 +179,7 @@ MOST_DRAWS = 1000
 
 
 def disturbed_job(seed: int, job: str, links: int, folder: Path, name: str) -> Problem:
-    """A shipped problem whose base, start and goal are moved at random; ends that leave no room are drawn again.
+    """Return a shipped problem whose base, start and goal are moved at random; ends that leave no room are drawn again.
 
     Args:
         seed: of the draws.
@@ -222,13 +225,13 @@ def _shipped(file: Path) -> tuple[Problem, SurfaceTree]:
 
 
 def _limits(limits: Limits, links: int) -> Limits:
-    """The limits of an arm of another number of links; those of the shipped problems are alike for all."""
+    """Return the limits of an arm of another number of links; those of the shipped problems are alike for all."""
     given = {key: getattr(limits, key) for key in ("velocity", "acceleration", "torque", "jerk")}
     whole = {key: np.full(3 * links, float(values[0])) for key, values in given.items() if values is not None}
     return replace(limits, **whole)  # type: ignore[arg-type]
 
 
 def _in_ball(rng: np.random.Generator) -> FloatArray:
-    """A place in the unit ball, all alike likely, shape (3,)."""
+    """Return a place in the unit ball, all alike likely, shape (3,)."""
     way = rng.normal(size=3)
     return np.asarray(rng.uniform() ** (1.0 / 3.0) * way / np.linalg.norm(way))

@@ -71,7 +71,7 @@ class FigurePair:
 
 
 def success_interval(solved: int, count: int) -> ConfidenceInterval:
-    """Clopper and Pearson's interval of a share (Biometrika 26, 1934): it covers at least at its level."""
+    """Return the Clopper and Pearson's interval of a share (Biometrika 26, 1934): it covers at least at its level."""
     if count == 0:
         return ConfidenceInterval(0.0, 1.0)
     found = stats.binomtest(solved, count).proportion_ci(LEVEL, method="exact")
@@ -99,7 +99,7 @@ def compare_success(first: Sequence[Run], second: Sequence[Run]) -> SuccessPair:
 
 
 def paired_difference_interval(both: int, first_only: int, second_only: int, neither: int) -> ConfidenceInterval:
-    """Interval of the difference of two shares from the same problems: Newcombe's method 10.
+    """Return the interval of the difference of two shares from the same problems: Newcombe's method 10.
 
     Wilson's intervals of both shares, squared and added, with the correlation of the pairs, which is corrected for
     continuity when positive (Newcombe, Statistics in Medicine 17, 1998, 2635–2650).
@@ -122,7 +122,7 @@ def paired_difference_interval(both: int, first_only: int, second_only: int, nei
 
 
 def _combined(first: float, second: float, phi: float) -> float:
-    """Half width of an interval of a difference, from the half widths of its correlated terms."""
+    """Return half width of an interval of a difference, from the half widths of its correlated terms."""
     return math.sqrt(max(0.0, first**2 - 2.0 * phi * first * second + second**2))
 
 
@@ -132,7 +132,10 @@ def _wilson(solved: int, count: int) -> tuple[float, float]:
 
 
 def _correlation(both: int, first_only: int, second_only: int, neither: int) -> float:
-    """Correlation of success of the two methods, corrected for continuity when positive; 0 when undefined."""
+    """Return the correlation of success of the two methods, corrected for continuity when positive.
+
+    0 when undefined.
+    """
     margins = (both + first_only) * (second_only + neither) * (both + second_only) * (first_only + neither)
     if margins == 0:
         return 0.0
@@ -192,7 +195,7 @@ def _finite_values(quantity: Quantity, pairs: Sequence[tuple[Run, Run]]) -> tupl
 
 
 def median_interval(values: FloatArray) -> ConfidenceInterval:
-    """Interval of a median from the order of the sample alone, without any assumption on its distribution.
+    """Return the interval of a median from the order of the sample alone, without any assumption on its distribution.
 
     The number of values below the median is binomial with ½, so the k-th value from either end bounds it with a
     probability of 1 − 2 P(B < k); k is the greatest that keeps the level (Conover, Practical Nonparametric

@@ -79,7 +79,7 @@ class Scene:
     def problem(
         self, goal: TipGoal | JointPose | None = None, time_limit: float = 60.0, name: str = "scene"
     ) -> Problem:
-        """The scene as a problem.
+        """Return the scene as a problem.
 
         Args:
             goal: of the motion; the tip of the goal pose when None.
@@ -99,7 +99,7 @@ class Scene:
 
 
 def make_arm(links: int = 24, radius: float = RADIUS, **changes: object) -> Arm:
-    """An arm of length 1 m and 0.5 kg with its base at the origin, heading along x."""
+    """Return an arm of length 1 m and 0.5 kg with its base at the origin, heading along x."""
     arm = Arm(
         links=links,
         link_length=LENGTH / links,
@@ -118,17 +118,20 @@ def make_arm(links: int = 24, radius: float = RADIUS, **changes: object) -> Arm:
 
 
 def random_headings(rng: np.random.Generator, arm: Arm, bend: float = BEND) -> FloatArray:
-    """Link headings of a smooth random pose, shape (links,) [rad]; curvature has standard deviation ``bend`` [1/m]."""
+    """Return the link headings of a smooth random pose, shape (links,) [rad].
+
+    Curvature has standard deviation ``bend`` [1/m].
+    """
     return arm.headings(random_bends(rng, arm, bend))
 
 
 def clear_headings(rng: np.random.Generator, arm: Arm, bend: float = BEND) -> FloatArray:
-    """The same, drawn again until no link comes near another."""
+    """Return the same, drawn again until no link comes near another."""
     return arm.headings(clear_bends(rng, arm, bend))
 
 
 def random_polygon(rng: np.random.Generator, middle: FloatArray) -> shapely.Polygon:
-    """A polygon of 3–8 vertices, 30–90 mm from a point (2,)."""
+    """Return a polygon of 3–8 vertices, 30–90 mm from a point (2,)."""
     while True:
         corners = rng.integers(3, 9)
         # Taken in order round the middle, corners seldom make an outline that crosses itself.
@@ -155,14 +158,17 @@ def clutter(seed: int, count: int = 20, links: int = 24) -> Scene:
 
 
 def open_space(seed: int, links: int = 24) -> Scene:
-    """No obstacles: from the straight arm to a random pose (the open-space problem of section 3)."""
+    """Return no obstacles: from the straight arm to a random pose (the open-space problem of section 3)."""
     rng = np.random.default_rng(seed)
     arm = make_arm(links)
     return Scene(arm, Workspace(ROOM), np.zeros(links), clear_headings(rng, arm))
 
 
 def corridor(seed: int, width: float = 0.1, links: int = 24) -> Scene:
-    """A duct to the right of the base, at a random height; the arm lies outside and has to put its end into it."""
+    """Return a duct to the right of the base, at a random height.
+
+    The arm lies outside and has to put its end into it.
+    """
     rng = np.random.default_rng(seed)
     arm = make_arm(links)
     height = rng.uniform(-0.2, 0.2)
@@ -176,7 +182,7 @@ def corridor(seed: int, width: float = 0.1, links: int = 24) -> Scene:
 
 
 def _into_duct(arm: Arm, height: float) -> FloatArray:
-    """Link headings of a step aside from the base that ends level at a height, shape (links,) [rad]."""
+    """Return the link headings of a step aside from the base that ends level at a height, shape (links,) [rad]."""
     middles = (np.arange(arm.links) + 0.5) / arm.links
     hump = np.where(middles < 0.45, np.sin(np.pi * middles / 0.45), 0.0)
     # The height wanted lies between those of a full step down and of a full step up.
@@ -222,14 +228,14 @@ class Case:
     fingerprint: str = field(default="")
 
     def problem(self) -> Problem:
-        """The problem itself."""
+        """Return the problem itself."""
         if self.given is not None:
             return self.given
         return problem_maker(self.suite)(self.seed, self.name)
 
 
 def problem_maker(suite: str) -> Callable[[int, str], Problem]:
-    """What makes the problems of a random suite from seeds and names.
+    """Return what makes the problems of a random suite from seeds and names.
 
     Args:
         suite: its name, or a function of a seed and a name as ``module:attribute``.
@@ -261,8 +267,8 @@ def problem_maker(suite: str) -> Callable[[int, str], Problem]:
     return lambda seed, name: space_clutter(seed, int(found["count"]), links, name)
 
 
-def cases_of_suite(suite: str, count: int | None = None, first_seed: int = 0) -> tuple[Case, ...]:
-    """The problems of a suite.
+def suite_cases(suite: str, count: int | None = None, first_seed: int = 0) -> tuple[Case, ...]:
+    """Return the problems of a suite.
 
     Args:
         suite: its name.
@@ -274,7 +280,7 @@ def cases_of_suite(suite: str, count: int | None = None, first_seed: int = 0) ->
     """
     if suite == SHARED:
         files = sorted(shared_folder().glob("*.toml"))
-        cases = cases_of_files([file for file in files if not file.name.startswith(ON_AXIS)])
+        cases = cases_from_files([file for file in files if not file.name.startswith(ON_AXIS)])
         if count is not None and count > len(cases):
             raise ProblemError(f"the suite '{SHARED}' has {len(cases)} problems, but --count asks for {count}")
         return cases[:count]
@@ -287,8 +293,8 @@ def cases_of_suite(suite: str, count: int | None = None, first_seed: int = 0) ->
     return tuple(Case(f"{name}-{seed}", suite, seed, fingerprint=f"{code}:{suite}:{seed}") for seed in seeds)
 
 
-def cases_of_files(files: Sequence[Path], *, allow_outside: bool = False) -> tuple[Case, ...]:
-    """The problems of problem files.
+def cases_from_files(files: Sequence[Path], *, allow_outside: bool = False) -> tuple[Case, ...]:
+    """Return the problems of problem files.
 
     Args:
         files: the files.
@@ -306,12 +312,12 @@ def cases_of_files(files: Sequence[Path], *, allow_outside: bool = False) -> tup
 
 
 def _content_hash(problem: Problem) -> str:
-    """By content, drawings and meshes included: a file of the same name that was edited is another problem."""
+    """Return by content, drawings and meshes included: a file of the same name that was edited is another problem."""
     return hashlib.sha256(strict_text(problem_data(problem)).encode()).hexdigest()
 
 
 def distinct(cases: Sequence[Case]) -> tuple[Case, ...]:
-    """The cases, each once.
+    """Return the cases, each once.
 
     Raises:
         ProblemError: when two different problems have the same name.
@@ -326,6 +332,6 @@ def distinct(cases: Sequence[Case]) -> tuple[Case, ...]:
 
 
 def shared_folder() -> Path:
-    """Where the shared problem files are: in the installed package, or beside it in its source tree."""
+    """Return where the shared problem files are: in the installed package, or beside it in its source tree."""
     installed = Path(__file__).with_name("problems")
     return installed if installed.is_dir() else Path(__file__).parents[3] / "problems"

@@ -24,7 +24,7 @@ import websockets.asyncio.server
 from websockets import Headers
 from websockets.http11 import Request, Response
 
-from ccm_opt.cli.view.frames import MotionFrames, turned_to
+from ccm_opt.cli.view.frames import MotionFrames, rotation_to_axis
 from ccm_opt.cli.view.scene import Scene
 from ccm_opt.cli.view.settings import VIEW, ViewSettings
 from ccm_opt.core.arrays import TINY, FloatArray
@@ -79,7 +79,7 @@ class Replanner:
 
 
 def direction_of(wxyz: FloatArray) -> FloatArray:
-    """Where a quaternion (w, x, y, z) turns world x to, shape (3,)."""
+    """Return where a quaternion (w, x, y, z) turns world x to, shape (3,)."""
     w, x, y, z = wxyz
     return np.array([1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z), 2.0 * (x * z - w * y)])
 
@@ -108,14 +108,14 @@ class Handles:
             return
         with scene.server.gui.add_folder("Drag"):
             chosen = scene.server.gui.add_dropdown("what", movable, initial_value=movable[0])
-        chosen.on_update(lambda event: self.put_on(event.target.value))
-        self.put_on(movable[0])
+        chosen.on_update(lambda event: self.attach_handle(event.target.value))
+        self.attach_handle(movable[0])
 
     def end(self) -> None:
         """Plan nothing more."""
         self._replanner.end()
 
-    def put_on(self, what: str) -> None:
+    def attach_handle(self, what: str) -> None:
         """Put the handle on the goal, or on an obstacle of a name."""
         problem = self._live.problem
         if what == GOAL and problem.goal.whole(problem.arm) is None:
@@ -134,11 +134,11 @@ class Handles:
         handle.on_update(dragged)
 
     def _put_on_obstacle(self, name: str) -> None:
-        handle = self._handle(self._live.problem.workspace.middle_of(name), None)
+        handle = self._handle(self._live.problem.workspace.obstacle_centre(name), None)
 
         def change(place: FloatArray) -> LiveAnswer:
             # Where it is now is known only when the change is made: others may have been made meanwhile.
-            return self._live.move_obstacle(name, place - self._live.problem.workspace.middle_of(name))
+            return self._live.move_obstacle(name, place - self._live.problem.workspace.obstacle_centre(name))
 
         def dragged(_: Any) -> None:
             place = self._place(handle)
@@ -147,7 +147,7 @@ class Handles:
         handle.on_update(dragged)
 
     def _handle(self, place: FloatArray, direction: FloatArray | None) -> Any:
-        """A handle that moves, and turns where it is asked where the tip points."""
+        """Return a handle that moves, and turns where it is asked where the tip points."""
         arm = self._live.problem.arm
         upright = np.array([1.0, 0.0, 0.0, 0.0])
         return self._scene.server.scene.add_transform_controls(
@@ -157,15 +157,15 @@ class Handles:
             disable_rotations=direction is None,
             depth_test=False,
             position=self._scene.world(place),
-            wxyz=upright if direction is None else turned_to(arm.embedded(direction)),
+            wxyz=upright if direction is None else rotation_to_axis(arm.embedded(direction)),
         )
 
     def _place(self, handle: Any) -> FloatArray:
-        """The place where a handle is, shape (d,) [m]."""
+        """Return the place where a handle is, shape (d,) [m]."""
         return self._from_world(np.asarray(handle.position, dtype=np.float64)) * self._scene.unit
 
     def _from_world(self, vector: FloatArray) -> FloatArray:
-        """What of a vector in the world, shape (3,), is in the plane of the arm, shape (d,)."""
+        """Return what of a vector in the world, shape (3,), is in the plane of the arm, shape (d,)."""
         return self._live.problem.arm.embedded(np.eye(self._live.problem.dimension)) @ vector
 
 
@@ -392,7 +392,7 @@ class ViewerApp:
 
 
 def _summary(frames: MotionFrames, checks: tuple[Check, ...]) -> str:
-    """The motion in a few words."""
+    """Return the motion in a few words."""
     gap = next((check.worst for check in checks if check.name == "wall clearance"), None)
     units = PageUnits.of_page(frames.problem)
     near = "" if gap is None or not np.isfinite(gap) else f", walls no nearer than {units.length(gap)}"

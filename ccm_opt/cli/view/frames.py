@@ -42,16 +42,22 @@ class MotionFrames:
         return self.problem.arm.joint_positions_at(self.trajectory.positions)
 
     def pose(self, time: float) -> FloatArray:
-        """Joints and tip at a time [s], shape (links + 1, d) [m]."""
+        """Return the joints and tip at a time [s], shape (links + 1, d) [m]."""
         columns = [np.interp(time, self.trajectory.time, values) for values in self.trajectory.positions.T]
         return self.problem.arm.joint_positions_at(np.array(columns))
 
     def gaps(self, time: float) -> FloatArray:
-        """Gap of every link beyond radius and clearance at a time, shape (links,) [m]; in space as far as is looked."""
-        return _nearest_row(self.trajectory.time[self._looked_at], self._gaps, time)
+        """Return the gap of every link beyond radius and clearance at a time, shape (links,) [m].
+
+        In space as far as is looked.
+        """
+        return _nearest_row(self.trajectory.time[self._inspected_samples], self._gaps, time)
 
     def torque_shares(self, time: float) -> FloatArray:
-        """Largest torque at every joint as a share of its limit at a time, shape (links,); 0 without limits."""
+        """Return the largest torque at every joint as a share of its limit at a time, shape (links,).
+
+        0 without limits.
+        """
         torques, limit = self.joints.torques, self.problem.limits.torque
         if limit is None:
             return np.zeros(self.problem.arm.links)
@@ -59,14 +65,14 @@ class MotionFrames:
         return _nearest_row(self.trajectory.time, shares, time)
 
     def swept(self) -> shapely.Geometry:
-        """The region of the plane that the arm sweeps, as far as some of its poses show it."""
+        """Return the region of the plane that the arm sweeps, as far as some of its poses show it."""
         chosen = np.linspace(0, len(self.points) - 1, _TUBE_FRAMES).astype(int)
         radius = max(self.problem.arm.radius, VIEW.thin_arm * self.problem.arm.length)
         bodies = shapely.buffer(shapely.linestrings(self.points[chosen]), radius, quad_segs=VIEW.curved)
         return shapely.union_all(bodies)
 
     @cached_property
-    def _looked_at(self) -> IntArray:
+    def _inspected_samples(self) -> IntArray:
         """Numbers of the samples at which gaps are looked at, shape (F,)."""
         samples = len(self.trajectory.time)
         return np.linspace(0, samples - 1, min(VIEW.frames, samples)).astype(int)
@@ -75,7 +81,7 @@ class MotionFrames:
     def _gaps(self) -> FloatArray:
         """Gap of every link at some times, shape (F, links) [m]."""
         arm, workspace = self.problem.arm, self.problem.workspace
-        points = self.points[self._looked_at]
+        points = self.points[self._inspected_samples]
         links = np.stack((points[:, :-1], points[:, 1:]), axis=2)
         kept = arm.radius + workspace.clearance
         if workspace.dimension == 3:
@@ -88,7 +94,7 @@ class MotionFrames:
 
 
 def _nearest_row(times: FloatArray, rows: FloatArray, time: float) -> FloatArray:
-    """The row that belongs to the time nearest to a given one."""
+    """Return the row that belongs to the time nearest to a given one."""
     return np.asarray(rows[int(np.argmin(np.abs(times - time)))])
 
 
@@ -97,7 +103,7 @@ Mesh: TypeAlias = tuple[FloatArray, IntArray]
 
 
 def extruded(shape: shapely.Geometry, near: float, far: float) -> Mesh:
-    """The solid over a polygon, or several, between two depths: two lids, and a wall along every ring."""
+    """Return the solid over a polygon, or several, between two depths: two lids, and a wall along every ring."""
     polygons = [part for part in shapely.get_parts(shape) if isinstance(part, shapely.Polygon)]
     tiles = shapely.orient_polygons(shapely.get_parts(shapely.constrained_delaunay_triangles(polygons)))
     lids = shapely.get_coordinates(tiles).reshape(-1, 4, 2)[:, :3]
@@ -115,11 +121,11 @@ def extruded(shape: shapely.Geometry, near: float, far: float) -> Mesh:
 
 
 def in_space(points: FloatArray, depth: float) -> FloatArray:
-    """Places of the plane in space, shape (..., 2) to (..., 3), ``depth`` behind the plane."""
+    """Return the places of the plane in space, shape (..., 2) to (..., 3), ``depth`` behind the plane."""
     return np.stack((points[..., 0], np.full(points.shape[:-1], depth), points[..., 1]), axis=-1)
 
 
-def turned_to(directions: FloatArray) -> FloatArray:
+def rotation_to_axis(directions: FloatArray) -> FloatArray:
     """Quaternions (w, x, y, z) that turn world x to unit vectors by the shortest turn, shape (..., 3) to (..., 4)."""
     x, y, z = np.moveaxis(np.asarray(directions, dtype=np.float64), -1, 0)
     zero = np.zeros_like(x)

@@ -12,7 +12,7 @@ import shapely
 import viser
 
 from ccm_opt.cli.view import settings as colours
-from ccm_opt.cli.view.frames import Mesh, MotionFrames, extruded, turned_to
+from ccm_opt.cli.view.frames import Mesh, MotionFrames, extruded, rotation_to_axis
 from ccm_opt.cli.view.settings import VIEW
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.problem import Goal, Problem
@@ -73,7 +73,7 @@ class Scene:
         return max(VIEW.depth * self.radius, VIEW.least_depth)
 
     def world(self, points: FloatArray, behind: float = 0.0) -> FloatArray:
-        """Places [m] in the scene, shape (..., 3); those of the plane so far behind it."""
+        """Return the places [m] in the scene, shape (..., 3); those of the plane so far behind it."""
         placed = self.frames.problem.arm.embedded(points / self.unit)
         return placed + np.array([0.0, behind, 0.0]) if behind else placed
 
@@ -147,8 +147,8 @@ class Scene:
             vertices = self.world(vertices)
             middle = 0.5 * (vertices.min(axis=0) + vertices.max(axis=0))
             look = {"opacity": VIEW.glass, "flat_shading": True}
-        self._mesh(path_of("/room", obstacle.name), (vertices, faces), colours.WALLS, **look)
-        name = path_of("/names", obstacle.name)
+        self._mesh(scene_path("/room", obstacle.name), (vertices, faces), colours.WALLS, **look)
+        name = scene_path("/names", obstacle.name)
         self.server.scene.add_label(name, obstacle.name, position=middle, visible="names" in self.shown)
 
     def _draw_goal(self, goal: Goal, number: str) -> None:
@@ -158,7 +158,7 @@ class Scene:
             self.server.scene.add_label(f"{name}/number", number)
         if goal.direction is not None:
             mesh = capsule_surface(6.0 * self.radius, 0.35 * self.radius, VIEW.sides)
-            wxyz = turned_to(self.frames.problem.arm.embedded(goal.direction))
+            wxyz = rotation_to_axis(self.frames.problem.arm.embedded(goal.direction))
             self._mesh(f"{name}/pointing", mesh, colours.GOAL, wxyz=wxyz)
 
     def draw_motion(self) -> None:
@@ -239,12 +239,12 @@ class Scene:
         self.server.scene.add_line_segments(name, pieces, colour, thickness=thickness)
 
 
-def path_of(folder: str, name: str) -> str:
-    """Where something of a name stands in the scene; a slash in it would make a branch."""
+def scene_path(folder: str, name: str) -> str:
+    """Return where something of a name stands in the scene; a slash in it would make a branch."""
     return f"{folder}/{name.replace('/', '|')}"
 
 
 def _turns(points: FloatArray) -> FloatArray:
-    """Quaternions that turn world x along the links between places, shape (n + 1, 3) to (n, 4)."""
+    """Return the quaternions that turn world x along the links between places, shape (n + 1, 3) to (n, 4)."""
     along = np.diff(points, axis=0)
-    return turned_to(along / np.linalg.norm(along, axis=1, keepdims=True))
+    return rotation_to_axis(along / np.linalg.norm(along, axis=1, keepdims=True))

@@ -35,7 +35,7 @@ class AbaSteps(NamedTuple):
 
 
 def aba_steps(structure: Structure) -> AbaSteps:
-    """The algorithm's functions for a structure."""
+    """Return the algorithm's functions for a structure."""
     joint = BALL_JOINTS[structure.axes]
     steps = AbaSteps(
         link_function("aba_velocity", partial(_velocity, joint), state=3),
@@ -48,7 +48,7 @@ def aba_steps(structure: Structure) -> AbaSteps:
 
 
 def _in_plane(steps: AbaSteps) -> AbaSteps:
-    """The functions for an arm that stays in its plane."""
+    """Return the functions for an arm that stays in its plane."""
     velocity, (_, motion) = swept_in_plane(steps.velocity, AT_REST, [TRIG, OF_BALL])
     tip, (at_tip,) = in_plane(steps.tip, [WORLD])
     columns = [TRIG, motion, OF_BALL, OF_BALL, free(4), free(6)]
@@ -59,7 +59,7 @@ def _in_plane(steps: AbaSteps) -> AbaSteps:
 
 
 def _velocity(joint: BallJoint, state: Any, trig: Any, qd: Any) -> tuple[Any, Any]:
-    """Angular velocity ω of the parent to that of the link, and (ω, velocity-product acceleration)."""
+    """Return the angular velocity ω of the parent to that of the link, and (ω, velocity-product acceleration)."""
     w = joint.angular_velocity(trig, qd)
     carried = joint.rotation(trig).T @ state  # Rᵀ ω_p
     omega = carried + w
@@ -67,7 +67,7 @@ def _velocity(joint: BallJoint, state: Any, trig: Any, qd: Any) -> tuple[Any, An
 
 
 def _tip(world: Any) -> tuple[Any]:
-    """What is passed on at the tip: the payload's mass, and no force."""
+    """Return what is passed on at the tip: the payload's mass, and no force."""
     payload = ca.diagcat(ca.SX.zeros(3, 3), world[3] * ca.SX.eye(3))
     # Dense: the recursions in C expect every number, zeros too.
     return (ca.densify(ca.vertcat(_pack(payload), ca.SX.zeros(6))),)
@@ -95,7 +95,7 @@ def _inertia(
 
 
 def _with_link(A: Any, P: Any, body: Any, omega: Any) -> tuple[Any, Any]:
-    """The articulated body at a link's tip, brought to its ball and joined with the link."""
+    """Return the articulated body at a link's tip, brought to its ball and joined with the link."""
     m, axial, transverse, length = ca.vertsplit(body)
     across = ca.skew(ca.DM([1, 0, 0]))
     pull = centripetal(omega)
@@ -133,7 +133,7 @@ def _base(state: Any, thrust: Any, world: Any) -> tuple[Any, Any]:
 
 
 def _acceleration(joint: BallJoint, state: Any, trig: Any, motion: Any, solved: Any, body: Any) -> tuple[Any, Any]:
-    """(ω̇, a_tip) of the parent to those of the link, and its joint accelerations."""
+    """Return the (ω̇, a_tip) of the parent to those of the link, and its joint accelerations."""
     to_child = joint.rotation(trig).T
     turned = to_child @ state[:3]
     a = to_child @ state[3:]
@@ -145,20 +145,20 @@ def _acceleration(joint: BallJoint, state: Any, trig: Any, motion: Any, solved: 
 
 
 def _inverse(Q: Any) -> Any:
-    """Inverse of a symmetric (3, 3) matrix by cofactors."""
+    """Return the inverse of a symmetric (3, 3) matrix by cofactors."""
     # Cross products of the columns are the columns of the adjugate, as Q is symmetric.
     columns = [ca.cross(Q[:, (i + 1) % 3], Q[:, (i + 2) % 3]) for i in range(3)]
     return ca.horzcat(*columns) / ca.dot(Q[:, 0], columns[0])
 
 
 def _pack(M: Any) -> Any:
-    """Upper triangle of a square matrix, row by row."""
+    """Return the upper triangle of a square matrix, row by row."""
     size = M.shape[0]
     return ca.vertcat(*(M[i, j] for i in range(size) for j in range(i, size)))
 
 
 def _unpack(packed: Any) -> Any:
-    """Symmetric (6, 6) matrix from its packed upper triangle."""
+    """Return the symmetric (6, 6) matrix from its packed upper triangle."""
     places = iter(ca.vertsplit(packed))
     upper = {(i, j): next(places) for i in range(6) for j in range(i, 6)}
     rows = [[upper[min(i, j), max(i, j)] for j in range(6)] for i in range(6)]

@@ -54,7 +54,7 @@ class ArmModel:
 
 
 def arm_model(arm: Arm, gravity: FloatArray) -> ArmModel:
-    """Dynamic model of an arm: solid links with the arm's masses and inertias, a point mass at the tip.
+    """Return the dynamic model of an arm: solid links with the arm's masses and inertias, a point mass at the tip.
 
     Args:
         arm: the arm.
@@ -72,12 +72,15 @@ def arm_model(arm: Arm, gravity: FloatArray) -> ArmModel:
 
 
 def in_plane_alone(model: ArmModel) -> ArmModel:
-    """The same model by the code for motions in the plane; as it is where gravity or axes lead out of the plane."""
+    """Return the same model by the code for motions in the plane.
+
+    As it is where gravity or axes lead out of the plane.
+    """
     if model.world[1] != 0.0 or model.structure.axes != "zyx":
         return model
     return replace(model, structure=replace(model.structure, planar=True))
 
 
 def _per_ball(arm: Arm, value: FloatArray | float) -> FloatArray:
-    """One number, or one for each revolute, as the three of every ball, shape (links, 3)."""
+    """Return one number, or one for each revolute, as the three of every ball, shape (links, 3)."""
     return np.broadcast_to(value, (3 * arm.links,)).reshape(arm.links, 3)

@@ -30,12 +30,12 @@ NEUTRAL_AFTER = {**NEUTRAL_BEFORE, ca.OP_SUB: 0.0, ca.OP_DIV: 1.0}
 
 
 def free(count: int) -> Known:
-    """Nothing known of so many numbers."""
+    """Return nothing known of so many numbers."""
     return (None,) * count
 
 
 def in_plane(step: Any, inputs: Sequence[Known]) -> tuple[Any, tuple[Known, ...]]:
-    """A function of one link of which some arguments are known.
+    """Return a function of one link of which some arguments are known.
 
     Args:
         step: CasADi function of columns.
@@ -56,7 +56,7 @@ def in_plane(step: Any, inputs: Sequence[Known]) -> tuple[Any, tuple[Known, ...]
 
 
 def swept_in_plane(step: Any, start: Known, columns: Sequence[Known]) -> tuple[Any, tuple[Known, ...]]:
-    """As ``in_plane`` for ``step(state, *columns) -> (state, *outputs)``, run from link to link.
+    """Return as ``in_plane`` for ``step(state, *columns) -> (state, *outputs)``, run from link to link.
 
     Args:
         step: CasADi function of one link.
@@ -77,7 +77,7 @@ def swept_in_plane(step: Any, start: Known, columns: Sequence[Known]) -> tuple[A
 
 
 def _evaluated(step: Any, given: Sequence[Sequence[Value]]) -> list[list[Value]]:
-    """A function's results, operation by operation as it has them."""
+    """Return a function's results, operation by operation as it has them."""
     work: dict[int, Value] = {}
     results: list[list[Value]] = [[0.0] * step.nnz_out(i) for i in range(step.n_out())]
     # CasADi's own simplification would go further, as from a / (a b) to 1 / b, which rounds otherwise.
@@ -102,7 +102,7 @@ def _evaluated(step: Any, given: Sequence[Sequence[Value]]) -> list[list[Value]]
 
 
 def _applied(operation: int, values: Sequence[Value]) -> Value:
-    """One operation on one or two values; left out where known ones make its result exact."""
+    """Return one operation on one or two values; left out where known ones make its result exact."""
     if len(values) == 1:
         odd = operation in (ca.OP_NEG, ca.OP_SQ, ca.OP_TWICE)
         return 0.0 if odd and _is(values[0], 0.0) else ca.SX.unary(operation, values[0])
@@ -119,5 +119,5 @@ def _applied(operation: int, values: Sequence[Value]) -> Value:
 
 
 def _is(value: Value, number: float) -> bool:
-    """Whether a value is known to be a number."""
+    """Return whether a value is known to be a number."""
     return isinstance(value, float) and value == number

@@ -22,7 +22,7 @@ class YawBendRoll:
 
     @staticmethod
     def rotation(trig: Any) -> Any:
-        """R = Rz(a) Ry(b) Rx(c)."""
+        """Return the r = Rz(a) Ry(b) Rx(c)."""
         sa, c_a, sb, cb, sc, cc = _sines(trig)
         yaw_bend = c_a * sb
         sine_bend = sa * sb
@@ -34,14 +34,14 @@ class YawBendRoll:
 
     @staticmethod
     def angular_velocity(trig: Any, rates: Any) -> Any:
-        """S q̇."""
+        """Return the s q̇."""
         _, _, sb, cb, sc, cc = _sines(trig)
         yaw = cb * rates[0]
         return ca.vertcat(rates[2] - sb * rates[0], yaw * sc + cc * rates[1], yaw * cc - sc * rates[1])
 
     @staticmethod
     def rate_bias(trig: Any, rates: Any) -> Any:
-        """Ṡ q̇."""
+        """Return the ṡ q̇."""
         _, _, sb, cb, sc, cc = _sines(trig)
         # The derivative of S q̇ at constant rates, its terms gathered by cos c and sin c.
         yaw, bend, roll = ca.vertsplit(rates)
@@ -51,7 +51,7 @@ class YawBendRoll:
 
     @staticmethod
     def torques(trig: Any, moment: Any) -> Any:
-        """Sᵀ n."""
+        """Return the sᵀ n."""
         _, _, sb, cb, sc, cc = _sines(trig)
         across = sc * moment[1] + cc * moment[2]
         return ca.vertcat(cb * across - sb * moment[0], cc * moment[1] - sc * moment[2], moment[0])
@@ -62,7 +62,7 @@ class YawBendSpin:
 
     @staticmethod
     def rotation(trig: Any) -> Any:
-        """R = Rz(a) Ry(b) Rz(c)."""
+        """Return the r = Rz(a) Ry(b) Rz(c)."""
         sa, c_a, sb, cb, sc, cc = _sines(trig)
         yaw_bend = c_a * cb
         sine_bend = sa * cb
@@ -74,14 +74,14 @@ class YawBendSpin:
 
     @staticmethod
     def angular_velocity(trig: Any, rates: Any) -> Any:
-        """S q̇."""
+        """Return the s q̇."""
         _, _, sb, cb, sc, cc = _sines(trig)
         yaw = sb * rates[0]
         return ca.vertcat(sc * rates[1] - yaw * cc, yaw * sc + cc * rates[1], cb * rates[0] + rates[2])
 
     @staticmethod
     def rate_bias(trig: Any, rates: Any) -> Any:
-        """Ṡ q̇."""
+        """Return the ṡ q̇."""
         _, _, sb, cb, sc, cc = _sines(trig)
         # The derivative of S q̇ at constant rates, its terms gathered by cos c and sin c.
         yaw, bend, spin = ca.vertsplit(rates)
@@ -91,7 +91,7 @@ class YawBendSpin:
 
     @staticmethod
     def torques(trig: Any, moment: Any) -> Any:
-        """Sᵀ n."""
+        """Return the sᵀ n."""
         _, _, sb, cb, sc, cc = _sines(trig)
         across = sc * moment[1] - cc * moment[0]
         return ca.vertcat(sb * across + cb * moment[2], sc * moment[0] + cc * moment[1], moment[2])
@@ -104,7 +104,7 @@ BALL_JOINTS: dict[Axes, BallJoint] = {"zyx": YawBendRoll, "zyz": YawBendSpin}
 
 
 def _sines(trig: Any) -> tuple[Any, ...]:
-    """(sin a, cos a, sin b, cos b, sin c, cos c)."""
+    """Return the (sin a, cos a, sin b, cos b, sin c, cos c)."""
     return tuple(trig[k + 3 * cosine] for k in range(3) for cosine in (0, 1))
 
 
@@ -136,7 +136,7 @@ world, as ``ArmModel`` has them. One number each has what is not listed."""
 
 
 def link_function(name: str, of: Callable[..., tuple[Any, ...]], state: int = 1) -> Any:
-    """A CasADi function of one link; its arguments are columns as they are called.
+    """Return a CasADi function of one link; its arguments are columns as they are called.
 
     Args:
         name: of the function.

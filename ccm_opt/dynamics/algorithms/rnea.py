@@ -33,7 +33,7 @@ class RneaSteps(NamedTuple):
 
 
 def rnea_steps(structure: Structure) -> RneaSteps:
-    """The recursion's functions for a structure."""
+    """Return the recursion's functions for a structure."""
     joint = BALL_JOINTS[structure.axes]
     steps = RneaSteps(
         link_function("rnea_base", _base),
@@ -45,7 +45,7 @@ def rnea_steps(structure: Structure) -> RneaSteps:
 
 
 def _in_plane(steps: RneaSteps) -> RneaSteps:
-    """The functions for an arm that stays in its plane."""
+    """Return the functions for an arm that stays in its plane."""
     base, (at_base,) = in_plane(steps.base, [WORLD, free(1)])
     outward_step, (state, load) = swept_in_plane(steps.outward, at_base, [TRIG, OF_BALL, OF_BALL, free(4)])
     tip, (at_tip,) = in_plane(steps.tip, [state, WORLD])
@@ -55,17 +55,17 @@ def _in_plane(steps: RneaSteps) -> RneaSteps:
 
 
 def _base(world: Any, feed: Any) -> tuple[Any]:
-    """(ω, ω̇, a) of the base: it does not turn, and gravity is an acceleration of the base the other way."""
+    """Return the (ω, ω̇, a) of the base: it does not turn, and gravity is an acceleration of the base the other way."""
     return (ca.vertcat(ca.DM.zeros(6), feed - world[0], -world[1], -world[2]),)
 
 
 def _tip(state: Any, world: Any) -> tuple[Any]:
-    """(f, n) at the tip: what the payload needs."""
+    """Return the (f, n) at the tip: what the payload needs."""
     return (ca.vertcat(world[3] * state[6:], ca.DM.zeros(3)),)
 
 
 def _outward(joint: BallJoint, state: Any, trig: Any, qd: Any, qdd: Any, body: Any) -> tuple[Any, Any]:
-    """Velocities and accelerations: (ω, ω̇, a_tip) of the parent to those of the link, and its load (F, N)."""
+    """Return velocities and accelerations: (ω, ω̇, a_tip) of the parent to those of the link, and its load (F, N)."""
     to_child = joint.rotation(trig).T
     w = joint.angular_velocity(trig, qd)
     carried = to_child @ state[:3]  # Rᵀ ω_p
@@ -95,7 +95,7 @@ def _load(body: Any, omega: Any, omega_dot: Any, acceleration: Any) -> Any:
 def _inward(
     joint: BallJoint, state: Any, trig: Any, load: Any, qd: Any, qdd: Any, body: Any, drive: Any
 ) -> tuple[Any, Any]:
-    """Forces: (f, n) at the tip of a link to those at its parent's tip, and its torques."""
+    """Return the forces: (f, n) at the tip of a link to those at its parent's tip, and its torques."""
     length = body[3]
     # The step of the link beyond has turned f' and n' into this frame already; x̂ × f' = (0, −f'_z, f'_y).
     force = load[:3] + state[:3]

@@ -27,7 +27,9 @@ def timings(
     share: float = 1.0,
     settings: TimingSettings = DEFAULT_TIMING,
 ) -> Iterator[JointTrajectory]:
-    """Timed motions along a path, the most wanted first; the first that the verifier accepts is the one to take.
+    """Yield the timed motions along a path, the most wanted first.
+
+    The first that the verifier accepts is the one to take.
 
     TOPP-RA stays on the path, so there is one; Paul's transitions leave it, by less from motion to motion.
 

@@ -55,7 +55,7 @@ def braked(
     *,
     share: float = 1.0,
 ) -> JointTrajectory:
-    """The motion up to a moment, and from then on to rest, soonest along its own path.
+    """Return the motion up to a moment, and from then on to rest, soonest along its own path.
 
     Args:
         trajectory: a motion that keeps its limits.
@@ -98,7 +98,7 @@ def braked(
 def _fall(
     path: TimedPath, limits: Sequence[MotionLimit], caution: float, begin: float, whole: float, step: float
 ) -> JointTrajectory:
-    """The motion from a moment of the planned one to rest, its time counted from when braking begins.
+    """Return the motion from a moment of the planned one to rest, its time counted from when braking begins.
 
     Args:
         path: the planned motion over the share of its time.
@@ -141,7 +141,7 @@ def _fall(
 def _least_change(
     path: TimedPath, limits: Sequence[MotionLimit], caution: float, s: float, speed: float, step: float
 ) -> float:
-    """Least s̈ within the limits over a step from a place of the path on [1/s²]; it is never above 0."""
+    """Return the least s̈ within the limits over a step from a place of the path on [1/s²]; it is never above 0."""
     # In a step the arm moves on by at most ṡ h; the limits are looked at in several places of that stretch.
     rows = path_rows(limits, path.spline, np.minimum(s + np.array(_CHECKED_PLACES) * speed * step, 1.0))
 

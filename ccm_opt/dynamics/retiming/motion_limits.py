@@ -61,12 +61,12 @@ class MotionLimit(ABC):
     """Whether the straight legs and turns of Paul's transitions are made so that they keep the limit."""
 
     def slowness(self, spline: BSpline, s: FloatArray) -> FloatArray:
-        """1/ṡ of the greatest path speed that the limit allows, 0 where it allows any, shape (P,) [s]."""
+        """Return the 1/ṡ of the greatest path speed that the limit allows, 0 where it allows any, shape (P,) [s]."""
         del spline
         return np.zeros(len(s))
 
     def rows(self, spline: BSpline, s: FloatArray) -> SpeedRows | None:
-        """The limit as rows at given points of the path.
+        """Return the limit as rows at given points of the path.
 
         Raises:
             RetimingError: not even a motion at rest keeps the limit at some of the points.
@@ -119,7 +119,7 @@ class CoordinateVelocity(CoordinateLimit):
     kept_by_legs = True
 
     def slowness(self, spline: BSpline, s: FloatArray) -> FloatArray:
-        """The greatest |q'| / v of all coordinates."""
+        """Return the greatest |q'| / v of all coordinates."""
         return self._share(spline(s, 1))
 
 
@@ -130,7 +130,7 @@ class CoordinateAcceleration(CoordinateLimit):
     kept_by_legs = True
 
     def rows(self, spline: BSpline, s: FloatArray) -> SpeedRows:
-        """A row a coordinate."""
+        """Return a row a coordinate."""
         # q̈ = q' s̈ + q'' ṡ².
         a = spline(s, 1) / self.limit
         return SpeedRows(a, spline(s, 2) / self.limit, np.zeros_like(a))
@@ -148,12 +148,12 @@ class CoordinateJerk(CoordinateLimit):
     order = 3
 
     def slowness(self, spline: BSpline, s: FloatArray) -> FloatArray:
-        """1/ṡ at which q''' ṡ³, due to the path's shape, takes its share of the limit."""
-        return np.asarray(np.cbrt(np.maximum(*map(self._share, sides_of_third(spline, s))) / _JERK_SHARE))
+        """Return the 1/ṡ at which q''' ṡ³, due to the path's shape, takes its share of the limit."""
+        return np.asarray(np.cbrt(np.maximum(*map(self._share, third_derivative_sides(spline, s))) / _JERK_SHARE))
 
 
-def sides_of_third(spline: BSpline, s: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Q''' just before and just after points of the path, where it may jump, each of shape (P, n)."""
+def third_derivative_sides(spline: BSpline, s: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the Q''' just before and just after points of the path, where it may jump, each of shape (P, n)."""
     before = np.asarray(spline(np.clip(s - _BESIDE, 0.0, 1.0), 3))
     after = np.asarray(spline(np.clip(s + _BESIDE, 0.0, 1.0), 3))
     return before, after
@@ -170,7 +170,7 @@ def drive_name(number: int, coordinates: Coordinates) -> str:
 
 
 def too_weak(number: int, share: float, place: float, limits: Limits, coordinates: Coordinates) -> RetimingError:
-    """The error for a drive that cannot hold the arm still.
+    """Return the error for a drive that cannot hold the arm still.
 
     Args:
         number: of the drive.
@@ -229,7 +229,7 @@ class DriveEffort(MotionLimit):
         return self._torque_limited or len(self._force) > 0
 
     def rows(self, spline: BSpline, s: FloatArray) -> SpeedRows:
-        """A row a drive that does anything.
+        """Return a row a drive that does anything.
 
         Raises:
             RetimingError: naming the drive that cannot hold the arm still, and where.
@@ -250,7 +250,7 @@ class DriveEffort(MotionLimit):
         return SpeedRows(rows[0], rows[1], rows[2], rows[3] if np.any(self._friction) else None)
 
     def stretches(self, samples: MotionSamples) -> FloatArray:
-        """By the efforts at the samples."""
+        """Return by the efforts at the samples."""
         rest = np.zeros_like(samples.place)
         # All but friction and static load is linear in q̈ or quadratic in q̇, and falls with λ².
         static = self._shares(samples.place, rest, rest)
@@ -261,7 +261,7 @@ class DriveEffort(MotionLimit):
         return np.asarray(np.max(slowings(moving / usable, static / usable, 1.0, rubbing), axis=1))
 
     def _shares(self, place: FloatArray, velocity: FloatArray, acceleration: FloatArray) -> FloatArray:
-        """Shares of the limits, shape (N, 3 * links), and one more column for a limited feed force.
+        """Return the shares of the limits, shape (N, 3 * links), and one more column for a limited feed force.
 
         Args:
             place: columns of the path, shape (N, n) [rad, m].
@@ -278,7 +278,7 @@ class DriveEffort(MotionLimit):
         return np.column_stack((torques, *forces))
 
     def _damping(self, velocity: FloatArray) -> FloatArray:
-        """Shares that are proportional to velocity, likewise."""
+        """Return the shares that are proportional to velocity, likewise."""
         shares = self._path.revolutes(velocity[:, self._path.coordinates.bends]) * self._friction
         return np.concatenate((shares, np.zeros((len(shares), len(self._force)))), axis=1)
 
@@ -321,7 +321,7 @@ class PointSpeed(MotionLimit):
         self._normals = np.stack((np.cos(angles), np.sin(angles)))
 
     def rows(self, spline: BSpline, s: FloatArray) -> SpeedRows:
-        """A row for the speed, and one for each pair of opposite sides of the polygon around the disc.
+        """Return a row for the speed, and one for each pair of opposite sides of the polygon around the disc.
 
         A row in ṡ², unlike a bound on ṡ, is tightened only where it is passed between grid points: points of the arm
         change their speed along the path much faster than joints.
@@ -342,7 +342,7 @@ class PointSpeed(MotionLimit):
         return SpeedRows(a, np.concatenate(squares, axis=1), np.zeros_like(a))
 
     def stretches(self, samples: MotionSamples) -> FloatArray:
-        """By the motion at the samples, by differences of it, and by the motion that is linear between them."""
+        """Return by the motion at the samples, by differences of it, and by the motion that is linear between them."""
         step = samples.steps
         places = self._point.position(samples.place)
         velocities = self._point.velocity(samples.place, samples.velocity)
@@ -368,7 +368,7 @@ class PointSpeed(MotionLimit):
 
 
 def _in_their_plane(first: FloatArray, second: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Pairs of vectors, shape (N, 2) or (N, 3), as they lie in a plane that holds both, shape (N, 2) each."""
+    """Return pairs of vectors, shape (N, 2) or (N, 3), as they lie in a plane that holds both, shape (N, 2) each."""
     if first.shape[1] == 2:
         return first, second
     length = np.linalg.norm(first, axis=1)
@@ -386,7 +386,7 @@ def _length(vectors: FloatArray) -> FloatArray:
 
 
 def limits_along(path: TimedPath, settings: ProfileSettings = DEFAULT_TIMING.profile) -> tuple[MotionLimit, ...]:
-    """Every limit that motions along a path must keep.
+    """Return every limit that motions along a path must keep.
 
     Raises:
         ProblemError: points are limited, and there is no arm to say where they are.

@@ -42,7 +42,7 @@ class MotionSamples:
         return np.diff(self.time)[:, None]
 
     def slowed(self, factor: float) -> "MotionSamples":
-        """The same samples with all times longer by a factor."""
+        """Return the same samples with all times longer by a factor."""
         slower = self.velocity / factor
         return MotionSamples(self.s, self.time * factor, self.place, slower, self.acceleration / factor**2)
 
@@ -53,7 +53,7 @@ class MotionSamples:
 
 
 def mean_rates(values: FloatArray, step: FloatArray) -> FloatArray:
-    """Difference quotients of values at the samples, less what rounding may have added, shape (T − 1, n)."""
+    """Return the difference quotients of values at the samples, less what rounding may have added, shape (T − 1, n)."""
     return _less_rounding(np.diff(values, axis=0) / step, values, step)
 
 
@@ -71,12 +71,12 @@ def second_differences(values: FloatArray, step: FloatArray) -> FloatArray:
 
 
 def of_samples(of_steps: FloatArray) -> FloatArray:
-    """What belongs to steps, shape (T − 1,), as belonging to the samples at which they begin, 0 at the last."""
+    """Return what belongs to steps, shape (T − 1,), as belonging to the samples at which they begin, 0 at the last."""
     return np.append(of_steps, 0.0)
 
 
 def _less_rounding(quotient: FloatArray, values: FloatArray, step: FloatArray) -> FloatArray:
-    """A difference quotient, drawn towards zero by what rounding of the values can have added to it."""
+    """Return a difference quotient, drawn towards zero by what rounding of the values can have added to it."""
     noise = _ROUNDING * np.max(np.abs(values)) / step
     return np.asarray(np.sign(quotient) * np.maximum(np.abs(quotient) - noise, 0.0))
 
@@ -88,12 +88,15 @@ def share_allowed(static: FloatArray, allowed: float) -> FloatArray:
 
 
 def slowing(moving: FloatArray, static: FloatArray, allowed: float, damping: FloatArray | None = None) -> float:
-    """Least factor on time that brings all rows within what they may reach; arguments as for ``slowings``."""
+    """Return the least factor on time that brings all rows within what they may reach.
+
+    Arguments as for ``slowings``.
+    """
     return float(np.max(slowings(moving, static, allowed, damping), initial=0.0))
 
 
 def slowings(moving: FloatArray, static: FloatArray, allowed: float, damping: FloatArray | None = None) -> FloatArray:
-    """Least factor on time that brings each row within what it may reach; below 1 when there is room.
+    """Return the least factor on time that brings each row within what it may reach; below 1 when there is room.
 
     Time longer by λ makes of a row m / λ² + d / λ + c. Without d the least λ² is m / (L − c), with L what is allowed.
     With it λ = (d + √(d² + 4 m (L − c))) / 2 (L − c) is safe, and every longer time too.
@@ -114,7 +117,7 @@ def slowings(moving: FloatArray, static: FloatArray, allowed: float, damping: Fl
 
 
 def _damped_slowings(moving: FloatArray, damping: FloatArray, static: FloatArray, share: FloatArray) -> FloatArray:
-    """The same with friction; rows that keep their limit ask for a longer time only where the others do."""
+    """Return the same with friction; rows that keep their limit ask for a longer time only where the others do."""
     if np.all(np.abs(moving + damping + static) <= share):
         return np.zeros_like(moving)
     factors = np.ones_like(moving)

@@ -100,13 +100,13 @@ class Legs:
         return np.maximum.accumulate(pairs.ravel())
 
     def piece(self, time: FloatArray) -> tuple[IntArray, BoolArray]:
-        """The last via point whose transition has begun, and whether that transition is still going on."""
+        """Return the last via point whose transition has begun, and whether that transition is still going on."""
         number = np.clip(np.searchsorted(self._breaks, time, side="right") - 1, 0, len(self._breaks) - 2)
         # The breaks alternate: even pieces are transitions, odd ones the straight legs after them.
         return number // 2, number % 2 == 0
 
     def at(self, time: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Places, velocities and accelerations at given times, each of shape (N, n)."""
+        """Return the places, velocities and accelerations at given times, each of shape (N, n)."""
         via, turning = self.piece(time)
         since = (time - self.passed[via])[:, None]
         before = self.speeds[via]
@@ -129,7 +129,7 @@ class Legs:
         return q, qd, qdd
 
     def slowed(self, factor: float) -> "Legs":
-        """The same motion with all times longer by a factor."""
+        """Return the same motion with all times longer by a factor."""
         return replace(self, times=self.times * factor, halves=self.halves * factor)
 
 
@@ -145,7 +145,7 @@ def retime_paul(
     arm: Arm | None = None,
     share: float = 1.0,
 ) -> JointTrajectory:
-    """A motion along the keyframes of a path by Paul's transitions, from rest to rest, within the limits.
+    """Return a motion along the keyframes of a path by Paul's transitions, from rest to rest, within the limits.
 
     Args:
         path: its keyframes are the via points; the spline between them is not used.
@@ -180,7 +180,7 @@ def retime_paul(
     least = _LEAST_SAMPLES * step
     legs = fastest_legs(vias, axes, window, least)
     for attempt in range(_DRIVE_ROUNDS):
-        stretch = _stretch_of_legs(legs, others, step)
+        stretch = _leg_time_factors(legs, others, step)
         if np.max(stretch) <= 1.0:
             return _sampled(legs, step).trajectory(columns, "paul")
         # At first only the legs at fault are lengthened. Legs influence their neighbours, so this need not settle;
@@ -193,7 +193,7 @@ def retime_paul(
 
 
 def fastest_legs(vias: FloatArray, axes: DriveLimits, window: float, least: float) -> Legs:
-    """Legs as short as the limits on speed and acceleration let them be, nearly.
+    """Return the legs as short as the limits on speed and acceleration let them be, nearly.
 
     Legs are lengthened until the limits hold, then shortened by turns wherever they still do.
 
@@ -212,7 +212,7 @@ def fastest_legs(vias: FloatArray, axes: DriveLimits, window: float, least: floa
 
 
 def lengthened(vias: FloatArray, times: FloatArray, axes: DriveLimits, window: float, least: float) -> Legs:
-    """Legs of at least the given times, lengthened where a limit on speed or acceleration is passed."""
+    """Return the legs of at least the given times, lengthened where a limit on speed or acceleration is passed."""
     legs = with_transitions(vias, np.maximum(times, least / window), axes, window, least)
     for _ in range(_ROUNDS):
         need = needed(legs, axes)
@@ -256,7 +256,7 @@ def _shortened(legs: Legs, axes: DriveLimits, window: float, least: float, facto
     return with_transitions(legs.vias, np.where(near, legs.times, times), axes, window, least)
 
 
-def _stretch_of_legs(legs: Legs, limits: Sequence[MotionLimit], step: float) -> FloatArray:
+def _leg_time_factors(legs: Legs, limits: Sequence[MotionLimit], step: float) -> FloatArray:
     """Factor on the time of each leg that brings its samples within the limits, shape (K − 1,)."""
     stretch = np.zeros(len(legs.times))
     if not limits:
@@ -286,7 +286,7 @@ def _sampled(legs: Legs, step: float) -> MotionSamples:
 
 
 def _distinct(keyframes: FloatArray) -> FloatArray:
-    """The keyframes without those that repeat the one before; the last is kept."""
+    """Return the keyframes without those that repeat the one before; the last is kept."""
     kept = [keyframes[0]]
     for row in keyframes[1:]:
         if np.max(np.abs(row - kept[-1])) > _NO_LEG:
@@ -298,13 +298,13 @@ def _distinct(keyframes: FloatArray) -> FloatArray:
 
 
 def _standing(keyframes: FloatArray, step: float) -> Legs:
-    """Standing still for one step."""
+    """Return the standing still for one step."""
     ends = keyframes[[0, -1]]
     return Legs(np.array([ends[0], ends[0]]), np.array([0.5 * step]), np.array([0.25 * step, 0.25 * step]))
 
 
 def _polygon(vias: FloatArray) -> BSpline:
-    """The polygon as a spline of degree 1 over [0, 1]; one via point alone counts twice."""
+    """Return the polygon as a spline of degree 1 over [0, 1]; one via point alone counts twice."""
     vias = vias if len(vias) > 1 else np.repeat(vias, 2, axis=0)
     knots = np.concatenate(([0.0], np.linspace(0.0, 1.0, len(vias)), [1.0]))
     return BSpline(knots, vias, 1)

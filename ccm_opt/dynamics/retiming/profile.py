@@ -40,13 +40,13 @@ class PathRows:
     d: FloatArray | None
 
     def every(self, steps: int) -> "PathRows":
-        """The rows at every ``steps``-th point."""
+        """Return the rows at every ``steps``-th point."""
         pick = slice(None, None, steps)
         d = None if self.d is None else self.d[pick]
         return PathRows(self.s[pick], self.slowness[pick], self.a[pick], self.b[pick], self.c[pick], d)
 
     def with_friction(self, speed: FloatArray, share: float) -> "PathRows":
-        """The rows with friction linear in ṡ²: by the tangent of d √(ṡ²) at given speeds ṡ.
+        """Return the rows with friction linear in ṡ²: by the tangent of d √(ṡ²) at given speeds ṡ.
 
         At v the tangent is d v / 2 + ṡ² d / 2 v. Its constant part is bounded, which means a slower v for that row, so
         that some room is left for moving.
@@ -140,7 +140,7 @@ class SpeedProfile:
         return float(self.times[-1])
 
     def at(self, time: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """s, ṡ and s̈ at given times, each of the shape of ``time``."""
+        """Return the s, ṡ and s̈ at given times, each of the shape of ``time``."""
         k = np.clip(np.searchsorted(self.times, time, side="right") - 1, 0, len(self.s) - 2)
         since = time - self.times[k]
         speed = np.sqrt(self.squared[k])
@@ -149,7 +149,7 @@ class SpeedProfile:
         return np.clip(s, self.s[k], self.s[k + 1]), np.maximum(speed + since * growth, 0.0), growth
 
     def jumps(self, gain: FloatArray, least: float) -> FloatArray:
-        """When s̈ jumps so that what depends on it changes at once by more than ``least``, increasing [s].
+        """Return when s̈ jumps so that what depends on it changes at once by more than ``least``, increasing [s].
 
         Args:
             gain: change for a change of s̈ by 1, at every grid point, shape (N + 1,) [s²].
@@ -159,7 +159,7 @@ class SpeedProfile:
         return np.asarray(self.times[1:-1][change > least])
 
     def slowed(self, factor: float) -> "SpeedProfile":
-        """The same profile with all times longer by a factor."""
+        """Return the same profile with all times longer by a factor."""
         return replace(self, squared=self.squared / factor**2)
 
 
@@ -208,7 +208,7 @@ def check_profile(profile: SpeedProfile, dense: PathRows, steps: int, allowed: f
 
 
 def _peaks(values: FloatArray) -> FloatArray:
-    """What peaks beside inner points are above them, by parabolas through three points; shape (N, steps − 1, R).
+    """Return what peaks beside inner points are above them, by parabolas through three points; shape (N, steps − 1, R).
 
     Args:
         values: at the equally distant points of every interval, shape (N, steps + 1, R).
@@ -243,7 +243,7 @@ below what a path that moves has."""
 
 
 def path_grid(spline: BSpline, settings: GridSettings = DEFAULT_TIMING.grid) -> FloatArray:
-    """Grid points of the path parameter, 0 and 1 included.
+    """Return the grid points of the path parameter, 0 and 1 included.
 
     Every knot is a grid point, since the third derivative jumps there; a span gets grid points in proportion to its
     length in joint space, and a share evenly, for spans where the path turns rather than moves.
@@ -292,5 +292,5 @@ def span_lengths(spline: BSpline, knots: FloatArray) -> FloatArray:
 
 
 def refine(grid: FloatArray, steps: int) -> FloatArray:
-    """The grid with every interval cut into equal steps, shape (steps * N + 1,)."""
+    """Return the grid with every interval cut into equal steps, shape (steps * N + 1,)."""
     return np.interp(np.arange(steps * (len(grid) - 1) + 1) / steps, np.arange(len(grid)), grid)

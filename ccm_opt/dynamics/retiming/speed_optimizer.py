@@ -47,7 +47,7 @@ from scipy.interpolate import BSpline, PPoly
 
 from ccm_opt.core.arrays import ROUNDING, FloatArray
 from ccm_opt.core.errors import Diagnosis, RetimingError
-from ccm_opt.dynamics.retiming.motion_limits import sides_of_third
+from ccm_opt.dynamics.retiming.motion_limits import third_derivative_sides
 from ccm_opt.dynamics.retiming.motion_samples import MotionSamples
 from ccm_opt.dynamics.retiming.profile import DenseCheck, PathRows, SpeedProfile, check_profile, refine
 from ccm_opt.dynamics.retiming.timing_settings import (
@@ -97,7 +97,7 @@ class _Lines(NamedTuple):
     slope: FloatArray
 
     def least(self, x: float, bound: float) -> tuple[float, float]:
-        """The least of all at x and a constant bound, with its slope."""
+        """Return the least of all at x and a constant bound, with its slope."""
         values = self.start + self.slope * x
         k = values.argmin() if len(values) else -1
         return (float(values[k]), float(self.slope[k])) if k >= 0 and values[k] < bound else (bound, 0.0)
@@ -133,13 +133,13 @@ class _Stage:
         return cls(above, below, min(most, float(np.min(bounds))), reach)
 
     def room(self, x: float) -> tuple[float, float, float, float]:
-        """Greatest and least y at a given x, and their slopes."""
+        """Return the greatest and least y at a given x, and their slopes."""
         high, rise = self.above.least(x, self.reach)
         low, fall = self.below.least(x, 0.0)
         return high, -low, rise, -fall
 
     def greatest(self, most_steps: int) -> float:
-        """The greatest x that leaves some y."""
+        """Return the greatest x that leaves some y."""
         x = self.most
         for _ in range(most_steps):
             high, low, rise, fall = self.room(x)
@@ -245,7 +245,7 @@ def _failed(rows: PathRows, point: int) -> RetimingError:
 
 
 def _time_unit(rows: PathRows) -> float:
-    """A time near the motion's duration, so that the solver's absolute tolerances fit any limits [s]."""
+    """Return a time near the motion's duration, so that the solver's absolute tolerances fit any limits [s]."""
     return max(float(np.mean(rows.slowness)), float(np.sqrt(np.mean(np.max(np.abs(rows.a), axis=1)))), 1e-9)
 
 
@@ -291,7 +291,7 @@ def _solver(rows: PathRows, slack: FloatArray, cap: FloatArray, unit: float) -> 
 
 
 def fastest_within(dense: PathRows, settings: ProfileSettings = DEFAULT_TIMING.profile) -> SpeedProfile:
-    """The fastest profile of all rounds, each stretched until it keeps the limits.
+    """Return the fastest profile of all rounds, each stretched until it keeps the limits.
 
     Args:
         dense: the limits at ``settings.substeps`` equal steps of every interval of the grid.
@@ -318,7 +318,7 @@ def fastest_within(dense: PathRows, settings: ProfileSettings = DEFAULT_TIMING.p
             # Rows must not be tightened for friction that the tangent missed: the next tangent will not miss it.
             between = dense.with_friction(np.sqrt(refine(speed**2, substeps)), _FRICTION_SHARE)
             check = check_profile(profile, between, substeps, settings.dense_share)
-        bounds = bounds.tightened_by(check) if number < _TIGHTENINGS else bounds.capped_by(check, profile)
+        bounds = bounds.tighten_rows(check) if number < _TIGHTENINGS else bounds.capped_by(check, profile)
         # Where speeds are low the tangents of one round and the next may overshoot each other for ever.
         share = 1.0 if number < _TIGHTENINGS else _TANGENT_SHARE
         slowed = speed + share * (np.sqrt(profile.squared) - speed)
@@ -345,7 +345,9 @@ class _Bounds:
 
     @classmethod
     def before_the_first_round(cls, dense: PathRows, substeps: int, share: float) -> "_Bounds":
-        """Nothing tightened; ṡ bounded by the velocity limits, whose greatest share in an interval bounds both ends.
+        """Return nothing tightened.
+
+        Ṡ bounded by the velocity limits, whose greatest share in an interval bounds both ends.
 
         ṡ² is linear in an interval, so the bound holds inside too.
         """
@@ -354,12 +356,12 @@ class _Bounds:
         return cls(np.zeros(len(widest)), (share / np.maximum(widest, 1e-12)) ** 2, share)
 
     def slack(self, rows: PathRows) -> FloatArray:
-        """What each row may reach: its share less the tightening, but always some room above the static part."""
+        """Return what each row may reach: its share less the tightening, but always some room above the static part."""
         static = np.abs(rows.c)
         return np.asarray(np.maximum(self.share - self.tightening[:, None], static + 0.25 * (1.0 - static)))
 
-    def tightened_by(self, check: DenseCheck) -> "_Bounds":
-        """Rows tightened by what the intervals beside them passed the limits by."""
+    def tighten_rows(self, check: DenseCheck) -> "_Bounds":
+        """Return the rows tightened by what the intervals beside them passed the limits by."""
         return replace(self, tightening=self.tightening + _to_ends(np.maximum(check.excess, 0.0), 0.0))
 
     def capped_by(self, check: DenseCheck, profile: SpeedProfile) -> "_Bounds":
@@ -370,7 +372,10 @@ class _Bounds:
 
 
 def _to_ends(of_intervals: FloatArray, outside: float) -> FloatArray:
-    """The greater value of the two intervals beside each grid point; ``outside`` stands before and after the path."""
+    """Return the greater value of the two intervals beside each grid point.
+
+    ``outside`` stands before and after the path.
+    """
     return np.asarray(np.maximum(np.append(of_intervals, outside), np.append(outside, of_intervals)))
 
 
@@ -401,7 +406,7 @@ class SmoothProfile:
         return np.asarray(self.position.x) * self.factor
 
     def at(self, time: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """s, ṡ and s̈ at given times, each of the shape of ``time``."""
+        """Return the s, ṡ and s̈ at given times, each of the shape of ``time``."""
         # The polynomial runs in the time before slowing: s(t / λ), whose derivatives fall by λ, λ² and λ³.
         unslowed = np.clip(time / self.factor, 0.0, self.position.x[-1])
         speed, growth, _ = self._derivatives
@@ -410,16 +415,16 @@ class SmoothProfile:
         return np.asarray(s), np.asarray(v / self.factor), np.asarray(growth(unslowed) / self.factor**2)
 
     def jerk(self, time: FloatArray) -> FloatArray:
-        """s⃛ at given times [1/s³]."""
+        """Return the s⃛ at given times [1/s³]."""
         return np.asarray(self._derivatives[2](np.clip(time / self.factor, 0.0, self.position.x[-1])) / self.factor**3)
 
     def slowed(self, factor: float) -> "SmoothProfile":
-        """The same profile with all times longer by a factor."""
+        """Return the same profile with all times longer by a factor."""
         return replace(self, factor=self.factor * factor)
 
 
 def smoothed(profile: SpeedProfile, window: float) -> SmoothProfile:
-    """The mean of a motion over two windows of time, one after the other, each of given length [s]."""
+    """Return the mean of a motion over two windows of time, one after the other, each of given length [s]."""
     times = profile.times
     speeds = np.sqrt(profile.squared)
     shifts = (0.0, window, 2.0 * window)
@@ -478,12 +483,12 @@ def _needed(spline: BSpline, motion: SmoothProfile, axes: DriveLimits, looks: in
     acceleration = np.abs(first * growth + second * v**2) / axes.acceleration
     rest = first * jerk + 3.0 * second * v * growth
     # q''' jumps at the knots of a cubic spline, and the limit must hold on both sides of the jump.
-    before, after = sides_of_third(spline, places)
+    before, after = third_derivative_sides(spline, places)
     jerks = np.maximum(np.abs(rest + before * v**3), np.abs(rest + after * v**3)) / axes.jerk
     return float(max(np.max(velocity), np.sqrt(np.max(acceleration)), np.cbrt(np.max(jerks))))
 
 
-def unseen_gains(samples: MotionSamples) -> FloatArray:
+def unresolved_gains(samples: MotionSamples) -> FloatArray:
     """Velocity gained in each step beyond what the accelerations at its ends explain, shape (T − 1, n) [rad/s, m/s]."""
     step = samples.steps
     gained = np.diff(samples.velocity, axis=0)
@@ -492,7 +497,7 @@ def unseen_gains(samples: MotionSamples) -> FloatArray:
     return np.asarray(np.maximum(np.maximum(gained - most, least - gained), 0.0))
 
 
-def halved_where_unseen(
+def refine_unresolved(
     samples: MotionSamples, acceleration: FloatArray, settings: SamplingSettings = DEFAULT_TIMING.sampling
 ) -> FloatArray | None:
     """Sample times with those steps halved that hide too much of what a column's acceleration does.
@@ -506,7 +511,7 @@ def halved_where_unseen(
         Times [s]; None where the samples show enough.
     """
     step = samples.steps
-    unseen = unseen_gains(samples)
+    unseen = unresolved_gains(samples)
     gained = np.sum(np.abs(np.diff(samples.velocity, axis=0)), axis=0)
     duration = samples.time[-1]
     allowed = settings.unseen_share * gained + _UNSEEN_FLOOR * duration * acceleration

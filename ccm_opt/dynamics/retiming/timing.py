@@ -21,7 +21,7 @@ from ccm_opt.core.errors import Diagnosis, RetimingError
 from ccm_opt.dynamics.retiming.motion_limits import MotionLimit, limits_along
 from ccm_opt.dynamics.retiming.motion_samples import MotionSamples
 from ccm_opt.dynamics.retiming.profile import PathRows, SpeedProfile, path_grid, path_rows, refine, span_lengths
-from ccm_opt.dynamics.retiming.speed_optimizer import SmoothProfile, fastest_within, halved_where_unseen, jerk_limited
+from ccm_opt.dynamics.retiming.speed_optimizer import SmoothProfile, fastest_within, jerk_limited, refine_unresolved
 from ccm_opt.dynamics.retiming.timed_path import InverseDynamics, Revolutes, TimedPath, likely_coordinates
 from ccm_opt.dynamics.retiming.timing_settings import DEFAULT_TIMING, SamplingSettings, TimingSettings
 from ccm_opt.problem import Limits
@@ -64,7 +64,10 @@ class Chords:
 
     @classmethod
     def beside(cls, path: JointPath, link_length: float, settings: SamplingSettings) -> "Chords":
-        """Within a share of the gap that a path is certified to spare; where it spares none, within a hair."""
+        """Return the within a share of the gap that a path is certified to spare.
+
+        Where it spares none, within a hair.
+        """
         return cls(link_length, max(_SPARE_SHARE * path.spare, settings.hair))
 
 
@@ -121,7 +124,7 @@ def _too_slow(duration: float, step: float, most: int) -> RetimingError:
 
 
 def samples_at(spline: BSpline, profile: Profile, time: FloatArray) -> MotionSamples:
-    """The motion of a path at given times, the first and last of which are those of its ends, shape (T,) [s]."""
+    """Return the motion of a path at given times, the first and last of which are those of its ends, shape (T,) [s]."""
     s, speed, growth = (values[:, None] for values in profile.at(time))
     # Both ends are free of rounding, so that start and goal are met exactly and at rest.
     s[[0, -1], 0] = (0.0, 1.0)
@@ -168,7 +171,7 @@ def near_the_path(
 
 
 def sag(spline: BSpline, s: FloatArray, link_length: float, coordinates: Coordinates) -> FloatArray:
-    """How far any point of the arm may leave its way on the chords between points of the path.
+    """Return how far any point of the arm may leave its way on the chords between points of the path.
 
     Args:
         spline: of the arm's coordinates.
@@ -210,7 +213,7 @@ def _report(left: FloatArray, chords: Chords, count: int) -> None:
 def joined(
     trajectories: Sequence[JointTrajectory], pauses: Sequence[float] = (), *, step: float = DEFAULT_TIMING.sampling.step
 ) -> JointTrajectory:
-    """One motion along several legs, each from rest to rest, with pauses between them.
+    """Return one motion along several legs, each from rest to rest, with pauses between them.
 
     Args:
         trajectories: at least one; each begins where the one before ends.
@@ -236,7 +239,7 @@ def joined(
 
 
 def reversed_trajectory(trajectory: JointTrajectory) -> JointTrajectory:
-    """The same motion backward: velocities change their sign, accelerations do not; a retraction."""
+    """Return the same motion backward: velocities change their sign, accelerations do not; a retraction."""
     last = len(trajectory.time) - 1
     return replace(
         trajectory,
@@ -249,7 +252,7 @@ def reversed_trajectory(trajectory: JointTrajectory) -> JointTrajectory:
 
 
 def _paused(trajectory: JointTrajectory, pause: float, step: float) -> JointTrajectory:
-    """The motion with its last pose held for some time."""
+    """Return the motion with its last pose held for some time."""
     count = int(np.ceil(pause / step - 1e-9))
     if count == 0:
         return trajectory
@@ -260,13 +263,13 @@ def _paused(trajectory: JointTrajectory, pause: float, step: float) -> JointTraj
 
 
 def _after(first: JointTrajectory, leg: JointTrajectory, stop: int) -> JointTrajectory:
-    """Two motions in a row; the first sample of the second is the last of the first."""
+    """Return two motions in a row; the first sample of the second is the last of the first."""
     later = tuple(len(first.time) - 1 + number for number in leg.stops)
     return replace(chained(first, leg.part(slice(1, None))), stops=(*first.stops, stop, *later))
 
 
 def chained(first: JointTrajectory, second: JointTrajectory) -> JointTrajectory:
-    """The samples of both, the time of the second counted from the end of the first."""
+    """Return the samples of both, the time of the second counted from the end of the first."""
     return replace(
         first,
         time=np.concatenate((first.time, first.time[-1] + second.time)),
@@ -325,7 +328,7 @@ def retime(
     share: float = 1.0,
     settings: TimingSettings = DEFAULT_TIMING,
 ) -> JointTrajectory:
-    """The fastest motion along a path from rest to rest, within the limits.
+    """Return the fastest motion along a path from rest to rest, within the limits.
 
     A motion exists whenever every drive can hold the arm still all along the path; if in doubt it is a slow one.
 
@@ -392,7 +395,7 @@ class _Timing:
         return path_grid(self.path.weighed, self.settings.grid)
 
     def rows(self, s: FloatArray) -> PathRows:
-        """The limits at points of the path, at which every drive can hold the arm still, or it is an error."""
+        """Return the limits at points of the path, at which every drive can hold the arm still, or it is an error."""
         return path_rows(self.limits, self.path.spline, s)
 
     @cached_property
@@ -401,11 +404,11 @@ class _Timing:
         return self.rows(refine(self._grid, self.settings.profile.substeps))
 
     def fastest(self) -> SpeedProfile:
-        """The fastest speeds along the path."""
+        """Return the fastest speeds along the path."""
         return fastest_within(self._dense, self.settings.profile)
 
     def smooth(self, fastest: SpeedProfile) -> SmoothProfile:
-        """The motion with bounded jerk, slowed down until all limits hold at every look."""
+        """Return the motion with bounded jerk, slowed down until all limits hold at every look."""
         spline = self.path.spline
         coordinates = self.path.coordinates
         profile = jerk_limited(spline, fastest, self.path.bounds, self.settings.smoothing)
@@ -414,7 +417,7 @@ class _Timing:
         return profile.slowed(max(needed_stretch(looks, self.limits) / self.settings.profile.dense_share, 1.0))
 
     def sampled(self, profile: Profile, step: float, chords: Chords | None) -> MotionSamples:
-        """Samples that keep the limits, of the motion or one a little slower."""
+        """Return the samples that keep the limits, of the motion or one a little slower."""
         settings = self.settings.sampling
         for _ in range(_RESAMPLINGS):
             # Sampled a little finer than asked, so that a small stretch does not make the steps too long.
@@ -427,7 +430,7 @@ class _Timing:
                 settings,
                 self._jumps(profile),
             )
-            samples = self._with_all_seen(samples, profile)
+            samples = self._densified_samples(samples, profile)
             stretch = needed_stretch(samples, self.limits)
             if stretch <= _SMALL_STRETCH:
                 return samples.slowed(max(stretch, 1.0))
@@ -437,18 +440,18 @@ class _Timing:
             profile = profile.slowed(stretch)
         raise _no_speed(profile)
 
-    def _with_all_seen(self, samples: MotionSamples, profile: Profile) -> MotionSamples:
-        """The samples, with more between them where accelerations swing unseen."""
+    def _densified_samples(self, samples: MotionSamples, profile: Profile) -> MotionSamples:
+        """Return the samples, with more between them where accelerations swing unseen."""
         settings = self.settings.sampling
         for _ in range(_CUTTINGS):
-            time = halved_where_unseen(samples, self.path.bounds.acceleration, settings)
+            time = refine_unresolved(samples, self.path.bounds.acceleration, settings)
             if time is None:
                 break
             samples = samples_at(self.path.spline, profile, time)
         return samples
 
     def _jumps(self, profile: Profile) -> FloatArray | None:
-        """When the motion's accelerations jump; None for a motion whose jerk is limited."""
+        """Return when the motion's accelerations jump; None for a motion whose jerk is limited."""
         if isinstance(profile, SmoothProfile):
             return None
         # Rows are shares of the limits, so the greatest coefficient of s̈ is what a change of it does to any of them.

@@ -22,7 +22,7 @@ FeedCall: TypeAlias = Callable[[FloatArray, FloatArray, FloatArray, FloatArray |
 
 
 def arm_for_c(model: ArmModel) -> dict[str, Any]:
-    """An arm's numbers and working memory as ``Arm`` of recursion.c."""
+    """Return an arm's numbers and working memory as ``Arm`` of recursion.c."""
     links = model.structure.links
     work = np.zeros((links, native_constant(f"work_per_link__{model.structure.variant}")))
     return {"links": links, "bodies": model.bodies, "drives": model.drives, "world": model.world, "work": work}
@@ -39,10 +39,10 @@ class CompiledFunction:
     def __init__(self, kind: DynamicsKind, model: ArmModel) -> None:
         self._many = NativeCall(f"{kind}__{model.structure.variant}", arm=arm_for_c(model))
         self._one = NativeCall(f"{kind}__{model.structure.variant}", arm=arm_for_c(model), count=1)
-        self.one, self.one_with_feed = self._calls_of_one_state(model.structure.joints)
+        self.one, self.one_with_feed = self._single_state_calls(model.structure.joints)
 
-    def _calls_of_one_state(self, joints: int) -> tuple[JointsCall, FeedCall]:
-        """The function at one state as closures over fixed memory, the shortest calls that Python allows.
+    def _single_state_calls(self, joints: int) -> tuple[JointsCall, FeedCall]:
+        """Return the function at one state as closures over fixed memory, the shortest calls that Python allows.
 
         Returns:
             A function of three arrays of shape (3 * links,) to the joints' result, for a feed of 0, and one of these
@@ -86,7 +86,7 @@ class CompiledFunction:
     def many(
         self, first: FloatArray, second: FloatArray, third: FloatArray, feed: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """The function at N states, three arrays of shape (N, 3 * links), feed (N,)."""
+        """Return the function at N states, three arrays of shape (N, 3 * links), feed (N,)."""
         out = np.empty(first.shape)
         out_feed = np.empty(len(feed))
         self._many.set(count=len(feed), q=first, qd=second, third=third, feed=feed, out=out, out_feed=out_feed)
@@ -114,7 +114,7 @@ class DynamicsFunction:
         self._joints = model.structure.joints
 
     def of_joints(self, first: FloatArray, second: FloatArray, third: FloatArray) -> FloatArray:
-        """The result for the joints alone and for a feed of 0, of the states' shape; see ``with_feed``."""
+        """Return the result for the joints alone and for a feed of 0, of the states' shape; see ``with_feed``."""
         # One state of contiguous doubles is tried first, as asking what was given would take longer than the dynamics.
         try:
             return self._one(first, second, third)
@@ -140,7 +140,7 @@ class DynamicsFunction:
     def _general(
         self, first: FloatArray, second: FloatArray, third: FloatArray, feed: FloatArray | float
     ) -> tuple[FloatArray, FloatArray]:
-        """States of any number, type and layout, converted and checked."""
+        """Return the states of any number, type and layout, converted and checked."""
         shape = np.shape(first)
         fits = len(shape) in {1, 2} and shape[-1] == self._joints
         if not fits or np.shape(second) != shape or np.shape(third) != shape:
@@ -171,7 +171,7 @@ class InverseDynamics:
         accelerations: FloatArray,
         feed_accelerations: FloatArray | float | None = None,
     ) -> FloatArray:
-        """Torques [N m], shape (N, 3 * links), for arrays of that shape, or (3 * links,) for one state.
+        """Return the torques [N m], shape (N, 3 * links), for arrays of that shape, or (3 * links,) for one state.
 
         Args:
             angles: [rad].
@@ -207,7 +207,7 @@ class InverseDynamics:
         accelerations: FloatArray,
         feed_accelerations: FloatArray | float | None = None,
     ) -> tuple[FloatArray, FloatArray]:
-        """Torques and the force on the feed axis by one recursion; arguments as for the torques."""
+        """Return the torques and the force on the feed axis by one recursion; arguments as for the torques."""
         feed = 0.0 if feed_accelerations is None else feed_accelerations
         return self._rnea.with_feed(angles, velocities, accelerations, feed)
 
@@ -225,11 +225,11 @@ class MassMatrix:
         self._dynamics = InverseDynamics(arm, np.zeros(3))
 
     def __call__(self, angles: FloatArray) -> FloatArray:
-        """Mass matrix M, shape (3 * links, 3 * links) [kg m²], at angles of shape (3 * links,) [rad]."""
+        """Return the mass matrix M, shape (3 * links, 3 * links) [kg m²], at angles of shape (3 * links,) [rad]."""
         return self.with_feed(angles)[1:, 1:]
 
     def with_feed(self, angles: FloatArray) -> FloatArray:
-        """Mass matrix with the feed axis first, shape (3 * links + 1, 3 * links + 1); units with kg and kg m."""
+        """Return mass matrix with the feed axis first, shape (3 * links + 1, 3 * links + 1); units with kg and kg m."""
         unit = np.eye(len(angles) + 1)
         states = np.broadcast_to(angles, (len(unit), len(angles)))
         torques, forces = self._dynamics.efforts(states, np.zeros_like(states), unit[:, 1:], unit[:, 0])
@@ -261,7 +261,7 @@ class ForwardDynamics:
         self._aba = DynamicsFunction("forward_dynamics", arm_model(arm, gravity))
 
     def __call__(self, angles: FloatArray, velocities: FloatArray, torques: FloatArray) -> FloatArray:
-        """Accelerations [rad/s²], shape (N, 3 * links), for arrays of that shape, or (3 * links,) for one state.
+        """Return accelerations [rad/s²], shape (N, 3 * links), for arrays of that shape, or (3 * links,) for one state.
 
         The thrust on a feed axis is zero. Not finite where the ball joint is singular and its drives have no rotor
         inertia: θ2 = ±90° under ``zyx``, θ2 = 0 under ``zyz``.
@@ -279,7 +279,7 @@ class ForwardDynamics:
     def with_feed(
         self, angles: FloatArray, velocities: FloatArray, torques: FloatArray, thrust: FloatArray | float
     ) -> tuple[FloatArray, FloatArray]:
-        """Accelerations of the joints, and of the base along its feed axis, shape (N,) or () [m/s²].
+        """Return the accelerations of the joints, and of the base along its feed axis, shape (N,) or () [m/s²].
 
         Args:
             angles: [rad].

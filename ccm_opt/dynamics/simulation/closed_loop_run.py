@@ -27,7 +27,7 @@ from ccm_opt.dynamics.simulation.simulation_record import (
     check_axes,
     check_finite,
     falls_in_plane,
-    needs_of_plan,
+    largest_need,
 )
 from ccm_opt.dynamics.simulation.stability import check_stability
 from ccm_opt.problem import Limits, SimulationOptions
@@ -74,7 +74,7 @@ def first_far_off(steps: SimulatedSteps, most: float) -> RunFault | None:
 
 
 def first_saturation(steps: SimulatedSteps, limit: FloatArray) -> RunFault | None:
-    """The first effort at its limit, shape (W,) [N m, N]; it is held from that state on."""
+    """Return the first effort at its limit, shape (W,) [N m, N]; it is held from that state on."""
     full = np.abs(steps.efforts) >= limit
     if not full.any():
         return None
@@ -83,7 +83,7 @@ def first_saturation(steps: SimulatedSteps, limit: FloatArray) -> RunFault | Non
 
 
 def steps_before(steps: SimulatedSteps, fault: RunFault) -> SimulatedSteps:
-    """The steps of a run that end before the state at fault; there may be none."""
+    """Return the steps of a run that end before the state at fault; there may be none."""
     count = fault.step - steps.first - 1
     return replace(
         steps, states=steps.states[: count + 1], efforts=steps.efforts[:count], targets=steps.targets[:count]
@@ -98,7 +98,7 @@ CONTROL_ADVICE = (
 )
 
 
-def verdict_of_run(
+def judge_run(
     record: SimulationRecord,
     names: tuple[str, ...],
     full: RunFault | None,
@@ -106,7 +106,7 @@ def verdict_of_run(
     lost: RunFault | None,
     needs: PlanNeeds | None,
 ) -> SimulationVerdict:
-    """The verdict on a run, as far as drives and errors decide it; what the arm touches is not known here.
+    """Return the verdict on a run, as far as drives and errors decide it; what the arm touches is not known here.
 
     Args:
         record: of the run.
@@ -123,7 +123,7 @@ def verdict_of_run(
         return SimulationVerdict("followed", step)
     name = (*names, "the feed axis")[first.column]
     time = first.step * step
-    met = "" if full is None else _words_of_limit(full, record, names)
+    met = "" if full is None else _describe_limit(full, record, names)
     # Once a drive has nothing left the controller does not decide any more what the arm does: that is the cause.
     saturated = full is not None and full.step <= first.step
     status: SimulationOutcome = "saturated"
@@ -138,12 +138,12 @@ def verdict_of_run(
     too_weak = needs is not None and needs.share > 1.0
     advice = _drive_advice(needs, names) if saturated or too_weak else CONTROL_ADVICE
     return SimulationVerdict(
-        status, step, f"{met}{_words_of_needs(needs, names)}", joint=name, time=time, advice=advice
+        status, step, f"{met}{_describe_needs(needs, names)}", joint=name, time=time, advice=advice
     )
 
 
-def _words_of_needs(needs: PlanNeeds | None, names: tuple[str, ...]) -> str:
-    """What the drives could hold, to go on after the reason."""
+def _describe_needs(needs: PlanNeeds | None, names: tuple[str, ...]) -> str:
+    """Return what the drives could hold, to go on after the reason."""
     if needs is None:
         return ""
     unit = "N" if needs.column == len(names) else "N m"
@@ -163,7 +163,7 @@ def _drive_advice(needs: PlanNeeds | None, names: tuple[str, ...]) -> tuple[str,
     return (f"a torque limit above {needs.effort:.4g} N m for {names[needs.column]}", *SATURATED_ADVICE)
 
 
-def _words_of_limit(full: RunFault, record: SimulationRecord, names: tuple[str, ...]) -> str:
+def _describe_limit(full: RunFault, record: SimulationRecord, names: tuple[str, ...]) -> str:
     axis = full.column == len(names)
     limit = float(record.limit[full.column])
     kind = f"force limit of {limit:.4g} N" if axis else f"torque limit of {limit:.4g} N m"
@@ -221,8 +221,8 @@ def simulate(
     needs = None
     if full or strayed or lost:
         plant = disturbed_arm(arm, options.disturbances)
-        needs = needs_of_plan(plant, trajectory, joints, options.gravity, most)
-    return record.motion(arm.coordinates, verdict_of_run(record, joints.names, full, strayed, lost, needs))
+        needs = largest_need(plant, trajectory, joints, options.gravity, most)
+    return record.motion(arm.coordinates, judge_run(record, joints.names, full, strayed, lost, needs))
 
 
 def simulated_states(
@@ -233,7 +233,7 @@ def simulated_states(
     limits: Limits,
     interval: float,
 ) -> Iterator[tuple[float, FloatArray, float]]:
-    """The same simulation one time interval after the other, for those who watch it (section 5.1, steps 5 to 7).
+    """Yield the same simulation one time interval after the other, for those who watch it (section 5.1, steps 5 to 7).
 
     Args:
         arm: as for ``simulate``, with the arguments that follow.
@@ -267,7 +267,7 @@ def _prepared(
     options: SimulationOptions,
     limits: Limits,
 ) -> tuple["_Run", FloatArray]:
-    """What is run, and the state it starts from; everything that can be refused is refused here."""
+    """Return what is run, and the state it starts from; everything that can be refused is refused here."""
     planar = _is_planar(arm, joints, options)
     if planar:
         arm = replace(arm, axes="zyx")  # in the plane only bends move, and both orders of axes are the same arm
@@ -294,7 +294,7 @@ def _coordinates(trajectory: JointTrajectory, joints: JointStates) -> tuple[Floa
 def closed_loop(
     plant: Arm, arm: Arm, options: SimulationOptions, limits: Limits, *, planar: bool = False
 ) -> CompiledLoop:
-    """The loop of a plant and of the arm that its controller believes in.
+    """Return the loop of a plant and of the arm that its controller believes in.
 
     Args:
         plant: the arm that moves.
@@ -312,7 +312,7 @@ def closed_loop(
 
 
 def _is_planar(arm: Arm, joints: JointStates, options: SimulationOptions) -> bool:
-    """Whether reference and gravity leave the arm exactly in its plane."""
+    """Return whether reference and gravity leave the arm exactly in its plane."""
     # Yaw and roll, the first and third revolutes of every ball, are at rest at zero throughout.
     still = all(not np.any(values[:, place::3]) for values in (joints.angles, joints.velocities) for place in (0, 2))
     return still and falls_in_plane(arm, options.gravity)
@@ -327,7 +327,7 @@ class _Run:
     noise: Noise
 
     def steps(self, state: FloatArray, options: SimulationOptions, size: int) -> Iterator[SimulatedSteps]:
-        """All steps from a state on, shape (2, W), so many at a time."""
+        """Yield all steps from a state on, shape (2, W), so many at a time."""
         # Brakes hold the arm for this many steps while the reference moves on.
         held = round(options.disturbances.start_delay / options.step)
         for first in range(0, self.reference.steps, size):

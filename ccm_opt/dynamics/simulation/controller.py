@@ -48,7 +48,7 @@ from ccm_opt.robot.arm import Arm
 
 
 def stiffened(model: ArmModel, step: float, kd: FloatArray) -> ArmModel:
-    """The arm that a controller believes in, with rotors heavier by h Kd: what PD moves by the end of a step."""
+    """Return the arm that a controller believes in, with rotors heavier by h Kd: what PD moves by the end of a step."""
     drives = model.drives.copy()
     drives[:, :3] += step * kd.reshape(-1, 3)
     return replace(model, drives=drives)
@@ -108,7 +108,7 @@ class CompiledLoop:
 
 
 def gains(arm: Arm, options: SimulationOptions) -> tuple[FloatArray, FloatArray]:
-    """Gains on the errors of joints and of their speeds by the chosen law, shape (3 * links,) each.
+    """Return the gains on the errors of joints and of their speeds by the chosen law, shape (3 * links,) each.
 
     Under computed torque they act on accelerations [1/s², 1/s], critically damped at ωn = bandwidth: Kp = ωn²,
     Kd = 2 ωn; under PD on torques [N m/rad, N m s/rad].
@@ -131,7 +131,7 @@ def gains(arm: Arm, options: SimulationOptions) -> tuple[FloatArray, FloatArray]
 
 
 def inertia_at_most(arm: Arm) -> FloatArray:
-    """What any joint can have to move when all bends move, shape (3 * links,) [kg m²].
+    """Return what any joint can have to move when all bends move, shape (3 * links,) [kg m²].
 
     Row sums over the bends of the straight arm's mass matrix. Yaws and rolls have those of their bend: about no axis
     through a ball has the arm beyond it more inertia.
@@ -148,7 +148,7 @@ def feed_gains(arm: Arm, options: SimulationOptions) -> tuple[float, float]:
 
 
 def loop_numbers(arm: Arm, options: SimulationOptions, limits: Limits) -> dict[str, Any]:
-    """The numbers of the closed loop as ``simulation.c`` calls them.
+    """Return the numbers of the closed loop as ``simulation.c`` calls them.
 
     They are the step [s], whether the law is computed torque, else PD, Kp and Kd of every joint, shape (3 * links,),
     and of the feed axis, see ``gains`` and ``feed_gains``, and bounds on the torques, shape (3 * links,) [N m], and on
@@ -169,7 +169,7 @@ def loop_numbers(arm: Arm, options: SimulationOptions, limits: Limits) -> dict[s
 
 
 def disturbed_arm(arm: Arm, disturbances: Disturbances) -> Arm:
-    """The arm that is simulated: heavier links, more payload, more friction."""
+    """Return the arm that is simulated: heavier links, more payload, more friction."""
     heavier = 1.0 + disturbances.mass_error
     return replace(
         arm,
@@ -195,7 +195,7 @@ class Noise:
         self._planar = planar
 
     def draw(self, count: int, joints: int) -> FloatArray:
-        """Noise on angles [rad] and speeds [rad/s] of some steps, shape (count, 2, joints)."""
+        """Return the noise on angles [rad] and speeds [rad/s] of some steps, shape (count, 2, joints)."""
         if not np.any(self._scale):
             return np.zeros((count, 2, joints))
         noise = self._scale * self._random.standard_normal((count, 2, joints))
@@ -230,7 +230,7 @@ class StepReference:
     steps: int
 
     def window(self, first: int, count: int) -> tuple[FloatArray, FloatArray]:
-        """Reference of ``count`` steps from step ``first`` on.
+        """Return the reference of ``count`` steps from step ``first`` on.
 
         Returns:
             Angles, velocities and accelerations at the start of each step, shape (count, 3, joints), and the angles at
@@ -251,7 +251,7 @@ class StepReference:
 
 
 def step_reference(time: FloatArray, angles: FloatArray, velocities: FloatArray, step: float) -> StepReference:
-    """Reference of a sampled motion.
+    """Return the reference of a sampled motion.
 
     Args:
         time: strictly increasing from 0, shape (T,) [s].
@@ -267,7 +267,7 @@ def step_reference(time: FloatArray, angles: FloatArray, velocities: FloatArray,
 
 
 def hermite(fraction: FloatArray, step: float, start: FloatArray, end: FloatArray) -> FloatArray:
-    """Angles inside steps from angles and velocities at both ends of each.
+    """Return the angles inside steps from angles and velocities at both ends of each.
 
     Args:
         fraction: place inside the step in [0, 1], shape (N,).

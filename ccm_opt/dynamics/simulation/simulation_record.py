@@ -109,7 +109,7 @@ class SimulationRecord:
         self.full_steps += int(np.count_nonzero(full))
 
     def motion(self, coordinates: Coordinates, verdict: SimulationVerdict) -> SimulatedMotion:
-        """The whole simulated motion, once all steps were added."""
+        """Return the whole simulated motion, once all steps were added."""
         drives = coordinates.drive_count  # a fixed base has a column in the loop, but no drive
         if self._last is not None:
             # An arm whose run was stopped is taken as standing still from there on.
@@ -237,10 +237,10 @@ class PlanNeeds:
         return self.effort / self.limit if self.limit > 0.0 else np.inf
 
 
-def needs_of_plan(
+def largest_need(
     plant: Arm, trajectory: JointTrajectory, joints: JointStates, gravity: FloatArray, limit: FloatArray
 ) -> PlanNeeds | None:
-    """The greatest need of a plan; None where no drive has a limit.
+    """Return the greatest need of a plan; None where no drive has a limit.
 
     Args:
         plant: the arm that is simulated.

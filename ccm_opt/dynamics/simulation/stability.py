@@ -64,7 +64,7 @@ def check_stability(
 
 
 def fastest_mode(arm: Arm, poses: FloatArray, *, planar: bool) -> float:
-    """Largest eigenvalue of M⁻¹ [1/(kg m²)] at some poses; of its bends alone for a planar motion.
+    """Return the largest eigenvalue of M⁻¹ [1/(kg m²)] at some poses; of its bends alone for a planar motion.
 
     Args:
         arm: the arm.
@@ -75,7 +75,7 @@ def fastest_mode(arm: Arm, poses: FloatArray, *, planar: bool) -> float:
 
 
 def fastest_rate(arm: Arm, poses: FloatArray, damping: FloatArray, *, planar: bool) -> float:
-    """Largest eigenvalue of M⁻¹ diag(damping) [1/s] at some poses; arguments as for ``fastest_mode``.
+    """Return the largest eigenvalue of M⁻¹ diag(damping) [1/s] at some poses; arguments as for ``fastest_mode``.
 
     Args:
         arm: the arm.
@@ -131,7 +131,7 @@ def _check_pd(believed: Arm, poses: FloatArray, options: SimulationOptions, *, p
 
 
 def _pd_advice(options: SimulationOptions, ratio: float, bound: float) -> tuple[str, ...]:
-    """What would make PD stable for an arm of any ν, as far as anything does."""
+    """Return what would make PD stable for an arm of any ν, as far as anything does."""
     computed = 'simulation.controller = "computed-torque"'
     # For ν without bound the condition is 1 + κ dt < bound.
     most = _ADVISED_SHARE * (bound - 1.0) / options.step
@@ -184,7 +184,7 @@ def _check_friction(arm: Arm, poses: FloatArray, options: SimulationOptions, *, 
 
 
 def _lightest_base(arm: Arm, poses: FloatArray, *, planar: bool) -> float:
-    """Least mass [kg] that the base moves at once when it is pushed and the joints are free, at some poses.
+    """Return the least mass [kg] that the base moves at once when it is pushed and the joints are free, at some poses.
 
     The Schur complement of the joints in the mass matrix: what is left when they give way.
     """
@@ -200,11 +200,11 @@ def _lightest_base(arm: Arm, poses: FloatArray, *, planar: bool) -> float:
 
 
 def _moving(*, planar: bool) -> slice:
-    """The revolutes that move: of a planar motion the bends alone, the middle one of each ball."""
+    """Return the revolutes that move: of a planar motion the bends alone, the middle one of each ball."""
     return slice(1, None, 3) if planar else slice(None)
 
 
 def _spread(angles: FloatArray, count: int) -> FloatArray:
-    """Some poses of a motion, first and last among them."""
+    """Return some poses of a motion, first and last among them."""
     rows = np.unique(np.linspace(0, len(angles) - 1, count).round().astype(int))
     return np.asarray(angles[rows], dtype=np.float64)

@@ -19,7 +19,7 @@ from ccm_opt.core.errors import ProblemError
 from ccm_opt.core.length_words import curvature, long_length, place
 from ccm_opt.core.polyline import vector_headings, wrap
 from ccm_opt.robot.configuration import Configuration
-from ccm_opt.robot.decomposition import rest_of, start_of
+from ccm_opt.robot.decomposition import segment_head, segment_tail
 from ccm_opt.robot.segment import EVEN_KNOTS, CurvatureSegment
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(40)
@@ -56,19 +56,19 @@ class SegmentTrack:
         return float(sum(segment.length for segment in self.segments))
 
     def first(self, length: float) -> tuple[CurvatureSegment, ...]:
-        """The segments of the first ``length`` metres, the last one cut, exactly."""
+        """Return the segments of the first ``length`` metres, the last one cut, exactly."""
         return self._divided(length)[0]
 
     def after(self, length: float) -> "SegmentTrack":
-        """What follows the first ``length`` metres."""
+        """Return what follows the first ``length`` metres."""
         return SegmentTrack(self._divided(length)[1])
 
     def from_pose(self, position: FloatArray) -> Configuration:
-        """The track as a curve that begins at a point (2,) [m]."""
+        """Return the track as a curve that begins at a point (2,) [m]."""
         return Configuration(position, self.segments)
 
     def _divided(self, length: float) -> tuple[tuple[CurvatureSegment, ...], tuple[CurvatureSegment, ...]]:
-        """The segments of the first ``length`` metres, and the others; the one between is cut in two."""
+        """Return the segments of the first ``length`` metres, and the others; the one between is cut in two."""
         before: list[CurvatureSegment] = []
         least = SHORTEST * self.length
         for k, segment in enumerate(self.segments):
@@ -76,13 +76,13 @@ class SegmentTrack:
             if left <= least:
                 return tuple(before), self.segments[k:]
             if left < segment.length - least:
-                return (*before, start_of(segment, left)), (rest_of(segment, left), *self.segments[k + 1 :])
+                return (*before, segment_head(segment, left)), (segment_tail(segment, left), *self.segments[k + 1 :])
             before.append(segment)
         return tuple(before), ()
 
 
 def track_through(corners: FloatArray, sharpest: float) -> SegmentTrack:
-    """Straight lines between corners and a cubic spiral round each (section 4.1).
+    """Return the straight lines between corners and a cubic spiral round each (section 4.1).
 
     A turn by α that begins and ends at the distance c from its corner has the length 2 c cos(α/2) / D(α) and the peak
     curvature 1.5 α / length (Kanayama and Hartman). Legs between two corners are shared by halves.
@@ -134,7 +134,7 @@ def _spiral(heading: float, turn: float, reach: float, sharpest: float, corner: 
 
 
 def without_near(points: Sequence[FloatArray], least: float) -> FloatArray:
-    """Points with those left out that are nearer than ``least`` [m] to the one before; the last always stays."""
+    """Return points with those left out that are nearer than ``least`` [m] to the one before; the last always stays."""
     kept = [points[0]]
     for point in points[1:-1]:
         if np.hypot(*(point - kept[-1])) >= least and np.hypot(*(points[-1] - point)) >= least:

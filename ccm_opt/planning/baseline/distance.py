@@ -64,7 +64,7 @@ class Distance:
     precision: Precision = Precision()
 
     def of_tips(self, positions: FloatArray, headings: FloatArray, base_headings: FloatArray) -> FloatArray:
-        """d² for tips (m, 2) [m], tip headings (m,) and base headings (m,) [rad]; shape (m,)."""
+        """Return the d² for tips (m, 2) [m], tip headings (m,) and base headings (m,) [rad]; shape (m,)."""
         distance: FloatArray = np.square((positions - self.goal.position) / self.reach).sum(axis=1)
         if self.goal.heading is not None:
             turn = np.sin(0.5 * (headings - self.goal.heading))
@@ -74,7 +74,7 @@ class Distance:
         return distance
 
     def __call__(self, shapes: Shapes) -> FloatArray:
-        """d² for the tips of whole configurations, shape (m,)."""
+        """Return the d² for the tips of whole configurations, shape (m,)."""
         positions, headings = shapes.tips
         return self.of_tips(positions, headings, shapes.heading)
 

@@ -118,7 +118,7 @@ def climb(world: World, start: Configuration, task: Climb) -> Generator[Shapes, 
 
 
 def end_of(world: World, start: Configuration, task: Climb) -> tuple[Configuration, Ending]:
-    """Where a climb ends, and how."""
+    """Return where a climb ends, and how."""
     here = None
     moves = climb(world, start, task)
     while True:
@@ -130,7 +130,7 @@ def end_of(world: World, start: Configuration, task: Climb) -> tuple[Configurati
 
 
 def _order(values: FloatArray, now: float, pushed: bool) -> IntArray:
-    """Improving candidates, the best first.
+    """Return the improving candidates, the best first.
 
     Args:
         values: of the candidates, shape (m,).
@@ -143,7 +143,7 @@ def _order(values: FloatArray, now: float, pushed: bool) -> IntArray:
 
 
 def _first_allowed(world: World, here: Shapes, candidates: Shapes, order: IntArray) -> int | None:
-    """The first candidate that the world lets the arm move to, or None; ever more are asked at once."""
+    """Return the first candidate that the world lets the arm move to, or None; ever more are asked at once."""
     count = _TRIED_AT_ONCE
     while len(order) > 0:
         some = order[:count]
@@ -193,7 +193,7 @@ class SchemaStopped(MotionNotFound):
 
 
 def run(schema: Generator[SchemaStep, None, _Result]) -> tuple[tuple[SchemaStep, ...], _Result]:
-    """All steps of a schema and where it ends."""
+    """Return all steps of a schema and where it ends."""
     steps: list[SchemaStep] = []
     while True:
         try:

@@ -15,7 +15,7 @@ import shapely
 
 from ccm_opt.core.arrays import TINY, FloatArray
 from ccm_opt.core.errors import Diagnosis, MotionNotFound, ProblemError, TimeLimitReached, UnreachableGoal
-from ccm_opt.core.polyline import arc_lengths, heading_of, unit_vector
+from ccm_opt.core.polyline import arc_lengths, unit_vector, vector_heading
 from ccm_opt.core.progress import Stages
 from ccm_opt.planning.baseline.curve_track import SegmentTrack, track_through, without_near
 from ccm_opt.planning.baseline.distance import Precision, TipPose
@@ -25,8 +25,8 @@ from ccm_opt.planning.baseline.plans import REACH, Folds, Follower, fold_plan, s
 from ccm_opt.planning.baseline.schema import scm_0, scm_2
 from ccm_opt.planning.baseline.schemas import ranked_selections, scm_6, scm_7
 from ccm_opt.planning.baseline.world import World
-from ccm_opt.planning.own_units import in_own_units
-from ccm_opt.planning.spline_path import certified_spline, spare_kept
+from ccm_opt.planning.own_units import planning_units
+from ccm_opt.planning.spline_path import certified_spare, certified_spline
 from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import JointPath
 from ccm_opt.robot.configuration import Configuration
@@ -87,7 +87,7 @@ def region_plan(
 
 
 def _interface(world: World, start: Configuration) -> Schema:
-    """SCM-6, or nothing where the arm has no room for it: the curvature then jumps where the track begins."""
+    """Yield the SCM-6, or nothing where the arm has no room for it: the curvature then jumps where the track begins."""
     try:
         steps, here = run(scm_6(world, start))
     except SchemaStopped:
@@ -99,7 +99,7 @@ def _interface(world: World, start: Configuration) -> Schema:
 def passages(
     world: World, start: Configuration, room: FreeSpace, goal: TipPose, obstacle: FloatArray | None, routes: int
 ) -> Iterator[Passage]:
-    """Passages from near the base to the goal: beside the obstacle ahead, then along the routes from the base.
+    """Yield passages from near the base to the goal: beside the obstacle ahead, then along the routes from the base.
 
     Those longer than the arm are left out, for it cannot follow them.
 
@@ -126,7 +126,10 @@ def passages(
 def _first_open_track(
     world: World, room: FreeSpace, first: TipPose, way: FloatArray, goal: TipPose, length: float, shrink: float
 ) -> SegmentTrack | None:
-    """The track with the longest straight runs that touches nothing, for an arm of a length [m]; None without any."""
+    """Return the track with the longest straight runs that touches nothing, for an arm of a length [m].
+
+    None without any.
+    """
     for share in _STRAIGHT_RUNS:
         try:
             track = _track(world, room, first, way, goal, share * length, shrink)
@@ -138,17 +141,17 @@ def _first_open_track(
 
 
 def _is_open(world: World, first: TipPose, track: SegmentTrack) -> bool:
-    """Whether a track touches no wall."""
+    """Return whether a track touches no wall."""
     samples = np.linspace(0.0, track.length, _TRACK_SAMPLES)
     places = track.from_pose(first.position).positions_at(samples)
     return bool(np.all(world.gap(places) > 0.0))
 
 
 def _on_route(taut: FloatArray, distance: float) -> tuple[TipPose, FloatArray]:
-    """The pose on a polyline at a distance from its start, and what of the polyline comes after it."""
+    """Return the pose on a polyline at a distance from its start, and what of the polyline comes after it."""
     ends = arc_lengths(taut)[1:]
     leg = min(int(np.searchsorted(ends, distance)), len(ends) - 1)
-    heading = heading_of(taut[leg + 1] - taut[leg])
+    heading = vector_heading(taut[leg + 1] - taut[leg])
     short = max(0.0, float(ends[leg]) - distance)
     position = taut[leg + 1] - short * unit_vector(heading)
     return TipPose(position, heading), np.vstack((position, taut[leg + 1 :]))
@@ -157,7 +160,7 @@ def _on_route(taut: FloatArray, distance: float) -> tuple[TipPose, FloatArray]:
 def _track(
     world: World, room: FreeSpace, first: TipPose, way: FloatArray, goal: TipPose, run: float, shrink: float
 ) -> SegmentTrack:
-    """Straight passages and turns from the first subgoal to the goal, along the taut way between their runs.
+    """Return the straight passages and turns from the first subgoal to the goal, along the taut way between their runs.
 
     Raises:
         ProblemError: a turn is too sharp.
@@ -203,7 +206,7 @@ class HillClimbingPlanner:
         """
         if problem.arm.feed is not None:
             raise ProblemError("hill climbing moves no feed axis; use planner.method nlp, or leave arm.feed out")
-        with in_own_units(problem) as units:
+        with planning_units(problem) as units:
             with self.stages("mapping"):
                 follower = Follower.from_problem(units.scaled(problem))
             with self.stages("motion"):
@@ -217,7 +220,7 @@ _Stop: TypeAlias = tuple[str, str, str]
 
 
 def first_plan(follower: Follower) -> tuple[str, tuple[SchemaStep, ...]]:
-    """The first plan that arrives, and its name.
+    """Return the first plan that arrives, and its name.
 
     Raises:
         MotionNotFound: none does; the diagnosis names the schema at which each stopped.
@@ -249,7 +252,7 @@ def first_plan(follower: Follower) -> tuple[str, tuple[SchemaStep, ...]]:
 
 
 def plans(follower: Follower) -> Iterator[tuple[str, Schema]]:
-    """Type selection with every type in turn, folds to either side, then the passages of the region plan."""
+    """Yield the type selection with every type in turn, folds to either side, then the passages of the region plan."""
     start = follower.start
     folds = Folds()
     goal = TipPose(follower.ends.goal.position, follower.ends.goal.heading)
@@ -272,14 +275,17 @@ def plans(follower: Follower) -> Iterator[tuple[str, Schema]]:
 
 
 def by_type(world: World, start: Configuration, goal: TipPose, rank: int) -> Schema:
-    """SCM-1, SCM-2 and SCM-0, as in the paper's Figure 4."""
+    """Yield the SCM-1, SCM-2 and SCM-0, as in the paper's Figure 4."""
     target = ranked_selections(world, start, goal)[rank].configuration(start.base)
     here = yield from scm_2(world, start, target)
     return (yield from scm_0(world, here, goal))
 
 
 def obstacle_ahead(problem: Problem, goal: FloatArray) -> FloatArray | None:
-    """The point nearest to the base of the first obstacle between base and goal, shape (2,) [m]; None without one."""
+    """Return the point nearest to the base of the first obstacle between base and goal, shape (2,) [m].
+
+    None without one.
+    """
     base = shapely.Point(problem.arm.base)
     sight = shapely.LineString([problem.arm.base, goal])
 
@@ -297,7 +303,7 @@ def obstacle_ahead(problem: Problem, goal: FloatArray) -> FloatArray | None:
 
 
 def followed_joint_path(follower: Follower, name: str, steps: tuple[SchemaStep, ...]) -> JointPath:
-    """The smooth, certified path through the steps of a plan.
+    """Return the smooth, certified path through the steps of a plan.
 
     Raises:
         MotionNotFound: no smooth path near them can be certified.
@@ -318,7 +324,7 @@ def followed_joint_path(follower: Follower, name: str, steps: tuple[SchemaStep, 
     if spline is None:
         reason = "the motion leaves no room for a smooth path"
         raise MotionNotFound(Diagnosis(reason, "motion", room_advice(arm.radius, follower.problem.workspace.clearance)))
-    spare = spare_kept(spline, follower.certificate)
+    spare = certified_spare(spline, follower.certificate)
     return JointPath(spline, keyframes, curves, name, spare=spare)
 
 

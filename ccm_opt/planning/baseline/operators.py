@@ -38,7 +38,7 @@ class Shapes:
 
     @classmethod
     def from_configurations(cls, configurations: Sequence[Configuration]) -> "Shapes":
-        """Configurations of equally many segments as one batch."""
+        """Return the configurations of equally many segments as one batch."""
         chains = [c.segments for c in configurations]
         return cls(
             configurations[0].base,
@@ -53,7 +53,7 @@ class Shapes:
         return len(self.heading)
 
     def configuration(self, k: int) -> Configuration:
-        """One of them."""
+        """Return one of them."""
         segments: list[CurvatureSegment] = []
         heading = float(self.heading[k])
         for j in range(self.lengths.shape[1]):
@@ -67,7 +67,7 @@ class Shapes:
         return Configuration(self.base, tuple(segments))
 
     def take(self, which: IntArray) -> "Shapes":
-        """Some of them."""
+        """Return some of them."""
         return Shapes(
             self.base,
             self.heading[which],
@@ -78,7 +78,7 @@ class Shapes:
         )
 
     def first_segments(self, count: int) -> "Shapes":
-        """The same configurations cut off after some segments."""
+        """Return the same configurations cut off after some segments."""
         return Shapes(
             self.base,
             self.heading,
@@ -107,7 +107,10 @@ class Shapes:
         return self.base + steps, self.heading + self._turned[:, -1]
 
     def points(self, count: int) -> FloatArray:
-        """Points at equal arc lengths, the base first, by chords: close, but not exact; shape (m, count + 1, 2) [m]."""
+        """Return the points at equal arc lengths, the base first, by chords: close, but not exact.
+
+        Shape (m, count + 1, 2) [m].
+        """
         step = (self.length / count)[:, None, None]
         chords = step * unit_vector(self.mean_headings(count))
         start = np.zeros((len(self), 1, 2))
@@ -115,7 +118,10 @@ class Shapes:
         return points
 
     def mean_headings(self, links: int) -> FloatArray:
-        """Mean heading of every configuration over each of ``links`` equal lengths, shape (m, links) [rad]; exact."""
+        """Return the mean heading of every configuration over each of ``links`` equal lengths, shape (m, links) [rad].
+
+        Exact.
+        """
         arc = np.linspace(0.0, 1.0, links + 1) * self.length[:, None]
         integral = self._heading_integral(arc)
         means: FloatArray = np.diff(integral, axis=1) * (links / self.length[:, None])
@@ -146,7 +152,7 @@ class Shapes:
         return pieces.reshape(len(self), -1, 4)
 
     def _second_derivatives(self, a: FloatArray) -> FloatArray:
-        """M_0..M_4 of every segment, shape (m, segments, 5): a 3 × 3 system each, solved by elimination."""
+        """Return the M_0..M_4 of every segment, shape (m, segments, 5): a 3 × 3 system each, solved by elimination."""
         slopes = np.diff(self.curvature, axis=2) / a
         rows = 6.0 * np.diff(slopes, axis=2)
         ends = self.moments
@@ -169,7 +175,7 @@ class Shapes:
         return np.concatenate((np.zeros((len(self), 1)), np.cumsum(turns, axis=1)), axis=1)
 
     def _heading_integral(self, arc: FloatArray) -> FloatArray:
-        """Integral of the heading from the base to arc lengths (m, k), of that shape [rad m]."""
+        """Return the integral of the heading from the base to arc lengths (m, k), of that shape [rad m]."""
         piece = np.zeros(arc.shape, dtype=np.intp)
         for k in range(1, self._breaks.shape[1]):
             # Counting the breaks passed is a search for all rows at once.
@@ -253,7 +259,7 @@ class Moves:
     sizes: StepSizes = StepSizes()
 
     def candidates(self, here: Shapes) -> Shapes:
-        """Every operator both ways at every scale, from a batch of one; invalid ones left out."""
+        """Return every operator both ways at every scale, from a batch of one; invalid ones left out."""
         scales = np.asarray(self.sizes.scales)
         signed = np.stack((scales, -scales), axis=1).ravel()
         pairs: list[tuple[Operator, int]] = [
@@ -283,7 +289,7 @@ def _apply(many: Shapes, rows: slice, operator: Operator, segment: int, signed: 
 
 
 def _spacing(knots: FloatArray) -> FloatArray:
-    """Least gap of S_b, S_c, S_d among themselves and to 0 and 1, shape (m, segments, 3) to (m,)."""
+    """Return the least gap of S_b, S_c, S_d among themselves and to 0 and 1, shape (m, segments, 3) to (m,)."""
     edge = np.zeros((*knots.shape[:2], 1))
     gaps = np.diff(np.concatenate((edge, knots, edge + 1.0), axis=2), axis=2)
     least: FloatArray = gaps.min(axis=(1, 2))

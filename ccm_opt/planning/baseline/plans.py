@@ -17,7 +17,7 @@ from ccm_opt.core.arrays import BoolArray, FloatArray
 from ccm_opt.core.deadline import Deadline
 from ccm_opt.core.errors import Diagnosis, ProblemError, TimeLimitReached
 from ccm_opt.core.length_words import long_length
-from ccm_opt.core.polyline import heading_of
+from ccm_opt.core.polyline import vector_heading
 from ccm_opt.planning.baseline.curve_track import SegmentTrack
 from ccm_opt.planning.baseline.distance import TipPose
 from ccm_opt.planning.baseline.hill_climb import Schema, SchemaStep, SchemaStopped, run
@@ -87,7 +87,7 @@ REACH = "4 reach from the subgoal"
 def subgoals(base: FloatArray, obstacle: FloatArray) -> tuple[TipPose, TipPose]:
     """The midpoint between the base and a point of the obstacle, each (2,) [m], with both headings across the line."""
     line = obstacle - base
-    direction = heading_of(line)
+    direction = vector_heading(line)
     middle = base + 0.5 * line
     return TipPose(middle, direction - 0.5 * np.pi), TipPose(middle, direction + 0.5 * np.pi)
 
@@ -101,7 +101,7 @@ def fold_plan(
     sliding: bool = False,
     folds: "Folds | None" = None,
 ) -> Schema:
-    """The five steps of Figure 5.
+    """Yield the five steps of Figure 5.
 
     Args:
         world: the world.
@@ -139,7 +139,7 @@ def fold(world: World, start: Configuration, subgoal: TipPose) -> Schema:
             ahead, here = run(scm_7(world.of_curve, kept[-1].configuration, subgoal))
         except SchemaStopped as stopped:
             failure = stopped
-            if _share_of_way(kept[-1].configuration, stopped.configuration, subgoal) > _MOST_OF_WAY:
+            if _progress_share(kept[-1].configuration, stopped.configuration, subgoal) > _MOST_OF_WAY:
                 break  # what stopped it is far from where it began
         else:
             for step in kept:
@@ -150,8 +150,8 @@ def fold(world: World, start: Configuration, subgoal: TipPose) -> Schema:
     raise failure
 
 
-def _share_of_way(start: Configuration, end: Configuration, subgoal: TipPose) -> float:
-    """How much of the way of the tip to a subgoal is made."""
+def _progress_share(start: Configuration, end: Configuration, subgoal: TipPose) -> float:
+    """Return how much of the way of the tip to a subgoal is made."""
     before = float(np.hypot(*(start.tip[0] - subgoal.position)))
     after = float(np.hypot(*(end.tip[0] - subgoal.position)))
     return 1.0 - after / before
@@ -172,7 +172,7 @@ class Folds:
     known: dict[tuple[float, ...], FoldOutcome] = field(default_factory=dict)
 
     def to(self, world: World, start: Configuration, subgoal: TipPose) -> Schema:
-        """``fold``, or what it came to when it was first asked for."""
+        """Yield the ``fold``, or what it came to when it was first asked for."""
         key = (*subgoal.position, np.inf if subgoal.heading is None else subgoal.heading)
         if key not in self.known:
             try:
@@ -188,7 +188,7 @@ class Folds:
 
 
 def reach(world: World, start: Configuration, goal: TipPose, *, sliding: bool = False) -> Schema:
-    """A tip segment traces the curve to the goal (SCM-4, SCM-5); what is before it holds the subgoal (SCM-3).
+    """Yield a tip segment traces the curve to the goal (SCM-4, SCM-5); what is before it holds the subgoal (SCM-3).
 
     When the base segment is short enough the segments are merged and the arm climbs to the goal (SCM-0). Where that
     stops, the boundary moves ahead along the curve and the feed goes on; with ``sliding`` it does so all along.
@@ -236,7 +236,7 @@ def trace(world: World, start: Configuration, track: SegmentTrack, goal: TipPose
 
 
 def _arrival_if_any(world: World, start: Feeding, goal: TipPose) -> tuple[tuple[SchemaStep, ...], Configuration] | None:
-    """Steps and end of the last part of Figure 5, or None where it does not arrive."""
+    """Return the steps and end of the last part of Figure 5, or None where it does not arrive."""
     try:
         return run(_arrival(world, start, goal))
     except SchemaStopped:
@@ -244,7 +244,7 @@ def _arrival_if_any(world: World, start: Feeding, goal: TipPose) -> tuple[tuple[
 
 
 def _arrival(world: World, start: Feeding, goal: TipPose) -> Schema:
-    """The last part of Figure 5 from where little of the curve is left; no step is made unless it arrives."""
+    """Yield the last part of Figure 5 from where little of the curve is left; no step is made unless it arrives."""
     if start.left > _NEAR_GOAL * start.configuration.length:
         reason = f"{long_length(start.left)} of the curve to the goal are left"
         raise SchemaStopped("SCM-3 with SCM-5", start.configuration, reason)
@@ -269,7 +269,7 @@ def merge_and_climb(world: World, start: Configuration, goal: TipPose) -> Schema
 
 
 def _merged_climb(world: World, start: Configuration, goal: TipPose) -> Schema:
-    """There by SCM-2, on by SCM-0."""
+    """Yield the there by SCM-2, on by SCM-0."""
     if len(start.segments) < 2:
         raise ProblemError("got an arm of one segment, expected two that can be merged; climb with the one")
     # The merged arm is another configuration: SCM-2 goes there, in steps that touch nothing.
@@ -279,13 +279,13 @@ def _merged_climb(world: World, start: Configuration, goal: TipPose) -> Schema:
 
 
 def _last_climb(world: World, start: Configuration, goal: TipPose) -> Schema:
-    """SCM-0 with the push and the patience of a plan."""
+    """Yield the SCM-0 with the push and the patience of a plan."""
     most = _LAST_CLIMB
     return (yield from scm_0(world, start, goal, most_steps=most, push=PUSH, patience=PATIENCE))
 
 
 def staged(schema: Generator[SchemaStep, None, _Result], stage: str) -> Generator[SchemaStep, None, _Result]:
-    """The same steps, marked as a part of a plan."""
+    """Yield the same steps, marked as a part of a plan."""
     while True:
         try:
             step = next(schema)
@@ -305,7 +305,7 @@ Taste."""
 
 
 def clearance_field(workspace: Workspace, need: float, cells: int = _FIELD_CELLS) -> Gap:
-    """Distance of places from the nearest wall less what the arm needs, interpolated in a grid.
+    """Return the distance of places from the nearest wall less what the arm needs, interpolated in a grid.
 
     Args:
         workspace: the room; places outside it take what is at its edge.
@@ -346,7 +346,7 @@ class Follower:
 
     @classmethod
     def from_problem(cls, problem: Problem) -> "Follower":
-        """The arm of a problem, with its share of the problem's time from now on.
+        """Return the arm of a problem, with its share of the problem's time from now on.
 
         Args:
             problem: to plan for.
@@ -373,16 +373,16 @@ class Follower:
         return offset
 
     def headings(self, shapes: Shapes) -> FloatArray:
-        """Link headings, shape (m, links) [rad]."""
+        """Return the link headings, shape (m, links) [rad]."""
         return shapes.mean_headings(self.problem.arm.links) + self.offset
 
     def tips(self, shapes: Shapes) -> tuple[FloatArray, FloatArray]:
-        """Positions (m, 2) [m] and headings (m,) [rad] of the arm's tips."""
+        """Return the positions (m, 2) [m] and headings (m,) [rad] of the arm's tips."""
         headings = self.headings(shapes)
         return self.problem.arm.joint_positions(headings)[:, -1], headings[:, -1]
 
     def passes(self, here: Shapes, there: Shapes) -> BoolArray:
-        """Which moves keep the joint limits and touch nothing on the way.
+        """Return which moves keep the joint limits and touch nothing on the way.
 
         Args:
             here: one curve, where the arm is.
@@ -462,7 +462,10 @@ def look_at_clock(deadline: Deadline) -> None:
 
 
 def _certificate(problem: Problem, ends: Ends) -> Certificate:
-    """A little more than contact where the start has it; a start that touches something must be allowed to leave."""
+    """Return a little more than contact where the start has it.
+
+    A start that touches something must be allowed to leave.
+    """
     with_gap = Certificate(problem.arm, problem.workspace, _CERTIFIED_GAP * problem.arm.length)
     standing_still = np.stack((ends.start, ends.start))
     if len(with_gap.failures(standing_still)) == 0:
@@ -471,7 +474,7 @@ def _certificate(problem: Problem, ends: Ends) -> Certificate:
 
 
 def _with_few_segments(configuration: Configuration, tolerance: float) -> Configuration:
-    """The same curve, headings to within a tolerance [rad], with neighbours merged from the base on.
+    """Return the same curve, headings to within a tolerance [rad], with neighbours merged from the base on.
 
     Every segment multiplies the moves that a climb has to try, so each one less is worth its error.
     """

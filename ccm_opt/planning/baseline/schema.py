@@ -7,7 +7,7 @@ import numpy as np
 
 from ccm_opt.core.arrays import BoolArray, FloatArray
 from ccm_opt.core.length_words import long_length, short_length
-from ccm_opt.core.polyline import heading_of, whole_turns, wrap
+from ccm_opt.core.polyline import vector_heading, whole_turns, wrap
 from ccm_opt.planning.baseline.distance import Distance, DistanceWeights, Precision, TipPose
 from ccm_opt.planning.baseline.hill_climb import Climb, Ending, Schema, SchemaStep, SchemaStopped, climb, end_of, run
 from ccm_opt.planning.baseline.operators import Moves, Operator, Shapes
@@ -50,7 +50,7 @@ HELD = (
 
 
 def scm_6(world: World, start: Configuration) -> Schema:
-    """SCM-6: change the curvature at the end to zero, while preserving the tip's position and orientation.
+    """Yield the SCM-6: change the curvature at the end to zero, while preserving the tip's position and orientation.
 
     Args:
         world: the world.
@@ -128,7 +128,7 @@ def hold(
 
 
 def _middles(beginnings: list[Configuration]) -> tuple[Configuration, ...]:
-    """Configurations half-way between each beginning and the next, coordinate by coordinate."""
+    """Return the configurations half-way between each beginning and the next, coordinate by coordinate."""
     middles = []
     for one, other in pairwise(beginnings):
         first = Shapes.from_configurations([one])
@@ -141,7 +141,10 @@ def _middles(beginnings: list[Configuration]) -> tuple[Configuration, ...]:
 
 
 def _reselected(changed: Configuration, segment: int, held: TipPose) -> tuple[Configuration, ...]:
-    """The base segment as the natural curve of its type and length, as SCM-1 would select it; nothing for others."""
+    """Return the base segment as the natural curve of its type and length, as SCM-1 would select it.
+
+    Nothing for others.
+    """
     if segment > 0 or float(np.hypot(*(held.position - changed.base))) > changed.segments[0].length:
         return ()
     shapes = Shapes.from_configurations([changed])
@@ -165,7 +168,7 @@ def scm_0(
     push: float = 0.0,
     patience: float = np.inf,
 ) -> Schema:
-    """SCM-0: pure hill climbing to a goal for the tip's position and, if given, orientation.
+    """Yield the SCM-0: pure hill climbing to a goal for the tip's position and, if given, orientation.
 
     Keeps the number and the lengths of the segments; changes interpolation points and base rotation.
 
@@ -208,7 +211,7 @@ def scm_0(
 
 
 def scm_7(world: World, start: Configuration, goal: TipPose, precision: Precision | None = None) -> Schema:
-    """SCM-7: a sequence of SCM-0 whose subgoals lie on the straight line from the tip to its goal.
+    """Yield the SCM-7: a sequence of SCM-0 whose subgoals lie on the straight line from the tip to its goal.
 
     The tip's heading turns evenly on the way. Where the arm may move straight from subgoal to subgoal, it does.
 
@@ -258,7 +261,7 @@ def _hop(world: World, start: Configuration, subgoal: TipPose, precision: Precis
 
 
 def miss(world: World, configuration: Configuration, goal: TipPose) -> str:
-    """How far the tip is from a goal, in words."""
+    """Return how far the tip is from a goal, in words."""
     (position,), (heading,) = world.tips(Shapes.from_configurations([configuration]))
     text = f"the tip {short_length(float(np.hypot(*(position - goal.position))))}"
     if goal.heading is not None:
@@ -267,7 +270,7 @@ def miss(world: World, configuration: Configuration, goal: TipPose) -> str:
 
 
 def scm_2(world: World, start: Configuration, target: Configuration) -> Schema:
-    """SCM-2: move by interpolation from the current curvature to one selected by SCM-1.
+    """Yield the SCM-2: move by interpolation from the current curvature to one selected by SCM-1.
 
     Keeps base and length; base rotation and curvature go straight to those of the target.
 
@@ -296,7 +299,7 @@ def scm_2(world: World, start: Configuration, target: Configuration) -> Schema:
 
 
 def scm_8(world: World, start: Configuration, target: Configuration, *, as_far_as_free: bool = False) -> Schema:
-    """SCM-8: SCM-2 while the direction of the vector from base to tip is preserved.
+    """Yield the SCM-8: SCM-2 while the direction of the vector from base to tip is preserved.
 
     The base turns so that it is; the target's own base rotation is not kept.
 
@@ -332,20 +335,20 @@ def scm_8(world: World, start: Configuration, target: Configuration, *, as_far_a
 
 
 def turned(configuration: Configuration, angle: float) -> Configuration:
-    """A configuration turned about its base [rad]."""
+    """Return a configuration turned about its base [rad]."""
     shapes = Shapes.from_configurations([configuration])
     shapes.heading[0] += angle
     return shapes.configuration(0)
 
 
 def direction_to_tip(world: World, configuration: Configuration) -> float:
-    """Direction of the vector from base to tip [rad]."""
+    """Return the direction of the vector from base to tip [rad]."""
     (tip,), _ = world.tips(Shapes.from_configurations([configuration]))
-    return heading_of(tip - configuration.base)
+    return vector_heading(tip - configuration.base)
 
 
 def _shares(start: Configuration, target: Configuration) -> list[float]:
-    """Shares of the way at which no heading has changed by more than the stride since the last."""
+    """Return the shares of the way at which no heading has changed by more than the stride since the last."""
     arc = np.linspace(0.0, start.length, _STRIDE_SAMPLES)
     most = float(np.abs(target.heading_at(arc) - start.heading_at(arc)).max())
     count = max(1, int(np.ceil(most / _STRIDE)))

@@ -10,7 +10,7 @@ from scipy.special import j0
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.errors import ProblemError
 from ccm_opt.core.length_words import long_length, short_length
-from ccm_opt.core.polyline import heading_of, whole_turns, wrap
+from ccm_opt.core.polyline import vector_heading, whole_turns, wrap
 from ccm_opt.planning.baseline.curve_track import SegmentTrack
 from ccm_opt.planning.baseline.distance import Distance, Precision, TipPose
 from ccm_opt.planning.baseline.hill_climb import Climb, Ending, Schema, SchemaStep, SchemaStopped, end_of
@@ -18,7 +18,7 @@ from ccm_opt.planning.baseline.operators import Moves, Operator, Shapes
 from ccm_opt.planning.baseline.schema import FEED, hold, scm_0, scm_2, scm_6, scm_7, scm_8
 from ccm_opt.planning.baseline.world import CROWDING_POINTS, World
 from ccm_opt.robot.configuration import Configuration
-from ccm_opt.robot.decomposition import add_segment, delete_segment, start_of
+from ccm_opt.robot.decomposition import add_segment, delete_segment, segment_head
 from ccm_opt.robot.segment import SINE, CurvatureSegment, SegmentType, end_angle, natural_segment, select_segment_type
 
 _SELECTED_PRECISION = Precision(1e-3, 6e-3)
@@ -57,11 +57,11 @@ class Feeding:
         return self.track.length - self.out
 
     def at(self, configuration: Configuration) -> "Feeding":
-        """The same with the arm elsewhere."""
+        """Return the same with the arm elsewhere."""
         return replace(self, configuration=configuration)
 
     def with_length_out(self, out: float) -> "Feeding":
-        """Another length on the track; the segments before it are scaled to make up for it."""
+        """Return the another length on the track; the segments before it are scaled to make up for it."""
         before = Configuration(self.configuration.base, self.configuration.segments[: self.holder + 1])
         scale = (before.length - (out - self.out)) / before.length
         return self._made_of(_scaled(before, slice(None), scale), self.track, out)
@@ -77,14 +77,14 @@ class Feeding:
         return self._made_of(shapes.configuration(0), ahead, self.out - length), TipPose(position, heading)
 
     def _placed(self, before: Configuration, length: float) -> tuple[CurvatureSegment, ...]:
-        """The first ``length`` metres of the track, as they go on from a configuration."""
+        """Return the first ``length`` metres of the track, as they go on from a configuration."""
         whole = before
         for segment in self.track.first(length):
             whole = add_segment(whole, segment)
         return whole.segments[len(before.segments) :]
 
     def _made_of(self, before: Configuration, track: SegmentTrack, out: float) -> "Feeding":
-        """The arm of what lies before the track and of the first ``out`` metres of it."""
+        """Return the arm of what lies before the track and of the first ``out`` metres of it."""
         whole = before
         for segment in track.first(out):
             whole = add_segment(whole, segment)
@@ -96,7 +96,7 @@ Feed: TypeAlias = Generator[SchemaStep, None, Feeding]
 
 
 def scm_3(world: World, start: Configuration, segment: int, length: float) -> Schema:
-    """SCM-3: maintain the current tip position and orientation while a segment gets longer or shorter.
+    """Yield the SCM-3: maintain the current tip position and orientation while a segment gets longer or shorter.
 
     The tip is that of the segment; what follows it goes along unchanged. The curvature at its end is left alone.
 
@@ -124,7 +124,7 @@ def scm_3(world: World, start: Configuration, segment: int, length: float) -> Sc
 
 
 def scm_5(world: World, start: Configuration, curve: CurvatureSegment, length: float) -> Schema:
-    """SCM-5: feed or retract the tip segment along a given curve, specified by its curvature.
+    """Yield the SCM-5: feed or retract the tip segment along a given curve, specified by its curvature.
 
     The tip segment is always the first part of the curve, so every point of it stays on the curve.
 
@@ -157,7 +157,7 @@ def scm_5(world: World, start: Configuration, curve: CurvatureSegment, length: f
 
 
 def pass_length(world: World, start: Feeding, least: float, most: float = np.inf) -> Feed:
-    """SCM-3 and SCM-5 together: what goes out along the track, the segments before it lose.
+    """Yield the SCM-3 and SCM-5 together: what goes out along the track, the segments before it lose.
 
     The arm keeps its length, as it must; so each step is one of both schemas at once.
 
@@ -232,7 +232,7 @@ def slide_boundary(world: World, start: Feeding, length: float) -> Feed:
 
 
 def begin_feeding(world: World, start: Configuration, track: SegmentTrack) -> Feeding:
-    """The first piece of a track that goes on from the tip; the segments before it give up as much (SCM-3).
+    """Return the first piece of a track that goes on from the tip; the segments before it give up as much (SCM-3).
 
     Raises:
         SchemaStopped: the tip cannot be held.
@@ -251,18 +251,18 @@ def begin_feeding(world: World, start: Configuration, track: SegmentTrack) -> Fe
 
 
 def end_pose(configuration: Configuration, segment: int) -> TipPose:
-    """Position and heading of a segment's end."""
+    """Return the position and heading of a segment's end."""
     (position,), (heading,) = Shapes.from_configurations([configuration]).first_segments(segment + 1).tips
     return TipPose(position, float(heading))
 
 
 def resized(configuration: Configuration, segment: int, length: float) -> Configuration:
-    """A segment scaled to another length: curvature goes with 1/length, so that it keeps its shape."""
+    """Return a segment scaled to another length: curvature goes with 1/length, so that it keeps its shape."""
     return _scaled(configuration, slice(segment, segment + 1), length / configuration.segments[segment].length)
 
 
 def _scaled(configuration: Configuration, which: slice, scale: float) -> Configuration:
-    """Some segments scaled in length and curvature, so that they keep their shape."""
+    """Return some segments scaled in length and curvature, so that they keep their shape."""
     shapes = Shapes.from_configurations([configuration])
     shapes.lengths[0, which] *= scale
     shapes.curvature[0, which] /= scale
@@ -271,12 +271,12 @@ def _scaled(configuration: Configuration, which: slice, scale: float) -> Configu
 
 
 def fed(configuration: Configuration, curve: CurvatureSegment, length: float) -> Configuration:
-    """The tip segment replaced by the first part of a curve."""
-    return add_segment(delete_segment(configuration), start_of(curve, length))
+    """Return the tip segment replaced by the first part of a curve."""
+    return add_segment(delete_segment(configuration), segment_head(curve, length))
 
 
 def _parts(first: float, last: float, stride: float) -> list[float]:
-    """Lengths evenly on the way from one to another, no farther apart than the stride [m]."""
+    """Return the lengths evenly on the way from one to another, no farther apart than the stride [m]."""
     count = max(1, int(np.ceil(abs(last - first) / stride)))
     return [first + (last - first) * k / count for k in range(1, count + 1)]
 
@@ -304,7 +304,7 @@ class Selection:
     segment: CurvatureSegment
 
     def configuration(self, base: FloatArray) -> Configuration:
-        """The curve alone, from a base (2,) [m]."""
+        """Return the curve alone, from a base (2,) [m]."""
         return Configuration(base, (self.segment,))
 
 
@@ -330,18 +330,18 @@ def ranked_selections(world: World, start: Configuration, goal: TipPose) -> tupl
     base_heading = None if world.base_turns else 0.5 * sum(world.base_range)
     kind = select_segment_type(start.base, base_heading, goal.position, goal.heading)
     chord = goal.position - start.base
-    direction = heading_of(chord)
+    direction = vector_heading(chord)
     ratio = float(np.hypot(*chord)) / start.length
     if ratio > 1.0:
         reason = f"the goal is {long_length(ratio * start.length)} away, the arm {long_length(start.length)} long"
         raise SchemaStopped("SCM-1", start, reason)
-    others = sorted((k for k in BENT if k is not kind), key=lambda k: _heading_miss(k, direction, ratio, goal))
+    others = sorted((k for k in BENT if k is not kind), key=lambda k: _heading_error(k, direction, ratio, goal))
     # An arm with length to spare cannot reach its goal straight: the bent types come first.
     kinds = (*others, kind) if kind is SegmentType.STRAIGHT and ratio < 1.0 - 1e-3 else (kind, *others)
     return tuple(_select(world, start, goal, k) for k in kinds)
 
 
-def _heading_miss(kind: SegmentType, direction: float, ratio: float, goal: TipPose) -> float:
+def _heading_error(kind: SegmentType, direction: float, ratio: float, goal: TipPose) -> float:
     """How far from the goal's heading the natural curve of a type ends, whose chord has a direction and ratio [rad]."""
     if goal.heading is None:
         return 0.0
@@ -350,7 +350,7 @@ def _heading_miss(kind: SegmentType, direction: float, ratio: float, goal: TipPo
 
 
 def _select(world: World, start: Configuration, goal: TipPose, kind: SegmentType) -> Selection:
-    """The natural curve of a type, aimed at the goal as far as the base turns."""
+    """Return the natural curve of a type, aimed at the goal as far as the base turns."""
     segment = natural_segment(kind, start.base, goal.position, start.length)
     whole = whole_turns(start.base_heading - segment.heading)
     heading = float(np.clip(segment.heading + whole, *world.base_range))
@@ -394,7 +394,7 @@ def scm_4(world: World, start: Configuration, goal: TipPose, longest: float = np
 def _met(
     world: World, start: Configuration, guess: CurvatureSegment, goal: TipPose, operators: tuple[Operator, ...]
 ) -> CurvatureSegment:
-    """The segment that a climb makes of a guess, with its end at the goal.
+    """Return the segment that a climb makes of a guess, with its end at the goal.
 
     Raises:
         SchemaStopped: the climb does not arrive.
@@ -415,12 +415,15 @@ def _met(
 
 
 def _first_guess(position: FloatArray, heading: float, goal: TipPose, least_ratio: float) -> CurvatureSegment:
-    """Zero curvature at both ends; turns α to the chord and β from it: a bump of α + β and a wave of (α - β)/2."""
+    """Return the zero curvature at both ends.
+
+    Turns α to the chord and β from it: a bump of α + β and a wave of (α - β)/2.
+    """
     chord = goal.position - position
     distance = float(np.hypot(*chord))
     if distance == 0.0:
         raise ProblemError("the segment's start and goal are one point; expected a goal elsewhere")
-    direction = heading_of(chord)
+    direction = vector_heading(chord)
     alpha = wrap(direction - heading)
     beta = alpha if goal.heading is None else wrap(goal.heading - direction)
     wave = 0.5 * (alpha - beta)

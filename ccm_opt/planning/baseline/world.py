@@ -75,7 +75,7 @@ class World:
         return replace(self, tips=_curve_tips)
 
     def crowding(self, shapes: Shapes) -> FloatArray:
-        """How much configurations crowd walls and joint limits: mean squares of what they lack, shape (m,).
+        """Return how much configurations crowd walls and joint limits: mean squares of what they lack, shape (m,).
 
         A potential as in reference [8] of the paper and Khatib (1986); the paper itself only says that moves are made
         in front of obstacles.
@@ -93,7 +93,7 @@ class World:
         return crowding
 
     def _crowding_itself(self, shapes: Shapes, points: FloatArray) -> FloatArray:
-        """The same for points of the arm that are near each other, but far apart along it, shape (m,)."""
+        """Return the same for points of the arm that are near each other, but far apart along it, shape (m,)."""
         count = _SELF_POINTS + 1
         one, other = np.triu_indices(count, 1)
         # Points that are near along the arm are near in the plane whatever it does: they say nothing.
@@ -110,5 +110,5 @@ class World:
         return crowding
 
     def move_allowed(self, here: Configuration, there: Configuration) -> bool:
-        """Whether the arm may move from one configuration straight to another."""
+        """Return whether the arm may move from one configuration straight to another."""
         return bool(self.passes(Shapes.from_configurations([here]), Shapes.from_configurations([there]))[0])

@@ -45,12 +45,12 @@ class HalfPlanes:
     bound: FloatArray
 
     def take(self, mask: BoolArray) -> "HalfPlanes":
-        """Those selected by a mask."""
+        """Return those selected by a mask."""
         return HalfPlanes(self.interval[mask], self.link[mask], self.normal[mask], self.bound[mask])
 
 
 def sweep_regions(sweep: PlanarSweep, walls: WallSegments, first_link: int, reach: float) -> HalfPlanes:
-    """Half-planes round the sweep of every link in every interval.
+    """Return the half-planes round the sweep of every link in every interval.
 
     Args:
         sweep: the motion.
@@ -70,7 +70,7 @@ def sweep_regions(sweep: PlanarSweep, walls: WallSegments, first_link: int, reac
 
 
 def free_half_planes(corners: FloatArray, walls: WallSegments, far: float) -> tuple[IntArray, FloatArray, FloatArray]:
-    """The sweep, the unit normal and the bound of every half-plane, by sweep and distance.
+    """Return the sweep, the unit normal and the bound of every half-plane, by sweep and distance.
 
     Args:
         corners: ends of each link at three times, shape (m, 6, 2) [m].
@@ -100,7 +100,7 @@ def free_half_planes(corners: FloatArray, walls: WallSegments, far: float) -> tu
 
 
 def _corners(sweep: PlanarSweep, interval: IntArray, link: IntArray) -> FloatArray:
-    """Ends of the links at the start, half-way and at the end of the intervals, shape (m, 6, 2) [m]."""
+    """Return the ends of the links at the start, half-way and at the end of the intervals, shape (m, 6, 2) [m]."""
     corners = [
         positions[at, link + end]
         for positions, at in ((sweep.points, interval), (sweep.middles, interval), (sweep.points, interval + 1))
@@ -110,7 +110,9 @@ def _corners(sweep: PlanarSweep, interval: IntArray, link: IntArray) -> FloatArr
 
 
 def motion_rows(sweep: PlanarSweep, contact: ContactLimit, workspace: Workspace) -> IntervalRows:
-    """All rows of a motion, from regions about its own sweep; poses at the fixed start keep clear without margin.
+    """Return all rows of a motion, from regions about its own sweep.
+
+    Poses at the fixed start keep clear without margin.
 
     Args:
         sweep: the motion.
@@ -145,7 +147,9 @@ def motion_rows(sweep: PlanarSweep, contact: ContactLimit, workspace: Workspace)
 
 
 def _most_in_gates(sweep: PlanarSweep, contact: ContactLimit) -> FloatArray | None:
-    """Most gap that links are asked to keep from walls in each interval, shape (K, links) [m]; None for no gates.
+    """Return most gap that links are asked to keep from walls in each interval, shape (K, links) [m].
+
+    None for no gates.
 
     An interval has one slack: with more asked in a gate than there is, all of its other rows would be bought off.
     """
@@ -157,7 +161,7 @@ def _most_in_gates(sweep: PlanarSweep, contact: ContactLimit) -> FloatArray | No
 
 
 def asking_for_room(rows: IntervalRows, more: FloatArray, sweep: PlanarSweep, smooth: PlanarSweep) -> IntervalRows:
-    """Rows that ask for more room, of the smooth path and not of its control polygon.
+    """Return the rows that ask for more room, of the smooth path and not of its control polygon.
 
     A row for contact counts the sag, which bounds what lies between two keyframes however the links turn. Room is
     counted as it is: by how much nearer the smooth path comes, beside the keyframe and half-way through the interval.
@@ -182,7 +186,7 @@ def asking_for_room(rows: IntervalRows, more: FloatArray, sweep: PlanarSweep, sm
 
 
 def wall_rows(planes: HalfPlanes, sweep: PlanarSweep, need: FloatArray) -> IntervalRows:
-    """Rows that hold both ends of a link, at both ends of its interval, behind half-planes.
+    """Return the rows that hold both ends of a link, at both ends of its interval, behind half-planes.
 
     Args:
         planes: the half-planes.

@@ -89,7 +89,7 @@ class GateLines:
 
     @classmethod
     def from_rails(cls, rails: tuple[FloatArray, ...], workspace: Workspace) -> "GateLines":
-        """The lines of gates with walls about them.
+        """Return the lines of gates with walls about them.
 
         Args:
             rails: middle lines with their runs before and behind, each of shape (k ≥ 3, 2) [m].
@@ -108,7 +108,7 @@ class GateLines:
 
     # ------------------------------------------------------------ crossings
     def crossings(self, points: FloatArray, farthest: float) -> LineCrossings:
-        """Where axes cross the lines nearest to their middles.
+        """Return where axes cross the lines nearest to their middles.
 
         Args:
             points: joints and tips of poses, shape (K, links + 1, 2) [m].
@@ -128,7 +128,7 @@ class GateLines:
         return LineCrossings(link, share[pose, line, link], np.where(crossed, there, 0.0), crossed)
 
     def slopes(self, jacobians: FloatArray, headings: FloatArray, found: LineCrossings) -> FloatArray:
-        """Derivatives of ``aside`` by the coordinates, shape (K, g, p) [m per unit]; 0 where nothing crosses.
+        """Return derivatives of ``aside`` by the coordinates, shape (K, g, p) [m per unit]; 0 where nothing crosses.
 
         Args:
             jacobians: of the joints of poses, shape (K, links + 1, 2, p) [m per unit].
@@ -183,7 +183,7 @@ class GateLines:
 
     # ------------------------------------------------------------ links in gates
     def holds_links(self, points: FloatArray, radius: float) -> BoolArray:
-        """Which links are in gates, shape (K, links).
+        """Return which links are in gates, shape (K, links).
 
         Args:
             points: joints and tips of poses, shape (K, links + 1, 2) [m].
@@ -199,7 +199,10 @@ class GateLines:
 
 
 def _narrowest(middle: FloatArray, workspace: Workspace) -> list[FloatArray]:
-    """Both ends of the stretch of a middle line (k, 2) where walls are nearest; one place where that is short."""
+    """Return both ends of the stretch of a middle line (k, 2) where walls are nearest.
+
+    One place where that is short.
+    """
     arcs = arc_lengths(middle)
     places = points_at(middle, arcs, np.linspace(0.0, arcs[-1], _PLACES)) if arcs[-1] > 0.0 else middle[:1]
     spots = shapely.points(places)
@@ -213,7 +216,7 @@ def _narrowest(middle: FloatArray, workspace: Workspace) -> list[FloatArray]:
 
 
 def _direction(rail: FloatArray) -> FloatArray:
-    """The direction in which a gate is passed, shape (2,)."""
+    """Return the direction in which a gate is passed, shape (2,)."""
     way = rail[-2] - rail[1]
     if np.hypot(*way) <= 1e-3 * np.hypot(*(rail[-1] - rail[0])):
         way = rail[-1] - rail[0]
@@ -245,7 +248,10 @@ class GateRails(Limit):
 
     # ------------------------------------------------------------ the single step
     def linearised(self, space: LinkSpace, pose: Pose, turn: float) -> LimitRows:
-        """Equations of the lines that the axis crosses; a pull on every joint that is in a gate or on a run to it."""
+        """Return the equations of the lines that the axis crosses.
+
+        A pull on every joint that is in a gate or on a run to it.
+        """
         del turn
         unit = space.nominal_length
         found = self.lines.crossings(pose.points[None], _ACROSS * unit)
@@ -258,7 +264,7 @@ class GateRails(Limit):
         return rows if pull is None else replace(rows, pulls=(pull,))
 
     def _pull(self, space: LinkSpace, pose: Pose) -> Term | None:
-        """What draws the joints on rails across them; None where there is none."""
+        """Return what draws the joints on rails across them; None where there is none."""
         unit = space.nominal_length
         first, legs = self._legs
         off = pose.points[:, None] - first
@@ -279,7 +285,7 @@ class GateRails(Limit):
         return Term(slopes, wanted, _WEIGHT)
 
     def restored(self, space: LinkSpace, pose: Pose, most: float) -> Pose:
-        """A pose after a step moved so that the axis crosses in the middle; as it is where that fails."""
+        """Return a pose after a step moved so that the axis crosses in the middle; as it is where that fails."""
         moved = self.lines.restored(space, pose.v[None])[0]
         turned = np.max(np.abs(space.turns @ (moved - pose.v)))
         return space.pose(moved) if 0.0 < turned <= most else pose
@@ -292,17 +298,17 @@ class GateRails(Limit):
         return self._slopes(space, pose, found)[crossed], -found.aside[0][crossed]
 
     def _slopes(self, space: LinkSpace, pose: Pose, found: LineCrossings) -> FloatArray:
-        """Derivatives of how far aside a pose crosses every line, shape (g, p) [m per unit]."""
+        """Return the derivatives of how far aside a pose crosses every line, shape (g, p) [m per unit]."""
         return np.asarray(self.lines.slopes(pose.moving[None], space.arm.headings(pose.q)[None], found)[0])
 
     def met(self, pose: Pose) -> bool:
-        """Whether a pose crosses every line in the middle, up to the play beside which joints are left alone."""
+        """Return whether a pose crosses every line in the middle, up to the play beside which joints are left alone."""
         found = self.lines.crossings(pose.points[None], np.inf)
         return bool(np.all(np.abs(found.aside) <= self.play))
 
     # ------------------------------------------------------------ the optimisation of a motion
     def keyframe_equations(self, sweep: "PlanarSweep", u: FloatArray) -> tuple[KeyframeRows, ...]:
-        """Equations of the lines that are crossed by inner keyframes; both ends stand where they do."""
+        """Return the equations of the lines that are crossed by inner keyframes; both ends stand where they do."""
         del u
         space = sweep.space
         links = space.arm.links
@@ -315,6 +321,6 @@ class GateRails(Limit):
         return (KeyframeRows(keyframe, slopes[keyframe, line], zero, zero),)
 
     def restored_keyframes(self, space: LinkSpace, coordinates: FloatArray, u: FloatArray) -> FloatArray:
-        """Inner keyframes moved so that they cross in the middle."""
+        """Return the inner keyframes moved so that they cross in the middle."""
         del u
         return np.vstack((coordinates[:1], self.lines.restored(space, coordinates[1:-1]), coordinates[-1:]))

@@ -60,7 +60,7 @@ class GuideTubeLimit(Limit):
 
     # ------------------------------------------------------------ the single step
     def linearised(self, space: LinkSpace, pose: Pose, turn: float) -> LimitRows:
-        """Equations of the bends that are held, cones of the others, and the range of the base."""
+        """Return the equations of the bends that are held, cones of the others, and the range of the base."""
         bends = space.bends(pose.q)
         room = self._beyond(pose.q) - self._reserve
         held = (room < 0.0) & (bends == 0.0)
@@ -86,14 +86,14 @@ class GuideTubeLimit(Limit):
         return LimitRows(np.vstack(rows), np.concatenate(lower), np.concatenate(upper), len(straight), keeps=keeps)
 
     def restored(self, space: LinkSpace, pose: Pose, most: float) -> Pose:
-        """Bends of held joints exactly 0, and the base in its range, where only the solver's accuracy lacks."""
+        """Return bends of held joints exactly 0, and the base in its range, where only the solver's accuracy lacks."""
         del most
         snapped = self._snapped(space, pose.v[None])[0]
         return pose if np.array_equal(snapped, pose.v) else space.pose(snapped)
 
     # ------------------------------------------------------------ at the goal
     def keeps_at_goal(self, space: LinkSpace, near: Pose, final: Pose) -> bool:
-        """Whether nothing that is held is bent, and the base is in its range."""
+        """Return whether nothing that is held is bent, and the base is in its range."""
         del space, near
         low, high = self._range_left(final.q)
         in_range = bool(low <= 0.0 <= high)
@@ -101,7 +101,7 @@ class GuideTubeLimit(Limit):
 
     # ------------------------------------------------------------ the optimisation of a motion
     def keyframe_equations(self, sweep: "PlanarSweep", u: FloatArray) -> tuple[KeyframeRows, ...]:
-        """No bend before the first joint that may bend."""
+        """Return no bend before the first joint that may bend."""
         del u
         straight = np.arange(self.arm.links) < self._first_free(sweep.configurations)[:, None]
         straight[0] = False  # the start is fixed
@@ -124,27 +124,30 @@ class GuideTubeLimit(Limit):
         return (KeyframeRows(keyframe, rows, least[1:], np.maximum(high, 0.0)[1:]),)
 
     def restored_keyframes(self, space: LinkSpace, coordinates: FloatArray, u: FloatArray) -> FloatArray:
-        """As ``restored``, of all keyframes after the first."""
+        """Return as ``restored``, of all keyframes after the first."""
         del u
         snapped = self._snapped(space, coordinates)
         snapped[0] = coordinates[0]
         return snapped
 
     def holds(self, sweep: "PlanarSweep", before: "PlanarSweep", u: FloatArray) -> bool:
-        """Whether the base is in its range at every keyframe; what is held between them is for ``failures`` to see."""
+        """Return whether the base is in its range at every keyframe.
+
+        What is held between them is for ``failures`` to see.
+        """
         del before, u
         low, high = self._range_left(sweep.configurations)
         return bool(np.all((low <= ROUNDING) & (high >= -ROUNDING)))
 
     # ------------------------------------------------------------ between keyframes
     def failures(self, q: FloatArray, depth: int | None = None) -> IntArray:
-        """Intervals in which a joint is bent that the tube holds at some time."""
+        """Return the intervals in which a joint is bent that the tube holds at some time."""
         del depth
         return np.flatnonzero(self._held_bent(q))
 
     # ------------------------------------------------------------ words
     def describe(self, q: FloatArray) -> str:
-        """That the base is at an end of its range; empty when it is not."""
+        """Return that the base is at an end of its range; empty when it is not."""
         low, high = self._range_left(q)
         if min(-float(low), float(high)) > _AT_END:
             return ""
@@ -161,19 +164,19 @@ class GuideTubeLimit(Limit):
         return _RESERVE + self.travel / self.arm.link_length
 
     def _base(self, poses: FloatArray) -> FloatArray:
-        """How far the base is carried, shape (..., c) to (...) [link lengths]."""
+        """Return how far the base is carried, shape (..., c) to (...) [link lengths]."""
         return self.arm.coordinates.advance(poses) / self.arm.link_length
 
     def _base_row(self, space: LinkSpace) -> FloatArray:
-        """Derivative of that by the coordinates, shape (1, p)."""
+        """Return the derivative of that by the coordinates, shape (1, p)."""
         return np.asarray(space.turns[self.arm.links :].sum(axis=0, keepdims=True))
 
     def _beyond(self, poses: FloatArray) -> FloatArray:
-        """How far every joint is beyond the hole, shape (..., links) [link lengths]."""
+        """Return how far every joint is beyond the hole, shape (..., links) [link lengths]."""
         return np.asarray(self._base(poses)[..., None] + np.arange(self.arm.links) - self._hole)
 
     def _range_left(self, poses: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """How far the base may still go either way, at most 0 and at least 0 where it is in its range."""
+        """Return how far the base may still go either way, at most 0 and at least 0 where it is in its range."""
         low, high = self.arm.base_range
         base = self._base(poses)
         return low / self.arm.link_length - base, high / self.arm.link_length - base
@@ -190,7 +193,7 @@ class GuideTubeLimit(Limit):
         return first
 
     def _bent(self, poses: FloatArray) -> BoolArray:
-        """Which joints are bent by more than splines round, shape (K, c) to (K, links)."""
+        """Return which joints are bent by more than splines round, shape (K, c) to (K, links)."""
         return np.asarray(np.abs(poses[:, : self.arm.links]) > TINY)
 
     def _held_bent(self, poses: FloatArray) -> BoolArray:
@@ -221,7 +224,7 @@ class GuideTubeLimit(Limit):
 
 
 def _least_around(values: NDArray[Number], reach: int) -> NDArray[Number]:
-    """The least of every value and of so many to either side, shape (K,)."""
+    """Return the least of every value and of so many to either side, shape (K,)."""
     around = np.pad(values, reach, mode="edge")
     least: NDArray[Number] = np.lib.stride_tricks.sliding_window_view(around, 2 * reach + 1).min(axis=1)
     return least

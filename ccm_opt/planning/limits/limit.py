@@ -38,13 +38,13 @@ _EQUATION = 5
 
 
 def always(pose: Pose) -> bool:
-    """The true check of a limit whose linearised rows are exact."""
+    """Return the true check of a limit whose linearised rows are exact."""
     del pose
     return True
 
 
-def of_any_length(delta: FloatArray) -> float:
-    """The excess of steps where a limit bounds none."""
+def unbounded_excess(delta: FloatArray) -> float:
+    """Return the excess of steps where a limit bounds none."""
     del delta
     return 0.0
 
@@ -69,7 +69,7 @@ class LimitRows:
     equations: int = 0
     pulls: tuple[Term, ...] = ()
     keeps: Callable[[Pose], bool] = field(default=always)
-    excess: Callable[[FloatArray], float] = field(default=of_any_length)
+    excess: Callable[[FloatArray], float] = field(default=unbounded_excess)
 
 
 def stacked_rows(parts: Sequence[LimitRows]) -> tuple[FloatArray, FloatArray, FloatArray, npt.NDArray[np.intc]]:
@@ -123,15 +123,15 @@ class MotionCost(Protocol):
     """A cost of a motion beside the quadratic objective."""
 
     def value(self, sweep: "Sweep") -> float:
-        """Cost of a motion."""
+        """Return the cost of a motion."""
         ...
 
     def foreseen(self, sweep: "Sweep", change: FloatArray) -> float:
-        """Cost after a change of the coordinates, shape (K + 1, p), as the model sees it."""
+        """Return the cost after a change of the coordinates, shape (K + 1, p), as the model sees it."""
         ...
 
     def model(self, sweep: "Sweep") -> Quadratic:
-        """Gradient and a convex Hessian by the coordinates."""
+        """Return the gradient and a convex Hessian by the coordinates."""
         ...
 
 
@@ -147,13 +147,13 @@ class LimitOf(Generic[AnyUnknowns_contra]):
         return ()
 
     def placed(self, u: float) -> "Self":
-        """The limit at a path parameter u of the motion."""
+        """Return the limit at a path parameter u of the motion."""
         del u
         return self
 
     # ------------------------------------------------------------ the single step
     def linearised(self, space: AnyUnknowns_contra, pose: Pose, turn: float) -> LimitRows:
-        """Rows about a pose.
+        """Return the rows about a pose.
 
         Args:
             space: the map of the coordinates, p of them.
@@ -164,7 +164,7 @@ class LimitOf(Generic[AnyUnknowns_contra]):
         return LimitRows(np.zeros((0, space.dimension)), np.zeros(0), np.zeros(0))
 
     def restored(self, space: AnyUnknowns_contra, pose: Pose, most: float) -> Pose:
-        """A pose after a step brought back onto the limit; as it is where that fails.
+        """Return a pose after a step brought back onto the limit; as it is where that fails.
 
         Args:
             space: the map of the coordinates.
@@ -176,7 +176,7 @@ class LimitOf(Generic[AnyUnknowns_contra]):
 
     # ------------------------------------------------------------ at the goal
     def miss(self, q: FloatArray) -> float:
-        """By how much a pose misses the limit where the limit has to be met exactly, in the limit's unit."""
+        """Return by how much a pose misses the limit where the limit has to be met exactly, in the limit's unit."""
         del q
         return 0.0
 
@@ -186,23 +186,23 @@ class LimitOf(Generic[AnyUnknowns_contra]):
         return np.zeros((0, len(pose.v))), np.zeros(0)
 
     def missed(self, space: AnyUnknowns_contra, pose: Pose) -> tuple[FloatArray, FloatArray]:
-        """Rows of what is missed, shape (k, p), and by how much they have to change, in the limit's unit."""
+        """Return the rows of what is missed, shape (k, p), and by how much they have to change, in the limit's unit."""
         del space
         return np.zeros((0, len(pose.v))), np.zeros(0)
 
     def keeps_at_goal(self, space: AnyUnknowns_contra, near: Pose, final: Pose) -> bool:
-        """Whether a pose that was put exactly onto the goal may follow a pose near it."""
+        """Return whether a pose that was put exactly onto the goal may follow a pose near it."""
         del space, near, final
         return True
 
     # ------------------------------------------------------------ the optimisation of a motion
     def interval_rows(self, sweep: Any) -> "tuple[IntervalRows, ...]":
-        """Rows over whole intervals; each interval may buy slack at a price."""
+        """Return the rows over whole intervals; each interval may buy slack at a price."""
         del sweep
         return ()
 
     def keyframe_rows(self, sweep: Any, u: FloatArray) -> tuple[KeyframeRows, ...]:
-        """Rows on keyframes that have to hold.
+        """Return the rows on keyframes that have to hold.
 
         Args:
             sweep: the motion.
@@ -212,28 +212,28 @@ class LimitOf(Generic[AnyUnknowns_contra]):
         return ()
 
     def keyframe_equations(self, sweep: Any, u: FloatArray) -> tuple[KeyframeRows, ...]:
-        """Equations on keyframes; arguments as for ``keyframe_rows``."""
+        """Return the equations on keyframes; arguments as for ``keyframe_rows``."""
         del sweep, u
         return ()
 
     def costs(self, space: AnyUnknowns_contra, u: FloatArray) -> tuple[MotionCost, ...]:
-        """What the limit adds to the cost of a motion with keyframes at path parameters u."""
+        """Return what the limit adds to the cost of a motion with keyframes at path parameters u."""
         del space, u
         return ()
 
     def restored_keyframes(self, space: AnyUnknowns_contra, coordinates: FloatArray, u: FloatArray) -> FloatArray:
-        """Keyframes, shape (K + 1, p), brought back onto the limit; the same array where it moves none."""
+        """Return the keyframes, shape (K + 1, p), brought back onto the limit; the same array where it moves none."""
         del space, u
         return coordinates
 
     def holds(self, sweep: Any, before: Any, u: FloatArray) -> bool:
-        """The true check of a motion's keyframes after a step of the optimisation from another motion."""
+        """Return the true check of a motion's keyframes after a step of the optimisation from another motion."""
         del sweep, before, u
         return True
 
     # ------------------------------------------------------------ between keyframes
     def failures(self, q: FloatArray, depth: int | None = None) -> IntArray:
-        """Intervals of a piecewise-linear motion in which the limit cannot be certified, sorted.
+        """Return the intervals of a piecewise-linear motion in which the limit cannot be certified, sorted.
 
         Args:
             q: configurations at the keyframes, shape (K, c) [rad, m].
@@ -249,7 +249,7 @@ class LimitOf(Generic[AnyUnknowns_contra]):
         return "", 0.0
 
     def describe(self, q: FloatArray) -> str:
-        """What of the limit is missed, or else at its bound, in words; empty when nothing is."""
+        """Return what of the limit is missed, or else at its bound, in words; empty when nothing is."""
         del q
         return ""
 
@@ -261,7 +261,7 @@ Limit: TypeAlias = LimitOf[LinkSpace]
 def restored_keyframes(
     limits: Iterable[LimitOf[AnyUnknowns_contra]], space: AnyUnknowns_contra, unknowns: FloatArray, u: FloatArray
 ) -> FloatArray:
-    """Keyframes brought back onto several limits, shape (K + 1, p); the same array where none moves them.
+    """Return the keyframes brought back onto several limits, shape (K + 1, p); the same array where none moves them.
 
     Args:
         limits: one after the other.

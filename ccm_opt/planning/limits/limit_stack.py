@@ -3,8 +3,8 @@
 In a step every near pair is a row; over an interval of a motion every link has half-planes and partners to keep from;
 between keyframes the certificate bounds how far links may stray.
 
-A new limit that always holds is one more line in ``limits_with``, for the plane and for space; its rows, proofs, checks
-and words stand in a file of its own.
+A new limit that always holds is one more line in ``assembled_limits``, for the plane and for space; its rows, proofs,
+checks and words stand in a file of its own.
 """
 
 from collections.abc import Callable, Iterable
@@ -17,7 +17,7 @@ import numpy as np
 from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.planning.curve_map import CurveMap, feed_to_next_stop
 from ccm_opt.planning.limits.gate_rails import GateLines
-from ccm_opt.planning.limits.limit import UNBOUNDED, KeyframeRows, LimitOf, LimitRows, of_any_length
+from ccm_opt.planning.limits.limit import UNBOUNDED, KeyframeRows, LimitOf, LimitRows, unbounded_excess
 from ccm_opt.planning.limits.motion_certificate import IntervalCertificate
 from ccm_opt.planning.optimisation.interval_rows import IntervalRows, Sweep
 from ccm_opt.planning.pose import CurveUnknowns, Pose, Term, turn_rows
@@ -65,7 +65,7 @@ class AtRest(LimitOf[CurveUnknowns]):
     still: bool = False
 
     def linearised(self, space: CurveUnknowns, pose: Pose, turn: float) -> LimitRows:
-        """No rows, only what draws the step."""
+        """Return no rows, only what draws the step."""
         del turn
         p = len(pose.v)
         # The target is minus the present value: the pull is on the curvature after the step, not on its change.
@@ -90,7 +90,7 @@ class FeedLimit(LimitOf[CurveMap]):
     """Bounds the way of the base of a fed arm in space, and what it carries beyond the guide tube in a step."""
 
     def linearised(self, space: CurveMap, pose: Pose, turn: float) -> LimitRows:
-        """The row of the feed."""
+        """Return the row of the feed."""
         del turn
         arm = space.arm
         base = arm.coordinates.base
@@ -106,12 +106,12 @@ class FeedLimit(LimitOf[CurveMap]):
         return LimitRows(pose.slopes[base], low, high, keeps=lambda trial: within_limits(arm, trial.q), excess=excess)
 
     def keeps_at_goal(self, space: CurveMap, near: Pose, final: Pose) -> bool:
-        """Whether the pose on the goal is within the limits."""
+        """Return whether the pose on the goal is within the limits."""
         del near
         return within_limits(space.arm, final.q)
 
     def keyframe_rows(self, sweep: Sweep, u: FloatArray) -> tuple[KeyframeRows, ...]:
-        """The range of the feed, and the curvature at the knots.
+        """Return the range of the feed, and the curvature at the knots.
 
         Between two keyframes the feed carries joints past knots at which no joint is at either of them.
         """
@@ -133,13 +133,13 @@ class FeedLimit(LimitOf[CurveMap]):
         )
 
     def holds(self, sweep: Sweep, before: Sweep, u: FloatArray) -> bool:
-        """Whether all keyframes are within the limits."""
+        """Return whether all keyframes are within the limits."""
         del before, u
         return within_limits(sweep.space.arm, sweep.configurations)
 
 
 def within_limits(arm: Arm, q: FloatArray) -> bool:
-    """Whether configurations, shape (..., c) [rad, m], keep the limits of their coordinates."""
+    """Return whether configurations, shape (..., c) [rad, m], keep the limits of their coordinates."""
     return bool(np.all(q >= arm.lower_limits - _BEYOND) and np.all(q <= arm.upper_limits + _BEYOND))
 
 
@@ -165,7 +165,7 @@ class ContactLimit(LimitOf[CurveUnknowns]):
 
     # ------------------------------------------------------------ the single step
     def linearised(self, space: CurveUnknowns, pose: Pose, turn: float) -> LimitRows:
-        """A row for each near pair: its gap may close by a share of what it has beyond the margin, no more."""
+        """Return a row for each near pair: its gap may close by a share of what it has beyond the margin, no more."""
         del turn
         settings = self.settings
         unit = space.nominal_length
@@ -189,11 +189,11 @@ class ContactLimit(LimitOf[CurveUnknowns]):
             np.full(len(rows), UNBOUNDED),
             pulls=(push,),
             keeps=partial(self._keeps, contacts),
-            excess=excess if np.isfinite(farthest) else of_any_length,
+            excess=excess if np.isfinite(farthest) else unbounded_excess,
         )
 
     def _keeps(self, before: Contacts, trial: Pose) -> bool:
-        """Whether a pose keeps clear, or no less than the one before it, as far as its contacts tell."""
+        """Return whether a pose keeps clear, or no less than the one before it, as far as its contacts tell."""
         # The proof of a step looks at its end as well.
         if self.settings.proof_depth is not None:
             return True
@@ -205,33 +205,33 @@ class ContactLimit(LimitOf[CurveUnknowns]):
         return keeps_clear(after, allowed, self.settings.keep_share) and not self.finder.crosses(trial.points)
 
     def keeps_at_goal(self, space: CurveUnknowns, near: Pose, final: Pose) -> bool:
-        """Whether the pose on the goal keeps clear, or no less than the one near it."""
+        """Return whether the pose on the goal keeps clear, or no less than the one near it."""
         del space
         return self._keeps(self.finder.find(near.points), final)
 
     # ------------------------------------------------------------ whole motions
     def interval_rows(self, sweep: Sweep) -> tuple[IntervalRows, ...]:
-        """Rows from the regions about a motion's own sweep, and of its near pairs of links."""
+        """Return the rows from the regions about a motion's own sweep, and of its near pairs of links."""
         return (self.over_motion(sweep, self),)
 
     def failures(self, q: FloatArray, depth: int | None = None) -> IntArray:
-        """Intervals in which something may touch."""
+        """Return the intervals in which something may touch."""
         return self.certificate.failures(q, depth)
 
 
 def keeps_clear(contacts: Contacts, allowed: float, keep_share: float) -> bool:
-    """Whether every gap is at least its share of the margin, less what was allowed [m]."""
+    """Return whether every gap is at least its share of the margin, less what was allowed [m]."""
     floor = keep_share * contacts.margin - allowed
     return bool(np.all(contacts.gap >= np.minimum(floor, keep_share * contacts.margin)))
 
 
 def allowed_shortfall(contacts: Contacts, keep_share: float) -> float:
-    """How far below its share of the margin the worst gap already is; a step may not make it worse [m]."""
+    """Return how far below its share of the margin the worst gap already is; a step may not make it worse [m]."""
     return max(0.0, float(np.max(keep_share * contacts.margin - contacts.gap, initial=0.0)))
 
 
 def contact_rows(contacts: Contacts, jacobians: FloatArray) -> FloatArray:
-    """Derivative of every gap by the coordinates, shape (m, p).
+    """Return the derivative of every gap by the coordinates, shape (m, p).
 
     Args:
         contacts: near pairs of a pose.
@@ -246,7 +246,7 @@ def contact_rows(contacts: Contacts, jacobians: FloatArray) -> FloatArray:
 
 
 def _point_jacobian(jacobians: FloatArray, link: IntArray, at: FloatArray) -> FloatArray:
-    """Derivative of points on links, linear between the joints, shape (m, d, p)."""
+    """Return the derivative of points on links, linear between the joints, shape (m, d, p)."""
     share = at[:, None, None]
     mixed: FloatArray = (1.0 - share) * jacobians[link] + share * jacobians[link + 1]
     return mixed
@@ -274,7 +274,7 @@ class JointLimit(LimitOf[CurveUnknowns]):
     accepted: float
 
     def linearised(self, space: CurveUnknowns, pose: Pose, turn: float) -> LimitRows:
-        """Rows of the bends that the step could bring to their bound."""
+        """Return the rows of the bends that the step could bring to their bound."""
         bends = space.bends(pose.q)
         limits = self.share * space.bend_limits
         tight = np.abs(bends) + 2.0 * turn > limits  # a bend is the difference of two headings
@@ -289,12 +289,12 @@ class JointLimit(LimitOf[CurveUnknowns]):
         return LimitRows(space.bend_slopes(pose)[tight], lower, upper, keeps=keeps)
 
     def keeps_at_goal(self, space: CurveUnknowns, near: Pose, final: Pose) -> bool:
-        """Whether the pose on the goal is within the limits."""
+        """Return whether the pose on the goal is within the limits."""
         del near
         return bool(np.all(np.abs(space.bends(final.q)) <= self._accepted(space)))
 
     def keyframe_rows(self, sweep: Sweep, u: FloatArray) -> tuple[KeyframeRows, ...]:
-        """Rows of the bends near their bound at keyframes after the first."""
+        """Return the rows of the bends near their bound at keyframes after the first."""
         del u
         space = sweep.space
         bends = space.bends(sweep.configurations)
@@ -311,25 +311,25 @@ class JointLimit(LimitOf[CurveUnknowns]):
         return (KeyframeRows(keyframe, sweep.slopes[keyframe, joint], lower, upper),)
 
     def holds(self, sweep: Sweep, before: Sweep, u: FloatArray) -> bool:
-        """Whether no bend is beyond its limit, nor nearer to it than accepted or than it was."""
+        """Return whether no bend is beyond its limit, nor nearer to it than accepted or than it was."""
         del u
         space = sweep.space
         allowed = np.maximum(self._accepted(space), np.abs(space.bends(before.configurations)))
         return not np.any(np.abs(space.bends(sweep.configurations)) > np.minimum(allowed, space.bend_limits))
 
     def failures(self, q: FloatArray, depth: int | None = None) -> IntArray:
-        """Intervals at an end of which a coordinate, that of the base too, is beyond its limits."""
+        """Return the intervals at an end of which a coordinate, that of the base too, is beyond its limits."""
         del depth
         beyond = np.any((q < self.arm.lower_limits - _BEYOND) | (q > self.arm.upper_limits + _BEYOND), axis=1)
         return np.flatnonzero(beyond[:-1] | beyond[1:])
 
     def _accepted(self, space: CurveUnknowns) -> FloatArray:
-        """Bends that are accepted after a step."""
+        """Return the bends that are accepted after a step."""
         return self.accepted * space.bend_limits
 
 
 def overbent(limits: FloatArray, bends: FloatArray, held: FloatArray, tolerance: float) -> tuple[IntArray, FloatArray]:
-    """Numbers of the bends that are too near their limit, shape (k,), and their way back [rad].
+    """Return the numbers of the bends that are too near their limit, shape (k,), and their way back [rad].
 
     Args:
         limits: to which bends are brought back, shape (m,) [rad].
@@ -350,7 +350,10 @@ class TurnLimit(LimitOf[CurveUnknowns]):
     """Bounds the turn of every link in a step, and the way of the base."""
 
     def linearised(self, space: CurveUnknowns, pose: Pose, turn: float) -> LimitRows:
-        """One row a link about one axis, −turn ≤ Δφ ≤ turn, which is exact; about three the whole step is shortened."""
+        """Return one row a link about one axis, −turn ≤ Δφ ≤ turn, which is exact.
+
+        About three the whole step is shortened.
+        """
         if pose.turning.shape[1] == 1:
             rows = turn_rows(space.arm, pose)
             bound = np.full(len(rows), turn)
@@ -362,13 +365,15 @@ class TurnLimit(LimitOf[CurveUnknowns]):
         return LimitRows(np.zeros((0, len(pose.v))), np.zeros(0), np.zeros(0), excess=excess)
 
 
-def limits_with(
+def assembled_limits(
     arm: Arm,
     contact: LimitOf[Any],
     settings: AnyStepSettings,
     further: Iterable[LimitOf[Any]] = (),
 ) -> tuple[LimitOf[Any], ...]:
-    """All limits of a motion, in the order of their rows; true checks run backwards, the costly one of contact last.
+    """Return all limits of a motion, in the order of their rows.
+
+    True checks run backwards, the costly one of contact last.
 
     Whoever steps, optimises or certifies reads this list and no other.
 

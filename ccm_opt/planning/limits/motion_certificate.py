@@ -26,7 +26,7 @@ class IntervalCertificate(Protocol):
         ...
 
     def failures(self, q: FloatArray, /, depth: int | None = None) -> IntArray:
-        """Sorted intervals of a motion, configurations of shape (K, c), that are not certified."""
+        """Return the sorted intervals of a motion, configurations of shape (K, c), that are not certified."""
         ...
 
 
@@ -45,7 +45,7 @@ class MotionCertificate:
     limits: tuple[LimitOf[Any], ...]
 
     def failures(self, q: FloatArray, depth: int | None = None) -> IntArray:
-        """Intervals that cannot be certified.
+        """Return the intervals that cannot be certified.
 
         Args:
             q: configurations at the keyframes, shape (K, c) [rad, m].
@@ -57,12 +57,15 @@ class MotionCertificate:
         return failed_intervals(self.limits, q, depth)
 
     def heading_failures(self, headings: FloatArray) -> IntArray:
-        """The same of link headings at the keyframes, shape (K, links) [rad]."""
+        """Return the same of link headings at the keyframes, shape (K, links) [rad]."""
         return self.failures(self.arm.bends(headings))
 
 
 def failed_intervals(limits: tuple[LimitOf[Any], ...], q: FloatArray, depth: int | None = None) -> IntArray:
-    """Intervals in which some limit cannot be certified, sorted; arguments as for ``MotionCertificate.failures``."""
+    """Return the intervals in which some limit cannot be certified, sorted.
+
+    Arguments as for ``MotionCertificate.failures``.
+    """
     failing = np.zeros(0, dtype=np.intp)
     for limit in limits:
         failing = np.union1d(failing, limit.failures(q, depth))
@@ -72,7 +75,7 @@ def failed_intervals(limits: tuple[LimitOf[Any], ...], q: FloatArray, depth: int
 def failing_edges(
     limits: tuple[LimitOf[Any], ...], curve: CurveUnknowns, unknowns: FloatArray, depth: int | None = None
 ) -> IntArray:
-    """Edges of a motion, linear in the unknowns of a curve, that are not certified, sorted.
+    """Return the edges of a motion, linear in the unknowns of a curve, that are not certified, sorted.
 
     Args:
         limits: that have to hold between keyframes.

@@ -28,7 +28,7 @@ _PLANES = 6
 
 
 def motion_rows(sweep: Sweep, contact: ContactLimit, finder: SurfaceFinder) -> IntervalRows:
-    """All rows of a motion.
+    """Return all rows of a motion.
 
     Args:
         sweep: the motion.
@@ -57,18 +57,18 @@ def _wall_rows(sweep: Sweep, finder: SurfaceFinder, room: float) -> IntervalRows
         for end in (0, 1):
             beyond = np.einsum("md,md->m", normal, sweep.joints[interval + side, link + end]) - foot
             fits = np.flatnonzero(beyond > 0.0)
-            rows = _of_points(interval, float(side), link + end, normal, foot + kept)
+            rows = _rows_of_points(interval, float(side), link + end, normal, foot + kept)
             rows = replace(rows, constant=rows.constant + sweep.lost(rows))
             parts.append(rows.take(np.intersect1d(fits, _free_points(sweep, link + end))))
-    parts.append(_rows_at(sweep, finder.tree, 1.0, reach, kept))
+    parts.append(_half_space_rows(sweep, finder.tree, 1.0, reach, kept))
     # In between only what lacks room is asked for.
     near = kept + 0.1 * sweep.space.nominal_length
-    parts.extend(_rows_at(sweep, finder.tree, share, near, kept) for share in BETWEEN)
+    parts.extend(_half_space_rows(sweep, finder.tree, share, near, kept) for share in BETWEEN)
     return joined_rows(parts)
 
 
-def _rows_at(sweep: Sweep, tree: SurfaceTree, share: float, reach: float, kept: float) -> IntervalRows:
-    """Rows of half-spaces about the links at one time of every interval.
+def _half_space_rows(sweep: Sweep, tree: SurfaceTree, share: float, reach: float, kept: float) -> IntervalRows:
+    """Return the rows of half-spaces about the links at one time of every interval.
 
     Args:
         sweep: the motion.
@@ -83,7 +83,7 @@ def _rows_at(sweep: Sweep, tree: SurfaceTree, share: float, reach: float, kept: 
     parts = []
     for end in (0, 1):
         beside = np.einsum("md,md->m", normal, off[interval, link + end])
-        rows = _of_points(interval, share, link + end, normal, foot + kept - beside)
+        rows = _rows_of_points(interval, share, link + end, normal, foot + kept - beside)
         parts.append(rows.take(_free_points(sweep, link + end)))
     return joined_rows(parts)
 
@@ -91,7 +91,7 @@ def _rows_at(sweep: Sweep, tree: SurfaceTree, share: float, reach: float, kept: 
 def _half_spaces(
     sweep: Sweep, tree: SurfaceTree, points: FloatArray, reach: float
 ) -> tuple[IntArray, IntArray, FloatArray, FloatArray]:
-    """Half-spaces n·x ≥ b about the links of several poses.
+    """Return the half-spaces n·x ≥ b about the links of several poses.
 
     Args:
         sweep: the motion.
@@ -125,19 +125,21 @@ def room_lacking(sweep: Sweep, finder: SurfaceFinder, wanted: float) -> FloatArr
     return np.asarray(np.max(lacking, axis=0))
 
 
-def _of_points(interval: IntArray, share: float, point: IntArray, normal: FloatArray, need: FloatArray) -> IntervalRows:
-    """Rows of points that have to be so far along normals out of half-spaces' sides [m]."""
+def _rows_of_points(
+    interval: IntArray, share: float, point: IntArray, normal: FloatArray, need: FloatArray
+) -> IntervalRows:
+    """Return the rows of points that have to be so far along normals out of half-spaces' sides [m]."""
     none = np.zeros(len(point), dtype=np.intp)
     return IntervalRows(interval, np.full(len(point), share), point, none + STILL, none, none, -normal, need)
 
 
 def _free_points(sweep: Sweep, point: IntArray) -> IntArray:
-    """Which points can be moved: not the first joint unless it is fed."""
+    """Return which points can be moved: not the first joint unless it is fed."""
     return np.flatnonzero((point > 0) | bool(sweep.space.arm.base_axes))
 
 
 def distance_lacking(arm: Arm, tree: SurfaceTree, points: FloatArray, kept: float) -> FloatArray:
-    """By how much the axes of the links beyond the mount are nearer to surfaces than they ought to be.
+    """Return by how much the axes of the links beyond the mount are nearer to surfaces than they ought to be.
 
     Args:
         arm: whose links they are.

@@ -127,24 +127,24 @@ class UserLimit(LimitOf[CurveUnknowns]):
         return self.terms.goal_rows if self.at_goal else self._way
 
     def placed(self, u: float) -> "UserLimit":
-        """The constraints at another place of the motion."""
+        """Return the constraints at another place of the motion."""
         return replace(self, u=u)
 
     def placed_at_goal(self) -> "UserLimit":
-        """The constraints at the goal."""
+        """Return the constraints at the goal."""
         return replace(self, u=1.0, at_goal=True)
 
     def values(self, q: FloatArray) -> "RowValues":
-        """Rows in a configuration, shape (c,)."""
+        """Return the rows in a configuration, shape (c,)."""
         return self.rows.at(q, self.u)
 
     def turns(self, slopes: FloatArray) -> FloatArray:
-        """By how much a turn of the whole arm changes each row of slopes, shapes (m,) and (m, c); never 0."""
+        """Return by how much a turn of the whole arm changes each row of slopes, shapes (m,) and (m, c); never 0."""
         return slope_norms(self.terms.quantities.heading_slopes(slopes))
 
     # ------------------------------------------------------------ the single step
     def linearised(self, space: CurveUnknowns, pose: Pose, turn: float) -> LimitRows:
-        """Equations, asked to be met at once or half a turn of it, and a row for each gap that could close."""
+        """Return equations, asked to be met at once or half a turn of it, and a row for each gap that could close."""
         del space
         now = self.values(pose.q)
         equations, target = self._independent(now.equations, now.equation_slopes @ pose.slopes, pose.turning, turn)
@@ -182,7 +182,7 @@ class UserLimit(LimitOf[CurveUnknowns]):
     def _independent(
         self, equations: FloatArray, slopes: FloatArray, turning: FloatArray, turn: float
     ) -> tuple[FloatArray, FloatArray]:
-        """Orthonormal combinations of the equations' rows, and what they have to change by.
+        """Return the orthonormal combinations of the equations' rows, and what they have to change by.
 
         Equations far from met ask for half of the largest turn of a link, so that the QP stays feasible.
         """
@@ -210,14 +210,14 @@ class UserLimit(LimitOf[CurveUnknowns]):
         return bool(met or np.abs(after.equations).sum() < np.abs(before.equations).sum())
 
     def restored(self, space: CurveUnknowns, pose: Pose, most: float) -> Pose:
-        """A pose moved onto the equations; as it is where that fails."""
+        """Return a pose moved onto the equations; as it is where that fails."""
         if not self.rows.equal.any():
             return pose
         moved = self.moved_onto_rows(space, pose, most, gaps=False)
         return pose if moved is None else moved
 
     def moved_onto_rows(self, space: CurveUnknowns, pose: Pose, most: float, *, gaps: bool) -> Pose | None:
-        """A pose moved onto the equations by Newton's method of least change of the links.
+        """Return a pose moved onto the equations by Newton's method of least change of the links.
 
         Args:
             space: the map of the unknowns.
@@ -254,7 +254,7 @@ class UserLimit(LimitOf[CurveUnknowns]):
 
     # ------------------------------------------------------------ at the goal
     def miss(self, q: FloatArray) -> float:
-        """By how much the worst row is missed, beyond what counts as met."""
+        """Return by how much the worst row is missed, beyond what counts as met."""
         miss = self.values(q).violation
         return 0.0 if miss <= _MET_AT_GOAL else miss
 
@@ -274,7 +274,7 @@ class UserLimit(LimitOf[CurveUnknowns]):
         return by_pose @ pose.slopes / scale[:, None], np.clip(wanted, -most, most)
 
     def missed(self, space: CurveUnknowns, pose: Pose) -> tuple[FloatArray, FloatArray]:
-        """Slopes of the equations and of broken gaps, shape (k, p), and by how much they have to change."""
+        """Return the slopes of the equations and of broken gaps, shape (k, p), and by how much they have to change."""
         del space
         values = self.values(pose.q)
         broken = values.gaps < 0.0
@@ -285,11 +285,11 @@ class UserLimit(LimitOf[CurveUnknowns]):
 
     # ------------------------------------------------------------ the optimisation of a motion
     def at_keyframe(self, k: int, u: FloatArray) -> "UserLimit":
-        """The constraints at a keyframe; the last is the goal."""
+        """Return the constraints at a keyframe; the last is the goal."""
         return self.placed_at_goal() if k == len(u) - 1 else self.placed(float(u[k]))
 
     def keyframe_equations(self, sweep: "Sweep", u: FloatArray) -> tuple[KeyframeRows, ...]:
-        """Equations of every keyframe, their slopes of norm 1."""
+        """Return the equations of every keyframe, their slopes of norm 1."""
         keyframes: list[int] = []
         rows = [np.zeros((0, sweep.unknowns.shape[1]))]
         # Rows of norm 1 keep the QP well scaled whatever the user measures in. Keyframe 0 is the start, which is fixed.
@@ -301,7 +301,7 @@ class UserLimit(LimitOf[CurveUnknowns]):
         return (KeyframeRows(np.array(keyframes, dtype=np.intp), np.vstack(rows), zero, zero),)
 
     def keyframe_rows(self, sweep: "Sweep", u: FloatArray) -> tuple[KeyframeRows, ...]:
-        """Gaps of every keyframe that are not far from closing, per radian of the whole arm."""
+        """Return the gaps of every keyframe that are not far from closing, per radian of the whole arm."""
         keyframes: list[int] = []
         rows = [np.zeros((0, sweep.unknowns.shape[1]))]
         least = [np.zeros(0)]
@@ -320,12 +320,15 @@ class UserLimit(LimitOf[CurveUnknowns]):
         return (KeyframeRows(np.array(keyframes, dtype=np.intp), np.vstack(rows), lower, upper),)
 
     def costs(self, space: CurveUnknowns, u: FloatArray) -> tuple[MotionCost, ...]:
-        """The user's costs, soft constraints among them."""
+        """Return the user's costs, soft constraints among them."""
         del space
         return (UserCosts(self.terms, u),)
 
     def restored_keyframes(self, space: CurveUnknowns, coordinates: FloatArray, u: FloatArray) -> FloatArray:
-        """Inner keyframes put on their equations and out of broken gaps; where that fails they stay as they are."""
+        """Return the inner keyframes put on their equations and out of broken gaps.
+
+        Where that fails they stay as they are.
+        """
         restored = coordinates.copy()
         for k in range(1, len(u) - 1):
             limit = self.at_keyframe(k, u)
@@ -335,7 +338,7 @@ class UserLimit(LimitOf[CurveUnknowns]):
         return restored
 
     def holds(self, sweep: "Sweep", before: "Sweep", u: FloatArray) -> bool:
-        """Whether all equations are met, and no gap is broken."""
+        """Return whether all equations are met, and no gap is broken."""
         del before
         return all(self.at_keyframe(k, u).miss(sweep.configurations[k]) <= 0.0 for k in range(1, len(u)))
 
@@ -347,7 +350,7 @@ class UserLimit(LimitOf[CurveUnknowns]):
         return np.asarray(~rows.equal & (rows.first <= 0.0) & (rows.last >= 1.0) & ~rows.parametric)
 
     def failures(self, q: FloatArray, depth: int | None = None) -> IntArray:
-        """Intervals in which a gap falls below its reserve at samples, which need no bisection.
+        """Return the intervals in which a gap falls below its reserve at samples, which need no bisection.
 
         A gap that has less at an end of the interval, as a start or a goal may, has to be kept in between.
         """
@@ -373,7 +376,7 @@ class UserLimit(LimitOf[CurveUnknowns]):
         return _PATH_SHARE * _ALLOWED
 
     # ------------------------------------------------------------ the smooth path
-    def missed_on_path(self, q: FloatArray, u: float) -> tuple[FloatArray, FloatArray]:
+    def path_violations(self, q: FloatArray, u: float) -> tuple[FloatArray, FloatArray]:
         """Slopes by the configuration of equations and broken gaps, shape (k, c), and what they have to change."""
         values = self.terms.path_rows.at(q, u)
         reserve = _RESERVE * _KEEP_SHARE * _MARGIN * self.turns(values.gap_slopes)
@@ -419,7 +422,7 @@ class UserLimit(LimitOf[CurveUnknowns]):
         return rows.names[k], float(miss[k])
 
     def describe(self, q: FloatArray) -> str:
-        """The constraint that is missed, or else at its bound, in words; empty when none is."""
+        """Return the constraint that is missed, or else at its bound, in words; empty when none is."""
         name, miss = self.worst(q)
         if miss > _MET_AT_GOAL:
             return f"constraint '{name}' is missed by {miss:.3g}"
@@ -429,5 +432,5 @@ class UserLimit(LimitOf[CurveUnknowns]):
         return f"constraint '{rows.names[int(np.flatnonzero(near)[0])]}' is at its bound" if near.any() else ""
 
     def _slope_norms(self, q: FloatArray) -> FloatArray:
-        """Norm of the slope of every row, whether it applies here or not, shape (rows,)."""
+        """Return the norm of the slope of every row, whether it applies here or not, shape (rows,)."""
         return self.turns(np.asarray(self.rows.slopes(q, self.u)[1]))

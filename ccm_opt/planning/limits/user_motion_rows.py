@@ -34,20 +34,20 @@ class UserCosts:
     u: FloatArray
 
     def value(self, sweep: "Sweep") -> float:
-        """Cost of a motion."""
+        """Return the cost of a motion."""
         return sum(
             float(weights @ cost.values(sweep.configurations, self.u))
             for cost, weights in zip(*self._weights, strict=True)
         )
 
     def foreseen(self, sweep: "Sweep", change: FloatArray) -> float:
-        """Cost after a change of the unknowns, shape (K + 1, p), by the quadratic model."""
+        """Return the cost after a change of the unknowns, shape (K + 1, p), by the quadratic model."""
         model = self.model(sweep)
         bent = np.einsum("kp,kpq,kq->", change, model.diagonal, change)
         return self.value(sweep) + float(np.vdot(model.gradient, change)) + 0.5 * float(bent)
 
     def model(self, sweep: "Sweep") -> Quadratic:
-        """Gradient and convex part of the Hessian by the unknowns."""
+        """Return the gradient and convex part of the Hessian by the unknowns."""
         frames, p = sweep.unknowns.shape
         model = Quadratic(np.zeros((frames, p)), np.zeros((frames, p, p)), np.zeros((frames - 1, p, p)))
         for cost, weights in zip(*self._weights, strict=True):
@@ -131,6 +131,6 @@ def _refuse_at_start(compiled: "CompiledConstraint", start: "FloatArray", allowe
 
 
 def slope_norms(slopes: FloatArray) -> FloatArray:
-    """Norm of every row's slope by the link headings, shape (m,); never 0."""
+    """Return the norm of every row's slope by the link headings, shape (m,); never 0."""
     norms: FloatArray = np.maximum(np.linalg.norm(slopes, axis=1), TINY)
     return norms

@@ -90,7 +90,7 @@ class Sweep:
         return self._with_marks(np.stack([pose.moving for pose in self.poses]))
 
     def points_at(self, share: float) -> FloatArray:
-        """Joints and tip when a share of each interval has passed, shape (K, n + 1, d) [m]."""
+        """Return the joints and tip when a share of each interval has passed, shape (K, n + 1, d) [m]."""
         if share == 1.0:
             return self.joints[1:]
         # Of the mean bends, not the mean of the positions: links keep their length on the way.
@@ -119,17 +119,20 @@ class Sweep:
         return np.concatenate((joints, at_mount, np.zeros_like(at_mount)), axis=1)
 
     def deviation(self, rows: "IntervalRows") -> FloatArray | float:
-        """How far the points of rows may leave their chord, shape (m,) [m]; 0 where rows reckon with it themselves."""
+        """Return how far the points of rows may leave their chord, shape (m,) [m].
+
+        0 where rows reckon with it themselves.
+        """
         del rows
         return 0.0
 
     def deviation_slopes(self, rows: "IntervalRows") -> FloatArray | float:
-        """Derivatives of that by the change of the unknowns over the interval, shape (m, p) [m]."""
+        """Return the derivatives of that by the change of the unknowns over the interval, shape (m, p) [m]."""
         del rows
         return 0.0
 
     def lost(self, rows: "IntervalRows") -> FloatArray:
-        """By how much more of what rows bound there is half-way than at the mean of the ends, shape (m,) [m].
+        """Return by how much more of what rows bound there is half-way than at the mean of the ends, shape (m,) [m].
 
         Nothing where the deviation bounds it.
         """
@@ -137,7 +140,7 @@ class Sweep:
         return np.asarray(np.maximum(np.einsum("md,md->m", rows.normal, way), 0.0))
 
     def curvature(self, rows: "IntervalRows", multipliers: FloatArray, pull: FloatArray) -> RowCurvature | None:
-        """Second derivatives of Σ λ g + pull·tip for multipliers λ, shape (m,), and a pull, shape (d,).
+        """Return the second derivatives of Σ λ g + pull·tip for multipliers λ, shape (m,), and a pull, shape (d,).
 
         None where they are not told: in space they tie all links to each other.
         """
@@ -173,7 +176,7 @@ class IntervalRows:
         return len(self.interval)
 
     def take(self, chosen: BoolArray | IntArray) -> "IntervalRows":
-        """The rows selected by a mask or by their numbers."""
+        """Return the rows selected by a mask or by their numbers."""
         return IntervalRows(*(getattr(self, each.name)[chosen] for each in fields(self)))
 
     @property
@@ -182,18 +185,18 @@ class IntervalRows:
         return np.asarray(self.minus == STILL)
 
     def values(self, sweep: Sweep) -> FloatArray:
-        """Values of every row, shape (m,) [m]."""
+        """Return the values of every row, shape (m,) [m]."""
         apart = (1.0 - self.share) * self._apart(sweep, 0) + self.share * self._apart(sweep, 1)
         return np.asarray(apart + sweep.deviation(self) + self.constant)
 
     def _apart(self, sweep: Sweep, side: int) -> FloatArray:
-        """n·(P_a − P_b) at the start (0) or end (1) of the interval, shape (m,) [m]."""
+        """Return the n·(P_a − P_b) at the start (0) or end (1) of the interval, shape (m,) [m]."""
         keyframe = self.interval + side
         apart = sweep.points[keyframe, self.plus] - sweep.points[keyframe, self.minus]
         return np.asarray(np.einsum("md,md->m", self.normal, apart))
 
     def slopes(self, sweep: Sweep) -> tuple[FloatArray, FloatArray]:
-        """Derivatives by the unknowns at the start and at the end of the row's interval, each (m, p)."""
+        """Return the derivatives by the unknowns at the start and at the end of the row's interval, each (m, p)."""
         # A change at a keyframe moves the points there; a change at either alters the way over the interval, and so the
         # deviation, with opposite signs.
         start = self._moved(sweep, 0)
@@ -215,14 +218,14 @@ class IntervalRows:
 
 
 def joined_rows(parts: list[IntervalRows]) -> IntervalRows:
-    """All rows of several lists."""
+    """Return all rows of several lists."""
     return IntervalRows(
         *(np.concatenate([getattr(part, each.name) for part in parts]) for each in fields(IntervalRows))
     )
 
 
 def pair_rows(sweep: Sweep, margin: float, reach: float) -> IntervalRows:
-    """Rows that keep distant links apart along the direction that is closest half-way through the interval.
+    """Return the rows that keep distant links apart along the direction that is closest half-way through the interval.
 
     Args:
         sweep: the motion.
@@ -260,7 +263,7 @@ def pair_rows(sweep: Sweep, margin: float, reach: float) -> IntervalRows:
 
 
 def representatives(rows: IntervalRows, values: FloatArray, group: int) -> IntArray:
-    """Numbers of the tightest row for each interval, time, group of neighbouring joints and direction.
+    """Return the numbers of the tightest row for each interval, time, group of neighbouring joints and direction.
 
     Args:
         rows: the rows.
@@ -284,7 +287,7 @@ def representatives(rows: IntervalRows, values: FloatArray, group: int) -> IntAr
 
 
 def _directions(normal: FloatArray) -> IntArray:
-    """A number for each direction that counts as different, shape (m,)."""
+    """Return a number for each direction that counts as different, shape (m,)."""
     if normal.shape[1] == 2:
         sector = np.floor(np.arctan2(normal[:, 1], normal[:, 0]) * _SECTORS / (2.0 * np.pi)).astype(np.intp)
         return np.asarray(sector % _SECTORS)

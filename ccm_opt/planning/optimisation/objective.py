@@ -62,7 +62,7 @@ class JointSlowness:
         return cls(speeds.mean() / speeds, accelerations.mean() / accelerations)
 
     def resampled(self, links: int) -> "JointSlowness":
-        """The same along an arm with another number of links."""
+        """Return the same along an arm with another number of links."""
         middles = (np.arange(len(self.speed)) + 0.5) / len(self.speed)
         wanted = (np.arange(links) + 0.5) / links
         return JointSlowness(np.interp(wanted, middles, self.speed), np.interp(wanted, middles, self.acceleration))
@@ -153,7 +153,7 @@ class Objective:
         return np.asarray(self._share * (way + time) * (1.0 if self.scale is None else self.scale**2))
 
     def _turns(self, weights: FloatArray) -> FloatArray:
-        """The metric of an affine curve's coordinates under weights."""
+        """Return the metric of an affine curve's coordinates under weights."""
         rows = self.curve.drive_rows
         return np.asarray(rows.T @ (np.broadcast_to(weights, len(rows))[:, None] * rows))
 
@@ -169,7 +169,7 @@ class Objective:
 
     # ------------------------------------------------------------ of a motion
     def value(self, sweep: Sweep) -> float:
-        """Value of a motion."""
+        """Return the value of a motion."""
         value = self._of_unknowns(sweep.unknowns)
         if not self.curve.affine:
             # Homogeneous of degree two: f = ½ x · ∇f (Euler).
@@ -177,7 +177,7 @@ class Objective:
         return value
 
     def foreseen(self, sweep: Sweep, change: FloatArray) -> float:
-        """Value after a change of the unknowns, shape (K + 1, p), the coordinates linearised."""
+        """Return the value after a change of the unknowns, shape (K + 1, p), the coordinates linearised."""
         value = self._of_unknowns(sweep.unknowns + change)
         if not self.curve.affine:
             moved = sweep.configurations + np.einsum("kcp,kp->kc", sweep.slopes, change)
@@ -185,14 +185,17 @@ class Objective:
         return value
 
     def gradient(self, sweep: Sweep) -> FloatArray:
-        """Gradient by the unknowns, shape (K + 1, p)."""
+        """Return the gradient by the unknowns, shape (K + 1, p)."""
         gradient = self._unknown_gradient(sweep.unknowns)
         if not self.curve.affine:
             gradient += np.einsum("kcp,kc->kp", sweep.slopes, self._ties(sweep.configurations))
         return gradient
 
     def blocks(self, sweep: Sweep, k: IntArray, m: IntArray) -> FloatArray:
-        """Convex second derivatives by the unknowns of keyframes k and m, shape (b, p, p); zero where |k − m| > 2."""
+        """Return the convex second derivatives by the unknowns of keyframes k and m, shape (b, p, p).
+
+        Zero where |k − m| > 2.
+        """
         blocks: FloatArray = (k == m)[:, None, None] * self.shape
         for order, metric in ((1, self.first), (2, self.second)):
             blocks = blocks + _normal(self.intervals, order)[k, m][:, None, None] * metric
@@ -219,7 +222,7 @@ class Objective:
         return (1, self.intervals * self._first_weights), (2, self._second_factor * self._second_weights)
 
     def _ties(self, configurations: FloatArray) -> FloatArray:
-        """Derivative of the part that is quadratic in the coordinates by these, shape (K + 1, c)."""
+        """Return the derivative of the part that is quadratic in the coordinates by these, shape (K + 1, c)."""
         return np.asarray(
             sum(
                 _normal(self.intervals, order) @ configurations * weights for order, weights in self._coordinate_weights
@@ -228,7 +231,7 @@ class Objective:
 
 
 def normalised(weights: Weights) -> Weights:
-    """The same weights in proportion, the largest of those on turns 1: prices and damping are made for that."""
+    """Return the same weights in proportion, the largest of those on turns 1: prices and damping are made for that."""
     largest = max(weights.path_length, weights.smoothness, weights.duration)
     scale = largest if largest > 0.0 else 1.0
     return Weights(**{name: value / scale for name, value in asdict(weights).items()})
@@ -236,7 +239,7 @@ def normalised(weights: Weights) -> Weights:
 
 @lru_cache(maxsize=8)
 def _differences(intervals: int, order: int) -> FloatArray:
-    """Matrix of differences between keyframes, shape (K + 1 − order, K + 1)."""
+    """Return the matrix of differences between keyframes, shape (K + 1 − order, K + 1)."""
     return np.diff(np.eye(intervals + 1), order, axis=0)
 
 
@@ -253,7 +256,7 @@ Restored = Callable[[FloatArray], FloatArray]
 
 
 def decimated(coordinates: FloatArray, failures: Failures, first_stride: int) -> FloatArray:
-    """Fewer keyframes of a certified motion, every leg between them certified: legs that fail are halved.
+    """Return the fewer keyframes of a certified motion, every leg between them certified: legs that fail are halved.
 
     Args:
         coordinates: at the keyframes, shape (K, p).
@@ -277,7 +280,7 @@ def decimated(coordinates: FloatArray, failures: Failures, first_stride: int) ->
 
 
 def subdivided(coordinates: FloatArray, sizes: FloatArray, intervals: int) -> FloatArray:
-    """The same path with more keyframes: legs are cut into equal parts so that the longest part is shortest.
+    """Return the same path with more keyframes: legs are cut into equal parts so that the longest part is shortest.
 
     Args:
         coordinates: at the keyframes, shape (K, p).
@@ -339,18 +342,18 @@ class WallNearness:
     nominal_share: float
 
     def value(self, sweep: Sweep) -> float:
-        """Cost of a motion."""
+        """Return the cost of a motion."""
         return self._cost(self.rows.values(sweep), sweep)
 
     def foreseen(self, sweep: Sweep, change: FloatArray) -> float:
-        """Cost after a change of the coordinates, shape (K + 1, p), the rows linearised."""
+        """Return the cost after a change of the coordinates, shape (K + 1, p), the rows linearised."""
         start, end = self.rows.slopes(sweep)
         k = self.rows.interval
         moved = np.einsum("mp,mp->m", start, change[k]) + np.einsum("mp,mp->m", end, change[k + 1])
         return self._cost(self.rows.values(sweep) + moved, sweep)
 
     def model(self, sweep: Sweep) -> Quadratic:
-        """Gradient and Gauss–Newton Hessian by the coordinates."""
+        """Return the gradient and Gauss–Newton Hessian by the coordinates."""
         intervals = sweep.intervals
         p = sweep.unknowns.shape[1]
         k = self.rows.interval

@@ -86,7 +86,10 @@ def optimise(
 def _optimised_on_limits(
     motion: CurveMotion[Any], task: SearchTask, whole: MotionProgram[Any], rounds: int | None
 ) -> CurveMotion[Any]:
-    """The motion optimised through keyframes that limits have moved; the given one when none can be certified."""
+    """Return the motion optimised through keyframes that limits have moved.
+
+    The given one when none can be certified.
+    """
     settings = task.settings.optimisation
     taken = _MOVED_ROUNDS if rounds is None else _MOVED_ROUNDS * rounds // settings.rounds
     # Between keyframes a motion leaves equations by the square of the step: where few keyframes fail, more may do.
@@ -104,7 +107,7 @@ def _optimised_on_limits(
 def _optimised(
     motion: CurveMotion[Any], task: SearchTask, whole: MotionProgram[Any], rounds: int | None
 ) -> CurveMotion[Any]:
-    """The motion optimised at few keyframes.
+    """Return the motion optimised at few keyframes.
 
     A crooked motion needs many keyframes to be certified, and fewer once it has been straightened: after some rounds
     it is thinned again, if it can be.
@@ -146,7 +149,7 @@ def finer(motion: CurveMotion[Any], whole: MotionProgram[Any], times: float) -> 
 def _few_keyframes(
     motion: CurveMotion[Any], task: SearchTask, whole: MotionProgram[Any], gap: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Those of the motion when they are few, else fewer with a certified gap [m]; and their path parameters."""
+    """Return those of the motion when they are few, else fewer with a certified gap [m]; and their path parameters."""
     settings = task.settings.optimisation
     if settings.intervals <= len(motion.unknowns) - 1 <= _MANY * settings.intervals:
         return motion.unknowns, motion.path_parameters
@@ -156,7 +159,9 @@ def _few_keyframes(
 
 
 def _few_in_gates(motion: CurveMotion[Any], whole: MotionProgram[Any]) -> tuple[FloatArray, FloatArray]:
-    """Few keyframes that lie in the middle of gates, certified, and their path parameters; those of the motion if none.
+    """Return the few keyframes that lie in the middle of gates, certified, and their path parameters.
+
+    Those of the motion if none.
 
     Straight legs between poses in a gate leave it by the square of their turn: what is thinned has to be put back.
     """
@@ -170,14 +175,14 @@ def _few_in_gates(motion: CurveMotion[Any], whole: MotionProgram[Any]) -> tuple[
 
 
 def keeps_limits(motion: CurveMotion[Any], task: SearchTask) -> bool:
-    """Whether a motion's keyframes keep the limits that users set, and the motion is certified between them."""
+    """Return whether a motion's keyframes keep the limits that users set, and the motion is certified between them."""
     if not task.user_limits:
         return True  # every motion that is made here is certified
     return _certified(replace(task.program(motion), u=motion.path_parameters), motion.unknowns)
 
 
 def _certified(program: MotionProgram[Any], unknowns: FloatArray) -> bool:
-    """Whether keyframes, shape (K + 1, p), keep every limit, and so does the motion between them."""
+    """Return whether keyframes, shape (K + 1, p), keep every limit, and so does the motion between them."""
     sweep = program.sweep(unknowns)
     return program.feasible(sweep, sweep) and len(program.failures(unknowns)) == 0
 
@@ -185,7 +190,7 @@ def _certified(program: MotionProgram[Any], unknowns: FloatArray) -> bool:
 def thinned(
     motion: CurveMotion[Any], task: SearchTask, intervals: int | None = None, gap: float = -np.inf
 ) -> tuple[FloatArray, FloatArray]:
-    """Unknowns at few keyframes on certified legs, shape (K + 1, p), and their path parameters, shape (K + 1,).
+    """Return unknowns at few keyframes on certified legs, shape (K + 1, p), and their path parameters, shape (K + 1,).
 
     Args:
         motion: certified.
@@ -222,7 +227,7 @@ def thinned(
 def with_more_room(
     motion: CurveMotion[Any], begun: CurveMotion[Any], task: SearchTask, margin: float | None = None
 ) -> CurveMotion[Any]:
-    """An optimised motion; where it lacks room, the roomier of it and of one of more keyframes with dearer room.
+    """Return an optimised motion; where it lacks room, the roomier of it and of one of more keyframes with dearer room.
 
     Args:
         motion: certified.

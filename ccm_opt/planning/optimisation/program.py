@@ -76,16 +76,16 @@ class LinearMotion:
     unit: float
 
     def cost(self, sweep: Sweep) -> float:
-        """The objective and all costs of a motion."""
+        """Return the objective and all costs of a motion."""
         return self.objective.value(sweep) + sum(cost.value(sweep) for cost in self.costs)
 
     def foreseen_cost(self, change: FloatArray) -> float:
-        """The same after a change of the unknowns, shape (K + 1, p), as the QP sees it."""
+        """Return the same after a change of the unknowns, shape (K + 1, p), as the QP sees it."""
         value = self.objective.foreseen(self.sweep, change)
         return value + sum(cost.foreseen(self.sweep, change) for cost in self.costs)
 
     def worst_rows(self, sweep: Sweep) -> FloatArray:
-        """By how much the worst row of every interval of a motion is not kept, at least 0, shape (K,) [m]."""
+        """Return by how much the worst row of every interval of a motion is not kept, at least 0, shape (K,) [m]."""
         # All rows count here, not only the thinned ones of the QP: a row that was left out may have become the worst.
         worst = np.zeros(sweep.intervals)
         np.maximum.at(worst, self.rows.interval, self.rows.values(sweep))
@@ -138,7 +138,7 @@ class KeyframeProgram:
         return QuadraticStep(np.vstack((np.zeros(p), x[:, :p])), np.maximum(x[:, p], 0.0), multipliers, pull)
 
     def hessian(self) -> Any:
-        """Hessian, block-banded, shape (K width, K width)."""
+        """Return the Hessian, block-banded, shape (K width, K width)."""
         intervals = self._intervals
         p = self.width - 1
         k, m = _block_places(intervals)
@@ -161,7 +161,7 @@ class KeyframeProgram:
         return sp.bsr_matrix((blocks, m - 1, starts), shape=(size, size)).tocsc()
 
     def _diagonal(self) -> FloatArray:
-        """Damping, curvature of the rows and of the costs: blocks on the diagonal, shape (K + 1, p, p)."""
+        """Return the damping, curvature of the rows and of the costs: blocks on the diagonal, shape (K + 1, p, p)."""
         # Levenberg–Marquardt damping, measured in turns of the links: it holds back what moves the arm, not whatever
         # has a large unknown.
         diagonal = self.damping * (self.motion.sweep.turn_metrics + _DAMPING_RIDGE * np.eye(self.width - 1))
@@ -174,20 +174,20 @@ class KeyframeProgram:
         return diagonal
 
     def gradient(self) -> FloatArray:
-        """Gradient, shape (K width,)."""
+        """Return the gradient, shape (K width,)."""
         gradient = self.motion.objective.gradient(self.motion.sweep)
         for model in self.motion.cost_models:
             gradient = gradient + model.gradient
         return np.column_stack((gradient[1:], self.prices)).ravel()
 
     def lower_bounds(self) -> FloatArray:
-        """Slack is at least 0, shape (K width,)."""
+        """Return the slack is at least 0, shape (K width,)."""
         bounds = np.full((self._intervals, self.width), -UNBOUNDED)
         bounds[:, -1] = 0.0
         return bounds.ravel()
 
     def equations(self) -> Any:
-        """Rows that hold the last keyframe, or its tip in the goal, and equations of other keyframes."""
+        """Return the rows that hold the last keyframe, or its tip in the goal, and equations of other keyframes."""
         # Right-hand sides are 0: the last keyframe has been put onto the goal, and a step only has to keep it there to
         # first order.
         end = self.motion.end_rows
@@ -199,7 +199,7 @@ class KeyframeProgram:
         return sp.vstack(parts).tocsc()
 
     def _at_keyframes(self, keyframe: IntArray, slopes: FloatArray) -> Any:
-        """Rows of single keyframes after the first, each slope of shape (p,)."""
+        """Return the rows of single keyframes after the first, each slope of shape (p,)."""
         count, p = slopes.shape
         row = np.repeat(np.arange(count), p)
         column = ((keyframe - 1)[:, None] * self.width + np.arange(p)).ravel()
@@ -220,7 +220,10 @@ class KeyframeProgram:
         return sp.vstack(matrices).tocsc(), np.concatenate(lower), np.concatenate(upper)
 
     def _row_entries(self) -> tuple[FloatArray, IntArray, IntArray]:
-        """Entries of the linearised rows as (data, row, column); the first keyframe is fixed and has no columns."""
+        """Return the entries of the linearised rows as (data, row, column).
+
+        The first keyframe is fixed and has no columns.
+        """
         p = self.width - 1
         unit = self.motion.unit
         k = self.motion.active.interval
@@ -242,7 +245,7 @@ class KeyframeProgram:
 
 @lru_cache(maxsize=8)
 def _block_places(intervals: int) -> tuple[IntArray, IntArray]:
-    """Rows and columns of the blocks, counted from 1: second differences tie a keyframe to the next but one."""
+    """Return rows and columns of the blocks, counted from 1: second differences tie a keyframe to the next but one."""
     row, column = np.indices((intervals, intervals)).reshape(2, -1) + 1
     near = np.abs(row - column) <= 2
     return row[near], column[near]

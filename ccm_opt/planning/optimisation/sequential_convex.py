@@ -126,18 +126,18 @@ class MotionProgram(Generic[SweepType]):
         return self.arm.length / NOMINAL_LINKS
 
     def ways(self, unknowns: FloatArray) -> FloatArray:
-        """How far the drives move from keyframe to keyframe, shape (K + 1, p) to (K,)."""
+        """Return how far the drives move from keyframe to keyframe, shape (K + 1, p) to (K,)."""
         drives = self.curve.drives(self.curve.configurations(unknowns))
         steps = np.diff(drives if self.scale is None else drives * self.scale, axis=0)
         return np.asarray(np.linalg.norm(steps, axis=1))
 
     # ------------------------------------------------------------ a motion
     def objective(self, intervals: int) -> Objective:
-        """The quadratic part of what is made small, for a number of intervals."""
+        """Return the quadratic part of what is made small, for a number of intervals."""
         return Objective(self.curve, intervals, self.weights, self.slowness, self.scale)
 
     def rows(self, sweep: SweepType) -> IntervalRows:
-        """All rows over intervals about a motion."""
+        """Return all rows over intervals about a motion."""
         return joined_rows([rows for limit in self.limits for rows in limit.interval_rows(sweep)])
 
     def end_rows(self, sweep: SweepType) -> FloatArray:
@@ -152,11 +152,14 @@ class MotionProgram(Generic[SweepType]):
 
     # ------------------------------------------------------------ what may become of it
     def restored(self, unknowns: FloatArray) -> FloatArray:
-        """The keyframes brought back onto the limits, shape (K + 1, p); the same array where no limit moves them."""
+        """Return the keyframes brought back onto the limits, shape (K + 1, p).
+
+        The same array where no limit moves them.
+        """
         return restored_keyframes(self.limits, self.curve, unknowns, self.u)
 
     def ended(self, unknowns: FloatArray) -> FloatArray | None:
-        """The keyframes on the limits, the last one exactly on the goal; None where that fails."""
+        """Return the keyframes on the limits, the last one exactly on the goal; None where that fails."""
         unknowns = self.restored(unknowns)
         if self.end_fixed or self.goal is None:
             return unknowns
@@ -167,12 +170,15 @@ class MotionProgram(Generic[SweepType]):
         return unknowns if self.goal.met(last) else None
 
     def feasible(self, sweep: SweepType, before: SweepType) -> bool:
-        """Whether a motion's keyframes keep all limits, as well as those of another motion did or better."""
+        """Return whether a motion's keyframes keep all limits, as well as those of another motion did or better."""
         return all(limit.holds(sweep, before, self.u) for limit in self.limits)
 
     # ------------------------------------------------------------ put together
     def nearness(self, rows: IntervalRows, sweep: SweepType) -> tuple[WallNearness, ...]:
-        """What nearness to walls costs by the tightest wall rows of a motion; nothing when it does not matter."""
+        """Return what nearness to walls costs by the tightest wall rows of a motion.
+
+        Nothing when it does not matter.
+        """
         if self.weights.clearance == 0.0:
             return ()
         distance = _WALL_DISTANCE * self.arm.length
@@ -181,14 +187,14 @@ class MotionProgram(Generic[SweepType]):
         return (WallNearness(nearest, self.weights.clearance, distance, NOMINAL_LINKS / self.arm.links),)
 
     def active_rows(self, rows: IntervalRows, sweep: SweepType, within: float) -> IntervalRows:
-        """The rows that a step may meet, thinned to one for each joint, or group of joints, and direction."""
+        """Return the rows that a step may meet, thinned to one for each joint, or group of joints, and direction."""
         values = rows.values(sweep)
         near = np.flatnonzero(values > -within)
         near_rows = rows.take(near)
         return near_rows.take(representatives(near_rows, values[near], -(-self.arm.links // self.groups)))
 
     def linearised(self, sweep: SweepType) -> LinearMotion:
-        """A motion to first order."""
+        """Return a motion to first order."""
         rows = self.rows(sweep)
         limits = self.limits
         return LinearMotion(
@@ -250,7 +256,7 @@ class _Iterate(Generic[SweepType]):
     gained: float = 0.0
 
     def refused(self, damping: float, prices: FloatArray) -> "_Iterate[SweepType]":
-        """The same motion after a refused step, which was damped so much, with other prices."""
+        """Return the same motion after a refused step, which was damped so much, with other prices."""
         raised = _REFUSED_GROWTH * max(damping, _RAISED_DAMPING)
         return replace(self, damping=raised, prices=prices)
 
@@ -307,7 +313,7 @@ def sequential_convex(
 
 
 def _round(iterate: _Iterate[SweepType]) -> _Iterate[SweepType] | None:
-    """One accepted step, or None when none is."""
+    """Return one accepted step, or None when none is."""
     program = iterate.motion.program
     # Rows are linearised once; what is tried again is the QP, with more damping and higher prices.
     for _ in range(_TRIES):
@@ -382,7 +388,7 @@ def _part_taken(iterate: _Iterate[SweepType], step: QuadraticStep) -> tuple[_Ite
 
 
 def _yielding_shares(program: MotionProgram[SweepType], start: SweepType, change: FloatArray) -> FloatArray:
-    """Shares of a step for each keyframe, shape (K + 1, 1): less about intervals that would not be certified.
+    """Return shares of a step for each keyframe, shape (K + 1, 1): less about intervals that would not be certified.
 
     In a gate with hardly any play few intervals stand against a step that all others could take.
     """
@@ -400,7 +406,7 @@ def _yielding_shares(program: MotionProgram[SweepType], start: SweepType, change
 
 
 def _damping(damping: float, share: float, gain: float) -> float:
-    """More damping after a shortened step, less after a good one."""
+    """Return more damping after a shortened step, less after a good one."""
     if share < 1.0:
         return max(damping, _RAISED_DAMPING) * _SHORTENED_GROWTH
     if gain > _GOOD:

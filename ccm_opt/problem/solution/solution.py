@@ -21,7 +21,7 @@ class Presenter(Protocol):
     """Draws, animates and saves plans."""
 
     def plot(self, plan: Any) -> Any:
-        """A figure of a plan."""
+        """Return a figure of a plan."""
         ...
 
     def animate(self, plan: Any, file: str | Path) -> Path:
@@ -43,7 +43,7 @@ def present_with(presenting: Presenter) -> None:
 
 
 def presenter() -> Presenter:
-    """Who draws and saves plans.
+    """Return who draws and saves plans.
 
     Raises:
         RuntimeError: nobody has said that they can; what ``ccm_opt`` hands out does.
@@ -111,7 +111,7 @@ class Solution:
         return f"<{type(self).__name__} of '{self.problem.name}': {motion}, {len(self.checks)} checks hold>"
 
     def _repr_html_(self) -> str:
-        """A table for notebooks: the checks with their worst values and limits."""
+        """Return a table for notebooks: the checks with their worst values and limits."""
         cells = [
             f"<tr><td>{escape(check.name)}</td><td>{check.worst:.3g} {escape(check.unit)}</td>"
             f"<td>{check.limit:.3g}</td><td>{escape(check.where)}</td></tr>"
@@ -136,7 +136,7 @@ class Solution:
         return goal_errors(self.problem, self.trajectory.positions[-1])
 
     def with_room(self, room: RoomRecord) -> Self:
-        """The same plan with another record of its room."""
+        """Return the same plan with another record of its room."""
         return replace(self, room=room)
 
     def plot(self) -> Any:
@@ -153,7 +153,7 @@ class Solution:
 
 
 def goal_errors(problem: Problem, last: FloatArray) -> GoalErrors:
-    """How the last link lies against the goal of a problem in a configuration, shape (c,) [rad, m]."""
+    """Return how the last link lies against the goal of a problem in a configuration, shape (c,) [rad, m]."""
     arm = problem.arm
     turn = arm.link_rotations(last)[-1]
     roll = roll_against(arm.base_rotation, turn)
@@ -166,7 +166,7 @@ def goal_errors(problem: Problem, last: FloatArray) -> GoalErrors:
 
 
 def angle_between(first: FloatArray, second: FloatArray) -> float:
-    """The angle between two vectors, shape (3,), exact for small ones too [rad]."""
+    """Return the angle between two vectors, shape (3,), exact for small ones too [rad]."""
     return float(np.arctan2(np.linalg.norm(np.cross(first, second)), first @ second))
 
 
@@ -330,7 +330,7 @@ class ReachMap:
 
 
 def _runs(headings: FloatArray, taken: BoolArray) -> list[tuple[float, float]]:
-    """First and last heading of every run, round the whole turn."""
+    """Return the first and last heading of every run, round the whole turn."""
     count = len(taken)
     turn = 2.0 * np.pi
     if taken.all():

@@ -18,7 +18,7 @@ _ALL_BENDS = joint_coordinates(0)
 
 
 def _left_out() -> FloatArray:
-    """Stands for what the axes that carry the base do when it is left out."""
+    """Return the stands for what the axes that carry the base do when it is left out."""
     return np.zeros((0, 0))
 
 
@@ -46,7 +46,7 @@ class JointPath:
     parts: "tuple[JointPath, ...]" = ()
 
     def reversed(self) -> "JointPath":
-        """The same motion from its end to its start; to draw the arm back is to reverse how it came."""
+        """Return the same motion from its end to its start; to draw the arm back is to reverse how it came."""
         spline = self.spline
         backwards = type(spline)(spline.t[-1] - spline.t[::-1], spline.c[::-1].copy(), spline.k)
         return replace(
@@ -128,7 +128,7 @@ class JointTrajectory:
         return self.accelerations[:, self.coordinates.base]
 
     def part(self, samples: slice) -> "JointTrajectory":
-        """Some of the samples, in their order; stops that are not among them are left out.
+        """Return some of the samples, in their order; stops that are not among them are left out.
 
         Args:
             samples: a slice without a step.

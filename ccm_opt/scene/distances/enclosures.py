@@ -92,7 +92,7 @@ def _outside_room(workspace: Workspace, places: FloatArray) -> Iterator[Enclosur
 
 
 def enclosed(workspace: Workspace, places: FloatArray) -> IntArray:
-    """Numbers of the places that are inside of bodies or outside of the room, increasing, of places (k, d)."""
+    """Return numbers of the places that are inside of bodies or outside of the room, increasing, of places (k, d)."""
     if workspace.dimension == 2:
         hidden = ~shapely.intersects_xy(workspace.boundary, *places.T)
         for obstacle in workspace.obstacles:
@@ -104,7 +104,7 @@ def enclosed(workspace: Workspace, places: FloatArray) -> IntArray:
 def segment_distances(
     a: FloatArray, b: FloatArray, c: FloatArray, d: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Nearest points of segments ab and cd, each end of shape (k, 3) [m].
+    """Return the nearest points of segments ab and cd, each end of shape (k, 3) [m].
 
     The nearest pair is where both lines are nearest if that is inside both segments, and else has an end of one.
 

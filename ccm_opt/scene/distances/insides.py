@@ -15,14 +15,14 @@ import numpy as np
 from ccm_opt.core.arrays import ROUNDING, BoolArray, FloatArray
 from ccm_opt.scene.bodies import Body, CylinderBody, MeshBody
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
-from ccm_opt.scene.surfaces import SurfaceSoup, box_about
+from ccm_opt.scene.surfaces import TriangleSoup, box_about
 
 TINIEST = np.finfo(np.float64).tiny
 """Squares below this have lost all their digits."""
 
 
 def distance_from_triangles(point: FloatArray, triangles: FloatArray) -> float:
-    """Least distance of a place from triangles, which may have no area [m]; ∞ where there are none.
+    """Return the least distance of a place from triangles, which may have no area [m]; ∞ where there are none.
 
     Args:
         point: shape (3,) [m].
@@ -41,7 +41,7 @@ def distance_from_triangles(point: FloatArray, triangles: FloatArray) -> float:
 
 
 def nearest_on_triangles(point: FloatArray, triangles: FloatArray) -> FloatArray:
-    """The nearest place of each triangle to a place, shape (m, 3) [m].
+    """Return the nearest place of each triangle to a place, shape (m, 3) [m].
 
     The foot of the perpendicular where it lies on the triangle, else the nearest place of the sides.
 
@@ -131,7 +131,7 @@ class _Pieces:
         self._apart: dict[tuple[int, int], bool] = {}
 
     def is_free(self, point: FloatArray, *, closed_only: bool) -> bool:
-        """Whether a place is outside of all shells, or in a cavity."""
+        """Return whether a place is outside of all shells, or in a cavity."""
         if not closed_only and self._open_ones_enclose(point):
             return False
         about = np.all((self._low <= point) & (point <= self._high), axis=1) & self._closed
@@ -140,7 +140,7 @@ class _Pieces:
         return not round_it or self._is_cavity(round_it, turns)
 
     def _open_ones_enclose(self, point: FloatArray) -> bool:
-        """Whether open shells, one of them or all together, go round a place by more than a half."""
+        """Return whether open shells, one of them or all together, go round a place by more than a half."""
         opened = ~self._closed
         if not opened.any() or np.any(
             (point < self._low[opened].min(axis=0)) | (point > self._high[opened].max(axis=0))
@@ -153,7 +153,10 @@ class _Pieces:
         return bool(max(abs(parts.sum()), np.abs(each).max()) > _HALF)
 
     def _turns(self, k: int, point: FloatArray) -> float:
-        """How often a closed shell goes round a place; 1 for an odd number of crossings where it cannot be turned."""
+        """Return how often a closed shell goes round a place.
+
+        1 for an odd number of crossings where it cannot be turned.
+        """
         triangles = self._of(k)
         if not self._orientable[k]:
             return float(sum(_crossings(point, way, triangles) % 2 for way in _RAYS) > 1)
@@ -173,9 +176,9 @@ class _Pieces:
         )
 
     def _are_apart(self, one: int, other: int) -> bool:
-        """Whether two shells do not touch: of two that go round a place one then lies wholly in the other."""
+        """Return whether two shells do not touch: of two that go round a place one then lies wholly in the other."""
         if (one, other) not in self._apart:
-            self._apart[one, other] = all(_clear_of(self._of(a), self._of(b)) for a, b in ((one, other), (other, one)))
+            self._apart[one, other] = all(_is_clear(self._of(a), self._of(b)) for a, b in ((one, other), (other, one)))
         return self._apart[one, other]
 
     def _of(self, k: int) -> FloatArray:
@@ -185,14 +188,14 @@ class _Pieces:
         return slice(int(self._begins[k]), int(self._begins[k + 1]))
 
 
-def _clear_of(triangles: FloatArray, others: FloatArray) -> bool:
-    """Whether no edge of triangles touches others."""
+def _is_clear(triangles: FloatArray, others: FloatArray) -> bool:
+    """Return whether no edge of triangles touches others."""
     low, high = box_about(others)
     edges = np.stack((triangles, np.roll(triangles, -1, axis=1)), axis=2).reshape(-1, 2, 3)
     edges = edges[np.all((edges.min(axis=1) <= high) & (edges.max(axis=1) >= low), axis=1)]
     if not len(edges):
         return True
-    tree = SurfaceTree.of(SurfaceSoup.joined([("", others, 0.0)]))
+    tree = SurfaceTree.of(TriangleSoup.joined([("", others, 0.0)]))
     touching = 1e-9 * float(np.max(high - low))
     return bool(tree.distances(edges, 2.0 * touching).min() > touching)
 

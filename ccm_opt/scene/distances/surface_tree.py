@@ -11,7 +11,7 @@ from ccm_opt.core.arguments import LARGEST
 from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.core.errors import ProblemError
 from ccm_opt.core.native import NativeCall, element_type
-from ccm_opt.scene.surfaces import SurfaceSoup
+from ccm_opt.scene.surfaces import TriangleSoup
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,7 +129,7 @@ class SurfaceSearch:
         return gap
 
     def nearest(self, segments: FloatArray, reach: float, together: int) -> Witnesses:
-        """Where each segment (k, 2, 3) is nearest, or of so many in a row the nearest of them."""
+        """Return where each segment (k, 2, 3) is nearest, or of so many in a row the nearest of them."""
         count = len(segments)
         face = np.empty(count, dtype=np.int64)
         found = Witnesses(np.empty(count), np.zeros(count), np.zeros((count, 3)), np.zeros((count, 3)), face)
@@ -213,8 +213,8 @@ class SurfaceTree:
     settings: DistanceSettings = DEFAULT_DISTANCES
 
     @classmethod
-    def of(cls, soup: SurfaceSoup, settings: DistanceSettings = DEFAULT_DISTANCES) -> "SurfaceTree":
-        """The tree over the surfaces of a scene.
+    def of(cls, soup: TriangleSoup, settings: DistanceSettings = DEFAULT_DISTANCES) -> "SurfaceTree":
+        """Return the tree over the surfaces of a scene.
 
         Raises:
             ProblemError: a place is no number, or too far away.
@@ -234,7 +234,7 @@ class SurfaceTree:
         return cls(soup.owner[boxes.order], SurfaceSearch(boxes), settings)
 
     def distances(self, segments: FloatArray, reach: float, slack: float = 0.0) -> FloatArray:
-        """Least distance of each segment from the surfaces.
+        """Return the least distance of each segment from the surfaces.
 
         Args:
             segments: ends, shape (k, 2, 3) [m].
@@ -250,7 +250,9 @@ class SurfaceTree:
         return self.search.distances(_checked(segments), reach, slack)
 
     def nearest(self, segments: FloatArray, reach: float, together: int = 1) -> Witnesses:
-        """Where each segment is nearest to a surface, as ``distances``; the owner is −1 where nothing is in reach.
+        """Return where each segment is nearest to a surface, as ``distances``.
+
+        The owner is −1 where nothing is in reach.
 
         Args:
             segments: ends, shape (k, 2, 3) [m].
@@ -268,7 +270,7 @@ class SurfaceTree:
     def planes(
         self, segments: FloatArray, reach: float, most: int | None = None, behind: float | None = None
     ) -> PlaneRows:
-        """Half-spaces that hold a segment and are free of the surfaces near it: a convex region about each.
+        """Return the half-spaces that hold a segment and are free of the surfaces near it: a convex region about each.
 
         Surfaces are taken in the order of their distance, but for the slack of the settings. The plane through a
         surface's nearest point, at right angles to the shortest way, is kept; all that lies behind a plane that is kept
@@ -290,7 +292,7 @@ class SurfaceTree:
         return replace(found, owner=self.owner[found.owner])
 
     def grid(self, low: FloatArray, cell: float, counts: tuple[int, int, int], reach: float) -> FloatArray:
-        """Distances of the middles of the cells of a grid from the surfaces, as of segments without length.
+        """Return the distances of the middles of the cells of a grid from the surfaces, as of segments without length.
 
         Any point of a cell is as far from the surfaces as the middle, less half the cell's diagonal at most.
 
@@ -309,7 +311,7 @@ class SurfaceTree:
 
 
 def _checked(segments: FloatArray, together: int = 1) -> FloatArray:
-    """The segments, which C takes so many in a row.
+    """Return the segments, which C takes so many in a row.
 
     Raises:
         ValueError: they have another shape.

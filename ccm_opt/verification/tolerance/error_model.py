@@ -59,14 +59,14 @@ class ErrorModel:
 
 
 def joint_errors(arm: Arm) -> ErrorModel:
-    """Every joint is off by as much as the unit, and the base on a feed axis by a link's length times that."""
+    """Return every joint is off by as much as the unit, and the base on a feed axis by a link's length times that."""
     turns = np.append(0.0, np.ones(arm.links))
     feed = arm.link_length * len(arm.base_axes)
     return ErrorModel("joints", "rad", turns, feed=feed)
 
 
 def error_models(arm: Arm) -> dict[ErrorName, ErrorModel]:
-    """Everything that may be wrong with the geometry, by its name.
+    """Return the everything that may be wrong with the geometry, by its name.
 
     They are the joints; every link longer or shorter by as much as the unit, each by itself; the arm turned about its
     base, or beside its place in any direction; and every wall nearer to the arm by as much, the certified least gap.
@@ -110,7 +110,7 @@ DEFAULT_TOLERANCE = ToleranceSettings()
 
 
 def largest_error(arm: Arm, model: ErrorModel, settings: ToleranceSettings = DEFAULT_TOLERANCE) -> float:
-    """Errors above this are not looked at [unit]."""
+    """Return the errors above this are not looked at [unit]."""
     turned = float(np.sum(model.turns))
     return settings.largest_turn / turned if turned > 0.0 else settings.largest_length * arm.length
 
@@ -120,7 +120,7 @@ NAME = "survived joint error"
 
 
 def check_of(asked: float, survived: SurvivedError) -> Check:
-    """The check of an error that is known already, against the one asked for [rad]."""
+    """Return the check of an error that is known already, against the one asked for [rad]."""
     # What lies beyond is not looked at, so a problem that asks for more is refused.
     passed = survived.size >= asked
     return Check(NAME, survived.size, asked, "rad", survived.where, passed=passed)
@@ -165,7 +165,7 @@ class Reaches:
 
 
 def survived(gap: FloatArray, lever: FloatArray, bow: FloatArray | float = 0.0) -> FloatArray:
-    """The error e at which lever e + bow e² is the gap [unit]; negative where the gap is [m]."""
+    """Return the error e at which lever e + bow e² is the gap [unit]; negative where the gap is [m]."""
     root = np.sqrt(lever**2 + 4.0 * bow * np.maximum(gap, 0.0))
     return np.asarray(2.0 * gap / np.maximum(lever + root, np.finfo(np.float64).tiny ** 0.5))
 
@@ -242,7 +242,7 @@ class ErrorLevers:
         return sums, np.linalg.norm(poses - arm.base, axis=2) + travels
 
     def _free(self, poses: FloatArray, travels: FloatArray) -> FloatArray:
-        """1 for joints that no guide tube holds, 0 for the others, shape (S, links)."""
+        """Return the 1 for joints that no guide tube holds, 0 for the others, shape (S, links)."""
         arm = self.arm
         if not arm.base_axes:
             return np.ones((len(poses), arm.links))
@@ -261,7 +261,7 @@ class ErrorLevers:
         *,
         outwards: bool,
     ) -> Reaches:
-        """How far errors move points along directions.
+        """Return how far errors move points along directions.
 
         Args:
             poses: as for ``of_pairs``.
@@ -309,14 +309,14 @@ class ErrorLevers:
 
 
 def _off(vectors: FloatArray, normals: FloatArray) -> FloatArray:
-    """Lengths of what vectors (P, …, d) have across directions (P, d), shape (P, …)."""
+    """Return the lengths of what vectors (P, …, d) have across directions (P, d), shape (P, …)."""
     along = normals.reshape(len(normals), *(1 for _ in vectors.shape[1:-1]), normals.shape[-1])
     heights = np.sum(vectors * along, axis=-1, keepdims=True)
     return lengths_of(vectors - heights * along)
 
 
 def moved_by_joint_errors(arm: Arm, points: FloatArray, size: float, inside: float = 0.0) -> FloatArray:
-    """How far errors of the joints move each link of a pose at most, shape (links,) [m].
+    """Return how far errors of the joints move each link of a pose at most, shape (links,) [m].
 
     Args:
         arm: the arm.

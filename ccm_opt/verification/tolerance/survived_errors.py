@@ -44,7 +44,7 @@ _PLACES = 65
 def survived_errors(
     problem: Problem, trajectory: JointTrajectory, settings: ToleranceSettings = DEFAULT_TOLERANCE
 ) -> tuple[SurvivedError, ...]:
-    """The largest errors of every kind, one kind at a time; arguments as for ``survived_error``."""
+    """Return the largest errors of every kind, one kind at a time; arguments as for ``survived_error``."""
     return tuple(survived_error(problem, trajectory, model, settings) for model in error_models(problem.arm).values())
 
 
@@ -55,7 +55,7 @@ def survived_error(
     settings: ToleranceSettings = DEFAULT_TOLERANCE,
     most: float = np.inf,
 ) -> SurvivedError:
-    """The largest error of one kind with which every motion keeps clear, certified at all times.
+    """Return the largest error of one kind with which every motion keeps clear, certified at all times.
 
     Every motion whose coordinates are within the error of the planned ones at all times keeps the clearance from every
     wall, beyond the mount, and two radii between distant links where the arm has to. Joints that a guide tube holds
@@ -115,7 +115,7 @@ class _SurfacesWithErrors(WallProof):
     def measure(
         self, stretches: TimeStretches, poses: FloatArray, pairs: Pairs, cutoff: FloatArray | float
     ) -> Measured:
-        """What is known of the errors that the gaps of pairs survive."""
+        """Return what is known of the errors that the gaps of pairs survive."""
         return _in_errors(self, super().measure, stretches, poses, pairs, cutoff)
 
     def along_lines(
@@ -125,7 +125,7 @@ class _SurfacesWithErrors(WallProof):
         del travel
         k, link = pairs.stretch, pairs.link
         ends = np.stack(link_axes(poses, pairs, self._exposed), axis=1)
-        parts = self.surfaces.parts_of(pairs.other)
+        parts = self.surfaces.edge_parts(pairs.other)
         normals = _lines(ends, parts)
         chains = Chains(k, np.zeros_like(link), link, fixed=True)
         moved = np.maximum(travels[k, link], travels[k, link + 1])
@@ -138,7 +138,7 @@ class _SurfacesWithErrors(WallProof):
     def _travel_along(
         self, stretches: TimeStretches, travels: FloatArray, pairs: Pairs, normals: FloatArray
     ) -> FloatArray:
-        """How far ends of links go along directions (P, d), shape (P,) [m]: of their chords that part alone."""
+        """Return how far ends of links go along directions (P, d), shape (P,) [m]: of their chords that part alone."""
         k = pairs.stretch
         within = ((stretches.high - stretches.low) <= 1.0)[k]
         chords = self.motion.poses(stretches.high) - self.motion.poses(stretches.low)
@@ -150,8 +150,8 @@ class _SurfacesWithErrors(WallProof):
         return gone
 
     def where(self, near: Nearest) -> tuple[str, FloatArray]:
-        """What limits the error, in words, and its edge or triangle."""
-        return repr(self.surfaces.name_of(near.other)), self.surfaces.parts_of(np.array([near.other]))[0]
+        """Return what limits the error, in words, and its edge or triangle."""
+        return repr(self.surfaces.name_of(near.other)), self.surfaces.edge_parts(np.array([near.other]))[0]
 
 
 class _LinksWithErrors(LinkProof):
@@ -167,13 +167,13 @@ class _LinksWithErrors(LinkProof):
     def measure(
         self, stretches: TimeStretches, poses: FloatArray, pairs: Pairs, cutoff: FloatArray | float
     ) -> Measured:
-        """What is known of the errors that the gaps of pairs survive."""
+        """Return what is known of the errors that the gaps of pairs survive."""
         return _in_errors(self, super().measure, stretches, poses, pairs, cutoff)
 
     def along_lines(
         self, stretches: TimeStretches, poses: FloatArray, travels: FloatArray, pairs: Pairs, travel: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """As for surfaces; what the gaps may lose by motion is known already, shape (P,) [m]."""
+        """Return as for surfaces; what the gaps may lose by motion is known already, shape (P,) [m]."""
         k, i, j = pairs.stretch, pairs.link, pairs.other
         first = np.stack((poses[k, i], poses[k, i + 1]), axis=1)
         second = np.stack((poses[k, j], poses[k, j + 1]), axis=1)
@@ -190,7 +190,7 @@ class _LinksWithErrors(LinkProof):
 
     @staticmethod
     def where(near: Nearest) -> tuple[str, None]:
-        """What limits the error, in words; it is no part of a surface."""
+        """Return what limits the error, in words; it is no part of a surface."""
         return f"link {near.other + 1}", None
 
 
@@ -202,7 +202,7 @@ def _in_errors(
     pairs: Pairs,
     cutoff: FloatArray | float,
 ) -> Measured:
-    """What is known of errors by levers alone, and where that is not enough along the shortest lines.
+    """Return what is known of errors by levers alone, and where that is not enough along the shortest lines.
 
     Args:
         proof: of gaps, as errors that they survive.
@@ -231,7 +231,7 @@ def _in_errors(
 
 
 def _lines(ends: FloatArray, parts: FloatArray) -> FloatArray:
-    """Directions from edges or triangles (P, 2 or 3, d) to segments (P, 2, d), shape (P, d)."""
+    """Return the directions from edges or triangles (P, 2 or 3, d) to segments (P, 2, d), shape (P, d)."""
     dimension = ends.shape[2]
     flat = [(0, 0), (0, 0), (0, 3 - dimension)]
     # An edge is a triangle without area.
@@ -249,7 +249,7 @@ def _survived_between(
     of_ends: Reaches,
     of_parts: Reaches,
 ) -> tuple[FloatArray, FloatArray]:
-    """Errors with which planes across directions part segments from what they are near to, shape (P,) each.
+    """Return the errors with which planes across directions part segments from what they are near to, shape (P,) each.
 
     Either the one or the other is taken to be moved by errors; the better of both counts.
 
@@ -283,7 +283,7 @@ def _survived_between(
 def _proofs(
     motion: ChainMotion, workspace: Workspace, levers: ErrorLevers
 ) -> list[_SurfacesWithErrors | _LinksWithErrors]:
-    """What has to be proved: that the arm keeps off the scene, and off itself."""
+    """Return what has to be proved: that the arm keeps off the scene, and off itself."""
     arm = motion.arm
     proofs: list[_SurfacesWithErrors | _LinksWithErrors] = []
     if not is_empty(workspace) and np.any(exposed_starts(arm) < 1.0):
@@ -296,7 +296,7 @@ def _proofs(
 def _named(
     model: ErrorModel, size: float, proof: _SurfacesWithErrors | _LinksWithErrors, near: Nearest
 ) -> SurvivedError:
-    """The error with what limits it: a link and an edge or a triangle, or two links."""
+    """Return the error with what limits it: a link and an edge or a triangle, or two links."""
     motion = proof.motion
     link, other = near.link, near.other
     name, part = proof.where(near)
@@ -309,7 +309,7 @@ def _named(
         return CheckedSurfaces.between(start, end, np.broadcast_to(part, (len(start), *part.shape)))[1]
 
     def gap(poses: FloatArray) -> FloatArray:
-        """Distances between both in configurations (N, c), shape (N,) [m]."""
+        """Return the distances between both in configurations (N, c), shape (N,) [m]."""
         points = chain_points(motion.arm, poses)
         return away(points, points[:, link], points[:, link + 1])
 
@@ -331,7 +331,7 @@ def _named(
 
 
 def _worst_signs(arm: Arm, q: FloatArray, gap: Callable[[FloatArray], FloatArray]) -> tuple[float, ...]:
-    """Signs of the errors of all bends that lead to a touch soonest; 0 where they do not matter.
+    """Return the signs of the errors of all bends that lead to a touch soonest; 0 where they do not matter.
 
     Args:
         arm: the arm.
