@@ -22,8 +22,8 @@ if TYPE_CHECKING:
     from ccm_opt.driver.planning_run import BuiltInPlanner, BuiltInRetimer, Planner, Retimer
     from ccm_opt.driver.reach_mapping import reach_map
     from ccm_opt.driver.retargeting import retarget
+    from ccm_opt.driver.robustness import tolerance_of
     from ccm_opt.driver.settings import Settings
-    from ccm_opt.driver.surviving import tolerance_of
     from ccm_opt.ik.quantities import Quantities
     from ccm_opt.ik.terms import Constraint, Cost, Interval, constraint, cost
     from ccm_opt.io.problem_parts import make_problem
@@ -106,7 +106,7 @@ _NAMES = {
     "ccm_opt.driver.reach_mapping": ("reach_map",),
     "ccm_opt.driver.retargeting": ("retarget",),
     "ccm_opt.driver.settings": ("Settings",),
-    "ccm_opt.driver.surviving": ("tolerance_of",),
+    "ccm_opt.driver.robustness": ("tolerance_of",),
     "ccm_opt.core.errors": ("CcmError", "NoPlanFound", "ProblemError", "VerificationError"),
     "ccm_opt.io.reading": ("load_problem",),
     "ccm_opt.io.problem_parts": ("make_problem",),

@@ -18,7 +18,7 @@ from ccm_opt.io.reading import load_problem
 from ccm_opt.planning.ends import resolve_ends
 from ccm_opt.planning.leader import LINKS_PER_SAMPLE, SAMPLE_PERIOD, LeaderPath, pose_on_path, pose_path, slide
 from ccm_opt.planning.leader_paths import ElasticBand
-from ccm_opt.planning.led_strategies import LedWays
+from ccm_opt.planning.leader_strategies import LedWays
 from ccm_opt.planning.limits.guide_tube import GuideTubeLimit
 from ccm_opt.planning.planner import MotionPlanner
 from ccm_opt.planning.spline_path import clamped_spline

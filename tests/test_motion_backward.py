@@ -6,11 +6,11 @@ from functools import cache
 import numpy as np
 import pytest
 
-from ccm_opt.planning.lifting import LIFT_MARGIN, lift
 from ccm_opt.planning.motion import Motion
 from ccm_opt.planning.motion_task import MotionTask, coarsened
 from ccm_opt.planning.optimisation.optimise import optimise
 from ccm_opt.planning.passage_exit import backward_tasks, reversed_motion
+from ccm_opt.planning.refinement import LIFT_MARGIN, lift
 from ccm_opt.planning.search_run import PlanarRun
 from ccm_opt.planning.strategies import find_motion
 from ccm_opt.problem import JointPose

@@ -16,13 +16,13 @@ from ccm_opt.diagnosis.explain import refuse_closed
 from ccm_opt.planning.curve_routes import find_routes, route_room
 from ccm_opt.planning.ends import resolve_ends
 from ccm_opt.planning.goal import GoalPose
-from ccm_opt.planning.lifting import lift
 from ccm_opt.planning.link_space import LinkSpace
 from ccm_opt.planning.motion import Motion
 from ccm_opt.planning.motion_task import MotionTask, coarsened
 from ccm_opt.planning.optimisation.optimise import optimise
 from ccm_opt.planning.passage_widths import fitting_margins
 from ccm_opt.planning.planner import MotionPlanner
+from ccm_opt.planning.refinement import lift
 from ccm_opt.planning.search import Failure, Strategy
 from ccm_opt.planning.settings import GoalSettings
 from ccm_opt.planning.strategies import find_by_candidates, find_motion, is_divided

@@ -11,8 +11,8 @@ import ccm_opt
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.errors import Diagnosis, MotionNotFound, UnreachableGoal, VerificationError
 from ccm_opt.core.progress import Stages
-from ccm_opt.driver.kept_plan import PACKAGES
 from ccm_opt.driver.pipeline import solve
+from ccm_opt.driver.solution_assembly import PACKAGES
 from ccm_opt.dynamics.retiming.timing_settings import SamplingSettings, TimingSettings
 from ccm_opt.io.reading import parse_problem
 from ccm_opt.problem import JointPose, Problem, TipGoal

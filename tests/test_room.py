@@ -15,8 +15,8 @@ from typer.testing import CliRunner
 from ccm_opt.cli.commands import app
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.diagnosis.possible_gap import possible_gap
-from ccm_opt.driver.kept_plan import gap_between_walls
 from ccm_opt.driver.room_over_time import RoomSettings, room_over_time
+from ccm_opt.driver.solution_assembly import gap_between_walls
 from ccm_opt.problem import JointPose, Limits, Problem, Stop, TipGoal, Tolerances
 from ccm_opt.problem.solution import JointTrajectory, PossibleGap, RoomRecord
 from ccm_opt.scene.bodies import SphereBody

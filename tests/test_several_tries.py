@@ -15,8 +15,8 @@ import ccm_opt
 from ccm_opt.cli.commands import app
 from ccm_opt.core.errors import CancelledWithPlan, Diagnosis, MotionNotFound, ProblemFileError, UnreachableGoal
 from ccm_opt.core.progress import Stages
-from ccm_opt.driver.kept_plan import draft_solution
 from ccm_opt.driver.pipeline import Plans, best_try, least_gap
+from ccm_opt.driver.solution_assembly import draft_solution
 from ccm_opt.driver.verified_plan import TermResults, VerifiedPlan
 from ccm_opt.ik.compiled_terms import UserTerms
 from ccm_opt.io.reading import parse_problem

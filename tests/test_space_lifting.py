@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.planning.curve_map import CurveMap
 from ccm_opt.planning.goal import GoalPose
-from ccm_opt.planning.lifting import lifted_motion, nominal_task
 from ccm_opt.planning.motion import SpaceMotion
+from ccm_opt.planning.refinement import lifted_motion, nominal_task
 from ccm_opt.planning.space_task import SpaceTask
 from ccm_opt.robot.arm import Feed
 from ccm_opt.robot.rigid_motions import NOMINAL_LINKS

@@ -14,11 +14,11 @@ from ccm_opt.planning.curve_map import CurveMap
 from ccm_opt.planning.drawn_poses import CurveDraws, goal_poses
 from ccm_opt.planning.goal import GoalPose
 from ccm_opt.planning.grid_ways import shortened
-from ccm_opt.planning.lifting import lifted_motion, nominal_task
 from ccm_opt.planning.motion import SpaceMotion
 from ccm_opt.planning.optimisation.interval_rows import Sweep
 from ccm_opt.planning.optimisation.objective import Objective
 from ccm_opt.planning.optimisation.optimise import optimise
+from ccm_opt.planning.refinement import lifted_motion, nominal_task
 from ccm_opt.planning.smooth_path import smooth_path
 from ccm_opt.planning.space_task import SpaceTask
 from ccm_opt.planning.strategies import find_by_ways

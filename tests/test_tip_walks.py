@@ -10,10 +10,10 @@ import pytest
 from ccm_opt.core.polyline import unit_vector
 from ccm_opt.planning.motion import Motion
 from ccm_opt.planning.motion_task import MotionTask
+from ccm_opt.planning.random_tip_paths import WALKS, TipWays, find_by_walks, is_walked
 from ccm_opt.planning.search import Failure
 from ccm_opt.planning.search_run import PlanarRun
 from ccm_opt.planning.settings import TipWalkSettings
-from ccm_opt.planning.tip_walks import WALKS, TipWays, find_by_walks, is_walked
 from tests.scenes import Scene, clutter, motion_task, sweep_gaps, swept
 
 LINKS = 24.0

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from ccm_opt.planning import way_strategies
 from ccm_opt.planning.goal import GoalPose
 from ccm_opt.planning.optimisation.optimise import optimise
-from ccm_opt.planning.passed_places import first_violation, passings
 from ccm_opt.planning.strategies import find_by_ways
+from ccm_opt.planning.via_places import first_violation, passings
 from tests.snakes_in_space import boxes, least_gaps, snake, task_of
 
 seeds = st.integers(0, 2**32 - 1)

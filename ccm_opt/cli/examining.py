@@ -262,7 +262,7 @@ def _look_at(folder: Path, *, simulated: bool, pictures: bool) -> int:
     # The certificate takes for granted that the plan itself touches nothing.
     if failures := failed_checks(verify(problem, motion.trajectory, motion.joints)):
         raise VerificationError(failures)
-    from ccm_opt.driver.surviving import motion_tolerance  # noqa: PLC0415 - loads casadi
+    from ccm_opt.driver.robustness import motion_tolerance  # noqa: PLC0415 - loads casadi
 
     errors = motion_tolerance(problem, motion.trajectory, motion.joints, simulated=simulated)
     record, picture = TOLERANCE_FILES

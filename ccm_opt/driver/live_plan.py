@@ -15,9 +15,9 @@ from ccm_opt.core.progress import Progress, Stages
 from ccm_opt.core.threads import on_one_thread
 from ccm_opt.diagnosis.explain import refuse_closed, refuse_impossible
 from ccm_opt.driver.arguments import compiled_terms, expect_arguments, refuse_without_effect
-from ccm_opt.driver.kept_plan import described, draft_solution
 from ccm_opt.driver.legs import plan_legs
 from ccm_opt.driver.settings import DEFAULT_SETTINGS, Settings
+from ccm_opt.driver.solution_assembly import described, draft_solution
 from ccm_opt.driver.verified_plan import VerifiedPlan, failed_checks, timed_and_verified
 from ccm_opt.ik.terms import Constraint, Cost
 from ccm_opt.planning.motion import Motion

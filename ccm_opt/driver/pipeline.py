@@ -29,10 +29,10 @@ from ccm_opt.driver.arguments import (
     refuse_contradictions,
     refuse_without_effect,
 )
-from ccm_opt.driver.kept_plan import described, draft_solution
 from ccm_opt.driver.legs import Planner, Retimer
 from ccm_opt.driver.planning_run import PlanningRun
 from ccm_opt.driver.settings import DEFAULT_SETTINGS, Settings
+from ccm_opt.driver.solution_assembly import described, draft_solution
 from ccm_opt.driver.verified_plan import VerifiedPlan
 from ccm_opt.dynamics.simulation.simulation_record import check_options
 from ccm_opt.ik.compiled_terms import UserTerms

@@ -13,10 +13,10 @@ from ccm_opt.core.length_words import words_in
 from ccm_opt.core.progress import Progress, Stages
 from ccm_opt.core.threads import on_one_thread
 from ccm_opt.driver.arguments import compiled_terms, expect_arguments
-from ccm_opt.driver.kept_plan import described
 from ccm_opt.driver.legs import Planner, end_to_end
 from ccm_opt.driver.pipeline import solve
 from ccm_opt.driver.settings import DEFAULT_SETTINGS, Settings
+from ccm_opt.driver.solution_assembly import described
 from ccm_opt.driver.verified_plan import VerifiedPlan, evaluate_terms, verified
 from ccm_opt.dynamics import retiming
 from ccm_opt.dynamics.retiming.braking import braked

@@ -30,8 +30,7 @@ from ccm_opt.planning.ending import ended_by_nlp, optimised_to_end_pose
 from ccm_opt.planning.ends import Ends, clamped_arm, refuse_ends, resolve_ends
 from ccm_opt.planning.goal_pose import EndPoses
 from ccm_opt.planning.leader import travel_between_samples
-from ccm_opt.planning.led_strategies import fed_strategies
-from ccm_opt.planning.lifting import lifted_motion, nominal_task
+from ccm_opt.planning.leader_strategies import fed_strategies
 from ccm_opt.planning.limits.guide_tube import GuideTubeLimit
 from ccm_opt.planning.limits.user_limit import UserLimit
 from ccm_opt.planning.link_space import FedSpace
@@ -43,6 +42,7 @@ from ccm_opt.planning.optimisation.optimise import optimise, with_more_room
 from ccm_opt.planning.own_units import planning_units
 from ccm_opt.planning.passage_widths import MARGINS
 from ccm_opt.planning.pose_beginnings import any_motion
+from ccm_opt.planning.refinement import lifted_motion, nominal_task
 from ccm_opt.planning.settings import (
     DEFAULT_CURVE_PLANNER,
     CurvePlannerSettings,

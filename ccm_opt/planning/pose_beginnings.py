@@ -26,9 +26,9 @@ from ccm_opt.planning.drawn_poses import goal_poses
 from ccm_opt.planning.draws import GoalDraws, TargetDraws
 from ccm_opt.planning.ends import Ends
 from ccm_opt.planning.goal_members import GoalMember, goal_members
-from ccm_opt.planning.lifting import lifted_motion, nominal_task
 from ccm_opt.planning.link_space import KNOTS, LinkSpace
 from ccm_opt.planning.motion import SpaceMotion
+from ccm_opt.planning.refinement import lifted_motion, nominal_task
 from ccm_opt.planning.sampled_check import SampledCheck
 from ccm_opt.planning.settings import DEFAULT_CURVE_PLANNER, CurvePlannerSettings
 from ccm_opt.planning.space_task import SpaceTask

@@ -24,9 +24,9 @@ from ccm_opt.planning.limits.motion_certificate import MotionCertificate, failin
 from ccm_opt.planning.limits.user_limit import UserLimit
 from ccm_opt.planning.motion import CurveMotion
 from ccm_opt.planning.optimisation.sequential_convex import MotionProgram
-from ccm_opt.planning.passed_places import passings
 from ccm_opt.planning.settings import EngineSettings
 from ccm_opt.planning.step import StepperOf
+from ccm_opt.planning.via_places import passings
 from ccm_opt.problem import OptimiserName, Weights
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.configuration import Configuration

@@ -12,11 +12,12 @@ from ccm_opt.planning.continuation import Stalled
 from ccm_opt.planning.draws import Connecting
 from ccm_opt.planning.ending import optimised_to_end_pose
 from ccm_opt.planning.goal_members import ArcsAtLimits
-from ccm_opt.planning.lifting import coarse_task, taken_over
 from ccm_opt.planning.motion import Motion, SpaceMotion
 from ccm_opt.planning.motion_task import MotionTask
 from ccm_opt.planning.passage_exit import backward_tasks, ending_in, laid_backward_tasks, reversed_motion
 from ccm_opt.planning.passage_widths import MARGINS, fitting_margins, required_nominal_links
+from ccm_opt.planning.random_tip_paths import WALKS, find_by_walks, is_walked
+from ccm_opt.planning.refinement import coarse_task, taken_over
 from ccm_opt.planning.rrt_connect import CONNECT, FEW_LINKS
 from ccm_opt.planning.sampled_check import LEAST_SPACING, POSE_SPACING
 from ccm_opt.planning.search import TREES, Failure, Strategy, first_found
@@ -24,7 +25,6 @@ from ccm_opt.planning.search_run import PlanarRun
 from ccm_opt.planning.shortcuts import straightened
 from ccm_opt.planning.smooth_path import smooth_path
 from ccm_opt.planning.space_task import SpaceTask
-from ccm_opt.planning.tip_walks import WALKS, find_by_walks, is_walked
 from ccm_opt.planning.tree_search import search_by_trees
 from ccm_opt.planning.way_strategies import SpaceRun
 from ccm_opt.problem import Weights

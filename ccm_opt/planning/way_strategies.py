@@ -16,7 +16,6 @@ from ccm_opt.planning.followable_ways import feeds_to_end, fitted_slide, slid_al
 from ccm_opt.planning.goal import GoalPose
 from ccm_opt.planning.guides import ArmTrack, TipLed, TrackLed
 from ccm_opt.planning.motion import SpaceMotion
-from ccm_opt.planning.passed_places import passings
 from ccm_opt.planning.pose import Pose
 from ccm_opt.planning.sampled_motions import SampledMotions
 from ccm_opt.planning.search import Failure
@@ -24,6 +23,7 @@ from ccm_opt.planning.search_run import SearchRun
 from ccm_opt.planning.space_task import SpaceTask
 from ccm_opt.planning.step import SpaceStepper
 from ccm_opt.planning.tip_ways import SpaceTipWays, TipWay
+from ccm_opt.planning.via_places import passings
 
 _WANTED_POSES = 8
 """Poses that are moved to in turn before the sampler is tried."""

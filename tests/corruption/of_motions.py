@@ -9,7 +9,7 @@ import shapely
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.progress import Stages
-from ccm_opt.driver.kept_plan import described
+from ccm_opt.driver.solution_assembly import described
 from ccm_opt.driver.verified_plan import TermResults, VerifiedPlan
 from ccm_opt.dynamics.runtime.inverse_dynamics import InverseDynamics, joint_states
 from ccm_opt.io.folder import write_solution

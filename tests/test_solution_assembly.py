@@ -17,7 +17,7 @@ import ccm_opt
 from ccm_opt.cli import solving
 from ccm_opt.cli.commands import app
 from ccm_opt.core.errors import CancelledWithPlan, Diagnosis, SimulationError
-from ccm_opt.driver import closed_loop, kept_plan
+from ccm_opt.driver import closed_loop, solution_assembly
 from ccm_opt.driver.closed_loop import simulate_and_check
 from ccm_opt.dynamics.simulation import closed_loop_run
 from ccm_opt.io.reading import parse_problem
@@ -147,7 +147,7 @@ def test_a_defect_of_the_room_keeps_the_plan(swing: Solution, monkeypatch: pytes
     def fails(*_: object, **__: object) -> None:
         raise ZeroDivisionError
 
-    monkeypatch.setattr(kept_plan, "clearance_along", fails)
+    monkeypatch.setattr(solution_assembly, "clearance_along", fails)
     solution = ccm_opt.solve(swing.problem)
     assert solution.room is None
     assert solution.simulation.verdict.followed
@@ -162,7 +162,7 @@ def test_ctrl_c_after_the_verification_keeps_the_plan(
     def cancels(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(kept_plan, stage, cancels)
+    monkeypatch.setattr(solution_assembly, stage, cancels)
     assert solve_text(SWING, tmp_path, "--no-pictures")[0] == 130
     verdict = is_kept(tmp_path)["simulation"]
     assert isinstance(verdict, dict)

@@ -23,9 +23,9 @@ from ccm_opt.core.progress import Stages
 from ccm_opt.diagnosis.possible_gap import possible_gap
 from ccm_opt.driver.closed_loop import not_simulated, simulate_and_check
 from ccm_opt.driver.metrics import metrics
+from ccm_opt.driver.robustness import tolerance_at_once
 from ccm_opt.driver.room_over_time import room_over_time
 from ccm_opt.driver.settings import DEFAULT_SETTINGS, Settings
-from ccm_opt.driver.surviving import tolerance_at_once
 from ccm_opt.driver.verified_plan import VerifiedPlan
 from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import (
