@@ -1,4 +1,4 @@
-"""The axes that carry the base: ranges and limits, the joints that a guide tube holds, and that figures agree."""
+"""Checks of the axes that carry the base: range, limits, consistency, and joints inside the guide tube."""
 
 import numpy as np
 
@@ -19,13 +19,13 @@ def check_base_axes(
     needed: Efforts,
     settings: VerificationSettings = DEFAULT_VERIFICATION,
 ) -> list[Check]:
-    """Check everything about the axes that carry the base; nothing for an arm whose base is fixed.
+    """Check all requirements on the axes that carry the base; return no checks for an arm whose base is fixed.
 
     Args:
-        problem: what was asked.
-        trajectory: the motion.
-        joints: the same for the drives, with their efforts.
-        needed: efforts by the verifier's own dynamics.
+        problem: the problem that the motion is to solve.
+        trajectory: the motion in the arm's coordinates.
+        joints: the motion in terms of the drives, with their efforts.
+        needed: efforts from the verifier's own inverse dynamics.
         settings: tolerances.
     """
     checks: list[Check] = []
@@ -66,7 +66,7 @@ def _range(name: str, axis: Feed, time: FloatArray, place: FloatArray, settings:
     beyond = np.maximum(axis.low - place, place - axis.high)
     k = int(np.argmax(beyond))
     worst = float(place[k])
-    # The end of the range that is nearer is the one to name.
+    # The nearer end of the range is the one to report.
     bound = axis.high if worst > 0.5 * (axis.low + axis.high) else axis.low
     passed = bool(beyond[k] <= settings.range_tolerance)
     return Check(f"{name} range", worst, bound, "m", f"t = {time[k]:.4f} s", passed=passed)
@@ -75,24 +75,23 @@ def _range(name: str, axis: Feed, time: FloatArray, place: FloatArray, settings:
 def _held(
     arm: Arm, axis: Feed, place: FloatArray, trajectory: JointTrajectory, settings: VerificationSettings
 ) -> Check:
-    """Return what the guide tube holds is straight.
+    """Check that every joint inside the guide tube is straight.
 
-    Within an interval, too, up to the moment the joint passes the hole.
-
-    Feed and bend are linear between samples, so the bend a joint has when it passes is found by proportion.
+    Within an interval this holds up to the moment at which the joint leaves through the hole. Feed and bend are linear
+    between samples, so the bend of a joint at the hole follows by proportion.
     """
-    # How far inside the hole each joint stands: positive within the guide tube.
+    # Depth of each joint behind the hole: positive within the guide tube.
     depth = axis.hole - place[:, None] - arm.link_length * np.arange(arm.links)
-    # Of the bends of a joint the greatest decides.
+    # A joint counts by the greatest of its bends.
     each = bends_a_ball(trajectory.coordinates)
     bends = np.abs(trajectory.bend_angles).reshape(len(trajectory.time), -1, each).max(axis=2)
     bent = np.where(depth > settings.inside, bends, 0.0) / settings.held_tolerance
 
-    # In a step in which a joint passes the hole it is held up to that moment.
+    # A joint that passes the hole during a step is held by the tube up to that moment.
     inside = np.maximum(depth[:-1], depth[1:])
     outside = np.minimum(depth[:-1], depth[1:])
     passing = (inside > settings.inside) & (outside < -settings.inside)
-    # The share of the step that the joint spends inside, by the depths at both ends of the step.
+    # Share of the step that the joint spends inside, from its depths at both ends of the step.
     share = np.where(passing, inside / np.maximum(inside - outside, settings.inside), 0.0)
     further = np.maximum(bends[:-1], bends[1:])
     bent[:-1] = np.maximum(bent[:-1], share * further / settings.passing_tolerance)
@@ -104,6 +103,6 @@ def _held(
 
 
 def _slopes(values: FloatArray, time: FloatArray) -> FloatArray:
-    """Return the difference quotients, drawn towards zero by what rounding can have added to them."""
+    """Return difference quotients, reduced in magnitude by what rounding can have added to them."""
     step = np.diff(time)
     return less_rounding(np.diff(values) / step, 1.0 + largest_magnitude(values), step)

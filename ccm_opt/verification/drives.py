@@ -1,7 +1,7 @@
-"""The drives of an arm as the verifier reads them.
+"""Relation between bends and drives (revolutes), and checks of values per drive.
 
-In the plane the bend of a ball is minus its second revolute. In space its two bends are its first and second revolute.
-The others stay at zero.
+Each ball joint consists of three revolutes. In the plane, the bend is the negative of the second revolute; in space,
+the two bends are the first and second revolutes. All other revolutes stay at zero.
 """
 
 from collections.abc import Callable, Sequence
@@ -16,16 +16,16 @@ from ccm_opt.robot.coordinates import Coordinates
 from ccm_opt.robot.frames import joint_names
 
 Efforts: TypeAlias = tuple[FloatArray, FloatArray]
-"""Torques of all revolutes, shape (T, 3 * links) [N m], and the force that carries the base, shape (T,) [N]."""
+"""Torques of all revolutes, shape (T, 3 * links) [N m], and the force that moves the base, shape (T,) [N]."""
 
 
 def bends_a_ball(coordinates: Coordinates) -> int:
-    """Return how many bends a ball joint has: one in the plane, two in space."""
+    """Return the number of bends per ball joint: one in the plane, two in space."""
     return coordinates.joints // (coordinates.revolutes // 3)
 
 
 def bend_revolutes(coordinates: Coordinates) -> IntArray:
-    """Number of the revolute of every bend, shape (bends,)."""
+    """Return the index of the revolute that each bend corresponds to, shape (bends,)."""
     first = np.arange(0, coordinates.revolutes, 3)
     if bends_a_ball(coordinates) == 1:
         return first + 1
@@ -33,7 +33,7 @@ def bend_revolutes(coordinates: Coordinates) -> IntArray:
 
 
 def as_revolutes(coordinates: Coordinates, bends: FloatArray) -> FloatArray:
-    """Return the revolutes of bends (T, bends), shape (T, 3 * links)."""
+    """Convert bends, shape (T, bends), to revolutes, shape (T, 3 * links)."""
     values = np.zeros((len(bends), coordinates.revolutes))
     # In the plane a bend is counter-clockwise in x-z, which is a negative turn about y.
     values[:, bend_revolutes(coordinates)] = -bends if bends_a_ball(coordinates) == 1 else bends
@@ -41,23 +41,23 @@ def as_revolutes(coordinates: Coordinates, bends: FloatArray) -> FloatArray:
 
 
 def describe_bend_joint(coordinates: Coordinates, number: int) -> str:
-    """Return the joint that a bend belongs to, in words."""
+    """Return a readable name of the joint that a bend belongs to; `number` counts bends from 0."""
     each = bends_a_ball(coordinates)
     return f"joint {number + 1}" if each == 1 else f"joint {number // each + 1} {'ab'[number % each]}"
 
 
 def describe_bend_joints(coordinates: Coordinates) -> tuple[str, ...]:
-    """Return the joints that all bends belong to, in words."""
+    """Return readable joint names of all bends."""
     return tuple(describe_bend_joint(coordinates, number) for number in range(coordinates.joints))
 
 
 def describe_revolute_joints(names: Sequence[str]) -> tuple[str, ...]:
-    """Return the revolutes with names in words, the joints counted from 1."""
+    """Return readable names of named revolutes, with joints counted from 1."""
     return tuple(f"joint {number // 3 + 1} ({name})" for number, name in enumerate(names))
 
 
 def sample_words(time: FloatArray, names: Sequence[str] = ()) -> Callable[..., str]:
-    """What says of the numbers of a time, and of a column with a name where there are any, where and when it is."""
+    """Return a function that describes where and when a value occurs, given its sample and, with names, its column."""
     return lambda k, *column: " at ".join((*(names[j] for j in column), f"t = {time[k]:.4f} s"))
 
 
@@ -69,28 +69,28 @@ def check_worst(
     where: Callable[..., str],
     tolerance: float = 0.0,
 ) -> Check:
-    """Check values by that which takes the greatest share of what is allowed.
+    """Check the value with the greatest share of its allowed magnitude.
 
     Args:
-        name: of the check.
-        unit: of the values.
-        values: of any shape, and sign.
-        allowed: of that shape, or one that is broadcast to it; positive.
-        where: says of the numbers of a value where it is.
-        tolerance: share by which the values may pass what is allowed.
+        name: name of the check.
+        unit: unit of the values.
+        values: values of any shape and sign.
+        allowed: greatest allowed magnitudes, positive, of a shape that broadcasts to that of the values.
+        where: describes the location of a value, given its indices.
+        tolerance: share by which a value may exceed its allowed magnitude.
     """
     sizes = np.abs(values)
     bounds = np.broadcast_to(allowed, sizes.shape)
-    # Shares are compared, for the drives need not have the same limits.
+    # Shares are compared, since drives may have different limits.
     worst = np.unravel_index(np.argmax(sizes / bounds), sizes.shape)
     size, bound = float(sizes[worst]), float(bounds[worst])
     return Check(name, size, bound, unit, where(*map(int, worst)), passed=size <= bound * (1.0 + tolerance))
 
 
 def check_names(problem: Problem, joints: JointStates) -> Check:
-    """Check that the drives are called as those of the arm."""
+    """Check that the drives in the plan have the names of the arm's revolutes."""
     expected = joint_names(problem.arm)
-    # Names of another length are compared as far as both go; what is left over counts as wrong below.
+    # Lists of different lengths are compared over their common part; the surplus counts as wrong below.
     differing = [ours for theirs, ours in zip(joints.names, expected, strict=False) if theirs != ours]
     wrong = len(differing) + abs(len(joints.names) - len(expected))
     where = f"expected {differing[0]!r}" if differing else f"{len(joints.names)} names for {len(expected)} revolutes"

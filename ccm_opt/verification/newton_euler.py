@@ -1,8 +1,8 @@
 """The verifier's own inverse dynamics.
 
-Rates of the links are summed from the base, forces and moments from the tip, and moments are projected on the axes of
-the revolutes (Craig, Introduction to Robotics, section 6.5). Links are round: their inertia is the same about all axes
-across them. An arm in the plane is one whose joints turn about y alone.
+Link velocities and accelerations are accumulated from the base, forces and moments from the tip; moments are projected
+onto the axes of the revolutes (Craig, Introduction to Robotics, section 6.5). Links are rotationally symmetric: their
+inertia is the same about all transverse axes. A planar arm is one whose joints turn about y only.
 """
 
 from dataclasses import dataclass
@@ -14,18 +14,18 @@ from ccm_opt.robot.arm import Arm
 from ccm_opt.verification.chain_motion import LinkFrames, bend_pairs, carried
 
 _AT_ONCE = 256
-"""Samples whose forces and moments stay in a processor's cache."""
+"""Number of samples per batch, so that their forces and moments stay in the processor's cache."""
 
 
 @dataclass(frozen=True)
 class LinkRates:
-    """How the links turn and move, each array of shape (T, links, 3).
+    """Angular velocities and accelerations of the links at T samples, each array of shape (T, links, 3).
 
     Attributes:
         rate: angular velocities [rad/s].
         growth: angular accelerations [rad/s²].
-        ends: accelerations of the links' ends [m/s²].
-        middles: accelerations of their middles [m/s²].
+        ends: linear accelerations of the distal ends of the links [m/s²].
+        middles: linear accelerations of the midpoints of the links [m/s²].
     """
 
     rate: FloatArray
@@ -35,7 +35,7 @@ class LinkRates:
 
     @classmethod
     def of(cls, arm: Arm, frames: LinkFrames, velocities: FloatArray, accelerations: FloatArray) -> "LinkRates":
-        """The rates of a motion with such velocities and accelerations of its coordinates, each of shape (T, c)."""
+        """Return the link rates for given coordinate velocities and accelerations, each of shape (T, c)."""
         first, second = bend_pairs(arm, velocities).transpose(2, 0, 1)[..., None]
         first_gain, second_gain = bend_pairs(arm, accelerations).transpose(2, 0, 1)[..., None]
         turn = first * frames.first_axes + second * frames.second_axes
@@ -43,7 +43,7 @@ class LinkRates:
         before = rate - turn
         gain = first_gain * frames.first_axes + second_gain * frames.second_axes
         if arm.dimension == 3:
-            # An axis turns with what carries it: the first with the link before, the second with the first turn too.
+            # The first axis moves with the preceding link, the second with the rotation about the first as well.
             gain += first * np.cross(before, frames.first_axes)
             gain += second * np.cross(before + first * frames.first_axes, frames.second_axes)
         growth = np.cumsum(gain, axis=1)
@@ -57,17 +57,18 @@ class LinkRates:
 def drive_efforts(
     arm: Arm, gravity: FloatArray, positions: FloatArray, velocities: FloatArray, accelerations: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the torques of all revolutes, and the force along the base's direction, that a motion needs.
+    """Return the torques of all revolutes and the force along the base's direction that a motion requires.
 
     Args:
-        arm: the arm; masses and inertia are used, payload and drives too.
-        gravity: shape (3,) [m/s²].
-        positions: shape (T, c) [rad, m].
-        velocities: shape (T, c) [rad/s, m/s].
-        accelerations: shape (T, c) [rad/s², m/s²].
+        arm: the arm, with masses, inertia, payload, rotor inertia and friction.
+        gravity: gravitational acceleration, shape (3,) [m/s²].
+        positions: coordinates, shape (T, c) [rad, m].
+        velocities: their velocities, shape (T, c) [rad/s, m/s].
+        accelerations: their accelerations, shape (T, c) [rad/s², m/s²].
 
     Returns:
-        Shapes (T, 3 * links) [N m], three revolutes of each ball in turn, and (T,) [N].
+        The torques, shape (T, 3 * links) [N m], ordered by ball joint with three revolutes each, and the forces, shape
+        (T,) [N].
     """
     states = (positions, velocities, accelerations)
     starts = range(0, max(len(positions), 1), _AT_ONCE)
@@ -79,12 +80,12 @@ def drive_efforts(
 def _efforts(
     arm: Arm, gravity: FloatArray, positions: FloatArray, velocities: FloatArray, accelerations: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return as ``drive_efforts``, for some samples."""
+    """Return the result of ``drive_efforts`` for one batch of samples."""
     frames = LinkFrames.of(arm, positions)
     rates = LinkRates.of(arm, frames, velocities, accelerations)
     needed = arm.masses[:, None] * (rates.middles - gravity)
     at_tip = arm.payload * (rates.ends[:, -1:] - gravity)
-    # What joint i passes on is the force of all links beyond its own; that of its own acts at half its length.
+    # The force of all links beyond link i acts at its full length, the force of link i itself at half its length.
     beyond = from_tip(needed) - needed + at_tip
     moments = np.cross(arm.link_length * frames.along, beyond + 0.5 * needed) + _momentum_change(arm, frames, rates)
     moments = from_tip(moments)
@@ -101,7 +102,10 @@ def _efforts(
 
 
 def _momentum_change(arm: Arm, frames: LinkFrames, rates: LinkRates) -> FloatArray:
-    """Rate of each link's angular momentum about its middle, I ω across it and I' ω along it, shape (T, links, 3)."""
+    """Return the rate of change of each link's angular momentum about its midpoint, shape (T, links, 3) [N m].
+
+    The momentum is I ω transverse to the link and I' ω along it.
+    """
     across = arm.inertia_transverse[:, None]
     if arm.dimension == 2:
         return np.asarray(across * rates.growth)
@@ -113,5 +117,5 @@ def _momentum_change(arm: Arm, frames: LinkFrames, rates: LinkRates) -> FloatArr
 
 
 def from_tip(values: FloatArray) -> FloatArray:
-    """Return the sums over a link and all beyond it, shape (T, n, ...)."""
+    """Return cumulative sums from the tip, over each link and all links beyond it, shape (T, n, ...)."""
     return np.cumsum(values[:, ::-1], axis=1)[:, ::-1]

@@ -1,4 +1,4 @@
-"""Tolerances of the verifier, and how hard it looks."""
+"""Tolerances of the verifier, and limits on the work it spends on proofs."""
 
 from dataclasses import dataclass, replace
 
@@ -8,42 +8,45 @@ from ccm_opt.problem.options import CONTACT_SHARE_OF_LENGTH
 
 @dataclass(frozen=True)
 class VerificationSettings:
-    """Numbers of the independent checks; the planners have their own, which are stricter.
+    """Settings of the independent checks; the planners have their own, stricter ones.
 
-    Lengths are shares of the arm's length, until ``for_problem`` makes metres of them.
+    Lengths are shares of the arm's length until ``for_problem`` converts them to metres.
 
     Attributes:
-        contact_tolerance: gap that may be missing before a motion is refused, where the problem does not say.
+        contact_tolerance: amount by which a gap may fall short before a motion is rejected, unless the problem sets it.
             Taste: see ``problem.options.CONTACT_SHARE_OF_LENGTH``.
-        touch: gap that axes without width keep. Derived: rounding of positions in a room of some arm's lengths.
-        goal_rounding: distance from the goal beyond its tolerance that is rounding. Derived: likewise.
-        largest_step: largest time between two samples [s]; the promise of the file format.
-        time_rounding: time by which a step may be longer, or a pause shorter, than it should, by rounding [s].
+        touch: least distance of two link axes of zero width. Derived: rounding of positions in a scene of a few arm
+            lengths.
+        goal_rounding: distance from the goal beyond its tolerance that counts as rounding. Derived: as ``touch``.
+        largest_step: largest time between two samples [s]; guaranteed by the file format.
+        time_rounding: time by which a step may be too long, or a pause too short, owing to rounding [s].
         bend_tolerance: bend beyond its limit that counts as rounding [rad].
-        limit_tolerance: share by which velocity, acceleration, jerk and effort may pass their limits. Taste.
+        limit_tolerance: share by which velocity, acceleration, jerk and effort may exceed their limits. Taste.
         match: difference between bends and revolutes that counts as rounding [rad, rad/s, rad/s²].
-        unseen_share: share of the velocity that a joint gains and loses which jumps of acceleration between samples may
-            account for. Taste: twice what the fastest motions of TOPP-RA, whose accelerations jump, were seen to need.
-        unseen_floor: the same as a share of what the acceleration limit allows over the whole motion, for joints that
-            hardly move. Taste.
+        unseen_share: share of a joint's total change of velocity that may come from jumps of acceleration between
+            samples. Taste: twice what the fastest motions of TOPP-RA, whose accelerations jump, were measured to need.
+        unseen_floor: additional allowance, as a share of the velocity that the acceleration limit allows over the
+            whole motion, for joints that hardly move. Taste.
         effort_mismatch: share of the peak effort by which reported efforts may differ from the verifier's own. Taste:
-            two recursions in other orders of summation agree to some 1e-12.
-        effort_floor: difference of efforts beside that share, for an arm of a metre [N m, N]; it grows like torques.
-        range_tolerance: position of the base beyond its range that is rounding. Derived: as ``touch``.
-        inside: a joint is held when it is farther than this inside the guide tube. Derived: ten times as much.
-        held_tolerance: bend of a held joint that is rounding [rad]. Derived.
+            two recursions with different orders of summation agree to about 1e-12.
+        effort_floor: additional allowed difference of efforts for an arm of one metre [N m, N]; scales with the
+            square of the arm's length.
+        range_tolerance: position of the base beyond its range that counts as rounding. Derived: as ``touch``.
+        inside: depth in the guide tube beyond which a joint counts as held. Derived: ten times ``touch``.
+        held_tolerance: bend of a held joint that counts as rounding [rad]. Derived.
         passing_tolerance: bend that a joint may have, by linear interpolation between two samples, when it passes the
             hole of a guide tube [rad]. Taste.
         start_tolerance: largest error of a joint at the start [rad]. Taste.
         rest_share: share of the velocity limit that counts as rest. Taste.
         curve_tip_tolerance: distance of the arm's tip from the tip of the curve that it starts on. Taste.
-        half_turn_rounding: by which bends may fall short of half a turn and still count as one, by rounding [rad].
+        half_turn_rounding: angle by which bends may fall short of half a turn and still count as one [rad].
         resolution: travel below which a stretch of time is not halved again.
-        report_resolution: the least gap that is reported is at most this much above the true one. Taste.
-        report_share: the same as a share of that gap, where that is more. Taste: none.
-        most_report_pairs: pairs at one level of halving beyond which the report is no longer refined; the proof is.
-        most_pairs: undecided pairs at one level of halving beyond which the verifier gives up, and refuses. Derived:
-            some 200 MB of arrays.
+        report_resolution: largest excess of the reported least gap over the true one. Taste.
+        report_share: the same as a share of that gap; the larger allowance applies. Taste: none.
+        most_report_pairs: number of pairs at one level of halving beyond which only the proof, not the reported gap,
+            is refined further.
+        most_pairs: number of undecided pairs at one level of halving beyond which the verifier gives up and rejects
+            the motion. Derived: about 200 MB of arrays.
     """
 
     contact_tolerance: float = CONTACT_SHARE_OF_LENGTH
@@ -73,7 +76,7 @@ class VerificationSettings:
     most_pairs: int = 2_000_000
 
     def for_problem(self, problem: Problem) -> "VerificationSettings":
-        """The same with lengths in metres, for a problem's arm, and with the contact tolerance that it asks for."""
+        """Return the settings for a problem: lengths in metres, and the problem's contact tolerance if it has one."""
         length = problem.arm.length
         lengths = {name: length * getattr(self, name) for name in _LENGTHS}
         asked = problem.verification.contact_tolerance
@@ -92,6 +95,6 @@ _LENGTHS = (
     "resolution",
     "report_resolution",
 )
-"""Settings that are lengths."""
+"""Names of the settings that are lengths."""
 DEFAULT_VERIFICATION = VerificationSettings()
-"""What every verification uses unless it is given others."""
+"""Default settings of every verification."""

@@ -1,7 +1,7 @@
-"""The verifier.
+"""Verification of a timed motion against everything its problem asks for.
 
-What stands here a second time (frames and points of the arm, its mount, pairs of links, inverse dynamics, distances)
-stands here on purpose: a mistake in the planners' code must not hide itself.
+The verifier has its own kinematics, mount, link pairs, inverse dynamics and distances. The duplication is deliberate: a
+mistake in the planners' code must not be able to hide itself.
 """
 
 from ccm_opt.core.arguments import expect
@@ -29,22 +29,24 @@ def verify(
     joints: JointStates,
     settings: VerificationSettings = DEFAULT_VERIFICATION,
 ) -> tuple[Check, ...]:
-    """Check a timed motion against everything its problem asks.
+    """Check a timed motion against everything its problem asks for.
 
-    Between samples all coordinates are taken as linear in time; walls, self-collision and bend limits hold for
-    that motion at *all* times, not at samples. A gap may fall short by at most the problem's contact tolerance.
+    Between samples, all coordinates are taken to be linear in time. Walls, self-collision and bend limits are checked
+    for that motion at *all* times, not only at the samples. A gap may fall short by at most the problem's contact
+    tolerance.
 
     Args:
-        problem: what was asked.
-        trajectory: the motion.
-        joints: the same for the drives, with their efforts.
-        settings: tolerances, and how hard to look.
+        problem: the problem that the motion is to solve.
+        trajectory: the motion in the arm's coordinates.
+        joints: the motion in terms of the drives, with their efforts.
+        settings: tolerances and limits on the work spent on proofs.
 
     Returns:
-        One check a promise, each with its worst value and where it was met; malformed data end the list at once.
+        One check per requirement, each with its worst value and where that value occurs. Malformed data end the list
+        immediately.
 
     Raises:
-        ProblemError: an argument is of another type.
+        ProblemError: an argument has the wrong type.
     """
     Problem.expected(problem)
     expect(
@@ -55,13 +57,13 @@ def verify(
     settings = settings.for_problem(problem)
     form = check_form(problem, trajectory, joints, settings)
     names = check_names(problem, joints)
-    # What is malformed would make every further check fail in a way that explains nothing.
+    # Malformed data would make every later check fail without explaining anything.
     if not (form.passed and names.passed):
         return form, names
 
     motion = ChainMotion(problem.arm, trajectory.time, trajectory.positions)
     checks = [form, names]
-    # Walls are known by their surfaces alone: that the arm is on the right side of them is a check of its own.
+    # The wall check only sees surfaces, so which side of them the arm is on needs a check of its own.
     checks.append(check_free_side(motion, problem.workspace))
     checks.append(check_walls(motion, problem.workspace, settings))
     if problem.arm.self_collision:
@@ -77,7 +79,7 @@ def verify(
     checks += check_sample_efforts(problem, motion, trajectory, holding, settings)
     checks += check_ends(problem, motion, trajectory, settings)
     checks += check_pauses(problem, trajectory, settings)
-    # Only of a motion that touches nothing by itself can be said what errors it survives.
+    # The joint error that a motion tolerates is defined only if the nominal motion passes every check.
     if problem.joint_error > 0.0 and all(check.passed for check in checks):
         checks.append(check_of(problem.joint_error, survived_error(problem, trajectory, joint_errors(problem.arm))))
     return tuple(checks)
@@ -86,15 +88,15 @@ def verify(
 def left_unchecked(
     problem: Problem, trajectory: JointTrajectory, settings: VerificationSettings = DEFAULT_VERIFICATION
 ) -> tuple[str, ...]:
-    """Return what nothing was held against, though one might think so; none as a rule.
+    """Return remarks on clearances that a reader might assume were checked but were not; usually empty.
 
     Args:
-        problem: what was asked.
+        problem: the problem that the motion solves.
         trajectory: the motion, which passes every check.
-        settings: of the verifier.
+        settings: settings of the verifier.
 
     Returns:
-        A clause each.
+        One clause per unchecked clearance.
     """
     arm = problem.arm
     remarks = [_mount_note(arm)]
@@ -102,7 +104,7 @@ def left_unchecked(
         remarks.append("links were not kept apart from each other, since arm.self_collision is false")
     elif first_distant(arm) >= arm.links:
         remarks.append("no links were kept apart from each other: all are near each other along the arm")
-    # Links in space that cross are refused, however near they are along the arm.
+    # In space, crossing links are rejected however close they are along the arm, so only the plane needs a remark.
     if arm.self_collision and arm.dimension == 2:
         motion = ChainMotion(arm, trajectory.time, trajectory.positions)
         crossing = crossing_near_links(motion, settings.for_problem(problem))
@@ -113,7 +115,7 @@ def left_unchecked(
 
 
 def _mount_note(arm: Arm) -> str:
-    # Of a link that the mount covers but for rounding no more than its end is held against walls.
+    # A link that the mount covers up to rounding is checked against walls at its end only, so it counts as covered.
     whole = int((exposed_starts(arm) >= 1.0 - 1e-9).sum())
     if whole == arm.links:
         return "nothing was kept away from walls: the whole arm counts as its mount"
