@@ -1,8 +1,8 @@
-"""Checks of speeds and accelerations of joints and points, and of the share of the limits that a plan leaves.
+"""Checks of the limits on joints and points of the arm, and of the share of the limits that a plan may use.
 
-The share σ holds for velocities, accelerations, jerks and efforts of all drives. Where holding the arm still takes the
-share h of an effort's limit, the effort may take max(σ, h + ½ σ (1 − h)) of it. The rule stands in
-``robot.coordinates`` too; the verifier reckons for itself, on purpose.
+The share σ applies to velocities, accelerations, jerks and efforts of all drives. Where holding the arm still takes the
+share h of an effort limit, the effort may take max(σ, h + ½ σ (1 − h)) of it. ``robot.coordinates`` implements the same
+rule; the verifier deliberately does not use that code.
 """
 
 from collections.abc import Callable, Sequence
@@ -29,7 +29,7 @@ from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, Ver
 
 UNIT = "of the limit"
 _Source = tuple[FloatArray, FloatArray]
-"""Values at some times, and the times."""
+"""Values, and the times to which they belong."""
 
 
 def check_limits(
@@ -39,10 +39,10 @@ def check_limits(
     joints: JointStates,
     settings: VerificationSettings = DEFAULT_VERIFICATION,
 ) -> list[Check]:
-    """Check every limit of the problem.
+    """Check every limit of the problem on bends, velocities, accelerations, jerks and torques.
 
-    Velocities and accelerations are judged twice, by the reported values and by differences of the samples: a mean
-    rate over a step can never pass a limit that holds at all times, so a false report cannot hide one.
+    Velocities and accelerations are checked twice, by the reported values and by differences of the samples. The mean
+    rate over a step can never exceed a limit that holds at all times, so a false report cannot hide a violation.
     """
     names = describe_revolute_joints(joints.names)
     found = [
@@ -62,8 +62,8 @@ def check_limits(
 
 
 def check_bends(arm: Arm, trajectory: JointTrajectory, settings: VerificationSettings = DEFAULT_VERIFICATION) -> Check:
-    """Check the bends; between samples they are linear, so the samples decide."""
-    # The joint at the base has a limit of its own.
+    """Check the bends against the joint limits; they are linear between samples, so checking the samples suffices."""
+    # The joint at the base has its own limit.
     limit = np.full(arm.coordinates.joints, arm.joint_limit)
     limit[: bends_a_ball(arm.coordinates)] = arm.base_limit
     bends = np.abs(trajectory.bend_angles)
@@ -76,10 +76,10 @@ def check_bends(arm: Arm, trajectory: JointTrajectory, settings: VerificationSet
 
 
 def _velocity_sources(trajectory: JointTrajectory, joints: JointStates) -> list[_Source]:
-    """Return the reported velocities of revolutes and bends, and mean velocities of the steps."""
+    """Return the reported velocities of revolutes and bends, and the mean velocities over the steps."""
     time = trajectory.time
     step = np.diff(time)[:, None]
-    # Mean rates carry the rounding of the angles, magnified by 1/h; that much is no violation.
+    # Mean rates carry the rounding of the angles, magnified by 1/h, which must not count as a violation.
     mean = np.diff(as_revolutes(trajectory.coordinates, trajectory.bend_angles), axis=0) / step
     return [
         (joints.velocities, time),
@@ -89,10 +89,14 @@ def _velocity_sources(trajectory: JointTrajectory, joints: JointStates) -> list[
 
 
 def _acceleration_sources(trajectory: JointTrajectory, joints: JointStates) -> list[_Source]:
-    """Reported accelerations, what velocities gain in a step, and what mean velocities gain from step to step."""
+    """Return accelerations from three sources, in revolutes.
+
+    They are the reported values (of revolutes and bends), difference quotients of the reported velocities, and second
+    difference quotients of the angles.
+    """
     time = trajectory.time
     step = np.diff(time)[:, None]
-    # Revolutes are differenced here and bends below, so that false reports of either are seen.
+    # Velocities of revolutes are differenced here and bends below, to detect false reports of either.
     gained = np.diff(joints.velocities, axis=0) / step
     return [
         (joints.accelerations, time),
@@ -103,7 +107,10 @@ def _acceleration_sources(trajectory: JointTrajectory, joints: JointStates) -> l
 
 
 def _jerk_sources(trajectory: JointTrajectory, joints: JointStates) -> list[_Source]:
-    """Differences of accelerations, reported and mean, and those at the ends, before and after which the arm rests."""
+    """Return jerks from difference quotients of reported accelerations and from second differences of velocities.
+
+    The steps into and out of the motion count, since the arm is at rest before and after it.
+    """
     time = trajectory.time
     reported = (joints.accelerations, as_revolutes(trajectory.coordinates, trajectory.bend_accelerations))
     return [
@@ -113,9 +120,9 @@ def _jerk_sources(trajectory: JointTrajectory, joints: JointStates) -> list[_Sou
 
 
 def finite_jerks(accelerations: FloatArray, time: FloatArray) -> FloatArray:
-    """Differences of accelerations (T, …), and those at the ends, before and after which the arm rests, (T + 1, …)."""
+    """Return difference quotients of accelerations (T, …), including those from and to rest at the ends, (T + 1, …)."""
     step = np.diff(time).reshape(-1, *[1] * (accelerations.ndim - 1))
-    # Before the first sample and after the last the arm rests, for as long as the step beside it.
+    # Before the first sample and after the last, the arm is taken to rest for as long as the adjacent step.
     around = np.concatenate((step[:1], step, step[-1:]))
     rest = np.zeros_like(accelerations[:1])
     jerks = np.diff(np.concatenate((rest, accelerations, rest)), axis=0) / around
@@ -125,19 +132,25 @@ def finite_jerks(accelerations: FloatArray, time: FloatArray) -> FloatArray:
 def _second_differences(values: FloatArray, step: FloatArray) -> FloatArray:
     """Return the second difference quotients at the inner samples, shape (T − 2, 3 * links)."""
     mean = np.diff(values, axis=0) / step
-    # Mean rates belong to the middles of their steps, which are this far apart in time.
+    # Mean rates belong to the midpoints of their steps, which are this far apart in time.
     apart = 0.5 * (step[1:] + step[:-1])
     shortest = np.minimum(step[1:], step[:-1])
     return less_rounding(np.diff(mean, axis=0) / apart, largest_magnitude(values), shortest**2)
 
 
 def largest_magnitude(values: FloatArray) -> float:
-    """Return the greatest size of some values."""
+    """Return the greatest absolute value."""
     return float(np.max(np.abs(values)))
 
 
 def less_rounding(quotient: FloatArray, size: float, step: FloatArray) -> FloatArray:
-    """Return a difference quotient, drawn towards zero by what rounding of values of a size can have added to it."""
+    """Return a difference quotient, reduced in magnitude by what rounding of its values can have added to it.
+
+    Args:
+        quotient: the difference quotients.
+        size: greatest magnitude of the differenced values.
+        step: the steps by which the differences were divided.
+    """
     noise = 16.0 * np.finfo(np.float64).eps * size / step
     return np.asarray(np.sign(quotient) * np.maximum(np.abs(quotient) - noise, 0.0))
 
@@ -150,7 +163,7 @@ def check_sources(
     settings: VerificationSettings,
     names: Sequence[str] = (),
 ) -> Check:
-    """Check the values of several sources against the limit of every drive, or against one."""
+    """Check values from several sources against the limit of each drive, or against a single limit."""
     values, times = (np.concatenate(parts) for parts in zip(*sources, strict=True))
     return check_worst(name, unit, values, limit, sample_words(times, names), settings.limit_tolerance)
 
@@ -158,11 +171,12 @@ def check_sources(
 def check_points(
     arm: Arm, limits: Limits, trajectory: JointTrajectory, settings: VerificationSettings = DEFAULT_VERIFICATION
 ) -> list[Check]:
-    """Check every limit on a point of the arm.
+    """Check every limit on the speed or acceleration of a point of the arm.
 
-    Speeds are judged by the reported velocities, by the distances from sample to sample, and in the plane by the motion
-    whose coordinates are linear between samples, at all its times; accelerations by the reported ones, by what reported
-    velocities gain, and by second differences of places: means that no motion through the samples can be below.
+    Speeds are checked by the reported velocities, by the distances between samples and, in the plane, by the motion
+    with coordinates linear between samples at all times. Accelerations are checked by the reported ones, by difference
+    quotients of reported velocities, and by second differences of positions. Both quotients are means, which the peak
+    of any motion through the samples reaches or exceeds.
     """
     if not limits.points:
         return []
@@ -189,14 +203,14 @@ def check_points(
 
 @dataclass(frozen=True)
 class _PointMotion:
-    """What a point of the arm does at the samples.
+    """Positions, velocities and accelerations of a point of the arm at the samples.
 
     Attributes:
         arm: the arm.
-        limit: says which point.
+        limit: the limit, which defines the point.
         trajectory: the motion of the arm.
-        frames: of the links.
-        rates: of the links, as they are reported.
+        frames: frames of the links.
+        rates: rates of the links, from the reported velocities and accelerations.
     """
 
     arm: Arm
@@ -207,45 +221,46 @@ class _PointMotion:
 
     @cached_property
     def places(self) -> FloatArray:
-        """Of the point, but for where the base stands, shape (T, 3) [m]."""
+        """Positions of the point relative to the arm's nominal base position, shape (T, 3) [m]."""
         return self._summed(self.frames.along) + self._carried(self.trajectory.positions)
 
     @cached_property
     def velocities(self) -> FloatArray:
-        """By the reported ones, shape (T, 3) [m/s]."""
+        """Velocities of the point from the reported coordinate velocities, shape (T, 3) [m/s]."""
         swing = np.cross(self.rates.rate, self.frames.along)
         return self._summed(swing) + self._carried(self.trajectory.velocities)
 
     def mean_speeds(self) -> FloatArray:
-        """Return the distance over time of every step, shape (T − 1,) [m/s]."""
+        """Return the distance divided by the duration of every step, shape (T − 1,) [m/s]."""
         return self._quotient(self.places)
 
     def speeds_between(self) -> FloatArray:
-        """Bound on the speed within every step while coordinates are linear in time, in the plane, (T − 1,) [m/s].
+        """Return a bound on the speed within every step for planar arms, shape (T − 1,) [m/s].
 
-        Within a step the velocity leaves its chord by at most h² / 8 times the greatest third derivative.
+        Coordinates are taken as linear in time. Within a step, the velocity deviates from its chord by at most h² / 8
+        times the greatest third derivative of the position.
         """
         steps = np.diff(self.trajectory.positions, axis=0) / self._step[:, None]
         turns = np.cumsum(bend_pairs(self.arm, steps)[..., 1], axis=1)
         axis = self.arm.base_rotation[:, 1]
         swings = np.cross(axis, self.frames.along)
         ends = [self._summed(turns[..., None] * some) + self._carried(steps) for some in (swings[:-1], swings[1:])]
-        # At constant rates the third derivative of the place is at most Σ l |φ̇|³.
+        # At constant rates, the third derivative of the position is at most Σ l |φ̇|³.
         third = np.abs(turns) ** 3 @ self._levers
         return np.asarray(np.maximum(*map(lengths_of, ends)) + self._step**2 / 8.0 * third)
 
     def reported_accelerations(self) -> FloatArray:
-        """Return by the reported velocities and accelerations, shape (T,) [m/s²]."""
-        # Between the middle of a link and its end the acceleration grows by half of what the link adds.
+        """Return the accelerations from the reported coordinate velocities and accelerations, shape (T,) [m/s²]."""
+        # From the midpoint of a link to its end, the acceleration grows by half of the link's contribution.
         added = 2.0 / self.arm.link_length * (self.rates.ends - self.rates.middles)
         return lengths_of(self._summed(added) + self._carried(self.trajectory.accelerations))
 
     def gained(self) -> FloatArray:
-        """Return what reported velocities gain in every step, over its time, shape (T − 1,) [m/s²]."""
+        """Return the magnitudes of the difference quotients of reported velocities, shape (T − 1,) [m/s²]."""
         return self._quotient(self.velocities)
 
     def second_differences(self) -> FloatArray:
-        """Return what mean velocities gain from step to step, shape (T − 2,) [m/s²]."""
+        """Return the magnitudes of the second difference quotients of positions, shape (T − 2,) [m/s²]."""
         step = self._step
         means = np.diff(self.places, axis=0) / step[:, None]
         apart = 0.5 * (step[1:] + step[:-1])
@@ -258,7 +273,7 @@ class _PointMotion:
 
     @cached_property
     def _levers(self) -> FloatArray:
-        """How much of every link lies before the point, shape (links,) [m]."""
+        """Length of each link that lies between the base and the point, shape (links,) [m]."""
         arm = self.arm
         at = arm.length if self.limit.at is None else self.limit.at
         return np.clip(at - arm.link_length * np.arange(arm.links), 0.0, arm.link_length)
@@ -274,7 +289,7 @@ class _PointMotion:
         return np.asarray(np.maximum(change - self._noise(values), 0.0) / self._step)
 
     def _noise(self, values: FloatArray) -> float:
-        """Return what rounding can have added to a difference of values."""
+        """Return a bound on what rounding can have added to a difference of values."""
         return float((16.0 + self.arm.links) * np.finfo(np.float64).eps * np.max(np.abs(values)))
 
 
@@ -286,13 +301,13 @@ def check_shares(
     holding: FloatArray,
     settings: VerificationSettings = DEFAULT_VERIFICATION,
 ) -> list[Check]:
-    """Check the share that plans keep; nothing where they may use the limits in full.
+    """Check that the plan uses only its share of the limits; return no checks where it may use the limits in full.
 
     Args:
-        problem: what was asked.
-        trajectory: the motion.
-        joints: the same for the drives, with their efforts.
-        of_limits: the checks of the limits themselves, which know where the greatest share of each is taken.
+        problem: the problem that the motion is to solve.
+        trajectory: the motion in the arm's coordinates.
+        joints: the motion in terms of the drives, with their efforts.
+        of_limits: the checks of the limits themselves, which hold the greatest value of each and where it occurs.
         holding: efforts of all drives that hold the arm still at the samples, shape (T, drives) [N m, N].
         settings: the tolerance of limits.
     """
@@ -308,7 +323,7 @@ def check_shares(
     limit = effort_limits(problem)
     if np.any(np.isfinite(limit)):
         taken = np.column_stack((joints.torques, joints.base_forces)) / limit
-        # More than all of it holds nothing still; the check of the limit itself says so.
+        # Shares above 1 are clipped here; the check of the limit itself reports them.
         held = np.minimum(np.abs(holding) / limit, 1.0)
         axes = tuple(f"the {name} axis" for name in trajectory.coordinates.base_names)
         names = (*describe_revolute_joints(joints.names), *axes)
@@ -317,10 +332,10 @@ def check_shares(
 
 
 def _rate_check(kind: str, limited: Sequence[Check], share: float, settings: VerificationSettings) -> Check:
-    """Return the check for velocities, accelerations or jerks, from those of their limits."""
+    """Return the check of the share for velocities, accelerations or jerks, from the checks of their limits."""
     tightest = max(limited, key=lambda check: check.worst / check.limit)
     worst = tightest.worst / tightest.limit
-    # The place of an axis that carries the base is a time alone.
+    # Checks of a base axis give only a time as their location, so the name of the check is added.
     where = tightest.where if tightest.name.startswith("joint") else f"{tightest.name} at {tightest.where}"
     return Check(
         f"share of {kind}", worst, share, UNIT, where, passed=worst <= share * (1.0 + settings.limit_tolerance)
@@ -330,7 +345,7 @@ def _rate_check(kind: str, limited: Sequence[Check], share: float, settings: Ver
 def _effort_check(
     taken: FloatArray, held: FloatArray, place: Callable[..., str], share: float, settings: VerificationSettings
 ) -> Check:
-    """Return the check for efforts; what may be taken depends on what holds the arm still at each sample."""
+    """Return the check of the share for efforts, which depends on the effort to hold the arm still at each sample."""
     allowed = allowed_share(held, share)
 
     def where(k: int, j: int) -> str:
@@ -341,21 +356,26 @@ def _effort_check(
 
 
 def allowed_share(held: FloatArray, share: float) -> FloatArray:
-    """Share of an effort's limit that a plan may use where holding the arm still takes some of it, in [0, 1]."""
+    """Return the share of an effort limit that a plan may use, in [0, 1].
+
+    Args:
+        held: share of the limit that holding the arm still takes, in [0, 1].
+        share: share of the limits that plans may use in general, σ.
+    """
     return np.asarray(np.maximum(share, held + 0.5 * share * (1.0 - held)))
 
 
 def effort_limits(problem: Problem) -> FloatArray:
-    """Return limits on the torques of all revolutes and the forces of the base's axes; inf for what is not limited."""
+    """Return the limits on the torques of all revolutes and the forces of the base axes; inf where there is none."""
     limits = problem.limits
     torque = np.full(3 * problem.arm.links, np.inf) if limits.torque is None else limits.torque
     return np.append(torque, [np.inf if limits.feed_force is None else limits.feed_force] * len(problem.arm.base_axes))
 
 
 def holding_efforts(problem: Problem, positions: FloatArray) -> FloatArray:
-    """Return the efforts of all drives that hold the arm still at poses (T, c), shape (T, drives).
+    """Return the efforts of all drives that hold the arm still in poses (T, c), shape (T, drives) [N m, N].
 
-    Zeros where none is limited.
+    The result is zero if no effort is limited.
     """
     limit = effort_limits(problem)
     if not np.any(np.isfinite(limit)):

@@ -1,4 +1,4 @@
-"""Checks of start, stops and goal."""
+"""Checks that a motion starts, stops, pauses and ends where and how its problem asks for."""
 
 from collections.abc import Sequence
 from itertools import pairwise
@@ -21,9 +21,12 @@ from ccm_opt.verification.drives import (
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
 
 _CURVE_SHAPE_FACTOR = 1.08
-"""A joint may be this times κ l² off its curve; the worst error of the paper's own mapping (section 5.3)."""
+"""Allowed distance of a joint from its curve, as a multiple of κ l².
+
+Derived: the worst error of the paper's own mapping (section 5.3).
+"""
 _CURVE_SHAPE_SLACK = 0.1
-"""Share of a link's length that a joint may be off beside that. Taste."""
+"""Additional allowed distance, as a share of a link's length. Taste."""
 
 _ROUNDING = 1e-9
 """Angle beyond a tolerance that counts as rounding [rad]."""
@@ -35,9 +38,9 @@ def check_ends(
     trajectory: JointTrajectory,
     settings: VerificationSettings = DEFAULT_VERIFICATION,
 ) -> list[Check]:
-    """Check start, places on the way, stops and goal, and that the arm rests at start, stops and goal."""
+    """Check start, via points, stops and goal, and that the arm is at rest at start, stops and goal."""
     tip_tolerance = settings.curve_tip_tolerance
-    # The start is a pose of the whole arm, and kept more strictly than a goal.
+    # The start is a pose of the whole arm and has a stricter tolerance than a goal.
     checks = _whole_arm(
         "start ", problem.arm, trajectory, 0, problem.start, settings.start_tolerance, tip_tolerance, settings
     )
@@ -60,14 +63,14 @@ def check_ends(
 
 
 def _rest(problem: Problem, trajectory: JointTrajectory, settings: VerificationSettings) -> list[Check]:
-    """Return the arm rests at both ends and at every stop."""
+    """Check that the arm is at rest at both ends of the motion and at every stop."""
     places = [0, *trajectory.stops, len(trajectory.time) - 1]
     layout = trajectory.coordinates
     bound = settings.rest_share * problem.limits.velocity[bend_revolutes(layout)]
     where = sample_words(trajectory.time[places], describe_bend_joints(layout))
     checks = [check_worst("rest", "rad/s", trajectory.bend_velocities[places], bound, where)]
 
-    # An arm that is not fed has no velocity limit here, and no axis to be checked either.
+    # An arm with a fixed base has no feed velocity limit, and no axis to check.
     most = settings.rest_share * (problem.limits.feed_velocity or 0.0)
     for name, on_axis in zip(layout.base_names, trajectory.base_velocities[places].T, strict=True):
         worst = float(np.max(np.abs(on_axis)))
@@ -85,17 +88,17 @@ def _whole_arm(
     of_places: float,
     settings: VerificationSettings,
 ) -> list[Check]:
-    """Return a pose of all joints, or of the whole arm along a curve, and where the base stands.
+    """Check a pose of the whole arm, given by its bends or by a curve, and the position of the base.
 
     Args:
-        name: of the pose, before what is checked of it.
+        name: prefix of the names of the checks.
         arm: the arm.
         trajectory: the motion.
-        sample: number of its sample.
-        pose: wanted there.
+        sample: index of the sample at which the pose is required.
+        pose: the required pose.
         of_joints: tolerance of bends [rad].
         of_places: tolerance of the tip on a curve, and of the base [m].
-        settings: of the verifier.
+        settings: settings of the verifier.
     """
     bends = trajectory.bend_angles[sample]
     if pose.curve is not None:
@@ -122,7 +125,7 @@ def _tip_checks(
     tolerances: Tolerances,
     settings: VerificationSettings,
 ) -> list[Check]:
-    """Place of the tip and, when one is wanted, direction of the last link; whole turns do not count."""
+    """Check the tip position and, if the goal has one, the direction of the last link; full turns do not count."""
     when = f"at t = {motion.time[sample]:.4f} s"
     error = float(np.linalg.norm(motion.points[sample, -1] - goal.position))
     bound = tolerances.position
@@ -131,7 +134,7 @@ def _tip_checks(
     if goal.direction is not None:
         along = link_directions(motion.arm, motion.positions[sample : sample + 1])[0, -1]
         wanted = goal.direction / np.linalg.norm(goal.direction)
-        # By both halves of the angle, since a cosine says nothing of small ones.
+        # The half-angle formula stays accurate for small angles, unlike the arc cosine.
         turn = 2.0 * float(np.arctan2(np.linalg.norm(along - wanted), np.linalg.norm(along + wanted)))
         bound = tolerances.heading
         kind = "heading" if len(wanted) == 2 else "direction"
@@ -143,7 +146,7 @@ def _tip_checks(
 def _places(
     name: str, motion: ChainMotion, via: Sequence[FloatArray], samples: tuple[int, int], tolerance: float
 ) -> list[Check]:
-    """Return whether the tip passes the places on its way to a goal between two samples, one after the other."""
+    """Check that the tip passes the via points of a goal in order between two samples."""
     begin, end = samples
     bound = max(tolerance, motion.arm.link_length)
     tip = motion.points[begin : end + 1, -1]
@@ -152,7 +155,7 @@ def _places(
     for number, place in enumerate(via, start=1):
         away = np.linalg.norm(tip - place, axis=1)
         passing = first + np.flatnonzero(away[first:] <= bound)
-        # The next place may be passed as soon as this one is near, but not before.
+        # The next via point may be passed once this one has been reached, but not before.
         first = int(passing[0]) if len(passing) else first
         nearest = first + int(np.argmin(away[first:]))
         where = f"tip at t = {motion.time[begin + nearest]:.4f} s"
@@ -169,19 +172,19 @@ def _on_curve(
     tip_tolerance: float,
     settings: VerificationSettings,
 ) -> list[Check]:
-    """Check that an arm lies on its curve, whichever mapping laid it there.
+    """Check that an arm lies on its curve, whichever mapping the planner used.
 
-    The mapping is the planner's business; what every mapping owes is that the tip coincides and that no joint is
-    farther off than the worst error of the paper's own.
+    Any mapping must make the tips coincide and leave no joint farther off than the worst error of the paper's own
+    mapping allows.
     """
-    # The curve is given as it lies while the base is not carried along.
+    # The curve is given for the base at zero feed.
     points = chain_points(arm, arm.configuration(bends, 0.0)[None])[0]
-    # Forty places a link stand for the curve: the distance to them is too great by at most some l / 80 at a joint.
+    # The curve is sampled at forty points per link, which overestimates distances by at most about l / 80 at a joint.
     arc = np.linspace(0.0, curve.length, 40 * arm.links + 1)
     trace = curve.positions_at(arc)
     off = np.array([np.min(np.linalg.norm(trace - point, axis=1)) for point in points])
 
-    # A mapping errs in proportion to κ l², as does the sagitta of a link on the curve.
+    # The error of a mapping is proportional to κ l², like the sagitta of the curve over a link.
     steepest = float(np.max(np.abs(curve.curvature_at(arc))))
     of_mapping = _CURVE_SHAPE_FACTOR * steepest * arm.link_length**2
     allowed = of_mapping + _CURVE_SHAPE_SLACK * arm.link_length
@@ -196,9 +199,10 @@ def _on_curve(
 def check_pauses(
     problem: Problem, trajectory: JointTrajectory, settings: VerificationSettings = DEFAULT_VERIFICATION
 ) -> list[Check]:
-    """Return one check a goal on the way that asks for a pause: its worst value is how long the arm stands there [s].
+    """Return one check per stop with a pause; its worst value is the time that the arm stands still there [s].
 
-    Coordinates are linear between samples, so an arm that stands alike at two samples in a row stands still between.
+    Coordinates are linear between samples, so an arm in the same pose at two consecutive samples stands still between
+    them.
     """
     checks = []
     for number, (stop, sample) in enumerate(zip(problem.stops, trajectory.stops, strict=True), start=1):
@@ -212,22 +216,22 @@ def check_pauses(
 
 
 def _time_at_rest(problem: Problem, trajectory: JointTrajectory, sample: int, settings: VerificationSettings) -> float:
-    """Return how long the arm stands as it does at one sample, from there on [s]."""
+    """Return how long the arm keeps the pose of a sample, counted from that sample [s]."""
     still = _still(problem, trajectory, sample, settings)[sample:]
-    # The first sample that is not still ends the rest at the one before it.
+    # The rest ends at the sample before the first one that moves.
     count = len(still) if np.all(still) else int(np.argmin(still))
     return float(trajectory.time[sample + max(count, 1) - 1] - trajectory.time[sample])
 
 
 def _still(problem: Problem, trajectory: JointTrajectory, sample: int, settings: VerificationSettings) -> BoolArray:
-    """Return the samples at which the arm stands as at a given one and does not move, shape (T,)."""
+    """Return a mask of the samples at which the arm is at rest in the pose of a given sample, shape (T,)."""
     limits = problem.limits
     away = np.abs(trajectory.positions - trajectory.positions[sample])
     bends = trajectory.coordinates.joints
     there = np.all(away[:, :bends] <= settings.match, axis=1)
     slowest = settings.rest_share * limits.velocity[bend_revolutes(trajectory.coordinates)]
     slow = np.all(np.abs(trajectory.bend_velocities) <= slowest, axis=1)
-    # A base that is fixed has no columns, and these hold.
+    # A fixed base has no columns, so these conditions hold trivially.
     there &= np.all(away[:, bends:] <= settings.range_tolerance, axis=1)
     feed = settings.rest_share * (limits.feed_velocity or 0.0)
     slow &= np.all(np.abs(trajectory.base_velocities) <= feed, axis=1)
