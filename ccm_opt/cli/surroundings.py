@@ -4,7 +4,7 @@ import gc
 import os
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from io import TextIOWrapper
 
 LEAST_ADDRESS_SPACE = 300_000_000
@@ -29,7 +29,9 @@ def ensure_stdio() -> None:
             setattr(sys, name, os.fdopen(os.dup(number), mode, encoding="utf-8"))
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, TextIOWrapper):
-            stream.reconfigure(errors="backslashreplace")
+            # A stream that was written to before it became a pipe cannot be reconfigured.
+            with suppress(OSError, ValueError):
+                stream.reconfigure(errors="backslashreplace")
 
 
 def too_little_memory() -> str:
