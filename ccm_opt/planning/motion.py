@@ -13,11 +13,11 @@ from ccm_opt.planning.link_space import LinkSpace
 from ccm_opt.planning.pose import CurveUnknowns, Pose
 
 _BENDING_FROM = (0.0, 0.5, 0.8)
-"""Places along a motion, as shares of it, from where on it is tried to be bent to another end. Taste."""
+"""Shares of a motion from which its deformation to another end begins, tried in turn. Taste."""
 
 
 CurveType = TypeVar("CurveType", bound=CurveUnknowns)
-"""The kind of map of a motion."""
+"""Type of the map of a motion."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,13 +26,13 @@ class CurveMotion(Generic[CurveType]):
 
     Attributes:
         curve: the map that its unknowns belong to.
-        unknowns: at the keyframes, shape (K, p).
-        configurations: the same as configurations, shape (K, c) [rad, m].
-        candidate: name of what led to it.
+        unknowns: unknowns at the keyframes, shape (K, p).
+        configurations: configurations at the keyframes, shape (K, c) [rad, m].
+        candidate: name of the candidate that found the motion.
         u: path parameters of the keyframes, increasing from 0 to 1, shape (K,); None where nothing depends on them.
-        end_pose: configuration of the offered pose at the goal that it ends in, of the arm it was planned for; None
+        end_pose: configuration of the offered goal pose in which the motion ends, of the arm it was planned for; None
             where it ends elsewhere.
-        follows: whether it is that of a fed arm that follows a leader all the way.
+        follows: whether a fed arm follows a leader during the whole motion.
     """
 
     curve: CurveType
@@ -49,7 +49,7 @@ class CurveMotion(Generic[CurveType]):
         return cls(curve, np.array([pose.v for pose in poses]), np.array([pose.q for pose in poses]), candidate)
 
     def without_blending(self, curve: CurveType) -> "CurveMotion[CurveType]":
-        """Return the motion in a map that has further unknowns, which blend another end in: none of that."""
+        """Return the motion in a map with further unknowns, which blend in another end; these are set to 0."""
         further = curve.dimension - self.unknowns.shape[1]
         return replace(self, curve=curve, unknowns=np.pad(self.unknowns, ((0, 0), (0, further))))
 
@@ -58,10 +58,10 @@ class CurveMotion(Generic[CurveType]):
         return replace(self, unknowns=unknowns, configurations=self.curve.configurations(unknowns))
 
     def bent_to(self, end: FloatArray) -> Iterator["CurveMotion[CurveType]"]:
-        """Yield the motion with the difference to another end added, more and more towards it, and from ever later on.
+        """Yield the motion deformed to another end by a change that grows along it, each time starting later.
 
         Args:
-            end: unknowns, shape (p,).
+            end: unknowns of the other end, shape (p,).
         """
         along = self.path_parameters
         change = end - self.unknowns[-1]
@@ -82,7 +82,7 @@ class CurveMotion(Generic[CurveType]):
 
     @property
     def path_parameters(self) -> FloatArray:
-        """Path parameters of the keyframes: its own, or their share of the joint path's length, shape (K,)."""
+        """Path parameters of the keyframes: their own, or their share of the joint path's length, shape (K,)."""
         if self.u is not None:
             return self.u
         arcs = arc_lengths(self.curve.drives(self.configurations))
@@ -91,7 +91,7 @@ class CurveMotion(Generic[CurveType]):
 
     @property
     def busiest(self) -> float:
-        """Length of what the busiest drive moves in every interval, which bounds the duration, Σ max |Δq|."""
+        """Sum over the intervals of the largest travel of any drive, which bounds the duration, Σ max |Δq|."""
         return float(np.abs(np.diff(self.curve.drives(self.configurations), axis=0)).max(axis=1).sum())
 
     @property
@@ -101,6 +101,6 @@ class CurveMotion(Generic[CurveType]):
 
 
 Motion: TypeAlias = CurveMotion[LinkSpace]
-"""In the plane."""
+"""A motion in the plane."""
 SpaceMotion: TypeAlias = CurveMotion[CurveMap]
-"""In space."""
+"""A motion in space."""

@@ -1,4 +1,4 @@
-"""What the search for a motion in the plane is given."""
+"""The task of a motion in the plane: arm, workspace, ends and limits, and the certificates built from them."""
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
@@ -36,49 +36,50 @@ _SPARE_AT_ENDS = 0.5
 """Share of the gap at the ends that the certificate may ask for. Taste."""
 
 _REACH_MARGINS = 4.0
-"""The same in planning margins, where that is more. Taste."""
+"""Reach of contacts for rows of the step in planning margins, where that is more than ``_REACH``. Taste."""
 _SPARE_IN_GATES = 0.1
-"""The same of the gap in narrow gates. Taste: half of what poses keep there by their margin."""
+"""Share of the gap in narrow gates that the certificate may ask for. Taste: half of what poses keep there by their
+margin."""
 _END_REACH = 4.0
-"""Gaps at the ends that are looked at, in spares. Taste."""
+"""Largest gap at the ends that is measured, in multiples of the spare gap. Taste."""
 
 EndPosesOffered: TypeAlias = Callable[[Arm, FloatArray], Iterable[FloatArray]]
-"""Offers better poses at the goal than one in which a motion ends."""
+"""Function that offers better goal poses than the one in which a motion ends."""
 _REACH = 0.96
-"""Contacts nearer than this make rows of the step, in nominal links. Taste: a step moves a link by less."""
+"""Gap below which contacts make rows of the step, in nominal links. Taste: a step moves a link by less."""
 _PLAY = 0.5
-"""Distance from the middle line of a gate up to which joints are left alone, in planning margins. Taste."""
+"""Distance from the middle line of a gate up to which joints are not drawn to it, in planning margins. Taste."""
 _LARGEST_LINK = 1.0 / 36.0
-"""Share of the arm's length that counts as a link of the optimisation at most. Taste."""
+"""Largest length that counts as one link in the optimisation, as a share of the arm's length. Taste."""
 _ROW_REACH = 2.5
-"""Walls and links farther apart than this many such links make no rows of it. Taste."""
+"""Gap of walls and links above which they make no rows of the optimisation, in such links. Taste."""
 _ROW_MARGIN = 1e-3
-"""Gap that rows ask for beyond contact, as a share of the arm's length. Taste."""
+"""Gap that rows of the optimisation ask for beyond contact, as a share of the arm's length. Taste."""
 _ROW_SEEN = 1.1
-"""Rows nearer to their bound than this many such links enter the QP. Taste."""
+"""Distance from their bound below which rows enter the QP, in such links. Taste."""
 _GROUPS = 36
-"""Arms with more links than this have rows for groups of neighbouring joints. Taste."""
+"""Number of links above which rows are for groups of neighbouring joints. Taste."""
 _SPARE = 1e-4
 """Gap beyond contact that the certificate asks for, as a share of the arm's length. Taste."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class MotionTask(SearchTask):
-    """What the search in the plane needs to know.
+    """Inputs of the search in the plane.
 
     Attributes:
-        workspace: the room.
-        guesses: configurations of possible goal poses to interpolate to, each of shape (c,); made when first asked for.
+        workspace: the workspace.
+        guesses: configurations of possible goal poses to interpolate to, each of shape (c,); computed on demand.
         tip_paths: classes of tip motions, most promising first.
         clamped: whether the first link must keep its heading.
-        further_guesses: more such poses, for when the first do not help; made likewise.
-        slowness: of the joints; None when all are alike.
-        end_poses: better configurations at the goal than one in which a motion of an arm ends, the best first, all of
-            shape (c,).
-        fed_space: in which an arm on a feed axis moves; None where the base is fixed, and the arm moves in the curves
-            through its start.
-        nominal_links: to the arm's length; more than usual where passages are narrow.
-        settings: numbers of every stage of the search.
+        further_guesses: more such poses, used when the first do not help; computed on demand.
+        slowness: slowness of the joints; None when all are alike.
+        end_poses: offers better goal configurations than the one in which a motion of an arm ends, the best first, all
+            of shape (c,).
+        fed_space: space of the motions of an arm on a feed axis; None where the base is fixed, and the arm moves in the
+            curves through its start.
+        nominal_links: number of nominal links to the arm's length; more than usual where passages are narrow.
+        settings: settings of every stage of the search.
     """
 
     workspace: Workspace
@@ -94,53 +95,53 @@ class MotionTask(SearchTask):
 
     @property
     def kept(self) -> float:
-        """Distance from the arm's axis that walls have to keep [m]."""
+        """Distance that walls must keep from the arm's axis [m]."""
         return self.arm.radius + self.workspace.clearance
 
     @property
     def advice(self) -> str:
-        """What may help where nothing better is known."""
+        """General advice where nothing more specific is known."""
         return "raise planner.routes"
 
     @cached_property
     def contact_certificate(self) -> Certificate:
-        """The certificate of contact that motions must pass: a little more than contact, but no more than ends have.
+        """The certificate of contact that motions must pass, with a small spare gap, but no more than the ends have.
 
-        Ends that touch may be left, and reached, by motions that touch no deeper than rounding.
+        Motions that touch no deeper than rounding may leave and reach ends that are in contact.
         """
         ends = [self.start] if self.goal_pose is None else [self.start, self.goal_pose]
         gaps = [self._end_finder.find(self.arm.joint_positions_at(end)).gap.min(initial=np.inf) for end in ends]
         contact = allowed_contact(self.arm, self.workspace, self.settings.certificate)
         most = _SPARE * self.arm.length
         # No certificate can ask for more than an end has; an end in contact gets a small depth below it, or its first
-        # interval would always fail. Nor for more than a gate leaves beside the arm.
+        # interval would always fail. Nor can it ask for more than a gate leaves next to the arm.
         spare = np.clip(_SPARE_AT_ENDS * min(gaps) - contact, -contact, most)
         in_gates = min((self.gap_about(path.gate_places) for path in self.tip_paths), default=np.inf)
         spare = min(spare, max(_SPARE_IN_GATES * in_gates, 0.0))
         return Certificate(self.arm, self.workspace, float(spare), self.settings.certificate)
 
     def space_through(self, q: FloatArray) -> tuple[LinkSpace, FloatArray]:
-        """Return the space of motions from a configuration, (c,), and its coordinates.
+        """Return the space of motions from a configuration, (c,), and the configuration's coordinates in it.
 
-        A fed arm's holds any, (..., c).
+        The space of a fed arm contains any configuration, (..., c).
         """
         if self.fed_space is not None:
             return self.fed_space, self.fed_space.fitted(q)
         return LinkSpace.through(self.arm, q, self.nominal_links, clamped=self.clamped)
 
     def at_full_limits(self) -> "MotionTask":
-        """Return the same, but that steps use nearly all of the joint limits."""
+        """Return the task with steps that use nearly all of the joint limits."""
         step = self.settings.step
         return replace(self, settings=replace(self.settings, step=replace(step, limit_share=step.full_limit_share)))
 
     def bends_all_it_may(self, q: FloatArray) -> bool:
-        """Return whether a configuration, shape (c,), bends a joint as far as planning does, or farther."""
+        """Return whether a configuration, shape (c,), bends any joint at least as far as planning allows."""
         share = self.settings.step.limit_share
         hair = self.settings.certificate.rounding + 1e-3 * (1.0 - share)
         return bool(np.any(np.abs(q[: self.arm.links]) > (share - hair) * self.arm.bend_limits))
 
     def gap_about(self, places: FloatArray) -> float:
-        """Gap that the arm would have to walls at the nearest of some places of its axis, shape (m, 2) [m]."""
+        """Return the least gap to walls of an arm whose axis passes through places, shape (m, 2) [m]."""
         if len(places) == 0:
             return np.inf
         _, nearest = self.workspace.nearest(shapely.MultiPoint(places))
@@ -153,7 +154,7 @@ class MotionTask(SearchTask):
 
     @cached_property
     def _end_finder(self) -> WallFinder:
-        """Of gaps at the ends of the motion."""
+        """Finder of contacts for the gaps at the ends of the motion."""
         return self.finder(0.0, _END_REACH * _SPARE * self.arm.length)
 
     def finder(self, margin: float, reach: float) -> WallFinder:
@@ -162,7 +163,7 @@ class MotionTask(SearchTask):
         return WallFinder(self.arm, walls, self.workspace.clearance, margin, reach)
 
     def stepper(self, space: LinkSpace, margin: float) -> Stepper:
-        """Return the takes steps in a space that keep a planning margin, in nominal links."""
+        """Return the stepper in a space that keeps a planning margin, in nominal links."""
         kept = margin * space.nominal_length
         finder = self.finder(kept, max(_REACH * space.nominal_length, _REACH_MARGINS * kept))
         return Stepper(space, self.limits(finder), self.settings, finder=finder)
@@ -170,12 +171,18 @@ class MotionTask(SearchTask):
     def limits(
         self, finder: WallFinder, wanted_gap: float = 0.0, certificate: Certificate | None = None
     ) -> tuple[Limit, ...]:
-        """All limits of the motion, contact by a finder's margin and reach, and by a gap that is asked for [m]."""
+        """Return all limits of the motion.
+
+        Args:
+            finder: finder of contacts, with the margin and reach of the contact limit.
+            wanted_gap: gap beyond contact that is asked for [m].
+            certificate: certificate of contact; ``contact_certificate`` when None.
+        """
         step = self.settings.step
         rows = partial(motion_rows, workspace=self.workspace)
         contact = ContactLimit(finder, certificate or self.contact_certificate, step, rows, wanted_gap, self.gates)
         drawn = () if self.gates is None else (GateRails(self._rails, self.gates, _PLAY * finder.margin),)
-        # What a user's equations move has to be straight again in the guide tube.
+        # Last, since joints moved by the user's equations have to be straight again in the guide tube.
         return assembled_limits(self.arm, contact, step, (*drawn, *self.user_limits, *self.held))
 
     @cached_property
@@ -185,23 +192,23 @@ class MotionTask(SearchTask):
 
     @cached_property
     def gates(self) -> GateLines | None:
-        """The lines across these gates; None where there are none."""
+        """The lines across the narrow gates on the tip's paths; None where there are none."""
         rails = self._rails
         return GateLines.from_rails(rails, self.workspace) if rails else None
 
     def certificate_with(self, spare: float) -> MotionCertificate:
-        """Return the certificate of all limits, with more gap beyond contact than motions must have [m]."""
+        """Return the certificate of all limits with at least a given gap beyond contact [m]."""
         contact = replace(self.contact_certificate, spare=max(spare, self.contact_certificate.spare))
         return MotionCertificate(self.arm, contact.spare, self.limits(self._end_finder, certificate=contact))
 
     def program(self, motion: Motion, margin: float | None = None) -> MotionProgram[PlanarSweep]:
-        """Return the program of optimising a motion, its keyframes still to be chosen."""
+        """Return the program that optimises a motion, with its keyframes still to be chosen."""
         margin = _ROW_MARGIN if margin is None else margin
         length = self.arm.length
-        # Few, long links would otherwise reach for every wall of the room.
+        # Otherwise the reach of a few long links would include every wall of the workspace.
         link = min(self.arm.link_length, _LARGEST_LINK * length)
         end = motion.curve.pose(motion.unknowns[-1])
-        # Rows ask for the wanted gap and can buy slack where there is less; what is farther away has to be seen for it.
+        # Rows ask for the wanted gap, with slack at a price; the reach is extended by that gap to include its walls.
         finder = self.finder(margin * length, _ROW_REACH * link + self.wanted_gap)
         optimisation = self.settings.optimisation
         return MotionProgram(
@@ -209,7 +216,7 @@ class MotionTask(SearchTask):
             sweep=partial(PlanarSweep, motion.curve),
             limits=self.limits(finder, self.wanted_gap),
             failures=partial(self.failures, motion.curve),
-            # Of a goal that is a set the motion keeps the member to which it was found.
+            # Where the goal is a set, the motion keeps the member that it was found for.
             goal=self.limited_goal.nearest_member(end.tip, end.tip_direction),
             end_fixed=self.goal_pose is not None,
             u=np.zeros(0),
@@ -225,7 +232,7 @@ class MotionTask(SearchTask):
         )
 
     def room_lacking(self, q: FloatArray) -> FloatArray:
-        """Return by how much poses, shape (k, c), lack the wanted gap, shape (k,) [m]."""
+        """Return how far the gap of each configuration, shape (k, c), falls short of the wanted gap, shape (k,) [m]."""
         finder = self.finder(0.0, self.wanted_gap)
         gaps = [finder.find(points).gap.min(initial=finder.reach) for points in self.arm.joint_positions_at(q)]
         return self.wanted_gap - np.array(gaps)
@@ -233,14 +240,20 @@ class MotionTask(SearchTask):
     def keyframes_along(
         self, keyframes: FloatArray, spline: BSpline, *, legs: bool
     ) -> tuple[FloatArray, BSpline, tuple[Configuration, ...]]:
-        """The path, in a guide tube exactly straight, where leaders bend by rounding, and the curves nearest to it."""
+        """Return the keyframes, the path and the nearest curves; a fed arm is exactly straight in its guide tube.
+
+        Leaders bend there by rounding errors, which are set to 0.
+        """
         del legs
         if self.arm.base_axes:
             spline = BSpline(spline.t, np.where(np.abs(spline.c) > TINY, spline.c, 0.0), spline.k)
         return keyframes, spline, nearest_curves(self.arm, keyframes)
 
     def free(self, q: FloatArray) -> FloatArray:
-        """1 for what a knot may turn, 0 for a clamped base, joints in a guide tube and the base's way, shape (c,)."""
+        """Return 1 for each bend that a knot may change, shape (c,).
+
+        0 for a clamped base, joints in a guide tube and the feed.
+        """
         arm = self.arm
         free = np.zeros(len(q))
         free[: arm.links] = ~arm.held(float(arm.coordinates.advance(q)))
@@ -249,20 +262,25 @@ class MotionTask(SearchTask):
         return free
 
     def with_goal_pose(self, coordinates: FloatArray, q: FloatArray) -> "MotionTask":
-        """The same task for motions that end in one pose: its coordinates, shape (p,), and configuration, (c,)."""
+        """Return the task for motions that end in a given pose.
+
+        Args:
+            coordinates: coordinates of the pose, shape (p,).
+            q: configuration of the pose, shape (c,).
+        """
         return replace(self, goal=replace(self.goal, coordinates=coordinates), goal_pose=q)
 
     @property
     def among_many_walls(self) -> bool:
-        """Whether so many walls are near that poses at the goal are dear to find, and room is small."""
+        """Whether so many walls are near that goal poses are costly to find, and clearances are small."""
         return len(self.workspace.walls) > self.settings.many_walls
 
 
 class CachedItems:
-    """Items that are costly to make: each is made when first asked for, and kept.
+    """Items that are costly to compute: each is computed on first use, and cached.
 
     Args:
-        items: makes them.
+        items: generates them.
     """
 
     def __init__(self, items: Iterable[FloatArray]) -> None:
@@ -281,14 +299,14 @@ class CachedItems:
 
 
 def coarsened(task: MotionTask, links: int) -> MotionTask:
-    """Return the same task for an arm of the same length with fewer links."""
+    """Return the task for an arm of the same length with fewer links."""
     many = task.arm.links
 
     arm = task.arm.with_links(links)
 
     def resampled(q: FloatArray) -> FloatArray:
-        # Each new heading is the mean of the old ones over its stretch of the arm: differences of their running
-        # integral.
+        # Each new heading is the mean of the old ones over its stretch of the arm, from differences of their
+        # running integral.
         covered = np.concatenate(([0.0], np.cumsum(task.arm.headings(q))))
         edges = np.interp(np.linspace(0.0, many, links + 1), np.arange(many + 1), covered)
         return arm.bends(np.diff(edges) * links / many)

@@ -1,15 +1,16 @@
-"""The planner: ends, routes, motion and smooth path, in the plane and in space.
+"""The planner: finds a motion between resolved ends, optimises it and smooths it, in the plane and in space.
 
-In the plane there are routes through free space (section 4.1 of the paper), a goal configuration of the continuous
-curve by the NLP, tip paths, the certified motion on the links, and a smooth path through joint space; in space the
-search, the pose in which the motion ends, the optimisation and the smooth path.
+In the plane the stages are routes through free space (section 4.1 of the paper), a goal configuration of the continuous
+curve by the NLP, tip paths, the certified motion of the links and a smooth path through joint space. In space they are
+the search, the pose in which the motion ends, the optimisation and the smooth path.
 
-A known motion in the plane is bent to where the goal is now, or, where a wall is in its way, tracked by steps that keep
-off the walls; then it is optimised like any other. There is no search, so this takes as long as an optimisation.
+To replan in the plane, a known motion is deformed to reach the new goal or, where that would meet a wall, tracked by
+steps that avoid the walls; it is then optimised like any other. This needs no search, so replanning takes about as long
+as one optimisation.
 
 In space the default mount is as long as the arm's radius. Where such an arm stands square on a floor, the disc at the
-end of the mount just touches it, and any turn of the base would press its rim in. The first joints are left straight
-then; the arm bends beyond them.
+end of the mount just touches the floor, and any turn of the base would press its rim in. The first joints are then kept
+straight, and the arm bends beyond them.
 """
 
 from collections.abc import Callable, Iterator
@@ -61,33 +62,34 @@ from ccm_opt.scene.contact_finder import CertificateSettings
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 
 _SHARE_IN_THE_PLANE = 0.9
-"""Share of the time limit that the search may use. Taste: timing and checks need the rest."""
+"""Share of the time limit that the search in the plane may use. Taste: the rest is for timing and checks."""
 _SHARE_IN_SPACE = 0.8
-"""The same in space: the rest is for timing, simulation and reasons."""
+"""Share of the time limit that the search in space may use: the rest is for timing, simulation and diagnosis."""
 _CONTACT_SHARE = 0.5
 """Share of the contact tolerance that planning uses. Taste."""
 _STRAIGHT = 1e-9
 """Bends up to which joints count as straight [rad]."""
 _SQUARE = 1e-6
-"""One less the cosine of the angle to a wall's normal up to which the end of the mount stands square on it."""
+"""Largest value of 1 - cos of the angle to a wall's normal at which the end of the mount counts as square on the
+wall."""
 
 _Planned: TypeAlias = tuple[tuple[SpaceMotion, ...], GoalPoseRecord | None]
-"""Motions in space of which the first that has a smooth path is taken, and the record of the pose in which they end."""
+"""Motions in space, of which the first with a smooth path is taken, and the record of the pose they end in."""
 
 
 def resumed(known: Motion, task: MotionTask) -> Motion | None:
-    """Return a certified, optimised motion near a known one.
+    """Return a certified, optimised motion derived from a known one.
 
     Args:
         known: a motion from the same start to another goal or among other walls.
-        task: the arm, the room, the goal and the limits as they are now.
+        task: the current arm, workspace, goal and limits.
 
     Returns:
-        None where the known motion leads to none; that says nothing of the task.
+        None where the known motion cannot be adapted; this does not mean that the task has no solution.
     """
     if task.goal_pose is not None or task.user_limits:
         return None
-    # The space through the start that holds the end of the known motion too.
+    # The space through the start that also contains the end of the known motion.
     space, start = task.space_through(task.start)
     space, _ = space.blended_to(known.configurations[-1])
     stepper = task.stepper(space, MARGINS[0])
@@ -98,13 +100,13 @@ def resumed(known: Motion, task: MotionTask) -> Motion | None:
 
 
 def _bent(known: Motion, coordinates: FloatArray, stepper: Stepper, task: MotionTask) -> Motion | None:
-    """Return the known motion with the way of its end onto the goal added, more and more towards the end.
+    """Return the known motion deformed to end at the goal, by a change that grows along it; None where that fails.
 
     Args:
         known: the motion.
-        coordinates: of its keyframes in the space of the steps, shape (K, p).
-        stepper: takes steps.
-        task: with the goal.
+        coordinates: coordinates of its keyframes in the space of the steps, shape (K, p).
+        stepper: takes the steps.
+        task: the task with the goal.
     """
     try:
         settled = settle(stepper, task.limited_goal, stepper.pose(coordinates[-1]), task.deadline)
@@ -114,13 +116,13 @@ def _bent(known: Motion, coordinates: FloatArray, stepper: Stepper, task: Motion
     for bent in begun.bent_to(settled[-1].v):
         if len(task.failures(bent.curve, bent.unknowns)) == 0:
             return bent
-    # Where bending it would meet a wall, the motion goes on from its end.
+    # Where deforming the motion would meet a wall, extend it from its end.
     led_on = begun.through(np.vstack((coordinates, [pose.v for pose in settled[1:]])))
     return led_on if len(task.failures(led_on.curve, led_on.unknowns)) == 0 else None
 
 
 def _tracked(known: Motion, start: FloatArray, stepper: Stepper, task: MotionTask) -> Motion | None:
-    """Return the known motion tracked from its start by steps that keep off the walls as they are now, then settled."""
+    """Return the known motion tracked by steps clear of the current walls, then settled; None on failure."""
     reference = Reference.of(known, stepper.space)
     try:
         way = follow_reference(stepper, reference, task.limited_goal, stepper.pose(start), task.deadline)
@@ -137,11 +139,11 @@ class MotionPlanner:
     Attributes:
         stages: names and times the stages.
         terms: the user's constraints and costs, or None.
-        refuse: raises where it is proved that no way leads to the goal; asked where no route or no way of the tip is
-            found, and for goals of the whole arm that are not reached at once.
-        plane: numbers of every stage in the plane.
-        space: the same in space.
-        first_found: whether in space the first motion that is found is taken as it is.
+        refuse: raises where the goal is proved unreachable; called where no route or tip path is found, and for goals
+            of the whole arm that are not reached at once.
+        plane: settings of every stage in the plane.
+        space: settings of every stage in space.
+        first_found: whether, in space, the first motion found is returned without optimisation.
     """
 
     stages: Stages = field(default_factory=Stages)
@@ -160,8 +162,8 @@ class MotionPlanner:
         """Plan a certified motion to the problem's goal.
 
         Raises:
-            ProblemError: the start breaks a limit.
-            NoPlanFound: with the reason and what would help.
+            ProblemError: the start violates a limit.
+            NoPlanFound: no motion was found; gives the reason and advice.
         """
         if problem.dimension == 2:
             with planning_units(problem) as units:
@@ -184,18 +186,18 @@ class MotionPlanner:
         return replace(path, goal_pose=end)
 
     def planned(self, problem: Problem, known: Motion | None = None) -> tuple[JointPath, Motion]:
-        """Plan a certified motion in the plane, and keep it as the search knows it.
+        """Plan a certified motion in the plane, and return it with the smooth path along it.
 
         Args:
-            problem: what is asked, in units of its arm.
-            known: a motion for a problem that differs a little, from which to go on; sought from nothing when None, or
-                when nothing comes of it.
+            problem: the problem, in units of its arm.
+            known: a motion for a slightly different problem to start from; the search starts afresh when None, or when
+                the known motion cannot be adapted.
 
         Returns:
             The path and the motion that it follows.
 
         Raises:
-            NoPlanFound: with the reason and what would help.
+            NoPlanFound: no motion was found; gives the reason and advice.
         """
         deadline = Deadline.after(_SHARE_IN_THE_PLANE * problem.planner.time_limit)
         with self.stages("mapping"):
@@ -226,13 +228,13 @@ class MotionPlanner:
         return replace(path, goal_pose=end_poses.record(motion.end_pose)), motion
 
     def motion_task(self, problem: Problem, ends: Ends, deadline: Deadline, asked: Problem | None = None) -> MotionTask:
-        """Return what the search for a motion between ends that are already resolved is asked.
+        """Return the search task for a motion between ends that are already resolved.
 
         Args:
-            problem: perhaps with the walls of the neighbourhood alone.
-            ends: of the motion.
+            problem: the problem, perhaps with only the walls of the neighbourhood.
+            ends: the ends of the motion.
             deadline: when to stop.
-            asked: the problem with all walls as they are, for proofs; the same when None.
+            asked: the problem with all its original walls, for proofs; ``problem`` when None.
 
         Raises:
             NoPlanFound: there is no route, and a proof that there can be none.
@@ -243,7 +245,7 @@ class MotionPlanner:
             tip_paths = tip_paths_along(problem, ends, routes, room)
             if not tip_paths:
                 self.refuse(problem if asked is None else asked)
-        # Without a goal for the whole arm all that there is to prove has been tried by now.
+        # Without a goal for the whole arm, the only available proof has already been tried above.
         refuse = partial(self.refuse, asked or problem) if ends.goal_pose is not None else _nothing_proved
         guesses = CachedItems(self._in_stage(find_guesses(problem, ends, room, routes)))
         further = CachedItems(self._in_stage(further_guesses(problem, ends, room, routes)))
@@ -256,7 +258,7 @@ class MotionPlanner:
         )
 
     def task_without_routes(self, problem: Problem, ends: Ends, deadline: Deadline) -> MotionTask:
-        """Return the same for those who know a motion already, and need no routes; arguments as for ``motion_task``."""
+        """Return the search task without routes, for callers that know a motion; arguments as for ``motion_task``."""
         settings = self.plane
         arm = clamped_arm(problem.arm) if ends.clamped else problem.arm
         return MotionTask(
@@ -274,13 +276,13 @@ class MotionPlanner:
             user=self.user,
             wanted_gap=problem.wanted_gap,
             held=(GuideTubeLimit(arm, travel_between_samples(arm, problem.limits)),) if arm.base_axes else (),
-            # In it a way of the base counts by the time that it takes.
+            # In this space, travel of the base is weighted by the time that it takes.
             fed_space=FedSpace.of_arm(arm, turn_per_link(problem)) if arm.base_axes else None,
             settings=replace(settings.motion, certificate=certificate_settings(problem, settings.motion.certificate)),
         )
 
     def shape_change(self, problem: Problem, ends: Ends, deadline: Deadline) -> Motion:
-        """Return a motion of what is beyond the hole of a feed axis, an arm on a fixed base, whatever the user asks.
+        """Return a motion of the part beyond the feed axis's hole, as an arm on a fixed base, without the user's terms.
 
         Raises:
             NoPlanFound: there is none.
@@ -288,7 +290,7 @@ class MotionPlanner:
         return find_motion(MotionPlanner(plane=self.plane).motion_task(problem, ends, deadline))
 
     def _in_stage(self, configurations: Iterator[FloatArray]) -> Iterator[FloatArray]:
-        """Yield the configurations, each made in the stage of that name when it is asked for."""
+        """Yield the configurations, computing each on demand within the stage "configuration"."""
         while True:
             with self.stages("configuration"):
                 found = next(configurations, None)
@@ -298,9 +300,9 @@ class MotionPlanner:
 
     # ------------------------------------------------------------ in space
     def _planned(self, problem: Problem, task: SpaceTask) -> _Planned:
-        """The optimised motion, and the one that was found, whose path may have room where the shorter one has none.
+        """Return the optimised motion and the found one, with the NLP's record of their end pose or None.
 
-        With them comes what the NLP said about where they end, or None.
+        The found motion is kept because its path may have clearance where the shorter, optimised one has none.
         """
         with self.stages("motion"):
             found = find_by_ways(task)
@@ -315,9 +317,9 @@ class MotionPlanner:
         return motions, ending.record
 
     def _lifted(self, problem: Problem, task: SpaceTask) -> _Planned | None:
-        """Return the motion of an arm of many links, planned for few.
+        """Return the motion of an arm with many links, planned for an arm with few links and then refined.
 
-        None where the arm has few, or that does not pass.
+        None where the arm has few links anyway, or where the refinement fails.
         """
         few = nominal_task(task)
         if few is None:
@@ -332,18 +334,18 @@ class MotionPlanner:
 
 
 def _nothing_proved() -> None:
-    """Refuses nothing."""
+    """Do nothing: there is no proof to try."""
 
 
 def certificate_settings(problem: Problem, settings: CertificateSettings) -> CertificateSettings:
-    """Of a certificate that keeps to the contact tolerance of a problem."""
+    """Return certificate settings that respect a problem's contact tolerance."""
     return replace(settings, contact=_CONTACT_SHARE * problem.contact_tolerance)
 
 
 def slowness(problem: Problem) -> JointSlowness:
-    """Return what the joints and the base can do by their limits.
+    """Return the slowness of the joints and the base, from their speed and acceleration limits.
 
-    Planar motion turns the second revolute of every ball.
+    Planar motion turns the second revolute of every ball joint.
     """
     limits = problem.limits
     speeds, accelerations = limits.velocity[1::3], limits.acceleration[1::3]
@@ -355,17 +357,17 @@ def slowness(problem: Problem) -> JointSlowness:
 
 
 def turn_per_link(problem: Problem) -> float:
-    """Return what the average joint turns while the base is carried by a link length [rad]."""
+    """Return the angle that an average joint turns in the time the base travels one link length [rad]."""
     speed = problem.limits.feed_velocity or 1.0
     return float(problem.limits.velocity[1::3].mean() * problem.arm.link_length / speed)
 
 
 def with_clamped_base(problem: Problem, tree: SurfaceTree) -> Problem:
-    """The problem for an arm whose first joints stay straight and belong to the mount, where it stands flush on a wall.
+    """Return the problem with its first joints held straight as part of the mount, if the arm stands flush on a wall.
 
     Args:
-        problem: with one goal.
-        tree: of its surfaces.
+        problem: the problem, with one goal.
+        tree: tree of its surfaces.
     """
     count = clamped_joints(problem, tree)
     arm = problem.arm
@@ -374,7 +376,7 @@ def with_clamped_base(problem: Problem, tree: SurfaceTree) -> Problem:
 
 
 def clamped_joints(problem: Problem, tree: SurfaceTree) -> int:
-    """Return how many joints from the base a wall at the end of the mount holds straight; 0 where there is none."""
+    """Return the number of joints from the base that a wall at the mount's end holds straight; 0 without a wall."""
     arm = problem.arm
     first, share = arm.mount_end
     count = max(1, int(np.ceil(first + share - _STRAIGHT)))
@@ -385,20 +387,20 @@ def clamped_joints(problem: Problem, tree: SurfaceTree) -> int:
     points = arm.joint_positions_at(problem.start.configuration(arm))
     along = points[first + 1] - points[first]
     end = points[first] + share * along
-    # What a motion has to spare beyond contact is not there: no certificate would let the base turn.
+    # The gap that a motion must spare beyond contact does not exist: no certificate would let the base turn.
     spare = SpaceCertificateSettings().spare * arm.length / NOMINAL_LINKS
     reach = arm.radius + problem.workspace.clearance + spare
     near = tree.nearest(np.stack((end, end))[None], reach)
     if near.owner[0] < 0 or near.gap[0] >= reach:
         return 0
-    # Held only by what lies square behind it.
+    # Only a wall square behind the end of the mount clamps it.
     away = end - near.point[0]
     square = away @ along >= (1.0 - _SQUARE) * np.linalg.norm(along) * np.linalg.norm(away)
     return count if square else 0
 
 
 def annotate_clamped_base(failure: NoPlanFound, problem: Problem) -> NoPlanFound:
-    """Return the failure with what would let the first joint bend among its advice, where the base is clamped."""
+    """Return the failure with advice added on how to let the first joints bend, where the base is clamped."""
     if not problem.arm.clamped_joints:
         return failure
     found = failure.diagnosis

@@ -1,6 +1,6 @@
-"""The search for a motion: one attempt after the other, and why there is none.
+"""The search for a motion, one strategy after another, and the diagnosis where none is found.
 
-What every candidate ended at is kept, and said in words with what stood in the way of the best.
+The outcome of every candidate is kept; the diagnosis says where the best one ended and which obstruction was nearest.
 """
 
 from abc import ABC, abstractmethod
@@ -34,7 +34,7 @@ from ccm_opt.scene.bad_pose import joints_at_limits, room_advice
 from ccm_opt.scene.contact_finder import ContactFinder
 
 TREES = "trees"
-"""Name of what trees find, among the names of candidates."""
+"""Name, among the names of candidates, of motions found by trees."""
 
 
 @dataclass(frozen=True)
@@ -42,13 +42,13 @@ class Failure:
     """Why one candidate failed.
 
     Attributes:
-        candidate: its name.
-        message: how far it came.
-        remaining: distance of the tip, or with a goal for the whole arm of the farthest joint, from the goal [m].
-        tightest: link, counted from 1, name of what it nearly touches, and the gap [m]; None when nothing is near.
-        pose: where it ended, shape (c,) [rad, and what carries the base].
-        bends: of the joints there, k a joint, shape (links, k) [rad].
-        limit: what of the user's constraints is in the way, in words, or empty.
+        candidate: name of the candidate.
+        message: how far the candidate came.
+        remaining: distance from the goal of the tip or, with a goal for the whole arm, of the farthest joint [m].
+        tightest: link, counted from 1, name of the nearest obstruction, and the gap [m]; None when nothing is near.
+        pose: configuration where the candidate ended, shape (c,) [rad, and the base's coordinates].
+        bends: bends of the joints in that pose, k a joint, shape (links, k) [rad].
+        limit: the user's constraint that was in the way, in words, or empty.
     """
 
     candidate: str
@@ -69,18 +69,18 @@ class Failure:
 
 
 def tell_tried(candidate: str, failures: Sequence[Failure]) -> None:
-    """Tell who listens that a candidate is tried, its number, and how near the best of those before came."""
+    """Report to listeners that a candidate is tried, with its number and the best earlier distance from the goal."""
     tell_candidate(len(failures) + 1, candidate, min((failure.remaining for failure in failures), default=inf))
 
 
 @dataclass(frozen=True)
 class StrategyInVain:
-    """How far a strategy was tried that found nothing.
+    """Record of a strategy that found nothing.
 
     Attributes:
-        name: of the strategy.
-        attempts: that it made, each of which failed.
-        exhausted: whether all was tried that it has; else the time passed first.
+        name: name of the strategy.
+        attempts: number of attempts it made, all of which failed.
+        exhausted: whether it tried all its candidates; otherwise the deadline passed first.
     """
 
     name: str
@@ -90,23 +90,23 @@ class StrategyInVain:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class SearchTask(ABC):
-    """What every search for a motion needs to know.
+    """Inputs that every search for a motion needs.
 
     Attributes:
         arm: the arm.
-        start: where the motion begins, shape (c,).
-        goal: where the tip has to be.
-        goal_pose: where the whole arm has to be, shape (c,); None where the tip alone counts.
+        start: configuration where the motion begins, shape (c,).
+        goal: goal of the tip.
+        goal_pose: goal configuration of the whole arm, shape (c,); None where only the tip counts.
         via: places that the tip passes in this order, each of shape (d,) [m].
         deadline: when to stop.
-        optimiser: how the motion that is found is optimised.
-        weights: what counts how much then.
-        wanted_gap: room beyond radius and clearance that the motion keeps where there is so much [m].
-        seed: of the random numbers.
-        refuse: raises where it is proved that there is no motion; asked once, before what takes long.
+        optimiser: how the motion found is optimised.
+        weights: weights of the optimisation's costs.
+        wanted_gap: gap beyond radius and clearance that the motion keeps where possible [m].
+        seed: seed of the random numbers.
+        refuse: raises where it is proved that there is no motion; called once, before costly strategies.
         user: the user's constraints and costs; None where there are none.
-        held: limits of the motion beside contact, joints, turns and what the user asks; in the plane a guide tube.
-        settings: numbers of every stage of the search.
+        held: limits of the motion besides contact, joints, turns and the user's; in the plane a guide tube.
+        settings: settings of every stage of the search.
     """
 
     arm: Arm
@@ -126,23 +126,23 @@ class SearchTask(ABC):
 
     @property
     def user_limits(self) -> tuple[UserLimit, ...]:
-        """What the user asks of the motion; usually nothing."""
+        """The user's limits of the motion; usually none."""
         return () if self.user is None else (self.user,)
 
     @property
     @abstractmethod
     def kept(self) -> float:
-        """Distance from the arm's axis that walls have to keep [m]."""
+        """Distance that walls must keep from the arm's axis [m]."""
 
     @property
     @abstractmethod
     def advice(self) -> str:
-        """What may help where nothing better is known."""
+        """General advice where nothing more specific is known."""
 
     @property
     @abstractmethod
     def certificate(self) -> MotionCertificate:
-        """Of motions, and of paths between their samples."""
+        """Certificate of motions, and of paths between their samples."""
 
     @abstractmethod
     def finder(self, margin: float, reach: float) -> ContactFinder:
@@ -150,15 +150,18 @@ class SearchTask(ABC):
 
     @abstractmethod
     def program(self, motion: CurveMotion[Any], margin: float | None = None) -> MotionProgram[Any]:
-        """Return the program of optimising a motion, its keyframes still to be chosen.
+        """Return the program that optimises a motion, with its keyframes still to be chosen.
 
         Args:
-            motion: certified.
+            motion: certified motion.
             margin: gap that rows ask for beyond contact, as a share of the arm's length; the usual one when None.
         """
 
     def certificate_with(self, gap: float) -> MotionCertificate:
-        """The certificate of motions, with more gap beyond contact than they must have where that is told apart [m]."""
+        """Return the certificate of motions that asks for at least this gap beyond contact [m].
+
+        The base class ignores the gap.
+        """
         del gap
         return self.certificate
 
@@ -167,53 +170,53 @@ class SearchTask(ABC):
 
         Args:
             curve: the map of the unknowns.
-            unknowns: at the keyframes, shape (K, p).
-            depth: bisections of an interval that are allowed; as many as the settings say when None.
-            gap: beyond contact that is asked for, where that is more than anyway [m].
+            unknowns: unknowns at the keyframes, shape (K, p).
+            depth: number of bisections allowed per interval; from the settings when None.
+            gap: gap beyond contact to certify, where larger than the usual one [m].
         """
         certificate = self.certificate if gap == -np.inf else self.certificate_with(gap)
         return failing_edges(certificate.limits, curve, unknowns, depth)
 
     @abstractmethod
     def stepper(self, curve: Any, margin: float) -> StepperOf[Any]:
-        """Return the takes steps in the unknowns of a curve, with a planning margin."""
+        """Return the stepper in the unknowns of a curve, with a planning margin."""
 
     def marks(self, motion: CurveMotion[Any]) -> FloatArray:
-        """Return where along a motion, counted in keyframes, there have to be some, shape (m,)."""
+        """Return the positions along a motion, counted in keyframes, that must become keyframes, shape (m,)."""
         breaks = [] if motion.u is None else [u for limit in self.user_limits for u in limit.breaks]
         marks = np.interp(breaks, motion.path_parameters, np.arange(len(motion.unknowns)))
         if not self.via:
             return marks
-        # Among them where the tip comes nearest to the places that it passes.
+        # These include the positions where the tip comes nearest to its via places.
         tips = self.arm.joint_positions_at(motion.curve.configurations(motion.unknowns))[:, -1]
         return np.union1d(marks, passings(tips, np.stack(self.via)).along)
 
     @abstractmethod
     def free(self, q: FloatArray) -> FloatArray:
-        """Return the 1 for what a knot of a path may move about a configuration, 0 for the rest, both of shape (c,)."""
+        """Return 1 for each coordinate of a configuration that a path's knot may move, else 0, both of shape (c,)."""
 
     @abstractmethod
     def room_lacking(self, q: FloatArray) -> FloatArray:
-        """Return by how much configurations, shape (k, c), lack the wanted room, shape (k,) [m]."""
+        """Return how far the gap of each configuration, shape (k, c), falls short of the wanted gap, shape (k,) [m]."""
 
     def least_gap(self, q: FloatArray) -> float:
-        """Return the least gap beyond contact of configurations, shape (K, c) [m], as far as the wanted gap sees."""
+        """Return the least gap beyond contact over configurations, shape (K, c), capped at the wanted gap [m]."""
         return float(self.wanted_gap - np.max(self.room_lacking(q)))
 
     @abstractmethod
     def keyframes_along(
         self, keyframes: FloatArray, spline: BSpline, *, legs: bool
     ) -> tuple[FloatArray, BSpline, tuple[Configuration, ...]]:
-        """Return the keyframes and path of the joints, and the curves that the arm follows, where it follows any.
+        """Return the keyframes and path of the joints, and the curves that the arm follows, if any.
 
         Args:
-            keyframes: of a motion, shape (K, c).
+            keyframes: keyframes of a motion, shape (K, c).
             spline: the path along it.
             legs: whether the arm will move on straight legs between the keyframes.
         """
 
     def violated_place(self, spline: BSpline) -> Diagnosis | None:
-        """Return what besides limits a path misses, in words; None where it misses nothing."""
+        """Return a diagnosis of a requirement, other than a limit, that a path violates; None where there is none."""
         del spline
         return None
 
@@ -233,27 +236,28 @@ class SearchTask(ABC):
         return self.limited(self.goal)
 
     def limited(self, goal: GoalPose) -> GoalPose:
-        """Return a goal with the limits that hold at the end of the motion."""
+        """Return a goal together with the limits that hold at the end of the motion."""
         limits = tuple(limit.placed_at_goal() for limit in self.user_limits)
         return replace(goal, limits=limits, settings=self.settings.goal)
 
 
 AskedType = TypeVar("AskedType")
-"""What a strategy is given: a task, or a run of the search for one."""
+"""Input of a strategy: a task, or a run of the search for one."""
 FoundType = TypeVar("FoundType")
-"""What it finds."""
+"""Result of a strategy."""
 
 
 @dataclass(frozen=True)
 class Strategy(Generic[AskedType, FoundType]):
-    """One way to look for a motion.
+    """One method of searching for a motion.
 
     Attributes:
-        name: for the record of a search in vain.
-        find: a certified motion, or None and what was tried added to the failures.
-        applies: whether it can find motions.
-        costly: whether it may take so long that a proof that there is no motion is worth some tenths of a second first.
-        leads_others: whether later strategies begin with what it tries, so that few links in vain are enough of it.
+        name: name in the record of a failed search.
+        find: returns a certified motion, or None after adding its attempts to the failures.
+        applies: whether the strategy can find motions for the task.
+        costly: whether it may take so long that trying a proof of infeasibility first, at some tenths of a second,
+            pays.
+        leads_others: whether later strategies begin with its candidates, so that failing with few links is enough.
     """
 
     name: str
@@ -272,17 +276,17 @@ def first_found(
     task: SearchTask,
     find: Callable[[StrategyType, list[Failure]], FoundType | None],
 ) -> FoundType:
-    """Return what the first strategy finds that finds anything; what comes after the deadline is only listed.
+    """Return the result of the first strategy that succeeds; strategies after the deadline are only listed.
 
     Args:
-        strategies: that apply, the cheap ones first.
-        task: what is looked for.
-        find: what a strategy finds; adds what it tried in vain to the failures.
+        strategies: strategies that apply, the cheap ones first.
+        task: the task.
+        find: runs a strategy; adds its failed attempts to the failures.
 
     Raises:
         MotionNotFound: every strategy failed; the diagnosis lists why.
         TimeLimitReached: the deadline passed first.
-        UnreachableGoal: it is proved that there is none.
+        UnreachableGoal: it is proved that there is no motion.
     """
     failures: list[Failure] = []
     in_vain: list[StrategyInVain] = []
@@ -303,12 +307,12 @@ def first_found(
 def nothing_found(
     task: SearchTask, failures: Sequence[Failure], strategies: Sequence[StrategyInVain]
 ) -> MotionNotFound | TimeLimitReached:
-    """Return the error that says why no motion was found.
+    """Return the error that explains why no motion was found.
 
     Args:
-        task: what was looked for.
-        failures: of every attempt.
-        strategies: that were tried, in turn.
+        task: the task.
+        failures: failures of all attempts.
+        strategies: strategies tried, in order.
     """
     tried = sorted(failures, key=lambda f: f.remaining)
     trees = [f.message for f in failures if f.candidate == TREES]
@@ -339,7 +343,7 @@ def nothing_found(
 
 
 def _way_made(tried: Sequence[Failure]) -> tuple[str, ...]:
-    """Return what is advised about the wall that the best attempt nearly touched where it ended."""
+    """Return advice to make room at the wall nearest to where the best attempt ended; empty where no wall was near."""
     if not tried or tried[0].tightest is None:
         return ()
     link, name, gap = tried[0].tightest
@@ -349,8 +353,8 @@ def _way_made(tried: Sequence[Failure]) -> tuple[str, ...]:
 
 
 def _how_far(strategies: Sequence[StrategyInVain]) -> str:
-    """Return which strategies were exhausted, and which the time cut short, in words."""
-    # What had nothing to try says nothing of the problem.
+    """Return, in words, which strategies were exhausted and which ran out of time."""
+    # A strategy without attempts says nothing about the problem.
     exhausted = [f"{each.name} ({_attempts(each)})" for each in strategies if each.exhausted and each.attempts]
     cut_short = [f"{each.name} ({_attempts(each)})" for each in strategies if not each.exhausted]
     words = f"; exhausted: {', '.join(exhausted)}" if exhausted else ""
@@ -362,11 +366,11 @@ def _attempts(strategy: StrategyInVain) -> str:
 
 
 def evidence(tried: Sequence[Failure]) -> Mapping[str, object]:
-    """Return the figures behind a reason, all JSON-serialisable; failures come sorted, the best first.
+    """Return the figures behind a diagnosis, all JSON-serialisable; failures come sorted, the best first.
 
     Returns:
-        ``tried``: a line for each; ``candidates``: the same as tables; ``in_the_way``: how often what was the tightest
-        contact; ``nearest_pose``: the configuration where the best ended.
+        ``tried``: a line for each; ``candidates``: the same as tables; ``in_the_way``: how often each obstruction was
+        the tightest contact; ``nearest_pose``: the configuration where the best candidate ended.
     """
     named = Counter(f.tightest[1] for f in tried if f.tightest is not None)
     return {
@@ -391,7 +395,7 @@ def _table(failure: Failure) -> dict[str, object]:
 
 
 def _limits_in_the_way(names: Sequence[str], tried: list[Failure]) -> str:
-    """Return the constraint in the way of the candidate that came nearest, or all of them."""
+    """Return, in words, the constraint that stopped the best such candidate, or all names where none stopped one."""
     if not names:
         return ""
     met = [failure.limit for failure in tried if failure.limit]

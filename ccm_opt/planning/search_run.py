@@ -1,7 +1,8 @@
-"""One run of the search over its candidates.
+"""One run of the planar search over its candidates.
 
-Where the base stands in a narrow room itself, as in a bottle, no fold has room to open there and to travel out. But
-what lies in the passage can be drawn back along itself, as out of a gate, while the rest bows to one side and coils up.
+Where the base itself stands in a narrow space, as in a bottle, there is no clearance for a fold to open and travel out.
+But the part of the arm in the passage can be drawn back along itself, as out of a gate, while the rest bows to one side
+and coils up.
 """
 
 from collections.abc import Callable, Iterable, Iterator
@@ -33,28 +34,26 @@ from ccm_opt.planning.tip_paths import TipPath
 from ccm_opt.planning.tracking import Reference, follow_reference
 
 _PAUSES = (0.02, 1e-3)
-"""Poses nearer than this to the one before are dropped [rad], the first that leaves the motion certified; a path that
-almost stands still in places cannot be timed well. Taste."""
+"""Distances from the previous pose below which a pose is dropped [rad]; the first that keeps the motion certified is
+used. A path that almost stands still in places cannot be timed well. Taste."""
 _PUT_OFF = 0.5
-"""Probability with which a seed other than 0 puts a candidate off until the others have been tried. Taste."""
+"""Probability with which a seed other than 0 defers a candidate until the others have been tried. Taste."""
 
 _NEAR = 0.05
-"""Gap below which what is near is named, as a share of the arm's length. Taste."""
+"""Gap below which an obstruction is named, as a share of the arm's length. Taste."""
 _CORNER = 0.02
-"""Turn that makes a corner of a path [rad]. Taste."""
+"""Turn above which a vertex of a path counts as a corner [rad]. Taste."""
 _FEW_CORNERS = 2
-"""A route with more corners bends the arm so that straight interpolation seldom works. Taste."""
+"""Most corners of a route for which straight interpolation is tried first: with more, the arm bends so that it
+seldom works. Taste."""
 
 
 def passage_entry(stepper: Stepper, start: Pose, path: TipPath) -> float | None:
-    """Return the arc length from the base at which the arm enters the first passage that it fills [m].
-
-    None if it fills none.
-    """
+    """Return the arc length from the base at which the arm enters the first passage that it fills, or None [m]."""
     filled = np.flatnonzero(widths_beside_arm(stepper, start, path.taut) < fold_width(stepper))
     if len(filled) == 0:
         return None
-    # The tip's way leads back along the arm: what it passes last is nearest to the base.
+    # The tip path leads back along the arm: the passage it crosses last is nearest to the base.
     places, _ = evenly_along(path.taut)
     axis = shapely.LineString(start.points)
     return float(shapely.line_locate_point(axis, shapely.points(places[filled])).min())
@@ -70,18 +69,18 @@ def first_candidates(
     """Yield the candidates that solve most problems, most promising first.
 
     Args:
-        stepper: of the link space they are to run in.
-        start: where the motion begins.
-        goal_coordinates: of goal poses, for interpolation; unless the tip can go straight, they are asked for when the
-            first tip path has failed.
-        tip_paths: shortest first.
+        stepper: stepper of the link space they are to run in.
+        start: pose where the motion begins.
+        goal_coordinates: coordinates of goal poses, for interpolation; unless the tip can go straight, these are only
+            computed when the first tip path has failed.
+        tip_paths: tip paths, shortest first.
         whole_arm: coordinates of a goal for the whole arm; a fold that has run to the base is opened onto it.
     """
-    # In a gate with hardly any play nothing else moves an arm.
+    # In a gate with hardly any play, only sliding along itself moves an arm.
     gates = [(path, gate_entry(stepper, start, path)) for path in tip_paths]
     yield from slid_out(stepper, start, whole_arm, gates, "slid out of gates")
 
-    # Poses at the goal are dear among many walls, and often there are none along the routes; a tip is led in no time.
+    # Among many walls goal poses are costly to find, and often the routes have none; leading the tip is quick.
     led_first = whole_arm is None and stepper.among_many_walls
     if led_first:
         yield from (tip_led(stepper, path) for path in sorted(tip_paths, key=lambda path: path.length))
@@ -92,15 +91,15 @@ def first_candidates(
 
     first_length = FOLD_LENGTHS[:1]
     withdrawn = _withdrawn(stepper, start, goal_coordinates, tip_paths, first_length, whole_arm=whole_arm is not None)
-    # Out of a narrow place the arm comes only as it came in, and a tip that is drawn back alone buckles it.
+    # The arm leaves a narrow place only the way it came in, and drawing back the tip alone buckles it.
     if tip_paths and lies_confined(stepper, start, tip_paths[0]):
         yield from withdrawn
         passage = (tip_paths[0], passage_entry(stepper, start, tip_paths[0]))
         yield from slid_out(stepper, start, whole_arm, [passage], "drawn in")
 
     for path in tip_paths:
-        # A fold lays the arm on its new route link by link, where a goal of the whole arm wants it; a tip alone can
-        # mostly be led there.
+        # For a goal of the whole arm, a fold lays the arm on its new route link by link; for a goal of the tip,
+        # leading the tip there mostly suffices.
         if whole_arm is not None:
             fitting = fitting_folds(stepper, path)
             yield from pulled_over(stepper, start, whole_arm, path, fitting[:1])
@@ -109,7 +108,7 @@ def first_candidates(
             if not led_first:
                 yield tip_led(stepper, path)
             yield from pulled_over(stepper, start, whole_arm, path, first_length)
-            # Not before, for a pose at the goal has to be found by the NLP first. The first path uses them all up.
+            # Not earlier, since the NLP must first find a goal pose. The first tip path uses up all interpolations.
             yield from interpolated
 
     yield from interpolated
@@ -117,7 +116,7 @@ def first_candidates(
 
 
 def _interpolations(stepper: Stepper, start: Pose, goal_coordinates: Iterable[FloatArray]) -> Iterator[GuideCandidate]:
-    """Yield the straight to one pose at the goal after the other; each is made when it is asked for."""
+    """Yield straight interpolations to one goal pose after another; each goal pose is computed on demand."""
     for k, goal in enumerate(goal_coordinates, start=1):
         make_guide = partial(PoseLed, stepper.space, start.v, goal)
         yield GuideCandidate(f"interpolation {k}", make_guide)
@@ -132,17 +131,14 @@ def _withdrawn(
     *,
     whole_arm: bool,
 ) -> Iterator[GuideCandidate]:
-    """Yield the drawn back along itself onto one pose at the goal after the other.
-
-    Each is made when it is asked for.
-    """
+    """Yield candidates that draw the arm back along itself onto one goal pose after another, each made on demand."""
     for path in tip_paths[:1]:
         for goal in goal_coordinates:
             yield from drawn_back(stepper, start, goal, path, lengths, whole_arm=whole_arm)
 
 
 def goes_straight(tip_paths: tuple[TipPath, ...]) -> bool:
-    """Whether the tip's first path is straight and its route has few corners, so that interpolation probably works."""
+    """Return whether interpolation probably works: the first tip path is straight and its route has few corners."""
     if not tip_paths:
         return False
     first = tip_paths[0]
@@ -151,7 +147,7 @@ def goes_straight(tip_paths: tuple[TipPath, ...]) -> bool:
 
 
 def _corners(path: FloatArray, least_turn: float) -> int:
-    """Number of places where a path (k, 2) turns by more than ``least_turn`` [rad]."""
+    """Return the number of places where a path (k, 2) turns by more than ``least_turn`` [rad]."""
     turns = np.diff(leg_headings(without_repeats(path, 0.0)))
     return int(np.count_nonzero(np.abs(turns) > least_turn))
 
@@ -163,7 +159,7 @@ def further_candidates(
     tip_paths: tuple[TipPath, ...],
     whole_arm: FloatArray | None = None,
 ) -> Iterator[GuideCandidate]:
-    """Yield the folds of other lengths, back and forth; arguments as for ``first_candidates``."""
+    """Yield withdrawals and folds of the other lengths; arguments as for ``first_candidates``."""
     others = FOLD_LENGTHS[1:]
     yield from _withdrawn(stepper, start, goal_coordinates, tip_paths, others, whole_arm=whole_arm is not None)
     for path in tip_paths:
@@ -172,27 +168,27 @@ def further_candidates(
 
 
 def tip_led(stepper: Stepper, path: TipPath) -> GuideCandidate:
-    """Return the tip drawn along the taut path."""
+    """Return the candidate that draws the tip along the taut path."""
     return GuideCandidate(f"tip-led, {path.name}", partial(led_along, stepper, path.taut))
 
 
 _GATE_RIDGE = 1e-5
-"""The same in gates, with their equations. Measured on an arm of 48 links in two doors: with the narrow ridge a step
-took 1165 iterations, with this one 2."""
+"""Ridge of the steps in gates, whose equations are added. Measured on an arm of 48 links in two doors: with the
+ridge for narrow margins a step took 1165 iterations, with this one 2."""
 _MENDS = 3
-"""Times that poses are put between those in gates between which the motion is not certified. Taste."""
+"""Number of rounds that insert poses where the motion through gates is not certified. Taste."""
 
 
 def drawn_order(candidates: Iterable[GuideCandidate], seed: int, put_off: float) -> Iterator[GuideCandidate]:
-    """Yield all candidates, some of them later than their turn.
+    """Yield all candidates, some of them deferred at random.
 
-    The first candidate that arrives decides which motion is optimised, but another may end in a better one. A seed puts
-    every candidate off with some probability until all others have been tried, so that early ones still come early.
+    The first candidate that arrives decides which motion is optimised, but another may lead to a better one. A seed
+    defers every candidate with some probability until all others have been tried, so that early ones still come early.
 
     Args:
-        candidates: the most promising first.
-        seed: of what is drawn; 0 draws nothing.
-        put_off: the probability.
+        candidates: candidates, the most promising first.
+        seed: seed of the random numbers; 0 keeps the order.
+        put_off: probability of deferring a candidate.
     """
     if seed == 0:
         yield from candidates
@@ -208,20 +204,20 @@ def drawn_order(candidates: Iterable[GuideCandidate], seed: int, put_off: float)
 
 
 TaskType = TypeVar("TaskType", bound=SearchTask)
-"""The kind of task."""
+"""Type of the task."""
 CurveType = TypeVar("CurveType", bound=CurveUnknowns)
-"""The kind of map of its motions."""
+"""Type of the map of its motions."""
 
 
 @dataclass(frozen=True, eq=False)
 class SearchRun(Generic[TaskType, CurveType]):
-    """One run through candidates, with one stepper: each is led along, what stalls is recorded.
+    """One run through candidates with one stepper: each is followed, and each that stalls is recorded.
 
     Attributes:
-        task: what is looked for.
-        stepper: of the space through the start, with all limits.
+        task: the task.
+        stepper: stepper of the space through the start, with all limits.
         start: pose at the start.
-        goal: with the limits that hold there; for a whole-arm goal in the unknowns of the space.
+        goal: goal with the limits that hold there; a whole-arm goal is in the unknowns of the space.
     """
 
     task: TaskType
@@ -232,7 +228,7 @@ class SearchRun(Generic[TaskType, CurveType]):
     def attempt(
         self, name: str, lead: Callable[[], list[Pose]], failures: list[Failure]
     ) -> CurveMotion[CurveType] | None:
-        """Return the motion through the poses of a candidate; None and why where it stalls."""
+        """Return the motion through a candidate's poses; where it stalls, record the failure and return None."""
         tell_tried(name, failures)
         try:
             return self.motion(name, lead())
@@ -241,25 +237,25 @@ class SearchRun(Generic[TaskType, CurveType]):
             return None
 
     def motion(self, name: str, poses: list[Pose]) -> CurveMotion[CurveType]:
-        """Return the poses as a motion found by a candidate."""
+        """Return the poses as a motion named after its candidate."""
         return CurveMotion.of(self.stepper.space, poses, name)
 
     def failure(self, name: str, stalled: Stalled) -> Failure:
-        """Return why a candidate stalled, and what was near."""
+        """Return the failure record of a stalled candidate, with the nearest obstruction."""
         pose = stalled.poses[-1]
         limit = self.goal.describe_limits(pose)
         bends = self.stepper.space.bends(pose.q).reshape(self.task.arm.links, -1)
         return Failure(name, str(stalled), self._remaining(pose), self.tightest(pose), pose.q, bends, limit)
 
     def _remaining(self, pose: Pose) -> float:
-        """Return how far the tip, or with a goal for the whole arm the farthest joint, still is from the goal [m]."""
+        """Return the distance from the goal of the tip or, with a goal for the whole arm, of the farthest joint [m]."""
         if self.goal.coordinates is None:
             return self.goal.errors(pose)[0]
         apart = self.stepper.pose(self.goal.coordinates).points - pose.points
         return float(np.linalg.norm(apart, axis=1).max())
 
     def arrived(self, poses: list[Pose]) -> list[Pose]:
-        """Return poses that have come near the goal, and others onto it: settled, or led to the pose of the whole arm.
+        """Return poses that have come near the goal, completed onto it: settled, or led to the pose of the whole arm.
 
         Raises:
             Stalled: the goal is not reached.
@@ -269,35 +265,35 @@ class SearchRun(Generic[TaskType, CurveType]):
         return [*poses, *self.led_to(self.goal.coordinates, poses[-1])[1:]]
 
     def led_to(self, end: FloatArray, pose: Pose) -> list[Pose]:
-        """Return the poses from one to other unknowns, shape (p,), on the straight way.
+        """Return the poses that lead straight from a pose to other unknowns, shape (p,).
 
         Raises:
-            Stalled: when there is no such way.
+            Stalled: there is no such straight motion.
         """
         guide = PoseLed(self.stepper.space, pose.v, end)
         try:
             poses = follow(self.stepper, guide, pose, self.task.deadline)
         except Stalled as stalled:
-            # Unknowns that hardly turn a joint may be the last that differ.
+            # The remaining difference may lie in unknowns that hardly turn a joint.
             poses = stalled.poses
-        # Where steps are not proved the motion is as a whole.
+        # Where steps are not proved one by one, the motion is certified as a whole.
         unproved = self.stepper.settings.step.proof_depth is None and guide.finished(poses[-1])
         if not unproved and not self.stepper.edge_is_safe(poses[-1].v, end):
             raise Stalled(guide.describe(poses[-1]), poses)
         return [*poses, *(self.stepper.pose(v) for v in self.stepper.space.pieces(poses[-1].v, end)[1:])]
 
     def tightest(self, pose: Pose) -> tuple[int, str, float] | None:
-        """Return what a pose nearly touches: link from 1, name, gap [m]; None when nothing is near."""
+        """Return the nearest obstruction of a pose: link from 1, name, gap [m]; None when nothing is near."""
         finder = self.task.finder(0.0, _NEAR * self.task.arm.length)
         return finder.tightest(finder.find(pose.points))
 
 
 @dataclass(frozen=True, eq=False)
 class PlanarRun(SearchRun[MotionTask, LinkSpace]):
-    """One pass through the portfolio with one margin.
+    """One pass through the planar candidates with one margin.
 
     Attributes:
-        stepper: of the link space through the start, with all limits.
+        stepper: stepper of the link space through the start, with all limits.
         guesses: coordinates of poses at or near the goal, each of shape (p,).
     """
 
@@ -309,7 +305,7 @@ class PlanarRun(SearchRun[MotionTask, LinkSpace]):
         """Return a pass in the link space through the task's start.
 
         Args:
-            task: what is looked for.
+            task: the task.
             margin_links: planning margin, in nominal links.
         """
         narrowed = task.settings.step.narrowed(margin_links)
@@ -330,17 +326,17 @@ class PlanarRun(SearchRun[MotionTask, LinkSpace]):
 
         stepper = task.stepper(space, margin_links)
         run = cls(task, stepper, stepper.pose(start), goal, guesses)
-        # A motion drawn towards a guess that breaks a limit would be drawn away from what the limit allows.
+        # A guess that violates a limit would draw the motion away from what the limit allows.
         settled = bool(task.user_limits) and goal.coordinates is None
         return replace(run, guesses=run.settled_guesses()) if settled else run
 
     def settled_guesses(self) -> Iterable[FloatArray]:
-        """Return the guesses brought onto the goal and the limits there, those that can be."""
+        """Return those guesses that can be brought onto the goal and its limits."""
         poses = (pose_at_goal(self.task, self.stepper, guess) for guess in self.task.guesses)
         return CachedItems(pose.v for pose in poses if pose is not None)
 
     def direct(self) -> Iterator[GuideCandidate]:
-        """Yield the straight to a goal of the whole arm."""
+        """Yield the straight interpolation to a goal of the whole arm."""
         whole_arm = self.goal.coordinates
         if whole_arm is not None:
             yield from islice(first_candidates(self.stepper, self.start, self.guesses, (), whole_arm), 1)
@@ -360,7 +356,7 @@ class PlanarRun(SearchRun[MotionTask, LinkSpace]):
         return self._drawn(further_candidates(self.stepper, self.start, self.guesses, self.task.tip_paths, whole_arm))
 
     def _drawn(self, candidates: Iterator[GuideCandidate]) -> Iterator[GuideCandidate]:
-        """Return the candidates in the order that the seed draws."""
+        """Return the candidates in the order sampled with the seed."""
         return drawn_order(candidates, self.task.seed, _PUT_OFF)
 
     def run(self, tried: Iterator[GuideCandidate], failures: list[Failure]) -> Motion | None:
@@ -375,12 +371,12 @@ class PlanarRun(SearchRun[MotionTask, LinkSpace]):
         return self.certified_without_pauses(self.arrived(self._led(candidate)))
 
     def certified_without_pauses(self, poses: list[Pose]) -> list[Pose]:
-        """Return the motion without pauses, certified.
+        """Return the poses of a motion without pauses, certified.
 
         Raises:
-            Stalled: when it cannot be certified.
+            Stalled: the motion cannot be certified.
         """
-        # Dropping poses cuts corners a little: where that loses the certificate, fewer are dropped.
+        # Dropping poses cuts corners a little: where that loses the certificate, drop fewer.
         for pause in _PAUSES:
             fewer = without_pauses(poses, pause)
             if self._certified(fewer):
@@ -391,7 +387,7 @@ class PlanarRun(SearchRun[MotionTask, LinkSpace]):
         raise Stalled("the motion arrived but could not be certified", poses)
 
     def _mended(self, poses: list[Pose]) -> list[Pose] | None:
-        """Return poses with others between them, put back onto gates' middles, where that certifies them; else None."""
+        """Return poses with others inserted on the gates' middle lines until certified; None where that fails."""
         if self.task.gates is None:
             return None
         for _ in range(_MENDS):
@@ -413,7 +409,7 @@ class PlanarRun(SearchRun[MotionTask, LinkSpace]):
         except Stalled as stalled:
             if not candidate.resume:
                 raise
-            # A guide that leads into a dead end may still have brought the arm near enough for the next.
+            # A guide that ends in a dead end may still have brought the arm near enough for the next guide.
             poses = stalled.poses
         for resume in candidate.resume:
             if self.goal.is_set and self.goal.met(poses[-1]):
@@ -431,7 +427,7 @@ class PlanarRun(SearchRun[MotionTask, LinkSpace]):
         return len(self.task.certificate.failures(stack_configurations(poses))) == 0
 
     def goal_poses(self) -> Iterator[Pose]:
-        """Yield the goal of the whole arm, or poses of it that have the tip at the goal."""
+        """Yield the goal of the whole arm, or poses that have the tip at the goal."""
         if self.goal.coordinates is not None:
             yield self.stepper.pose(self.goal.coordinates)
             return
@@ -441,7 +437,7 @@ class PlanarRun(SearchRun[MotionTask, LinkSpace]):
                 yield pose
 
     def tracked(self, found: Motion, failures: list[Failure]) -> Motion | None:
-        """Return a motion bent to the limits; None when that fails."""
+        """Return a motion tracked under the limits; on failure, record it and return None."""
         name = f"{found.candidate}, tracked"
         reference = Reference.of(found, self.stepper.space)
         if self.goal.coordinates is not None:
@@ -461,8 +457,8 @@ def _made(make: Callable[[], Guide], pose: Pose) -> Guide:
     """Return a guide that leads on from a pose.
 
     Raises:
-        Stalled: when no way leads on from there. That says nothing of the problem: a tip in a wall's margin may
-            have its nearest free place in a pocket.
+        Stalled: no path leads on from there. That says nothing about the problem: a tip in a wall's margin may have its
+            nearest free place in a pocket.
     """
     try:
         return make()

@@ -1,7 +1,7 @@
-"""Numbers of planning that are tuned or passed in: step, guides, search, samplers, optimisation, planners.
+"""Settings of the planning stages: step, guides, search, samplers, optimisation and planners.
 
-Lengths are in nominal links, which do not depend on how many links an arm really has: weights and advances that suit
-one arm then suit another of the same shape. A weight "per nominal link" is shared out among the links of one.
+Lengths are in nominal links, which do not depend on the number of links of the real arm: weights and advances tuned on
+one arm then suit another of the same shape. A weight "per nominal link" is shared among the links in one nominal link.
 """
 
 from dataclasses import dataclass, field, replace
@@ -14,16 +14,16 @@ from ccm_opt.scene.contact_finder import CertificateSettings
 
 @dataclass(frozen=True)
 class ConvexSettings:
-    """Numbers of the sequential convex programming.
+    """Settings of the sequential convex programming.
 
     Attributes:
-        price: first price of one nominal link of slack. Taste.
-        highest_price: to which it rises where an interval lacks room. Taste.
+        price: initial price of one nominal link of slack. Taste.
+        highest_price: price to which it rises where an interval lacks clearance. Taste.
         worth: share of the merit that a round has to gain. Taste.
         patience: rounds in a row that may gain less. Taste.
-        patience_in_want: the same of a motion that lacks room. Taste.
-        counts_room: whether the room that a motion lacks counts in its merit, and only one of more merit is stepped on
-            from; else only rows count, at their prices, and every step is kept.
+        patience_in_want: the same for a motion that lacks clearance. Taste.
+        counts_room: whether missing clearance counts in a motion's merit, and only an iterate with a better merit is
+            continued from; otherwise only rows count, at their prices, and every step is kept.
     """
 
     price: float = 30.0
@@ -36,22 +36,22 @@ class ConvexSettings:
 
 @dataclass(frozen=True)
 class OptimisationSettings:
-    """Numbers of the optimisation of a motion.
+    """Settings of the optimisation of a motion.
 
     Attributes:
-        intervals: least number of intervals; a motion that needs more legs to be certified keeps them. Measured:
-            twice as many shortened motions by 5 % at most.
-        moved_intervals: numbers of intervals that are tried where keyframes have to be moved onto limits, until the
-            motion through them is certified. Taste.
-        finer_intervals: least number of intervals where a motion lacks room. Measured: of 18 motions among clutter that
-            lacked it, few gained much with as many as before, most with about twice as many.
+        intervals: least number of intervals; a motion that needs more legs to be certified keeps them. Measured: twice
+            as many shortened motions by 5 % at most.
+        moved_intervals: numbers of intervals tried where keyframes have to be moved onto limits, until the motion
+            through them is certified. Taste.
+        finer_intervals: least number of intervals where a motion lacks clearance. Measured: of 18 motions among clutter
+            that lacked it, few gained much with as many as before, most with about twice as many.
         leg_depth: bisections that a leg of the thinned motion may need for its certificate. Taste.
         first_stride: keyframes that such a leg skips at first. Taste.
-        first_rounds: steps at many keyframes, before the motion is thinned again. Taste.
-        rounds: most steps that are taken. Taste.
-        free_rounds: most steps before it is decided where the motion ends. Taste.
-        end_rounds: most steps after that. Taste.
-        steps: of the sequential convex programming.
+        first_rounds: steps with many keyframes before the motion is thinned again. Taste.
+        rounds: most steps taken. Taste.
+        free_rounds: most steps before the end pose of the motion is chosen. Taste.
+        end_rounds: most steps after that choice. Taste.
+        steps: settings of the sequential convex programming.
     """
 
     intervals: int = 20
@@ -68,22 +68,22 @@ class OptimisationSettings:
 
 @dataclass(frozen=True)
 class AnyStepSettings:
-    """Numbers of a single step, whatever its limits.
+    """Settings of a single step in any dimension.
 
     Attributes:
         largest_turn: largest turn of a link in one step [rad], so that the linearised rows hold. Taste.
         limit_share: share of a joint limit that planning uses: rows do not know that the shape of a fed arm changes
             with its feed. Taste.
-        firm_share: of what a gap lacks to its margin that rows ask for, where there is such a step; usually nothing.
-            Taste.
-        mending_share: the same that a step is drawn to mend. Taste.
-        push_weight: weight on that, against a nominal link's distance. Taste.
+        firm_share: share of a gap's shortfall from the planning margin that rows enforce, where such a step exists;
+            usually none. Taste.
+        mending_share: share of that shortfall that the step is drawn to restore. Taste.
+        push_weight: weight on that restoration, relative to the distance of a nominal link. Taste.
         keep_share: share of the planning margin that every accepted pose keeps, where steps are not proved. Taste.
-        travel: farthest way of a joint in a step, and the same where walls or links are within reach [u].
-        still: whether to keep the arm still where nothing else asks for more.
-        proof_depth: bisections of the proof of every step; None where whole motions alone are proved.
+        travel: largest travel of a joint in a step, and the same where walls or links are within reach [u].
+        still: whether to keep the arm still where no other term applies.
+        proof_depth: bisections of the proof of every step; None where only whole motions are proved.
         ridge: keeps the step's Hessian definite where no term reaches. Taste.
-        blend_ridge: the same on unknowns that blend a goal of the whole arm in, where that is more.
+        blend_ridge: ridge on unknowns that blend in a goal of the whole arm, where larger.
     """
 
     largest_turn: float = 0.15
@@ -100,25 +100,25 @@ class AnyStepSettings:
 
     @property
     def accepted_share(self) -> float:
-        """Share of a joint limit that may come of a step: a QP is not more exact."""
+        """Share of a joint limit that an accepted step may reach: the QP is no more exact than this."""
         return 1.0 - 1e-5
 
 
 @dataclass(frozen=True)
 class StepSettings(AnyStepSettings):
-    """Numbers of a single step in the plane.
+    """Settings of a single step in the plane.
 
     Attributes:
-        limit_share: share of a joint limit that planning uses; what accepted poses and splines overshoot stays below
+        limit_share: share of a joint limit that planning uses; the overshoot of accepted poses and splines stays below
             the limit. Taste.
-        full_limit_share: the same where the ends, or what keeps the arm off its goal, ask for more. Derived: what rows
-            and polishing may err by is a hundredth of a degree at most.
-        narrow_firm_share: the same where margins are narrow. Taste.
-        ridge: as of any step.
-        narrow_ridge: the same where margins are narrow. Measured: beside the heavy weights there the solver does not
-            tell a Hessian with the usual ridge definite, and takes 600 iterations where 10 do.
-        blend_ridge: the same on coordinates that blend a goal of the whole arm in. Measured on a chain in a horn, 12 to
-            96 links: with the usual one a step along a guide's path took 36 to 280 iterations of its QP or never ended,
+        full_limit_share: the same where the ends need more, or joint limits stop the arm short of its goal. Derived:
+            rows and polishing err by a hundredth of a degree at most.
+        narrow_firm_share: ``firm_share`` where margins are narrow. Taste.
+        ridge: as in ``AnyStepSettings``.
+        narrow_ridge: ridge where margins are narrow. Measured: next to the large weights there, the solver does not
+            recognise a Hessian with the usual ridge as definite, and takes 600 iterations instead of 10.
+        blend_ridge: ridge on coordinates that blend in a goal of the whole arm. Measured on a chain in a horn, 12 to 96
+            links: with the usual one a step along a guide's path took 36 to 280 iterations of its QP or never ended,
             with this one 3 to 7.
         narrow_margin: planning margin below which steps are smaller, in nominal links. Taste: the usual narrow one.
     """
@@ -138,14 +138,14 @@ class StepSettings(AnyStepSettings):
 
     @property
     def accepted_share(self) -> float:
-        """Half-way between what planning uses and the limit."""
+        """Share half-way between the one that planning uses and the limit."""
         return 0.5 * (1.0 + self.limit_share)
 
     def narrowed(self, margin: float) -> "StepSettings":
-        """Return the numbers for a planning margin, in nominal links: where it is small, so are the steps.
+        """Return the settings for a planning margin, in nominal links: a small margin makes the steps small.
 
-        Linearised rows err by the square of the turn. What pushes the arm out of its margin has to grow as the margin
-        gets smaller, or the guide would hold it at the very edge, where no step is left.
+        Linearised rows err by the square of the turn. The push out of the margin has to grow as the margin shrinks, or
+        the guide would hold the arm at its very edge, where no step is possible.
         """
         share = margin / self.narrow_margin
         if share >= 1.0:
@@ -162,7 +162,7 @@ class StepSettings(AnyStepSettings):
 
 @dataclass(frozen=True)
 class ContinuationSettings:
-    """Numbers of following a guide, and of settling on the goal where it ends.
+    """Settings of following a guide, and of settling on the goal at its end.
 
     Attributes:
         settle_steps: most steps of settling on the goal. Taste.
@@ -170,7 +170,7 @@ class ContinuationSettings:
         settle_growth: growth of the goal's weight from step to step. Taste.
         still_weight: weight on standing still while settling, for all links together. Taste.
         polish_distance: distance from the goal at which polishing is tried, in nominal links. Taste.
-        polish_turn: turn of the tip's direction from the goal's at which polishing is tried [rad]. Taste.
+        polish_turn: angle between the tip's and the goal's direction at which polishing is tried [rad]. Taste.
     """
 
     settle_steps: int = 150
@@ -183,13 +183,13 @@ class ContinuationSettings:
 
 @dataclass(frozen=True)
 class GoalSettings:
-    """Numbers of drawing the tip onto the goal, and of putting it there exactly.
+    """Settings of drawing the tip to the goal, and of placing it there exactly.
 
     Attributes:
-        polish_tolerance: tip error [arm lengths] and heading error [rad] that the polish stops at. Derived: three
-            orders below what the verifier allows.
-        reached: times that tolerance which still counts as on the goal. Taste.
-        heading_weight: weight of the heading, and of what limits miss at the goal, beside the position. Taste.
+        polish_tolerance: tip error [arm lengths] and heading error [rad] at which the polish stops. Derived: three
+            orders of magnitude below what the verifier allows.
+        reached: multiple of that tolerance that still counts as on the goal. Taste.
+        heading_weight: weight of the heading, and of violations of limits at the goal, relative to the position. Taste.
         distance_step: largest advance onto the goal that a step asks for, in nominal links. Taste.
         turn_step: largest turn onto the goal's direction that a step asks for [rad]. Taste.
     """
@@ -202,13 +202,13 @@ class GoalSettings:
 
     @property
     def on_goal(self) -> float:
-        """Errors up to this count as none [arm lengths] and [rad]."""
+        """Largest errors that count as zero [arm lengths] and [rad]."""
         return self.reached * self.polish_tolerance
 
 
 @dataclass(frozen=True)
 class TrackingSettings:
-    """Numbers of tracking a reference motion under constraints that depend on the path parameter u.
+    """Settings of tracking a reference motion under constraints that depend on the path parameter u.
 
     Attributes:
         first_advance: first step of u. Taste.
@@ -221,19 +221,20 @@ class TrackingSettings:
 
 @dataclass(frozen=True)
 class TipWalkSettings:
-    """Numbers of walks of the tip.
+    """Settings of random walks of the tip.
 
     The measured ones were chosen on nine walked fields of 1000 and 3000 polygons in which no straight attempt arrives,
     seeds 100 to 107 of ``tests/benchmarks/bench_growth.py``.
 
     Attributes:
-        margins: planning margins with which the tip is led straight on, and that walks draw from, in nominal links.
+        margins: planning margins with which the tip is led straight on, and from which walks sample, in nominal links.
             Measured: of fourteen fields of 1000 and 3000 polygons the first alone solves seven, the others two more.
-        longest_way: beyond which there are no early walks, as a share of the arm's length. Measured: in fields of 1000
-            polygons with goals drawn at random, walks along 0.2 to 0.6 of the arm's length mostly arrive, and along
-            1.2 to 2.0, where the arm has to be laid anew from its base, never.
-        early_walks: before poses at the goal are looked for. Taste: half of what those take in vain, or less.
-        late_walks: before the trees. Taste: a few times as many.
+        longest_way: tip path length above which there are no early walks, as a share of the arm's length. Measured: in
+            fields of 1000 polygons with sampled goals, walks along 0.2 to 0.6 of the arm's length mostly arrive, and
+            along 1.2 to 2.0, where the arm has to be laid anew from its base, never.
+        early_walks: number of walks before poses at the goal are sought. Taste: at most half the time of a failed
+            search for those.
+        late_walks: number of walks before the trees. Taste: a few times as many.
     """
 
     margins: tuple[float, ...] = (0.012, 0.06, 0.024, 0.008)
@@ -244,14 +245,14 @@ class TipWalkSettings:
 
 @dataclass(frozen=True)
 class EngineSettings:
-    """Numbers of taking steps, of following a guide and of tracking.
+    """Settings of taking steps, following a guide, tracking and optimising.
 
     Attributes:
-        step: of a single step.
-        continuation: of following a guide and settling on the goal.
-        goal: of putting the tip onto the goal.
-        tracking: of tracking a reference motion.
-        optimisation: of the optimisation of a motion.
+        step: settings of a single step.
+        continuation: settings of following a guide and settling on the goal.
+        goal: settings of placing the tip on the goal.
+        tracking: settings of tracking a reference motion.
+        optimisation: settings of the optimisation of a motion.
     """
 
     step: AnyStepSettings = field(default_factory=AnyStepSettings)
@@ -263,14 +264,14 @@ class EngineSettings:
 
 @dataclass(frozen=True)
 class MotionSettings(EngineSettings):
-    """Numbers of the search for a motion in the plane, besides those of any.
+    """Settings of the search for a motion in the plane, in addition to the general ones.
 
     Attributes:
-        certificate: of the certificate of contact.
-        step: of a single step.
-        many_walls: walls in the neighbourhood beyond which the tip is led along every path before poses at the goal are
-            looked for. Taste: among a thousand, such poses take seconds.
-        tip_walks: of leading the tip among many walls.
+        certificate: settings of the certificate of contact.
+        step: settings of a single step.
+        many_walls: number of walls in the neighbourhood above which the tip is led along every path before poses at the
+            goal are sought. Taste: among a thousand walls, such poses take seconds.
+        tip_walks: settings of leading the tip among many walls.
     """
 
     certificate: CertificateSettings = field(default_factory=CertificateSettings)
@@ -287,18 +288,18 @@ _STEPS = ConvexSettings(
     patience_in_want=3,
     counts_room=True,
 )
-"""Of the optimisation: in space an iterate counts by the room that it has, not by its rows alone."""
+"""Settings of the optimisation in space: an iterate counts by its clearance, not by its rows alone."""
 
 
 @dataclass(frozen=True)
 class SpaceCertificateSettings:
-    """Of the proof that a motion touches nothing.
+    """Settings of the proof that a motion touches nothing.
 
     Attributes:
-        depth: how often an interval may be halved; taste: at twelve a step has been cut into four thousand.
+        depth: number of times an interval may be halved. Taste: at twelve a step has been cut into four thousand parts.
         spare: gap that is proved beyond contact, for the path between its samples [u].
-        slack: share of a link's motion by which distances may be told too small at first; walks along finely meshed
-            walls are shorter so, and where it does not prove enough they are made again without.
+        slack: share of a link's motion by which distances may at first be underestimated; this shortens walks along
+            finely meshed walls, and where it does not prove enough they are repeated without slack.
     """
 
     depth: int = 12
@@ -308,13 +309,13 @@ class SpaceCertificateSettings:
 
 @dataclass(frozen=True)
 class SpaceMotionSettings(EngineSettings):
-    """All numbers of the search in space, besides those of any.
+    """Settings of the search in space, in addition to the general ones.
 
     Attributes:
-        certificate: of proofs.
-        continuation: of following a guide and settling on the goal.
-        goal: of putting the tip onto the goal.
-        optimisation: of a found motion.
+        certificate: settings of proofs.
+        continuation: settings of following a guide and settling on the goal.
+        goal: settings of placing the tip on the goal.
+        optimisation: settings of the optimisation of a motion found.
     """
 
     certificate: SpaceCertificateSettings = field(default_factory=SpaceCertificateSettings)
@@ -328,11 +329,11 @@ class SpaceMotionSettings(EngineSettings):
 # ------------------------------------------------------------ planners of curves and of feed
 @dataclass(frozen=True)
 class CurvePlannerSettings:
-    """Numbers of the planner, from free space to the smooth path.
+    """Settings of the planner in the plane, from free space to the smooth path.
 
     Attributes:
-        motion: of the search for a motion.
-        goal_pose: of the goal pose's NLP.
+        motion: settings of the search for a motion.
+        goal_pose: settings of the goal pose's NLP.
     """
 
     motion: MotionSettings = field(default_factory=MotionSettings)
@@ -340,4 +341,4 @@ class CurvePlannerSettings:
 
 
 DEFAULT_CURVE_PLANNER = CurvePlannerSettings()
-"""The numbers that are used unless others are given."""
+"""Default settings of the planner in the plane."""
