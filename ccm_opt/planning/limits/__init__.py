@@ -1,1 +1,1 @@
-"""Limits of a motion, behind one interface: contact, turns, joint limits, gates, guide tubes, users' constraints."""
+"""Limits on a motion behind one interface: contact, turns, joint limits, gates, guide tubes, user constraints."""

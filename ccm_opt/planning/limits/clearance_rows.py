@@ -1,12 +1,12 @@
-"""Rows that keep links clear of walls, and regions about what they sweep.
+"""Rows that keep links clear of walls, and the convex regions about the links' sweeps.
 
-The link at the start, half-way and at the end of the interval spans a convex hull Q. Walls are taken nearest first:
-the half-plane across the shortest line from Q to the wall leaves Q inside and the wall outside; walls already behind
-a chosen half-plane are skipped (the inflation of Deits and Tedrake 2014, with a polygon for the ellipsoid).
+A link at the start, halfway and at the end of an interval spans a convex hull Q. Walls are processed nearest first: the
+half-plane across the shortest line from Q to the wall leaves Q inside and the wall outside; walls already behind a
+chosen half-plane are skipped (the inflation of Deits and Tedrake 2014, with a polygon for the ellipsoid).
 
-Rows are those of ``interval_rows`` at both ends of an interval, their deviation sag_hi − sag_lo with
-sag_j = ⅛ Σ_{i<j} l Δφ_i² over it (see ``certificate``). A wall's half-plane n·x ≤ b has P_b = base; a pair of links
-i < j has a = j + t, b = i + s and only the links between in the sag.
+Rows are those of ``interval_rows`` at both ends of an interval. Their deviation is sag_hi − sag_lo, with the chord
+deviation sag_j = ⅛ Σ_{i<j} l Δφ_i² over the interval (see ``certificate``). A wall's half-plane n·x ≤ b has P_b = base;
+a pair of links i < j has a = j + t, b = i + s, and only the links between them in its chord deviation.
 """
 
 from dataclasses import dataclass, replace
@@ -23,18 +23,18 @@ from ccm_opt.scene.walls import WallSegments
 from ccm_opt.scene.workspace import Workspace
 
 BEHIND = 1e-9
-"""By which a wall may stand out of a half-plane that it counts as behind [m]. Derived: rounding."""
+"""How far a wall may protrude from a half-plane that it counts as behind [m]. Derived: rounding."""
 _PLANES = 8
-"""Half-planes about a sweep that there is room for at first."""
+"""Half-planes per sweep for which memory is allocated at first."""
 
 
 @dataclass(frozen=True)
 class HalfPlanes:
-    """Half-planes n·x ≤ b that one link has to keep within over one interval.
+    """Half-planes n·x ≤ b in which one link has to stay over one interval.
 
     Attributes:
-        interval: shape (m,).
-        link: shape (m,).
+        interval: index of the interval, shape (m,).
+        link: index of the link, shape (m,).
         normal: n, unit, shape (m, 2).
         bound: b, at the wall's surface, shape (m,) [m].
     """
@@ -45,17 +45,17 @@ class HalfPlanes:
     bound: FloatArray
 
     def take(self, mask: BoolArray) -> "HalfPlanes":
-        """Return those selected by a mask."""
+        """Return the half-planes that a mask, shape (m,), selects."""
         return HalfPlanes(self.interval[mask], self.link[mask], self.normal[mask], self.bound[mask])
 
 
 def sweep_regions(sweep: PlanarSweep, walls: WallSegments, first_link: int, reach: float) -> HalfPlanes:
-    """Return the half-planes round the sweep of every link in every interval.
+    """Return the half-planes around the sweep of every link in every interval.
 
     Args:
         sweep: the motion.
-        walls: what to keep away from.
-        first_link: links before this one may touch walls.
+        walls: walls to stay clear of.
+        first_link: first link that may not touch walls.
         reach: walls farther away than this are left out [m].
     """
     intervals = len(sweep.turns)
@@ -70,15 +70,16 @@ def sweep_regions(sweep: PlanarSweep, walls: WallSegments, first_link: int, reac
 
 
 def free_half_planes(corners: FloatArray, walls: WallSegments, far: float) -> tuple[IntArray, FloatArray, FloatArray]:
-    """Return the sweep, the unit normal and the bound of every half-plane, by sweep and distance.
+    """Return half-planes that separate sweeps of links from walls, sorted by sweep and distance.
 
     Args:
         corners: ends of each link at three times, shape (m, 6, 2) [m].
-        walls: what to keep away from.
-        far: segments farther away are left out [m].
+        walls: walls to stay clear of.
+        far: wall segments farther away than this are left out [m].
 
     Returns:
-        Shapes (k,), (k, 2) and (k,) [m]; n·x ≤ b is on the sweep's side.
+        Index of the sweep, unit normal n and bound b of each half-plane, shapes (k,), (k, 2) and (k,) [m]; the sweep
+        lies in n·x ≤ b.
     """
     call = NativeCall(
         "sweep_planes",
@@ -100,7 +101,7 @@ def free_half_planes(corners: FloatArray, walls: WallSegments, far: float) -> tu
 
 
 def _corners(sweep: PlanarSweep, interval: IntArray, link: IntArray) -> FloatArray:
-    """Return the ends of the links at the start, half-way and at the end of the intervals, shape (m, 6, 2) [m]."""
+    """Return the ends of links at the start, halfway and at the end of intervals, shape (m, 6, 2) [m]."""
     corners = [
         positions[at, link + end]
         for positions, at in ((sweep.points, interval), (sweep.middles, interval), (sweep.points, interval + 1))
@@ -110,13 +111,13 @@ def _corners(sweep: PlanarSweep, interval: IntArray, link: IntArray) -> FloatArr
 
 
 def motion_rows(sweep: PlanarSweep, contact: ContactLimit, workspace: Workspace) -> IntervalRows:
-    """Return all rows of a motion, from regions about its own sweep.
+    """Return all rows of a motion, from the regions about its own sweep.
 
-    Poses at the fixed start keep clear without margin.
+    Rows at the fixed start demand no margin.
 
     Args:
         sweep: the motion.
-        contact: says what gap to keep, what is too far apart for rows, and what room the smooth path should have.
+        contact: limit with the margin, the reach beyond which pairs get no rows, and the gap wanted of the smooth path.
         workspace: the workspace.
     """
     arm = sweep.space.arm
@@ -135,23 +136,22 @@ def motion_rows(sweep: PlanarSweep, contact: ContactLimit, workspace: Workspace)
         between -= arm.link_margins(links.low, links.high - 1, margin)
         more = np.full(len(walls), wanted - margin)
         if most is not None:
-            # Whoever is asked for less than the margin is asked for nothing beyond contact.
+            # A link that is asked for less than the margin is asked for nothing beyond contact.
             more[most[walls.interval, walls.high - 1] < margin] = -np.inf
         walls = asking_for_room(walls, more, sweep, smooth)
         links = asking_for_room(links, between, sweep, smooth)
     rows = joined_rows([walls, links])
 
-    # The start is given and may stand nearer than the margin; with it these rows could never hold.
+    # The start is given and may be closer than the margin; a margin there could make rows infeasible for good.
     at_start = rows.interval + rows.share == 0.0
     return replace(rows, constant=rows.constant - margin * at_start)
 
 
 def _most_in_gates(sweep: PlanarSweep, contact: ContactLimit) -> FloatArray | None:
-    """Return most gap that links are asked to keep from walls in each interval, shape (K, links) [m].
+    """Return the largest gap from walls that links are asked for in each interval, shape (K, links) [m].
 
-    None for no gates.
-
-    An interval has one slack: with more asked in a gate than there is, all of its other rows would be bought off.
+    None where there are no gates. In gates it is the certificate's spare: an interval has a single slack variable, and
+    asking for more than a gate offers would relax all other rows of the interval with it.
     """
     if contact.gates is None:
         return None
@@ -161,17 +161,18 @@ def _most_in_gates(sweep: PlanarSweep, contact: ContactLimit) -> FloatArray | No
 
 
 def asking_for_room(rows: IntervalRows, more: FloatArray, sweep: PlanarSweep, smooth: PlanarSweep) -> IntervalRows:
-    """Return the rows that ask for more room, of the smooth path and not of its control polygon.
+    """Return rows that ask for a larger gap of the smooth path rather than of its control polygon.
 
-    A row for contact counts the sag, which bounds what lies between two keyframes however the links turn. Room is
-    counted as it is: by how much nearer the smooth path comes, beside the keyframe and half-way through the interval.
-    What is larger is asked for. The loss changes little from one step to the next and counts as constant.
+    A row for contact subtracts the chord deviation, which bounds the motion between two keyframes however the links
+    turn. The wanted gap is compared with the actual loss instead: how much closer the smooth path comes than the
+    keyframes, at the keyframe and halfway through the interval. The larger of the two demands counts. The loss changes
+    little from one step to the next and is treated as constant.
 
     Args:
-        rows: for contact.
-        more: room asked for beyond theirs, shape (m,) [m].
+        rows: rows for contact.
+        more: gap asked for beyond that of the rows, shape (m,) [m].
         sweep: the motion through the keyframes.
-        smooth: the smooth path's poses beside the keyframes.
+        smooth: poses of the smooth path at the keyframes.
     """
     keyframe = rows.interval + rows.share.astype(np.intp)
     beside = smooth.points - sweep.points
@@ -186,7 +187,7 @@ def asking_for_room(rows: IntervalRows, more: FloatArray, sweep: PlanarSweep, sm
 
 
 def wall_rows(planes: HalfPlanes, sweep: PlanarSweep, need: FloatArray) -> IntervalRows:
-    """Return the rows that hold both ends of a link, at both ends of its interval, behind half-planes.
+    """Return the rows that hold both ends of a link, at both ends of an interval, behind half-planes.
 
     Args:
         planes: the half-planes.
@@ -198,13 +199,13 @@ def wall_rows(planes: HalfPlanes, sweep: PlanarSweep, need: FloatArray) -> Inter
     m = len(planes.link)
     parts = []
     for end in (0, 1):
-        # The link on which the mount ends is free only from there on: that point, behind the joints in
-        # ``PlanarSweep.points``, stands for the link's first joint.
+        # The link on which the mount ends is free only from there on: that point, stored after the joints in
+        # ``PlanarSweep.points``, replaces the link's first joint.
         cut = (planes.link == mounted) & (end == 0) & (share > 0.0)
         point = np.where(cut, arm.links + 1, planes.link + end)
-        # A base that cannot move would make the row a constant.
+        # With a base that cannot move the row would be constant.
         moves = (point > 0) | bool(arm.base_axes)
-        # Both ends of the link take the sag of its far end, the larger one, as the certificate does.
+        # Both ends of the link use the chord deviation of its far end, the larger one, as the certificate does.
         for side in (0, 1):
             rows = IntervalRows(
                 planes.interval,

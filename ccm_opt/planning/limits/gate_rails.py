@@ -1,11 +1,10 @@
 """Rails that hold an arm in the middle of a narrow gate.
 
-In a gate with hardly any play the arm has no choice but to pass its middle: that its axis crosses every such line there
-is an equation, which a step keeps to first order and Newton's method restores.
-
-Walls alone would hold the arm askew in a gate as soon as a guide pulls at it: then the first order of a step leaves no
-play, and the second takes what there is not. So that the axis crosses a gate in its middle is an equation of every
-step, and of every inner keyframe of a motion; before and behind the gate joints are drawn to the middle line.
+In a gate with hardly any play the arm has to pass through the middle. With walls alone, a guide that pulls at the arm
+would turn it askew in the gate; the first-order rows of a step then have no play left, and second-order terms violate
+them. So it is an equation of every step, and of every inner keyframe of a motion, that the axis crosses the gate's
+lines in their middle; a step keeps it to first order and Newton's method restores it. Before and behind the gate,
+joints are pulled to the middle line.
 """
 
 from dataclasses import dataclass, replace
@@ -27,43 +26,45 @@ if TYPE_CHECKING:
     from ccm_opt.planning.swept_motion import PlanarSweep
 
 _BESIDE = 0.5
-"""Joints farther off than this are not on the rail, in nominal links. Taste."""
+"""Joints farther away than this are not on the rail, in nominal links. Taste."""
 _ACROSS = 0.25
-"""A line is crossed where that is no farther from its middle, in nominal links. Taste."""
+"""An axis counts as crossing a line where it does so at most this far from the line's middle, in nominal links.
+Taste."""
 _CATCHING_UP = 0.02
-"""Most that a step asks a crossing to move towards the middle, in nominal links. Taste."""
+"""Largest move of a crossing towards the middle that a step asks for, in nominal links. Taste."""
 _EXACT = 1e-6
-"""Distance from the middles that is left, as a share of the arm's length. Taste: a thousandth of the play."""
+"""Accepted distance from the middles, as a share of the arm's length. Taste: a thousandth of the play."""
 _NEWTON_STEPS = 5
-"""Most steps onto the middles. Taste."""
+"""Most Newton steps onto the middles. Taste."""
 _LARGEST_TURN = 0.15
-"""A pose that needs larger turns of links to cross in the middle is left as it is [rad]. Taste."""
+"""A pose that needs larger turns of links to cross in the middle is left unchanged [rad]. Taste."""
 _RIDGE = 1e-9
-"""Share of the diagonal of the normal equations. Taste."""
+"""Regularisation of the normal equations, as a share of their diagonal. Taste."""
 
 _SAME = 2e-3
-"""Lines nearer to each other than this share of a rail are one. Derived: rails of two paths through one gate differ by
-rounding."""
+"""Lines closer to each other than this share of a rail's length are one. Derived: rails of two paths through one gate
+differ by rounding."""
 _WEIGHT = 30.0
-"""On a joint's distance from the middle of its gate beyond a part of the play, against a nominal link's distance.
-Taste: with three times as much joints cannot give way to the goal."""
+"""Weight on a joint's distance from the middle of its gate in excess of the play, relative to a nominal link's
+distance. Taste: with three times as much, joints cannot give way to the goal."""
 _PLACES = 61
-"""Of a gate's middle line at which it is measured where it is narrowest. Taste."""
+"""Number of places on a gate's middle line at which its width is measured. Taste."""
 _NARROWEST = 1e-3
-"""By this share more than the least distance to walls still counts as narrowest. Taste: a hundredth of a gate's width;
-lines before a rounded wall, where there is room aside, refuse motions that exist."""
+"""Distances to walls that exceed the least by up to this share still count as narrowest. Taste: a hundredth of a gate's
+width; lines before a rounded wall, where there is clearance to the side, would exclude motions that exist."""
 _SHORT = 0.15
-"""A stretch shorter than this many radii of the gate has one line, not one at either end. Taste."""
+"""A narrowest stretch shorter than this multiple of the gate's half-width gets one line instead of one at either end.
+Taste."""
 
 
 @dataclass(frozen=True)
 class LineCrossings:
-    """Where the axes of K poses cross g lines; where an axis crosses none, everything is 0.
+    """Where the axes of K poses cross g lines; all entries are 0 where an axis does not cross a line.
 
     Attributes:
-        link: that crosses, shape (K, g).
-        share: of the link before its crossing, shape (K, g).
-        aside: how far to the left of the line's middle, shape (K, g) [m].
+        link: index of the crossing link, shape (K, g).
+        share: share of that link that lies before the crossing, shape (K, g).
+        aside: distance of the crossing to the left of the line's middle, shape (K, g) [m].
         crossed: whether the axis crosses the line near its middle, shape (K, g).
     """
 
@@ -75,12 +76,12 @@ class LineCrossings:
 
 @dataclass(frozen=True, eq=False)
 class GateLines:
-    """The lines of all gates on the ways of a tip.
+    """The lines across all gates on the paths of a tip.
 
     Attributes:
-        middles: where axes have to cross, shape (g, 2) [m].
-        along: direction in which a gate leads there, shape (g, 2).
-        inside: axes of the gates, by which links that are in them are known.
+        middles: points at which axes have to cross the lines, shape (g, 2) [m].
+        along: direction of passage at each middle, shape (g, 2).
+        inside: axes of the gates, used to find the links that are in a gate.
     """
 
     middles: FloatArray
@@ -89,17 +90,17 @@ class GateLines:
 
     @classmethod
     def from_rails(cls, rails: tuple[FloatArray, ...], workspace: Workspace) -> "GateLines":
-        """Return the lines of gates with walls about them.
+        """Return the lines across gates between walls.
 
         Args:
-            rails: middle lines with their runs before and behind, each of shape (k ≥ 3, 2) [m].
-            workspace: its walls say where a gate is narrowest.
+            rails: middle lines with their straight runs before and behind, each of shape (k ≥ 3, 2) [m].
+            workspace: workspace whose walls determine where a gate is narrowest.
         """
         middles: list[FloatArray] = []
         along: list[FloatArray] = []
         for rail in rails:
             for place in _narrowest(rail[1:-1], workspace):
-                # Paths on both sides of the arm lead through the same gates.
+                # Paths on both sides of the arm may lead through the same gate.
                 if all(np.hypot(*(place - other)) > _SAME * np.hypot(*(rail[-1] - rail[0])) for other in middles):
                     middles.append(place)
                     along.append(_direction(rail))
@@ -108,11 +109,11 @@ class GateLines:
 
     # ------------------------------------------------------------ crossings
     def crossings(self, points: FloatArray, farthest: float) -> LineCrossings:
-        """Return where axes cross the lines nearest to their middles.
+        """Return where axes cross the lines, for each line the crossing nearest to its middle.
 
         Args:
             points: joints and tips of poses, shape (K, links + 1, 2) [m].
-            farthest: from a line's middle [m].
+            farthest: largest distance from a line's middle that counts as a crossing [m].
         """
         off = points[:, None] - self.middles[:, None]
         ahead = np.einsum("kgjd,gd->kgj", off, self.along)
@@ -128,19 +129,19 @@ class GateLines:
         return LineCrossings(link, share[pose, line, link], np.where(crossed, there, 0.0), crossed)
 
     def slopes(self, jacobians: FloatArray, headings: FloatArray, found: LineCrossings) -> FloatArray:
-        """Return derivatives of ``aside`` by the coordinates, shape (K, g, p) [m per unit]; 0 where nothing crosses.
+        """Return the derivatives of ``aside`` by the coordinates, shape (K, g, p) [m per unit]; 0 without a crossing.
 
         Args:
-            jacobians: of the joints of poses, shape (K, links + 1, 2, p) [m per unit].
-            headings: of their links, shape (K, links) [rad].
-            found: where they cross.
+            jacobians: derivatives of the joints and tips of poses, shape (K, links + 1, 2, p) [m per unit].
+            headings: headings of their links, shape (K, links) [rad].
+            found: crossings of the poses.
         """
         pose = np.arange(len(headings))[:, None]
         share = found.share[..., None, None]
         moving = (1.0 - share) * jacobians[pose, found.link] + share * jacobians[pose, found.link + 1]
         heading = headings[pose, found.link]
         direction = np.stack((np.cos(heading), np.sin(heading)), axis=-1)
-        # The crossing slides along its link as this moves ahead.
+        # The crossing slides along its link as the link moves ahead.
         ahead = np.einsum("kgd,gd->kg", direction, self.along)
         slant = np.where(found.crossed, cross(self.along, direction) / np.where(found.crossed, ahead, 1.0), 0.0)
         across = np.column_stack((-self.along[:, 1], self.along[:, 0]))
@@ -150,14 +151,16 @@ class GateLines:
 
     # ------------------------------------------------------------ poses put onto the lines
     def restored(self, space: LinkSpace, coordinates: FloatArray) -> FloatArray:
-        """Coordinates of poses moved by Newton's method, with the least turns of links, until all cross in the middle.
+        """Return the coordinates of poses moved until their axes cross all lines in the middle.
+
+        Newton's method, with the least turns of links.
 
         Args:
             space: the link space.
-            coordinates: shape (K, p).
+            coordinates: coordinates of the poses, shape (K, p).
 
         Returns:
-            Shape (K, p); those that do not come to cross in the middle, or only by large turns, as they were.
+            Shape (K, p); poses for which this fails, or needs large turns, are unchanged.
         """
         moved = coordinates.copy()
         exact = _EXACT * space.arm.length
@@ -172,7 +175,8 @@ class GateLines:
             slopes = self.slopes(space.jacobians(headings), headings, found)
             spread = slopes @ space.inverse_metric
             normal = np.einsum("kgp,khp->kgh", spread, slopes)
-            # Lines that nothing crosses ask for nothing; the ridge is for two lines that are crossed by one short link.
+            # A line that is not crossed gets a unit diagonal and asks for no change; the ridge covers two lines that
+            # are crossed by one short link.
             size = np.einsum("kgg->kg", normal)
             normal += np.eye(len(self.middles)) * np.where(found.crossed, _RIDGE * size, 1.0)[..., None]
             by = np.linalg.solve(normal, -found.aside[..., None])[..., 0]
@@ -187,7 +191,7 @@ class GateLines:
 
         Args:
             points: joints and tips of poses, shape (K, links + 1, 2) [m].
-            radius: of the arm [m].
+            radius: radius of the arm [m].
         """
         links = shapely.linestrings(np.stack((points[:, :-1], points[:, 1:]), axis=2))
         return np.asarray(shapely.dwithin(links, self._prepared, radius))
@@ -199,9 +203,9 @@ class GateLines:
 
 
 def _narrowest(middle: FloatArray, workspace: Workspace) -> list[FloatArray]:
-    """Return both ends of the stretch of a middle line (k, 2) where walls are nearest.
+    """Return both ends of the stretch of a middle line, shape (k, 2), where walls are nearest.
 
-    One place where that is short.
+    A short stretch is reduced to the one place at its centre.
     """
     arcs = arc_lengths(middle)
     places = points_at(middle, arcs, np.linspace(0.0, arcs[-1], _PLACES)) if arcs[-1] > 0.0 else middle[:1]
@@ -216,7 +220,7 @@ def _narrowest(middle: FloatArray, workspace: Workspace) -> list[FloatArray]:
 
 
 def _direction(rail: FloatArray) -> FloatArray:
-    """Return the direction in which a gate is passed, shape (2,)."""
+    """Return the unit vector along which a gate is passed, shape (2,)."""
     way = rail[-2] - rail[1]
     if np.hypot(*way) <= 1e-3 * np.hypot(*(rail[-1] - rail[0])):
         way = rail[-1] - rail[0]
@@ -225,12 +229,12 @@ def _direction(rail: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class GateRails(Limit):
-    """Holds the axis in the middle of gates, and draws joints onto their middle lines, across them alone.
+    """Holds the axis in the middle of gates, and pulls joints sideways onto the gates' middle lines.
 
     Attributes:
         rails: middle lines with their straight runs, each of shape (k ≥ 2, 2) [m].
-        lines: across the gates.
-        play: distance from a rail up to which a joint is left alone [m].
+        lines: lines across the gates.
+        play: distance from a rail within which a joint is not pulled [m].
     """
 
     rails: tuple[FloatArray, ...]
@@ -239,7 +243,10 @@ class GateRails(Limit):
 
     @cached_property
     def _legs(self) -> tuple[FloatArray, FloatArray]:
-        """First points and directions of all legs, each (m, 3): the third number is the leg's length [m]."""
+        """Straight pieces of all rails: start points, shape (m, 2) [m], and directions with lengths.
+
+        The directions are unit vectors in the first two columns of shape (m, 3); the third is the piece's length [m].
+        """
         first = np.vstack([rail[:-1] for rail in self.rails])
         along = np.vstack([np.diff(rail, axis=0) for rail in self.rails])
         length = np.linalg.norm(along, axis=1)
@@ -250,7 +257,7 @@ class GateRails(Limit):
     def linearised(self, space: LinkSpace, pose: Pose, turn: float) -> LimitRows:
         """Return the equations of the lines that the axis crosses.
 
-        A pull on every joint that is in a gate or on a run to it.
+        Every joint that is in a gate, or on a run to it, also gets a pull.
         """
         del turn
         unit = space.nominal_length
@@ -264,7 +271,10 @@ class GateRails(Limit):
         return rows if pull is None else replace(rows, pulls=(pull,))
 
     def _pull(self, space: LinkSpace, pose: Pose) -> Term | None:
-        """Return what draws the joints on rails across them; None where there is none."""
+        """Return the term that pulls joints on rails sideways onto the middle lines.
+
+        None where no joint is on a rail.
+        """
         unit = space.nominal_length
         first, legs = self._legs
         off = pose.points[:, None] - first
@@ -285,30 +295,36 @@ class GateRails(Limit):
         return Term(slopes, wanted, _WEIGHT)
 
     def restored(self, space: LinkSpace, pose: Pose, most: float) -> Pose:
-        """Return a pose after a step moved so that the axis crosses in the middle; as it is where that fails."""
+        """Return the pose moved so that its axis crosses all lines in the middle.
+
+        The pose is unchanged where that fails or would turn a link by more than ``most`` [rad].
+        """
         moved = self.lines.restored(space, pose.v[None])[0]
         turned = np.max(np.abs(space.turns @ (moved - pose.v)))
         return space.pose(moved) if 0.0 < turned <= most else pose
 
     # ------------------------------------------------------------ at the goal
     def missed(self, space: LinkSpace, pose: Pose) -> tuple[FloatArray, FloatArray]:
-        """Slopes of the lines that a pose crosses, shape (k, p), and how far it has to be moved across them [m]."""
+        """Return the slopes of the lines that a pose crosses, and how far it has to move across each.
+
+        Shapes (k, p) and (k,) [m].
+        """
         found = self.lines.crossings(pose.points[None], _ACROSS * space.nominal_length)
         crossed = found.crossed[0]
         return self._slopes(space, pose, found)[crossed], -found.aside[0][crossed]
 
     def _slopes(self, space: LinkSpace, pose: Pose, found: LineCrossings) -> FloatArray:
-        """Return the derivatives of how far aside a pose crosses every line, shape (g, p) [m per unit]."""
+        """Return the derivatives of a pose's distances from the middles of all lines, shape (g, p) [m per unit]."""
         return np.asarray(self.lines.slopes(pose.moving[None], space.arm.headings(pose.q)[None], found)[0])
 
     def met(self, pose: Pose) -> bool:
-        """Return whether a pose crosses every line in the middle, up to the play beside which joints are left alone."""
+        """Return whether a pose crosses every line within the play of its middle."""
         found = self.lines.crossings(pose.points[None], np.inf)
         return bool(np.all(np.abs(found.aside) <= self.play))
 
     # ------------------------------------------------------------ the optimisation of a motion
     def keyframe_equations(self, sweep: "PlanarSweep", u: FloatArray) -> tuple[KeyframeRows, ...]:
-        """Return the equations of the lines that are crossed by inner keyframes; both ends stand where they do."""
+        """Return the equations of the lines that inner keyframes cross; the first and the last keyframe are fixed."""
         del u
         space = sweep.space
         links = space.arm.links
@@ -321,6 +337,6 @@ class GateRails(Limit):
         return (KeyframeRows(keyframe, slopes[keyframe, line], zero, zero),)
 
     def restored_keyframes(self, space: LinkSpace, coordinates: FloatArray, u: FloatArray) -> FloatArray:
-        """Return the inner keyframes moved so that they cross in the middle."""
+        """Return the keyframes, shape (K + 1, p), the inner ones moved so that they cross the lines in the middle."""
         del u
         return np.vstack((coordinates[:1], self.lines.restored(space, coordinates[1:-1]), coordinates[-1:]))

@@ -1,10 +1,10 @@
-"""What the guide tube of a feed axis holds straight, as a limit of the motion.
+"""The guide tube of a feed axis, which holds links straight, as a limit on the motion.
 
-Joint j may bend once it has passed the hole, f + j l ≥ hole. In a step its bend may grow with the distance that it has
-come beyond, |b| ≤ s (f + j l − hole − reserve), which is convex where it applies: so an arm that is drawn back
-straightens in time. In the optimisation every keyframe has a first joint that may bend, the first that is outside there
-and at the keyframes beside it, as far as the smooth path mixes them; the joints before it have equations, and the feed
-a row that keeps it outside.
+Joint j may bend once it has passed the hole, f + j l ≥ hole. In a step its bend may grow with its distance beyond the
+hole, |b| ≤ s (f + j l − hole − reserve), which is convex where it applies: so an arm that is drawn back straightens in
+time. In the optimisation every keyframe has a first joint that may bend: the first that is outside at this keyframe and
+at the neighbouring ones, as far as the smooth path mixes them. The joints before it have equations, and a row on the
+feed keeps it outside.
 """
 
 from dataclasses import dataclass
@@ -23,21 +23,22 @@ if TYPE_CHECKING:
     from ccm_opt.planning.swept_motion import PlanarSweep
 
 _RESERVE = 0.1
-"""How far beyond the hole, and what the base travels between two samples, planning lets joints bend, in link lengths;
-the smooth path beside the keyframes takes some of it. Taste."""
+"""Distance beyond the hole from which planning lets joints bend, on top of the base's travel between two samples, in
+link lengths; the smooth path uses up some of it near the keyframes. Taste."""
 _MIXED = 2
-"""Keyframes to either side that the smooth path mixes with one: a joint may bend at a keyframe where it is outside at
-all of these. Derived: four control points shape every span of a cubic spline, and where a span begins the first
-three."""
+"""Number of keyframes to either side that the smooth path mixes with one: a joint may bend at a keyframe where it is
+outside at all of these. Derived: four control points shape every span of a cubic spline, and the start of a span the
+first three."""
 _BEND_SHARE = 2.0
-"""Share of its limit by which the bend of a joint may grow for every link length that it comes out in a step. Taste."""
+"""Share of its limit by which the bend of a joint may grow, in a step, per link length that the joint is beyond the
+hole. Taste."""
 _TINY_BEND = 1e-4
-"""Bends below this, of joints that should be straight, are the accuracy of a QP [rad]. Derived: its tolerance, ten
-times."""
+"""Bends below this, of joints that should be straight, are the accuracy of a QP [rad]. Derived: ten times its
+tolerance."""
 _ROUNDING = 1e-9
-"""Of places along the arm, in link lengths. Derived: some thousand roundings of a place on a long axis."""
+"""Rounding of places along the arm, in link lengths. Derived: some thousand roundings of a place on a long axis."""
 _AT_END = 1e-3
-"""How near to an end of its range the base counts as there, in link lengths. Taste."""
+"""Distance from an end of its range within which the base counts as being there, in link lengths. Taste."""
 
 
 Number = TypeVar("Number", np.float64, np.intp)
@@ -45,14 +46,14 @@ Number = TypeVar("Number", np.float64, np.intp)
 
 @dataclass(frozen=True)
 class GuideTubeLimit(Limit):
-    """Keeps straight what is in the tube.
+    """Keeps the joints in the guide tube straight.
 
-    All lengths that it reckons with are in link lengths.
+    Lengths inside this class are in link lengths.
 
     Attributes:
-        arm: with axes that carry its base.
-        travel: distance beyond the hole up to which a joint that comes out stays straight, so that no two samples of
-            the timed motion have it bend in the tube between them [m].
+        arm: arm with axes that carry its base.
+        travel: distance beyond the hole up to which an emerging joint stays straight, so that it never bends inside the
+            tube between two samples of the timed motion [m].
     """
 
     arm: Arm
@@ -60,12 +61,12 @@ class GuideTubeLimit(Limit):
 
     # ------------------------------------------------------------ the single step
     def linearised(self, space: LinkSpace, pose: Pose, turn: float) -> LimitRows:
-        """Return the equations of the bends that are held, cones of the others, and the range of the base."""
+        """Return equations for the bends that are held, cones for the others, and the range of the base."""
         bends = space.bends(pose.q)
         room = self._beyond(pose.q) - self._reserve
         held = (room < 0.0) & (bends == 0.0)
         slope = _BEND_SHARE * space.bend_limits
-        # s (f + j l − …) ∓ b ≥ 0; where it is not kept already, it may not become worse.
+        # s (f + j l − …) ∓ b ≥ 0; where that is violated already, it may not become worse.
         slack = slope * room - np.abs(bends)
         near = ~held & (slack < (2.0 + slope) * turn)
         cone = slope[near, None] * self._base_row(space)
@@ -86,14 +87,17 @@ class GuideTubeLimit(Limit):
         return LimitRows(np.vstack(rows), np.concatenate(lower), np.concatenate(upper), len(straight), keeps=keeps)
 
     def restored(self, space: LinkSpace, pose: Pose, most: float) -> Pose:
-        """Return bends of held joints exactly 0, and the base in its range, where only the solver's accuracy lacks."""
+        """Return the pose with bends of held joints exactly 0 and the base within its range.
+
+        Only errors of the size of the solver's accuracy are corrected.
+        """
         del most
         snapped = self._snapped(space, pose.v[None])[0]
         return pose if np.array_equal(snapped, pose.v) else space.pose(snapped)
 
     # ------------------------------------------------------------ at the goal
     def keeps_at_goal(self, space: LinkSpace, near: Pose, final: Pose) -> bool:
-        """Return whether nothing that is held is bent, and the base is in its range."""
+        """Return whether no held joint is bent, and the base is in its range."""
         del space, near
         low, high = self._range_left(final.q)
         in_range = bool(low <= 0.0 <= high)
@@ -101,7 +105,7 @@ class GuideTubeLimit(Limit):
 
     # ------------------------------------------------------------ the optimisation of a motion
     def keyframe_equations(self, sweep: "PlanarSweep", u: FloatArray) -> tuple[KeyframeRows, ...]:
-        """Return no bend before the first joint that may bend."""
+        """Return equations that keep the joints before the first that may bend straight."""
         del u
         straight = np.arange(self.arm.links) < self._first_free(sweep.configurations)[:, None]
         straight[0] = False  # the start is fixed
@@ -110,12 +114,15 @@ class GuideTubeLimit(Limit):
         return (KeyframeRows(keyframe, sweep.space.bend_rows[joint], zero, zero),)
 
     def keyframe_rows(self, sweep: "PlanarSweep", u: FloatArray) -> tuple[KeyframeRows, ...]:
-        """The base where joints that bend, here or at a keyframe beside, stay outside the tube, and in its range."""
+        """Return rows on the base: within its range, and bent joints outside the tube.
+
+        Joints that bend at this keyframe or at a neighbouring one count.
+        """
         del u
         first = self._first_free(sweep.configurations)
         around = _least_around(first, _MIXED)
         base = self._base(sweep.configurations)
-        # Nothing bends where the first that may is beyond the last joint: then only the range counts.
+        # Where the first joint that may bend lies beyond the last joint, nothing bends and only the range counts.
         outside = np.where(around < self.arm.links, self._hole + self._reserve - around, -np.inf)
         low, high = self._range_left(sweep.configurations)
         least = np.minimum(np.maximum(low, outside - base), 0.0)
@@ -124,7 +131,7 @@ class GuideTubeLimit(Limit):
         return (KeyframeRows(keyframe, rows, least[1:], np.maximum(high, 0.0)[1:]),)
 
     def restored_keyframes(self, space: LinkSpace, coordinates: FloatArray, u: FloatArray) -> FloatArray:
-        """Return as ``restored``, of all keyframes after the first."""
+        """Return all keyframes but the first corrected as by ``restored``."""
         del u
         snapped = self._snapped(space, coordinates)
         snapped[0] = coordinates[0]
@@ -133,7 +140,7 @@ class GuideTubeLimit(Limit):
     def holds(self, sweep: "PlanarSweep", before: "PlanarSweep", u: FloatArray) -> bool:
         """Return whether the base is in its range at every keyframe.
 
-        What is held between them is for ``failures`` to see.
+        Joints held between keyframes are checked by ``failures``.
         """
         del before, u
         low, high = self._range_left(sweep.configurations)
@@ -141,66 +148,72 @@ class GuideTubeLimit(Limit):
 
     # ------------------------------------------------------------ between keyframes
     def failures(self, q: FloatArray, depth: int | None = None) -> IntArray:
-        """Return the intervals in which a joint is bent that the tube holds at some time."""
+        """Return the intervals in which a bent joint is held by the tube at some time."""
         del depth
         return np.flatnonzero(self._held_bent(q))
 
     # ------------------------------------------------------------ words
     def describe(self, q: FloatArray) -> str:
-        """Return that the base is at an end of its range; empty when it is not."""
+        """Return a phrase where the base is at an end of its range, else an empty string."""
         low, high = self._range_left(q)
         if min(-float(low), float(high)) > _AT_END:
             return ""
         return "the feed is at the end of its range"
 
-    # ------------------------------------------------------------ what it reckons with
+    # ------------------------------------------------------------ distances in link lengths
     @property
     def _hole(self) -> float:
         return self.arm.hole / self.arm.link_length
 
     @property
     def _reserve(self) -> float:
-        """How far beyond the hole rows let joints bend [link lengths]."""
+        """Distance beyond the hole from which rows let joints bend [link lengths]."""
         return _RESERVE + self.travel / self.arm.link_length
 
     def _base(self, poses: FloatArray) -> FloatArray:
-        """Return how far the base is carried, shape (..., c) to (...) [link lengths]."""
+        """Return the advance of the base, shape (..., c) to (...) [link lengths]."""
         return self.arm.coordinates.advance(poses) / self.arm.link_length
 
     def _base_row(self, space: LinkSpace) -> FloatArray:
-        """Return the derivative of that by the coordinates, shape (1, p)."""
+        """Return the derivative of the base's advance by the coordinates, shape (1, p)."""
         return np.asarray(space.turns[self.arm.links :].sum(axis=0, keepdims=True))
 
     def _beyond(self, poses: FloatArray) -> FloatArray:
-        """Return how far every joint is beyond the hole, shape (..., links) [link lengths]."""
+        """Return the distance of every joint beyond the hole, shape (..., links) [link lengths]."""
         return np.asarray(self._base(poses)[..., None] + np.arange(self.arm.links) - self._hole)
 
     def _range_left(self, poses: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return how far the base may still go either way, at most 0 and at least 0 where it is in its range."""
+        """Return how far the base may still move back (≤ 0 within its range) and forward (≥ 0) [link lengths]."""
         low, high = self.arm.base_range
         base = self._base(poses)
         return low / self.arm.link_length - base, high / self.arm.link_length - base
 
     def _first_free(self, poses: FloatArray) -> IntArray:
-        """Of every keyframe the first joint that may bend, shape (K,); the number of links where none may."""
+        """Return the index of the first joint that may bend at each keyframe, shape (K,).
+
+        The number of links where none may.
+        """
         base = self._base(poses)
         least = _least_around(base, _MIXED)
         outside = np.ceil(self._hole + self._reserve - least - _ROUNDING)
         bent = self._bent(poses)
         first_bent = np.where(bent.any(axis=1), np.argmax(bent, axis=1), self.arm.links)
-        # What is bent already may stay so: the motion is certified.
+        # A joint that is bent already may stay bent: the motion is certified.
         first: IntArray = np.clip(np.minimum(outside, first_bent), 0, self.arm.links).astype(np.intp)
         return first
 
     def _bent(self, poses: FloatArray) -> BoolArray:
-        """Return which joints are bent by more than splines round, shape (K, c) to (K, links)."""
+        """Return which joints are bent by more than the rounding of splines, shape (K, c) to (K, links)."""
         return np.asarray(np.abs(poses[:, : self.arm.links]) > TINY)
 
     def _held_bent(self, poses: FloatArray) -> BoolArray:
-        """In which intervals between poses, shape (K, c), or at which pose alone, some joint is bent and held."""
+        """Return in which intervals between poses some held joint is bent, shape (K, c) to (K − 1,).
+
+        For a single pose, whether it has one, shape (1,).
+        """
         bent = self._bent(poses)
         beyond = self._beyond(poses)
-        # A joint that an end of the motion bends nearer to the hole than that has not just come out.
+        # A joint that is bent closer to the hole than that at the start or end of the motion has not just emerged.
         ends = np.where(bent[[0, -1]], beyond[[0, -1]], np.inf).min(axis=0)
         least = np.clip(self.travel / self.arm.link_length, 0.0, np.maximum(ends, 0.0)) - _ROUNDING
         if len(poses) == 1:
@@ -210,7 +223,10 @@ class GuideTubeLimit(Limit):
         return np.asarray(np.any(bent_within & (nearest < least), axis=1))
 
     def _snapped(self, space: LinkSpace, coordinates: FloatArray) -> FloatArray:
-        """Coordinates, shape (K, p), with tiny bends of joints within the reserve 0, and the base within its range."""
+        """Return the coordinates, shape (K, p), with the base clipped to its range.
+
+        Tiny bends of joints within the reserve are set to 0.
+        """
         poses = space.configurations(coordinates)
         bends = space.bends(poses)
         inside = self._beyond(poses) < self._reserve + _ROUNDING
@@ -224,7 +240,7 @@ class GuideTubeLimit(Limit):
 
 
 def _least_around(values: NDArray[Number], reach: int) -> NDArray[Number]:
-    """Return the least of every value and of so many to either side, shape (K,)."""
+    """Return, for each value, the least of it and its ``reach`` neighbours to either side, shape (K,)."""
     around = np.pad(values, reach, mode="edge")
     least: NDArray[Number] = np.lib.stride_tricks.sliding_window_view(around, 2 * reach + 1).min(axis=1)
     return least

@@ -1,12 +1,12 @@
-"""What a limit is: everything that a motion must keep, seen by the step, the optimisation and the certificate.
+"""The interface of a limit: a requirement on the motion, as seen by a step, the optimisation and the certificate.
 
-A limit contributes; who collects the contributions neither knows nor asks which limits there are. All methods have a
-default that contributes nothing, so that a new limit writes only what it has to say:
+Callers collect the contributions of all limits without knowing which limits there are. Every method has a default that
+contributes nothing, so a new limit overrides only the methods it needs:
 
 ==================  =====================================================================================
 where               methods
 ==================  =====================================================================================
-single step         ``linearised`` (rows, pulls, and the true check afterwards), ``restored``
+single step         ``linearised`` (rows, pulls, and the exact check afterwards), ``restored``
 at the goal         ``miss``, ``mending``, ``missed``, ``keeps_at_goal``
 optimisation        ``interval_rows``, ``keyframe_rows``, ``keyframe_equations``, ``costs``, ``restored_keyframes``,
                     ``holds``
@@ -32,19 +32,19 @@ if TYPE_CHECKING:
     from ccm_opt.planning.optimisation.interval_rows import IntervalRows, Sweep
 
 UNBOUNDED = 1e30
-"""What QPs take for no bound."""
+"""Value that QP solvers treat as no bound."""
 _EQUATION = 5
-"""The solver's mark of a row that is an equation."""
+"""DAQP's marker of a row that is an equation."""
 
 
 def always(pose: Pose) -> bool:
-    """Return the true check of a limit whose linearised rows are exact."""
+    """Return True: the exact check of a limit whose linearised rows are exact."""
     del pose
     return True
 
 
 def unbounded_excess(delta: FloatArray) -> float:
-    """Return the excess of steps where a limit bounds none."""
+    """Return 0: the excess of a step where the limit does not bound its length."""
     del delta
     return 0.0
 
@@ -55,12 +55,13 @@ class LimitRows:
 
     Attributes:
         matrix: A, shape (m, p).
-        lower: shape (m,).
-        upper: shape (m,).
-        equations: how many of the first rows are equations, lower = upper.
-        pulls: what the limit draws the arm towards, out of its margin for example.
-        keeps: the true check of a pose after the step.
-        excess: how many times longer a change of the coordinates, shape (p,), is than the limit lets a step be.
+        lower: lower bounds, shape (m,).
+        upper: upper bounds, shape (m,).
+        equations: number of leading rows that are equations, lower = upper.
+        pulls: soft terms of the step's objective, for example away from an obstacle that is inside the margin.
+        keeps: exact check of the pose after the step.
+        excess: ratio of the length of a change of the coordinates, shape (p,), to the longest step that the limit
+            allows.
     """
 
     matrix: FloatArray
@@ -73,12 +74,12 @@ class LimitRows:
 
 
 def stacked_rows(parts: Sequence[LimitRows]) -> tuple[FloatArray, FloatArray, FloatArray, npt.NDArray[np.intc]]:
-    """Stack the rows of all limits for DAQP: matrix (m, p), lower and upper bounds (m,), and what each row is, (m,)."""
+    """Stack the rows of all limits for DAQP: matrix (m, p), lower and upper bounds (m,), and row types (m,)."""
     matrix = np.ascontiguousarray(np.vstack([rows.matrix for rows in parts]))
     lower = np.concatenate([rows.lower for rows in parts])
     upper = np.concatenate([rows.upper for rows in parts])
 
-    # Every limit's equations come first among its own rows.
+    # The equations of each limit come first among its own rows.
     sense = np.zeros(len(upper), dtype=np.intc)
     first = 0
     for rows in parts:
@@ -92,10 +93,10 @@ class KeyframeRows:
     """Rows on single keyframes of a motion, for a change δ_k of their coordinates: lower ≤ a δ_k ≤ upper.
 
     Attributes:
-        keyframe: k of every row, at least 1, for the first keyframe is fixed; shape (m,).
+        keyframe: index k of the keyframe of each row, at least 1 because the first keyframe is fixed; shape (m,).
         slopes: a, shape (m, p).
-        lower: shape (m,).
-        upper: shape (m,).
+        lower: lower bounds, shape (m,).
+        upper: upper bounds, shape (m,).
     """
 
     keyframe: IntArray
@@ -106,12 +107,12 @@ class KeyframeRows:
 
 @dataclass(frozen=True)
 class Quadratic:
-    """½ Σ over neighbouring keyframes of a motion with K intervals.
+    """A quadratic form ½ Σ that couples neighbouring keyframes of a motion with K intervals.
 
     Attributes:
-        gradient: shape (K + 1, p).
-        diagonal: blocks of each keyframe, shape (K + 1, p, p).
-        above: blocks of keyframes k and k + 1, shape (K, p, p).
+        gradient: gradient by the coordinates of each keyframe, shape (K + 1, p).
+        diagonal: Hessian blocks of each keyframe, shape (K + 1, p, p).
+        above: Hessian blocks that couple keyframes k and k + 1, shape (K, p, p).
     """
 
     gradient: FloatArray
@@ -120,18 +121,18 @@ class Quadratic:
 
 
 class MotionCost(Protocol):
-    """A cost of a motion beside the quadratic objective."""
+    """A cost of a motion in addition to the quadratic objective."""
 
     def value(self, sweep: "Sweep") -> float:
         """Return the cost of a motion."""
         ...
 
     def foreseen(self, sweep: "Sweep", change: FloatArray) -> float:
-        """Return the cost after a change of the coordinates, shape (K + 1, p), as the model sees it."""
+        """Return the cost that the model predicts after a change of the coordinates, shape (K + 1, p)."""
         ...
 
     def model(self, sweep: "Sweep") -> Quadratic:
-        """Return the gradient and a convex Hessian by the coordinates."""
+        """Return the gradient and a convex Hessian of the cost by the coordinates."""
         ...
 
 
@@ -139,36 +140,36 @@ AnyUnknowns_contra = TypeVar("AnyUnknowns_contra", bound=CurveUnknowns, contrava
 
 
 class LimitOf(Generic[AnyUnknowns_contra]):
-    """Something that a motion must keep; contributes nothing unless a method is overridden."""
+    """A requirement on the motion; contributes nothing unless a method is overridden."""
 
     @property
     def breaks(self) -> tuple[float, ...]:
-        """Path parameters inside (0, 1) at which it begins or ends, increasing."""
+        """Path parameters inside (0, 1) at which the limit starts or stops applying, increasing."""
         return ()
 
     def placed(self, u: float) -> "Self":
-        """Return the limit at a path parameter u of the motion."""
+        """Return the limit as it applies at path parameter u of the motion."""
         del u
         return self
 
     # ------------------------------------------------------------ the single step
     def linearised(self, space: AnyUnknowns_contra, pose: Pose, turn: float) -> LimitRows:
-        """Return the rows about a pose.
+        """Return the limit's rows, linearised about a pose.
 
         Args:
-            space: the map of the coordinates, p of them.
-            pose: to step from.
+            space: the map from the p coordinates to configurations.
+            pose: pose that the step starts from.
             turn: largest turn of a link in the step [rad].
         """
         del pose, turn
         return LimitRows(np.zeros((0, space.dimension)), np.zeros(0), np.zeros(0))
 
     def restored(self, space: AnyUnknowns_contra, pose: Pose, most: float) -> Pose:
-        """Return a pose after a step brought back onto the limit; as it is where that fails.
+        """Return the pose after a step moved back onto the limit, or the pose unchanged where that fails.
 
         Args:
-            space: the map of the coordinates.
-            pose: to bring back.
+            space: the map from the coordinates to configurations.
+            pose: pose to move back.
             most: largest turn of a link on the way [rad].
         """
         del space, most
@@ -176,37 +177,46 @@ class LimitOf(Generic[AnyUnknowns_contra]):
 
     # ------------------------------------------------------------ at the goal
     def miss(self, q: FloatArray) -> float:
-        """Return by how much a pose misses the limit where the limit has to be met exactly, in the limit's unit."""
+        """Return by how much a configuration violates the limit, in the limit's unit.
+
+        For limits that have to be met exactly; 0 otherwise.
+        """
         del q
         return 0.0
 
     def mending(self, pose: Pose, most: float) -> tuple[FloatArray, FloatArray]:
-        """Rows of what is missed, per radian, shape (k, p), and what they should gain, at most ``most`` [rad]."""
+        """Return the rows of violated requirements, per radian, shape (k, p), and their wanted change [rad].
+
+        The wanted change, shape (k,), is at most ``most`` [rad].
+        """
         del most
         return np.zeros((0, len(pose.v))), np.zeros(0)
 
     def missed(self, space: AnyUnknowns_contra, pose: Pose) -> tuple[FloatArray, FloatArray]:
-        """Return the rows of what is missed, shape (k, p), and by how much they have to change, in the limit's unit."""
+        """Return the rows of violated requirements, shape (k, p), and the change that repairs each, shape (k,).
+
+        Both are in the limit's unit.
+        """
         del space
         return np.zeros((0, len(pose.v))), np.zeros(0)
 
     def keeps_at_goal(self, space: AnyUnknowns_contra, near: Pose, final: Pose) -> bool:
-        """Return whether a pose that was put exactly onto the goal may follow a pose near it."""
+        """Return whether a pose placed exactly on the goal may follow a pose near it."""
         del space, near, final
         return True
 
     # ------------------------------------------------------------ the optimisation of a motion
     def interval_rows(self, sweep: Any) -> "tuple[IntervalRows, ...]":
-        """Return the rows over whole intervals; each interval may buy slack at a price."""
+        """Return the rows over whole intervals; each interval may violate them by slack at a price."""
         del sweep
         return ()
 
     def keyframe_rows(self, sweep: Any, u: FloatArray) -> tuple[KeyframeRows, ...]:
-        """Return the rows on keyframes that have to hold.
+        """Return the hard rows on keyframes.
 
         Args:
             sweep: the motion.
-            u: path parameter of its keyframes, shape (K + 1,).
+            u: path parameter of each keyframe, shape (K + 1,).
         """
         del sweep, u
         return ()
@@ -217,17 +227,23 @@ class LimitOf(Generic[AnyUnknowns_contra]):
         return ()
 
     def costs(self, space: AnyUnknowns_contra, u: FloatArray) -> tuple[MotionCost, ...]:
-        """Return what the limit adds to the cost of a motion with keyframes at path parameters u."""
+        """Return the costs that the limit adds to a motion with keyframes at path parameters ``u``, shape (K + 1,)."""
         del space, u
         return ()
 
     def restored_keyframes(self, space: AnyUnknowns_contra, coordinates: FloatArray, u: FloatArray) -> FloatArray:
-        """Return the keyframes, shape (K + 1, p), brought back onto the limit; the same array where it moves none."""
+        """Return the keyframes, shape (K + 1, p), moved back onto the limit; the same array where none moves."""
         del space, u
         return coordinates
 
     def holds(self, sweep: Any, before: Any, u: FloatArray) -> bool:
-        """Return the true check of a motion's keyframes after a step of the optimisation from another motion."""
+        """Return whether the keyframes of a motion satisfy the limit exactly, after a step of the optimisation.
+
+        Args:
+            sweep: the motion after the step.
+            before: the motion before the step.
+            u: path parameter of each keyframe, shape (K + 1,).
+        """
         del sweep, before, u
         return True
 
@@ -237,37 +253,37 @@ class LimitOf(Generic[AnyUnknowns_contra]):
 
         Args:
             q: configurations at the keyframes, shape (K, c) [rad, m].
-            depth: bisections of an interval that are allowed; as many as the certificate's settings say when None.
+            depth: number of bisections of an interval that are allowed; None for the certificate's setting.
         """
         del q, depth
         return np.zeros(0, dtype=np.intp)
 
     # ------------------------------------------------------------ words
     def worst(self, q: FloatArray) -> tuple[str, float]:
-        """Name of the part of the limit that a pose misses most, and its miss in the limit's unit."""
+        """Return the name of the part that a configuration violates most, and the violation in the limit's unit."""
         del q
         return "", 0.0
 
     def describe(self, q: FloatArray) -> str:
-        """Return what of the limit is missed, or else at its bound, in words; empty when nothing is."""
+        """Return in words which part of the limit is violated, or else at its bound; empty when neither."""
         del q
         return ""
 
 
 Limit: TypeAlias = LimitOf[LinkSpace]
-"""A limit of motions in the plane."""
+"""A limit on motions in the plane."""
 
 
 def restored_keyframes(
     limits: Iterable[LimitOf[AnyUnknowns_contra]], space: AnyUnknowns_contra, unknowns: FloatArray, u: FloatArray
 ) -> FloatArray:
-    """Return the keyframes brought back onto several limits, shape (K + 1, p); the same array where none moves them.
+    """Return the keyframes moved back onto several limits, shape (K + 1, p); the same array where none moves.
 
     Args:
-        limits: one after the other.
-        space: the map of the unknowns.
-        unknowns: of the keyframes, shape (K + 1, p).
-        u: their path parameters, shape (K + 1,).
+        limits: applied in this order.
+        space: the map from the unknowns to configurations.
+        unknowns: unknowns of the keyframes, shape (K + 1, p).
+        u: path parameters of the keyframes, shape (K + 1,).
     """
     for limit in limits:
         unknowns = limit.restored_keyframes(space, unknowns, u)

@@ -1,10 +1,10 @@
-"""The limits that every motion keeps: contact, joint range, length of a step.
+"""The limits that every motion has to keep: contact, joint range, length of a step.
 
-In a step every near pair is a row; over an interval of a motion every link has half-planes and partners to keep from;
-between keyframes the certificate bounds how far links may stray.
+In a step every near pair of bodies gives a row; over an interval of a motion every link has half-planes to stay behind
+and other links to stay clear of; between keyframes the certificate bounds how far links may stray.
 
 A new limit that always holds is one more line in ``assembled_limits``, for the plane and for space; its rows, proofs,
-checks and words stand in a file of its own.
+checks and words belong in a file of its own.
 """
 
 from collections.abc import Callable, Iterable
@@ -27,45 +27,45 @@ from ccm_opt.scene.contact_finder import WALL, ContactFinder, Contacts
 
 _CLOSING_SHARE = 0.5
 """Share of its gap beyond the margin by which a near pair may close in one step. Derived: two links that move towards
-each other close it at most together."""
+each other then close at most the whole of it together."""
 _NEAR_JOINT_LIMIT = 0.25
 """Bends nearer to their limit than this get rows in the optimisation [rad]. Taste: a little more than a step turns a
 joint."""
 
 
 _BENDING = 1e-4
-"""Weight on the curve's curvature in every step, against a nominal link's distance. Taste: it decides only what nothing
-else does."""
+"""Weight on the curve's curvature in every step, relative to a nominal link's distance. Taste: small enough to decide
+only what no other term does."""
 _UNEVENNESS = 1e-4
-"""Weight on its differences from knot to knot. Taste."""
+"""Weight on the differences of curvature from knot to knot. Taste."""
 _STILL = 0.01
-"""Weight on the turns of the links and on the ways of the joints, where the arm is kept still."""
+"""Weight on the turns of the links and the displacements of the joints where the arm is kept still."""
 
 _BEYOND = 1e-9
-"""By how much rounding may carry a coordinate beyond its limits [rad, m]."""
+"""How far rounding may carry a coordinate beyond its limits [rad, m]."""
 _SPARE_FEED = 0.004
-"""What rows leave at either end of the range of the feed in the optimisation, at most [m]."""
+"""Most of the feed range that rows leave unused at either end in the optimisation [m]."""
 _SPARE_SHARE = 0.01
-"""The same as a share of the range, where that is less."""
+"""Share of the feed range left unused at either end, where that is less than ``_SPARE_FEED``."""
 _KNOT_BEND = 1.1
-"""Bound on the bend by the curvature at a knot of a fed arm, as a multiple of the joint limit; a joint takes the mean
-about its place, which is less."""
+"""Bound on the bend that the curvature at a knot gives a fed arm, as a multiple of the joint limit. Above 1 because a
+joint takes the mean of the curvature about its place, which is less."""
 _FEED = 0.3
-"""Farthest way of the base in a step [u]."""
+"""Farthest that the base may move in a step [u]."""
 
 
 @dataclass(frozen=True)
 class AtRest(LimitOf[CurveUnknowns]):
-    """Draws every step towards a curve that is straight and even, and perhaps towards no motion at all.
+    """Pulls every step towards a straight, even curve, and optionally towards no motion at all.
 
     Attributes:
-        still: whether to keep the arm still where nothing else asks for more.
+        still: whether to keep the arm still where no other term asks for motion.
     """
 
     still: bool = False
 
     def linearised(self, space: CurveUnknowns, pose: Pose, turn: float) -> LimitRows:
-        """Return no rows, only what draws the step."""
+        """Return the pulls on the step, without any rows."""
         del turn
         p = len(pose.v)
         # The target is minus the present value: the pull is on the curvature after the step, not on its change.
@@ -87,10 +87,13 @@ class AtRest(LimitOf[CurveUnknowns]):
 
 @dataclass(frozen=True)
 class FeedLimit(LimitOf[CurveMap]):
-    """Bounds the way of the base of a fed arm in space, and what it carries beyond the guide tube in a step."""
+    """Bounds the feed of an arm in space.
+
+    In a step, the travel of the base and the length of arm that leaves the guide tube are bounded.
+    """
 
     def linearised(self, space: CurveMap, pose: Pose, turn: float) -> LimitRows:
-        """Return the row of the feed."""
+        """Return the row that bounds the feed."""
         del turn
         arm = space.arm
         base = arm.coordinates.base
@@ -106,14 +109,15 @@ class FeedLimit(LimitOf[CurveMap]):
         return LimitRows(pose.slopes[base], low, high, keeps=lambda trial: within_limits(arm, trial.q), excess=excess)
 
     def keeps_at_goal(self, space: CurveMap, near: Pose, final: Pose) -> bool:
-        """Return whether the pose on the goal is within the limits."""
+        """Return whether the pose on the goal is within the limits of its coordinates."""
         del near
         return within_limits(space.arm, final.q)
 
     def keyframe_rows(self, sweep: Sweep, u: FloatArray) -> tuple[KeyframeRows, ...]:
-        """Return the range of the feed, and the curvature at the knots.
+        """Return the rows that bound the feed and the curvature at the knots.
 
-        Between two keyframes the feed carries joints past knots at which no joint is at either of them.
+        The knots are bounded because between two keyframes the feed carries joints past knots that have no joint at
+        either keyframe.
         """
         del u
         arm = sweep.space.arm
@@ -133,27 +137,29 @@ class FeedLimit(LimitOf[CurveMap]):
         )
 
     def holds(self, sweep: Sweep, before: Sweep, u: FloatArray) -> bool:
-        """Return whether all keyframes are within the limits."""
+        """Return whether all keyframes are within the limits of their coordinates."""
         del before, u
         return within_limits(sweep.space.arm, sweep.configurations)
 
 
 def within_limits(arm: Arm, q: FloatArray) -> bool:
-    """Return whether configurations, shape (..., c) [rad, m], keep the limits of their coordinates."""
+    """Return whether configurations, shape (..., c) [rad, m], are within the limits of their coordinates."""
     return bool(np.all(q >= arm.lower_limits - _BEYOND) and np.all(q <= arm.upper_limits + _BEYOND))
 
 
 @dataclass(frozen=True, eq=False)
 class ContactLimit(LimitOf[CurveUnknowns]):
-    """Keeps gaps open.
+    """Keeps the gaps between links, and between links and obstacles, open.
 
     Attributes:
-        finder: of near pairs; its margin is kept where there is room, its reach says which pairs make rows.
-        certificate: of what lies between keyframes.
+        finder: finds near pairs; its margin is kept where there is clearance for it, its reach selects the pairs that
+            get rows.
+        certificate: proves gaps between keyframes.
         settings: of the step.
-        over_motion: the rows of a whole motion.
-        wanted: room beyond contact that the optimisation of a motion asks for where there is so much [m].
-        gates: in which links are asked for no more than the certificate asks; None where there are none.
+        over_motion: returns the rows of a whole motion.
+        wanted: gap that the optimisation of a motion asks for where there is that much [m].
+        gates: gates, in which links are asked for no larger gap than the certificate asks for; None where there are
+            none.
     """
 
     finder: ContactFinder
@@ -165,17 +171,18 @@ class ContactLimit(LimitOf[CurveUnknowns]):
 
     # ------------------------------------------------------------ the single step
     def linearised(self, space: CurveUnknowns, pose: Pose, turn: float) -> LimitRows:
-        """Return a row for each near pair: its gap may close by a share of what it has beyond the margin, no more."""
+        """Return a row for each near pair: its gap may close by at most a share of its excess over the margin."""
         del turn
         settings = self.settings
         unit = space.nominal_length
         contacts = self.finder.find(pose.points)
         rows = contact_rows(contacts, pose.moving)
-        # n·J δ ≥ −share · (gap − margin): a pair inside its margin may stay, and the push mends it softly. Where
-        # margins are narrow the row asks for some of it: a gap that only may not shrink is taken by the second order.
+        # n·J δ ≥ −share · (gap − margin): a pair inside its margin may stay there, and the push restores its gap
+        # softly. Where margins are narrow the row itself asks for part of it, because second-order terms use up a gap
+        # that is only forbidden to shrink.
         beyond = contacts.gap - contacts.margin
         lower = np.where(beyond >= 0.0, -_CLOSING_SHARE * beyond, -settings.firm_share * beyond)
-        # In nominal links, so that the weight suits an arm of any size.
+        # In nominal links, so that one weight suits an arm of any size.
         near = beyond < 0.0
         push = Term(rows[near] / unit, -settings.mending_share * beyond[near] / unit, settings.push_weight)
         farthest = unit * settings.travel[1 if len(contacts) else 0]
@@ -193,40 +200,40 @@ class ContactLimit(LimitOf[CurveUnknowns]):
         )
 
     def _keeps(self, before: Contacts, trial: Pose) -> bool:
-        """Return whether a pose keeps clear, or no less than the one before it, as far as its contacts tell."""
-        # The proof of a step looks at its end as well.
+        """Return whether, by the contacts found, a pose keeps its gaps or loses none against the pose before it."""
+        # The proof of a step also covers its end.
         if self.settings.proof_depth is not None:
             return True
-        # A start that stands nearer than the margin is legal; what it lacks is granted to every pose of the step.
+        # A start closer than the margin is legal; every pose of the step is allowed the shortfall of the start.
         allowed = allowed_shortfall(before, self.settings.keep_share)
         after = self.finder.find(trial.points)
         # Distances have no sign: a thin link that has jumped across a wall shows a positive gap on the other side, so
-        # crossings are tested apart.
+        # crossings are tested separately.
         return keeps_clear(after, allowed, self.settings.keep_share) and not self.finder.crosses(trial.points)
 
     def keeps_at_goal(self, space: CurveUnknowns, near: Pose, final: Pose) -> bool:
-        """Return whether the pose on the goal keeps clear, or no less than the one near it."""
+        """Return whether the pose on the goal keeps its gaps, or loses none against the pose near it."""
         del space
         return self._keeps(self.finder.find(near.points), final)
 
     # ------------------------------------------------------------ whole motions
     def interval_rows(self, sweep: Sweep) -> tuple[IntervalRows, ...]:
-        """Return the rows from the regions about a motion's own sweep, and of its near pairs of links."""
+        """Return the rows from the regions about the motion's own sweep, and from its near pairs of links."""
         return (self.over_motion(sweep, self),)
 
     def failures(self, q: FloatArray, depth: int | None = None) -> IntArray:
-        """Return the intervals in which something may touch."""
+        """Return the intervals in which contact cannot be ruled out; arguments as for ``LimitOf.failures``."""
         return self.certificate.failures(q, depth)
 
 
 def keeps_clear(contacts: Contacts, allowed: float, keep_share: float) -> bool:
-    """Return whether every gap is at least its share of the margin, less what was allowed [m]."""
+    """Return whether every gap is at least its share of the margin, less the allowed shortfall [m]."""
     floor = keep_share * contacts.margin - allowed
     return bool(np.all(contacts.gap >= np.minimum(floor, keep_share * contacts.margin)))
 
 
 def allowed_shortfall(contacts: Contacts, keep_share: float) -> float:
-    """Return how far below its share of the margin the worst gap already is; a step may not make it worse [m]."""
+    """Return how far the worst gap already is below its share of the margin, at least 0 [m]."""
     return max(0.0, float(np.max(keep_share * contacts.margin - contacts.gap, initial=0.0)))
 
 
@@ -235,7 +242,7 @@ def contact_rows(contacts: Contacts, jacobians: FloatArray) -> FloatArray:
 
     Args:
         contacts: near pairs of a pose.
-        jacobians: of its joints, shape (links + 1, 2, p) [m per unit].
+        jacobians: derivatives of the pose's joints and tip, shape (links + 1, d, p) [m per unit].
     """
     relative = _point_jacobian(jacobians, contacts.first, contacts.first_at)
     # gap = n·(x_first − x_second): a wall stands still, a second link moves and subtracts its own part.
@@ -246,27 +253,27 @@ def contact_rows(contacts: Contacts, jacobians: FloatArray) -> FloatArray:
 
 
 def _point_jacobian(jacobians: FloatArray, link: IntArray, at: FloatArray) -> FloatArray:
-    """Return the derivative of points on links, linear between the joints, shape (m, d, p)."""
+    """Return the derivatives of points on links, interpolated between the joints, shape (m, d, p)."""
     share = at[:, None, None]
     mixed: FloatArray = (1.0 - share) * jacobians[link] + share * jacobians[link + 1]
     return mixed
 
 
 _SOLVER_ACCURACY = 1e-6
-"""By which the step's QP may miss a row [rad]."""
+"""How far the solution of the step's QP may violate a row [rad]."""
 
 
 @dataclass(frozen=True)
 class JointLimit(LimitOf[CurveUnknowns]):
-    """Bounds the bends.
+    """Bounds the bends of the joints.
 
-    Where the base is fixed bends are linear in the unknowns and, between keyframes, in the path parameter: rows are
+    Where the base is fixed, bends are linear in the unknowns and, between keyframes, in the path parameter: rows are
     exact, and a motion whose keyframes keep the limits keeps them throughout.
 
     Attributes:
         arm: the arm.
-        share: of every limit that rows leave to steps and keyframes.
-        accepted: share of it that may come of them.
+        share: share of every limit that rows leave to steps and keyframes.
+        accepted: share of every limit up to which the resulting bends are accepted.
     """
 
     arm: Arm
@@ -274,11 +281,11 @@ class JointLimit(LimitOf[CurveUnknowns]):
     accepted: float
 
     def linearised(self, space: CurveUnknowns, pose: Pose, turn: float) -> LimitRows:
-        """Return the rows of the bends that the step could bring to their bound."""
+        """Return rows for the bends that the step could bring to their bound."""
         bends = space.bends(pose.q)
         limits = self.share * space.bend_limits
         tight = np.abs(bends) + 2.0 * turn > limits  # a bend is the difference of two headings
-        # A bend that is beyond its share already must not grow; clipping at 0 keeps δ = 0 feasible.
+        # A bend that already exceeds its share must not grow; clipping at 0 keeps δ = 0 feasible.
         upper = np.maximum(limits - bends, 0.0)[tight]
         lower = np.minimum(-limits - bends, 0.0)[tight]
         allowed = np.maximum(self._accepted(space), np.abs(bends)) + _SOLVER_ACCURACY
@@ -289,19 +296,19 @@ class JointLimit(LimitOf[CurveUnknowns]):
         return LimitRows(space.bend_slopes(pose)[tight], lower, upper, keeps=keeps)
 
     def keeps_at_goal(self, space: CurveUnknowns, near: Pose, final: Pose) -> bool:
-        """Return whether the pose on the goal is within the limits."""
+        """Return whether the bends of the pose on the goal are within the accepted limits."""
         del near
         return bool(np.all(np.abs(space.bends(final.q)) <= self._accepted(space)))
 
     def keyframe_rows(self, sweep: Sweep, u: FloatArray) -> tuple[KeyframeRows, ...]:
-        """Return the rows of the bends near their bound at keyframes after the first."""
+        """Return rows for the bends near their bound at all keyframes but the first."""
         del u
         space = sweep.space
         bends = space.bends(sweep.configurations)
         limits = np.broadcast_to(self.share * space.bend_limits, bends.shape)
 
-        # Far from its limit a bend needs no row: every row costs the QP time, and ``holds`` judges all bends
-        # afterwards. Nor does one that is held at 0.
+        # Far from its limit a bend needs no row: every row costs the QP time, and ``holds`` checks all bends
+        # afterwards. Nor does a bend that is held at 0.
         near = (np.abs(bends) + _NEAR_JOINT_LIMIT > limits) & (limits > 0.0)
         # The first keyframe is the start and cannot move.
         near[0] = False
@@ -311,34 +318,38 @@ class JointLimit(LimitOf[CurveUnknowns]):
         return (KeyframeRows(keyframe, sweep.slopes[keyframe, joint], lower, upper),)
 
     def holds(self, sweep: Sweep, before: Sweep, u: FloatArray) -> bool:
-        """Return whether no bend is beyond its limit, nor nearer to it than accepted or than it was."""
+        """Return whether the motion's bends are within their limits.
+
+        A bend that exceeded its accepted share before the step may not exceed it further.
+        """
         del u
         space = sweep.space
         allowed = np.maximum(self._accepted(space), np.abs(space.bends(before.configurations)))
         return not np.any(np.abs(space.bends(sweep.configurations)) > np.minimum(allowed, space.bend_limits))
 
     def failures(self, q: FloatArray, depth: int | None = None) -> IntArray:
-        """Return the intervals at an end of which a coordinate, that of the base too, is beyond its limits."""
+        """Return the intervals at an end of which a coordinate, including that of the base, is beyond its limits."""
         del depth
         beyond = np.any((q < self.arm.lower_limits - _BEYOND) | (q > self.arm.upper_limits + _BEYOND), axis=1)
         return np.flatnonzero(beyond[:-1] | beyond[1:])
 
     def _accepted(self, space: CurveUnknowns) -> FloatArray:
-        """Return the bends that are accepted after a step."""
+        """Return the largest bends that are accepted after a step [rad]."""
         return self.accepted * space.bend_limits
 
 
 def overbent(limits: FloatArray, bends: FloatArray, held: FloatArray, tolerance: float) -> tuple[IntArray, FloatArray]:
-    """Return the numbers of the bends that are too near their limit, shape (k,), and their way back [rad].
+    """Return the indices of the bends beyond their limit, shape (k,), and the turns that bring them back [rad].
 
     Args:
-        limits: to which bends are brought back, shape (m,) [rad].
-        bends: shape (m,) [rad].
-        held: side to which each bend was too large before, or 0; such bends are kept at the limit, so that Newton's
-            method does not go to and fro. What is too large now is added. Shape (m,).
-        tolerance: by which a bend may be beyond [rad].
+        limits: limits to which bends are brought back, shape (m,) [rad].
+        bends: bends of the joints, shape (m,) [rad].
+        held: sign of each bend that exceeded its limit in an earlier iteration, else 0, shape (m,). Those bends are
+            kept at the limit so that Newton's method does not oscillate. Modified in place: bends that exceed their
+            limit now are added.
+        tolerance: excess over the limit that is accepted [rad].
     """
-    # An active set that only grows: a bend let go as soon as it is back would be pushed out again by the next step.
+    # The active set only grows: a bend released as soon as it is back would be pushed out again by the next step.
     beyond = np.abs(bends) > limits + tolerance
     held[beyond] = np.sign(bends[beyond])
     over = np.flatnonzero(held)
@@ -347,12 +358,12 @@ def overbent(limits: FloatArray, bends: FloatArray, held: FloatArray, tolerance:
 
 @dataclass(frozen=True)
 class TurnLimit(LimitOf[CurveUnknowns]):
-    """Bounds the turn of every link in a step, and the way of the base."""
+    """Bounds the turn of every link in a step, and the travel of the base."""
 
     def linearised(self, space: CurveUnknowns, pose: Pose, turn: float) -> LimitRows:
-        """Return one row a link about one axis, −turn ≤ Δφ ≤ turn, which is exact.
+        """Return one row per link that turns about one axis: −turn ≤ Δφ ≤ turn, which is exact.
 
-        About three the whole step is shortened.
+        Links that turn about three axes have no rows; there the whole step is shortened instead.
         """
         if pose.turning.shape[1] == 1:
             rows = turn_rows(space.arm, pose)
@@ -373,15 +384,14 @@ def assembled_limits(
 ) -> tuple[LimitOf[Any], ...]:
     """Return all limits of a motion, in the order of their rows.
 
-    True checks run backwards, the costly one of contact last.
-
-    Whoever steps, optimises or certifies reads this list and no other.
+    Exact checks run in reverse order, so that the costly check of contact comes last. Stepping, optimisation and
+    certification all use this list and no other.
 
     Args:
         arm: the arm.
-        contact: keeps gaps open.
+        contact: limit that keeps gaps open.
         settings: of the step.
-        further: what this motion has to keep besides.
+        further: further limits of this motion.
     """
     joints = JointLimit(arm, settings.limit_share, settings.accepted_share)
     return (AtRest(settings.still), contact, TurnLimit(), joints, *further)

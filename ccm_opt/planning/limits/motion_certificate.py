@@ -1,4 +1,4 @@
-"""The certificate of a motion: every limit's own proof of what lies between keyframes, put together."""
+"""The certificate of a motion: the proofs of all limits about the intervals between keyframes, combined."""
 
 from dataclasses import dataclass
 from itertools import pairwise
@@ -22,11 +22,11 @@ class IntervalCertificate(Protocol):
 
     @property
     def spare(self) -> float:
-        """Gap beyond contact that is asked for [m]."""
+        """Gap that is certified beyond contact [m]."""
         ...
 
     def failures(self, q: FloatArray, /, depth: int | None = None) -> IntArray:
-        """Return the sorted intervals of a motion, configurations of shape (K, c), that are not certified."""
+        """Return the sorted intervals that are not certified, of a motion with configurations of shape (K, c)."""
         ...
 
 
@@ -36,8 +36,8 @@ class MotionCertificate:
 
     Attributes:
         arm: the arm.
-        spare: gap beyond contact that is asked for [m].
-        limits: all that have to hold between keyframes.
+        spare: gap that is certified beyond contact [m].
+        limits: all limits that have to hold between keyframes.
     """
 
     arm: Arm
@@ -49,7 +49,7 @@ class MotionCertificate:
 
         Args:
             q: configurations at the keyframes, shape (K, c) [rad, m].
-            depth: bisections of an interval that are allowed; as many as the certificate's settings say when None.
+            depth: number of bisections of an interval that are allowed; None for the certificate's setting.
 
         Returns:
             Sorted indices of intervals k (from keyframe k to k + 1); empty when the motion is certified.
@@ -57,7 +57,7 @@ class MotionCertificate:
         return failed_intervals(self.limits, q, depth)
 
     def heading_failures(self, headings: FloatArray) -> IntArray:
-        """Return the same of link headings at the keyframes, shape (K, links) [rad]."""
+        """Return the failed intervals of a motion given by its link headings, shape (K, links) [rad]."""
         return self.failures(self.arm.bends(headings))
 
 
@@ -75,13 +75,13 @@ def failed_intervals(limits: tuple[LimitOf[Any], ...], q: FloatArray, depth: int
 def failing_edges(
     limits: tuple[LimitOf[Any], ...], curve: CurveUnknowns, unknowns: FloatArray, depth: int | None = None
 ) -> IntArray:
-    """Return the edges of a motion, linear in the unknowns of a curve, that are not certified, sorted.
+    """Return the uncertified edges of a motion that is linear in the unknowns of a curve, sorted.
 
     Args:
-        limits: that have to hold between keyframes.
-        curve: says where edges have to be cut to be so.
-        unknowns: at the keyframes, shape (K + 1, p).
-        depth: bisections of an interval that are allowed; as many as the certificate's settings say when None.
+        limits: limits that have to hold between keyframes.
+        curve: map from the unknowns; cuts edges where their configurations would not be linear.
+        unknowns: unknowns at the keyframes, shape (K + 1, p).
+        depth: number of bisections of an interval that are allowed; None for the certificate's setting.
     """
     if curve.affine:
         return failed_intervals(limits, curve.configurations(unknowns), depth)

@@ -1,8 +1,8 @@
 """Rows that keep links clear of surfaces in space.
 
-Rows are those of ``interval_rows``, their normals towards what has to be kept off: of a wall a plane bounds a
-half-space free of walls about where the link is at some time. What a point is nearer halfway than the mean of the ends
-is asked for beside, and so is how far it is off that mean at a time in between.
+Rows are those of ``interval_rows``. The normals point towards the obstacle: a plane next to a wall bounds a half-space
+that is free of walls about where the link is at some time. A point that is nearer to the wall halfway than the mean of
+the interval's ends has that loss added to its demand, and so has its deviation from that mean at times in between.
 """
 
 from dataclasses import replace
@@ -17,14 +17,14 @@ from ccm_opt.scene.contact_finder import SurfaceFinder
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 
 _BEHIND = 0.06
-"""By how much surfaces may stand out from one of them without getting one of their own [u]."""
+"""How far surfaces may protrude through another surface's plane without a plane of their own [u]."""
 
 _MOST_TRAVEL = 0.75
-"""Of the way of a joint over an interval that rows reach for [u]."""
+"""Most of a joint's travel over an interval by which the reach of rows is extended [u]."""
 BETWEEN = (0.25, 0.75)
-"""Shares of an interval at which links that lack room have rows too."""
+"""Shares of an interval at which links that lack clearance have rows too."""
 _PLANES = 6
-"""Most half-spaces about a link."""
+"""Most half-spaces per link."""
 
 
 def motion_rows(sweep: Sweep, contact: ContactLimit, finder: SurfaceFinder) -> IntervalRows:
@@ -32,20 +32,21 @@ def motion_rows(sweep: Sweep, contact: ContactLimit, finder: SurfaceFinder) -> I
 
     Args:
         sweep: the motion.
-        contact: says what room is asked for beyond the margin.
-        finder: of the contacts.
+        contact: limit with the gap wanted beyond the margin.
+        finder: finder of the contacts.
     """
     room = finder.margin + contact.wanted
     rows = joined_rows([_wall_rows(sweep, finder, room), pair_rows(sweep, room, room + finder.reach)])
-    # Rows at the given start can never be mended.
+    # Rows at the given start could never be repaired.
     return rows.take(rows.interval + rows.share > 0.0)
 
 
 def _wall_rows(sweep: Sweep, finder: SurfaceFinder, room: float) -> IntervalRows:
-    """Rows of half-spaces about the links halfway through every interval, at every keyframe, and at times in between.
+    """Return the rows of half-spaces about the links.
 
-    A link that passes an edge within an interval lies on both sides of some plane about its middle. Such a plane says
-    nothing of the way past the edge, and is left to the planes at the keyframes and in between.
+    Half-spaces are taken halfway through every interval, at every keyframe, and at the times ``BETWEEN``. A link that
+    passes an edge within an interval lies on both sides of some plane about its middle; such a plane does not describe
+    the way past the edge, and is left to the planes at the keyframes and in between.
     """
     chords = np.linalg.norm(np.diff(sweep.joints, axis=0), axis=2)
     travel = min(0.5 * float(np.max(chords, initial=0.0)), _MOST_TRAVEL * sweep.space.nominal_length)
@@ -61,7 +62,7 @@ def _wall_rows(sweep: Sweep, finder: SurfaceFinder, room: float) -> IntervalRows
             rows = replace(rows, constant=rows.constant + sweep.lost(rows))
             parts.append(rows.take(np.intersect1d(fits, _free_points(sweep, link + end))))
     parts.append(_half_space_rows(sweep, finder.tree, 1.0, reach, kept))
-    # In between only what lacks room is asked for.
+    # In between, only links that lack clearance get rows.
     near = kept + 0.1 * sweep.space.nominal_length
     parts.extend(_half_space_rows(sweep, finder.tree, share, near, kept) for share in BETWEEN)
     return joined_rows(parts)
@@ -72,10 +73,10 @@ def _half_space_rows(sweep: Sweep, tree: SurfaceTree, share: float, reach: float
 
     Args:
         sweep: the motion.
-        tree: of the surfaces.
-        share: of the interval that has passed.
+        tree: tree of the surfaces.
+        share: share of the interval that has passed.
         reach: surfaces farther away are left out [m].
-        kept: distance that the links' axes shall keep [m].
+        kept: distance that the links' axes have to keep [m].
     """
     points = sweep.points_at(share)
     off = points - ((1.0 - share) * sweep.joints[:-1] + share * sweep.joints[1:])
@@ -95,12 +96,12 @@ def _half_spaces(
 
     Args:
         sweep: the motion.
-        tree: of the surfaces.
+        tree: tree of the surfaces.
         points: joints and tip of the poses, shape (k, links + 1, 3) [m].
         reach: surfaces farther away are left out [m].
 
     Returns:
-        Numbers of the poses and of the links, each of shape (m,), n, shape (m, 3), and b, shape (m,) [m].
+        Indices of the poses and of the links, each of shape (m,), n, shape (m, 3), and b, shape (m,) [m].
     """
     arm = sweep.space.arm
     first = int(np.ceil(arm.mount_length / arm.link_length - 1e-9))
@@ -113,12 +114,12 @@ def _half_spaces(
 
 
 def room_lacking(sweep: Sweep, finder: SurfaceFinder, wanted: float) -> FloatArray:
-    """By how much the least gap from surfaces lacks the wanted one in every interval, at least 0, shape (K,) [m].
+    """Return the shortfall of the least gap from surfaces in every interval, at least 0, shape (K,) [m].
 
     Args:
         sweep: the motion.
-        finder: of the contacts.
-        wanted: room beyond contact that is asked for [m].
+        finder: finder of the contacts.
+        wanted: gap that is asked for beyond contact [m].
     """
     poses = (sweep.middles, *(sweep.points_at(share) for share in (*BETWEEN, 1.0)))
     lacking = [distance_lacking(sweep.space.arm, finder.tree, points, finder.kept + wanted) for points in poses]
@@ -128,27 +129,30 @@ def room_lacking(sweep: Sweep, finder: SurfaceFinder, wanted: float) -> FloatArr
 def _rows_of_points(
     interval: IntArray, share: float, point: IntArray, normal: FloatArray, need: FloatArray
 ) -> IntervalRows:
-    """Return the rows of points that have to be so far along normals out of half-spaces' sides [m]."""
+    """Return rows that keep points at least ``need`` [m] along their normals from the origin, as half-spaces demand."""
     none = np.zeros(len(point), dtype=np.intp)
     return IntervalRows(interval, np.full(len(point), share), point, none + STILL, none, none, -normal, need)
 
 
 def _free_points(sweep: Sweep, point: IntArray) -> IntArray:
-    """Return which points can be moved: not the first joint unless it is fed."""
+    """Return the indices of the entries of ``point`` that can move.
+
+    The first joint moves only where the base is fed.
+    """
     return np.flatnonzero((point > 0) | bool(sweep.space.arm.base_axes))
 
 
 def distance_lacking(arm: Arm, tree: SurfaceTree, points: FloatArray, kept: float) -> FloatArray:
-    """Return by how much the axes of the links beyond the mount are nearer to surfaces than they ought to be.
+    """Return how far the axes of the links beyond the mount are closer to surfaces than required.
 
     Args:
-        arm: whose links they are.
-        tree: of the surfaces.
+        arm: the arm.
+        tree: tree of the surfaces.
         points: joints and tip of some poses, shape (k, links + 1, 3) [m].
-        kept: distance from the axes that surfaces ought to keep [m].
+        kept: required distance between axes and surfaces [m].
 
     Returns:
-        Of every pose, at least 0, shape (k,) [m].
+        Shortfall of every pose, at least 0, shape (k,) [m].
     """
     first = int(np.ceil(arm.mount_length / arm.link_length - 1e-9))
     segments = np.stack((points[:, first:-1], points[:, first + 1 :]), axis=2)

@@ -1,11 +1,11 @@
 """The user's hard constraints as a limit, with the costs that go with them.
 
-Gaps are treated as clearances are: they keep a margin where there is room for it. Equations are rows that a step has
-to meet; after it Newton's method brings the unknowns back onto them.
+Gaps are treated as clearances are: they keep a margin where possible. Equations are rows that a step has to meet;
+afterwards Newton's method brings the unknowns back onto them.
 
-A gap is divided by the norm of its slope by the headings of the links, in which the base's way counts by a length of
-the arm: so it is the turn of the whole arm that closes it, and one margin suits gaps in metres, radians or any other
-unit, in the plane and in space.
+A gap is divided by the norm of its slope by the headings of the links, in which the travel of the base counts per
+length of the arm. The quotient is the turn of the whole arm that closes the gap, so one margin suits gaps in metres,
+radians or any other unit, in the plane and in space.
 """
 
 from dataclasses import dataclass, replace
@@ -26,46 +26,47 @@ if TYPE_CHECKING:
     from ccm_opt.planning.optimisation.interval_rows import Sweep
 
 _PATH_SHARE = 0.2
-"""Share of what is allowed by which the smooth path may miss a row between its knots. Taste."""
+"""Share of the allowed violation by which the smooth path may violate a row between its knots. Taste."""
 _PULL_WEIGHT = 30.0
-"""Weight on mending gaps inside their margin, against a nominal link's distance. Taste, as for contacts."""
+"""Weight on restoring gaps that are inside their margin, relative to a nominal link's distance. Taste, as for
+contacts."""
 _URGENCY = 10.0
-"""Scale of the rows of broken gaps, beside those inside their margin. Taste."""
+"""Scale of the rows of violated gaps, relative to those of gaps inside their margin. Taste."""
 _RANK = 1e-09
 """Singular values below this share of the largest count as none, so that equations that follow from others are left
 out. Taste."""
 _RESERVE = 0.02
-"""Share of the kept margin that a gap keeps between keyframes, for what lies between samples. Taste."""
+"""Share of the kept margin that a gap keeps between keyframes, to cover what lies between samples. Taste."""
 _SAMPLES = 4
-"""Samples of an interval between keyframes. Taste."""
+"""Number of samples of an interval between keyframes. Taste."""
 
 _JOINT_SHARE = 0.995
-"""Share of a joint limit to which bends beyond that are brought back; what splines overshoot stays below the limit.
+"""Share of a joint limit to which excessive bends are brought back; it leaves the overshoot of splines below the limit.
 Taste."""
 
 _KNOT_RESERVES = 4.0
-"""Reserves to which a knot of the smooth path is moved that has less than half of that. Measured: with 2 a path at the
-edge of a camera's view was refused, with 4 it is laid."""
+"""Number of reserves to which a gap is opened at a knot of the smooth path that has less than half of that. Measured:
+with 2 a path at the edge of a camera's view was refused, with 4 it was accepted."""
 _MARGIN = 2e-3
 """Margin of a gap, as a turn of the whole arm [rad]. Taste: a tenth of a degree. A gap has the user's unit; divided by
-the norm of its slope by the link headings it is the turn of the whole arm that closes it, and that is what margins are
-measured in."""
+the norm of its slope by the link headings it is the turn of the whole arm that closes it, and margins are measured in
+that."""
 _KEEP_SHARE = 0.4
 """Share of that margin that every accepted pose keeps. Taste, as for contacts."""
 _MET_AT_GOAL = 1e-8
-"""By how much constraints may be missed at the goal and at keyframes, in the user's unit. Derived: two orders below
-what the verifier allows."""
+"""Largest violation of constraints at the goal and at keyframes, in the user's unit. Derived: two orders below what the
+verifier allows."""
 _MET = 1e-10
-"""An equation is met when nothing misses by more, in the user's unit. Derived: four orders below what the verifier
+"""Largest residual with which equations count as met, in the user's unit. Derived: four orders below what the verifier
 allows."""
 _ALLOWED = 1e-6
-"""By which a hard constraint may be missed, in the user's unit. Derived: what the verifier allows."""
+"""Largest violation of a hard constraint, in the user's unit. Derived: what the verifier allows."""
 _NEWTON_STEPS = 12
 """Most steps of Newton's method back onto equations. Taste: it converges in four or never."""
 _FAR = 2.0
-"""Gaps that the whole arm has to turn by more than this to close make no rows on keyframes [rad]. Taste."""
+"""Gaps that need a larger turn of the whole arm to close get no rows on keyframes [rad]. Taste."""
 _KEYFRAME_TURN = 0.5
-"""A keyframe that needs a larger turn of a link to meet its equations does not meet them [rad]. Taste."""
+"""Largest turn of a link that may be needed to bring a keyframe onto its equations [rad]. Taste."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,10 +75,11 @@ class UserLimit(LimitOf[CurveUnknowns]):
 
     Attributes:
         terms: the constraints and costs, compiled.
-        u: path parameter at which the constraints are looked at.
-        at_goal: whether those at the goal are meant, not those on the way.
-        lead: by how much of the motion intervals are widened at most, so that a path which is smooth at keyframes keeps
-            them on all of it; where one ends shortly before another begins, they stay apart.
+        u: path parameter at which the constraints are evaluated.
+        at_goal: whether to use the constraints at the goal instead of those on the way.
+        lead: largest share of the motion by which intervals of constraints are widened, so that a path which is smooth
+            at keyframes keeps them over their whole interval; where one ends shortly before another begins, they stay
+            apart.
     """
 
     terms: "UserTerms"
@@ -87,22 +89,22 @@ class UserLimit(LimitOf[CurveUnknowns]):
 
     @property
     def parametric(self) -> bool:
-        """Whether anything depends on the path parameter."""
+        """Whether any term depends on the path parameter."""
         return self.terms.parametric
 
     @property
     def has_equations(self) -> bool:
-        """Whether a path beside the keyframes may miss equations that these meet."""
+        """Whether there are equations, which a path may violate between keyframes that meet them."""
         return bool(self.terms.path_rows.equal.any())
 
     @property
     def shapes_path(self) -> bool:
-        """Whether there are equations, or anything that depends on the path parameter."""
+        """Whether there are equations, or terms that depend on the path parameter."""
         return self.has_equations or self.terms.parametric
 
     @cached_property
     def breaks(self) -> tuple[float, ...]:
-        """Path parameters inside (0, 1) at which a term begins or ends to apply."""
+        """Path parameters inside (0, 1) at which a term starts or stops applying."""
         if self.lead == 0.0:
             return tuple(self.terms.breaks.tolist())
         way = self._way
@@ -111,7 +113,7 @@ class UserLimit(LimitOf[CurveUnknowns]):
 
     @cached_property
     def _way(self) -> "RowSet":
-        """Rows at keyframes on the way."""
+        """Rows at keyframes on the way, their intervals widened by ``lead``."""
         exact = self.terms.motion_rows
         if self.lead == 0.0:
             return exact
@@ -127,7 +129,7 @@ class UserLimit(LimitOf[CurveUnknowns]):
         return self.terms.goal_rows if self.at_goal else self._way
 
     def placed(self, u: float) -> "UserLimit":
-        """Return the constraints at another place of the motion."""
+        """Return the constraints at path parameter u of the motion."""
         return replace(self, u=u)
 
     def placed_at_goal(self) -> "UserLimit":
@@ -135,16 +137,19 @@ class UserLimit(LimitOf[CurveUnknowns]):
         return replace(self, u=1.0, at_goal=True)
 
     def values(self, q: FloatArray) -> "RowValues":
-        """Return the rows in a configuration, shape (c,)."""
+        """Return the rows evaluated at a configuration, shape (c,)."""
         return self.rows.at(q, self.u)
 
     def turns(self, slopes: FloatArray) -> FloatArray:
-        """Return by how much a turn of the whole arm changes each row of slopes, shapes (m,) and (m, c); never 0."""
+        """Return how much a turn of the whole arm changes each row of slopes, shapes (m, c) to (m,); never 0."""
         return slope_norms(self.terms.quantities.heading_slopes(slopes))
 
     # ------------------------------------------------------------ the single step
     def linearised(self, space: CurveUnknowns, pose: Pose, turn: float) -> LimitRows:
-        """Return equations, asked to be met at once or half a turn of it, and a row for each gap that could close."""
+        """Return equations and a row for each gap that could close in the step.
+
+        Equations are asked to be met at once, or as far as half of the largest turn leads.
+        """
         del space
         now = self.values(pose.q)
         equations, target = self._independent(now.equations, now.equation_slopes @ pose.slopes, pose.turning, turn)
@@ -153,12 +158,12 @@ class UserLimit(LimitOf[CurveUnknowns]):
         # Cauchy–Schwarz: n links that turn by at most t each close a gap of unit slope by t √n to first order; the
         # factor 2 leaves room for its curvature.
         farthest = 2.0 * turn * np.sqrt(self.terms.quantities.arm.links)  # what a step can close at most
-        # Negated, so that a gap that is NaN keeps its row and is refused, instead of passing unseen.
+        # Negated, so that a gap that is NaN keeps its row and is refused instead of being dropped.
         within = ~(now.gaps > (_MARGIN + farthest) * scale)
         scale = scale[within]
         gaps = now.gaps[within] / scale
         rows = now.gap_slopes[within] @ pose.slopes / scale[:, None]
-        # Never above 0: δ = 0 stays feasible even inside the margin, where the pull asks for more room instead.
+        # Never above 0: δ = 0 stays feasible even inside the margin, where the pull opens the gap instead.
         lower = np.minimum(-0.5 * (gaps - _MARGIN), 0.0)
         return LimitRows(
             np.vstack((equations, rows)),
@@ -170,7 +175,7 @@ class UserLimit(LimitOf[CurveUnknowns]):
         )
 
     def _pull(self, rows: FloatArray, gaps: FloatArray, turn: float) -> Term:
-        """Ask gaps inside their margin to open, broken ones urgently."""
+        """Return the term that opens gaps inside their margin, with urgency where they are violated."""
         margin = _MARGIN
         near = gaps < margin
         short = margin - gaps[near]
@@ -182,9 +187,9 @@ class UserLimit(LimitOf[CurveUnknowns]):
     def _independent(
         self, equations: FloatArray, slopes: FloatArray, turning: FloatArray, turn: float
     ) -> tuple[FloatArray, FloatArray]:
-        """Return the orthonormal combinations of the equations' rows, and what they have to change by.
+        """Return orthonormal combinations of the equations' rows, and the change that each needs.
 
-        Equations far from met ask for half of the largest turn of a link, so that the QP stays feasible.
+        Equations that are far from met ask for half of the largest turn of a link, so that the QP stays feasible.
         """
         if not len(slopes):
             return slopes, equations
@@ -199,8 +204,12 @@ class UserLimit(LimitOf[CurveUnknowns]):
         return right[kept], target * min(1.0, 0.5 * turn / max(most, TINY))
 
     def _keeps(self, before: "RowValues", after: "RowValues") -> bool:
-        """Whether every gap keeps its share of the margin, or no less than it had, and equations are met or nearer."""
-        # A pose that begins inside the margin may stay there, but not lose more.
+        """Return whether a step from ``before`` to ``after`` is acceptable.
+
+        Every gap has to keep its share of the margin, or not shrink, and the equations have to be met or come closer to
+        it.
+        """
+        # A pose that begins inside the margin may stay there, but must not lose more.
         floor = np.minimum(_KEEP_SHARE * _MARGIN * self.turns(before.gap_slopes), before.gaps)
         if not np.isfinite(after.violation) or not np.all(after.gaps >= floor - TINY):
             return False
@@ -210,23 +219,23 @@ class UserLimit(LimitOf[CurveUnknowns]):
         return bool(met or np.abs(after.equations).sum() < np.abs(before.equations).sum())
 
     def restored(self, space: CurveUnknowns, pose: Pose, most: float) -> Pose:
-        """Return a pose moved onto the equations; as it is where that fails."""
+        """Return the pose moved onto the equations, or the pose unchanged where that fails."""
         if not self.rows.equal.any():
             return pose
         moved = self.moved_onto_rows(space, pose, most, gaps=False)
         return pose if moved is None else moved
 
     def moved_onto_rows(self, space: CurveUnknowns, pose: Pose, most: float, *, gaps: bool) -> Pose | None:
-        """Return a pose moved onto the equations by Newton's method of least change of the links.
+        """Return a pose moved onto the equations by Newton's method with least change of the links.
 
         Args:
-            space: the map of the unknowns.
-            pose: to begin at.
+            space: the map from the unknowns to configurations.
+            pose: pose to begin at.
             most: largest turn of a link on the way [rad].
-            gaps: whether to move out of broken gaps, and back within joint limits, too.
+            gaps: whether to restore violated gaps and joint limits too.
 
         Returns:
-            None when that does not converge within ``most``.
+            None when the method does not converge within ``most``.
         """
         start = pose
         limits = _JOINT_SHARE * space.bend_limits
@@ -247,23 +256,26 @@ class UserLimit(LimitOf[CurveUnknowns]):
             if np.max(np.abs(change), initial=0.0) <= _MET:
                 return pose
             pose = space.pose(pose.v + least_change(space, pose, slopes, change))
-            # Farther away lies perhaps another branch of the equations, and nothing is known of what is between.
+            # Farther away may lie another branch of the equations, and the motion in between is unchecked.
             if not np.max(np.linalg.norm(start.turning @ (pose.v - start.v), axis=1)) <= most:
                 return None
         return None
 
     # ------------------------------------------------------------ at the goal
     def miss(self, q: FloatArray) -> float:
-        """Return by how much the worst row is missed, beyond what counts as met."""
+        """Return the violation of the worst row, 0 where it counts as met, in the user's unit."""
         miss = self.values(q).violation
         return 0.0 if miss <= _MET_AT_GOAL else miss
 
     def mending(self, pose: Pose, most: float) -> tuple[FloatArray, FloatArray]:
-        """Rows of equations and of narrow gaps, per radian, shape (k, p), and what they should gain, at most ``most``.
+        """Return the rows of equations and of gaps inside their margin, per radian, and their wanted change.
 
         Args:
-            pose: where they are missed.
+            pose: pose at which they are violated.
             most: largest turn of the whole arm [rad].
+
+        Returns:
+            Rows, shape (k, p), and wanted changes, shape (k,), at most ``most`` [rad].
         """
         values = self.values(pose.q)
         margins = _MARGIN * self.turns(values.gap_slopes)
@@ -274,25 +286,26 @@ class UserLimit(LimitOf[CurveUnknowns]):
         return by_pose @ pose.slopes / scale[:, None], np.clip(wanted, -most, most)
 
     def missed(self, space: CurveUnknowns, pose: Pose) -> tuple[FloatArray, FloatArray]:
-        """Return the slopes of the equations and of broken gaps, shape (k, p), and by how much they have to change."""
+        """Return the slopes of equations and violated gaps, shape (k, p), and the change each needs, shape (k,)."""
         del space
         values = self.values(pose.q)
         broken = values.gaps < 0.0
         slopes = np.vstack((values.equation_slopes, values.gap_slopes[broken]))
-        # Aimed a little beyond 0, else rounding would leave the gap broken and Newton would go on in vain.
+        # Aimed slightly beyond 0, because rounding would otherwise leave the gap violated and Newton would iterate in
+        # vain.
         aim = _KEEP_SHARE * _MARGIN * self.turns(values.gap_slopes[broken])
         return slopes @ pose.slopes, np.append(-values.equations, aim - values.gaps[broken])
 
     # ------------------------------------------------------------ the optimisation of a motion
     def at_keyframe(self, k: int, u: FloatArray) -> "UserLimit":
-        """Return the constraints at a keyframe; the last is the goal."""
+        """Return the constraints at keyframe k; the last keyframe is the goal."""
         return self.placed_at_goal() if k == len(u) - 1 else self.placed(float(u[k]))
 
     def keyframe_equations(self, sweep: "Sweep", u: FloatArray) -> tuple[KeyframeRows, ...]:
-        """Return the equations of every keyframe, their slopes of norm 1."""
+        """Return the equations of every keyframe, scaled to slopes of norm 1."""
         keyframes: list[int] = []
         rows = [np.zeros((0, sweep.unknowns.shape[1]))]
-        # Rows of norm 1 keep the QP well scaled whatever the user measures in. Keyframe 0 is the start, which is fixed.
+        # Rows of norm 1 keep the QP well scaled whatever unit the user chose. Keyframe 0 is the start, which is fixed.
         for k in range(1, len(u)):
             slopes = self.at_keyframe(k, u).values(sweep.configurations[k]).equation_slopes @ sweep.slopes[k]
             rows.append(slopes / slope_norms(slopes)[:, None])
@@ -301,7 +314,7 @@ class UserLimit(LimitOf[CurveUnknowns]):
         return (KeyframeRows(np.array(keyframes, dtype=np.intp), np.vstack(rows), zero, zero),)
 
     def keyframe_rows(self, sweep: "Sweep", u: FloatArray) -> tuple[KeyframeRows, ...]:
-        """Return the gaps of every keyframe that are not far from closing, per radian of the whole arm."""
+        """Return the rows of the gaps near closing at every keyframe, per radian of the whole arm."""
         keyframes: list[int] = []
         rows = [np.zeros((0, sweep.unknowns.shape[1]))]
         least = [np.zeros(0)]
@@ -311,8 +324,8 @@ class UserLimit(LimitOf[CurveUnknowns]):
             near = values.gaps < _FAR * scale
             scale = scale[near]
             rows.append(values.gap_slopes[near] @ sweep.slopes[k] / scale[:, None])
-            # These rows are hard and have no slack: a gap inside its margin may only not shrink, or there would be no
-            # feasible step.
+            # These rows are hard and have no slack: a gap inside its margin is only forbidden to shrink, or no step
+            # would be feasible.
             least.append(np.minimum(_MARGIN - values.gaps[near] / scale, 0.0))
             keyframes += [k] * len(scale)
         lower = np.concatenate(least)
@@ -320,14 +333,14 @@ class UserLimit(LimitOf[CurveUnknowns]):
         return (KeyframeRows(np.array(keyframes, dtype=np.intp), np.vstack(rows), lower, upper),)
 
     def costs(self, space: CurveUnknowns, u: FloatArray) -> tuple[MotionCost, ...]:
-        """Return the user's costs, soft constraints among them."""
+        """Return the user's costs, including soft constraints."""
         del space
         return (UserCosts(self.terms, u),)
 
     def restored_keyframes(self, space: CurveUnknowns, coordinates: FloatArray, u: FloatArray) -> FloatArray:
-        """Return the inner keyframes put on their equations and out of broken gaps.
+        """Return the keyframes, the inner ones moved onto their equations and out of violated gaps.
 
-        Where that fails they stay as they are.
+        Keyframes for which that fails are unchanged.
         """
         restored = coordinates.copy()
         for k in range(1, len(u) - 1):
@@ -338,21 +351,22 @@ class UserLimit(LimitOf[CurveUnknowns]):
         return restored
 
     def holds(self, sweep: "Sweep", before: "Sweep", u: FloatArray) -> bool:
-        """Return whether all equations are met, and no gap is broken."""
+        """Return whether all equations are met and no gap is violated, at all keyframes but the first."""
         del before
         return all(self.at_keyframe(k, u).miss(sweep.configurations[k]) <= 0.0 for k in range(1, len(u)))
 
     # ------------------------------------------------------------ between keyframes
     @cached_property
     def _lasting(self) -> BoolArray:
-        """Which rows are gaps that hold over the whole motion, wherever keyframes are on it."""
+        """Which rows are gaps that apply over the whole motion and do not depend on the path parameter."""
         rows = self.terms.path_rows
         return np.asarray(~rows.equal & (rows.first <= 0.0) & (rows.last >= 1.0) & ~rows.parametric)
 
     def failures(self, q: FloatArray, depth: int | None = None) -> IntArray:
-        """Return the intervals in which a gap falls below its reserve at samples, which need no bisection.
+        """Return the intervals in which a gap falls below its reserve at samples; no bisection is needed.
 
-        A gap that has less at an end of the interval, as a start or a goal may, has to be kept in between.
+        A gap that is below its reserve at an end of the interval, as a start or a goal may be, must not shrink in
+        between.
         """
         del depth
         lasting = self._lasting
@@ -372,22 +386,25 @@ class UserLimit(LimitOf[CurveUnknowns]):
 
     @property
     def _slack(self) -> float:
-        """By how much a gap may be missed between keyframes, in the user's unit."""
+        """Largest violation of a gap between keyframes, in the user's unit."""
         return _PATH_SHARE * _ALLOWED
 
     # ------------------------------------------------------------ the smooth path
     def path_violations(self, q: FloatArray, u: float) -> tuple[FloatArray, FloatArray]:
-        """Slopes by the configuration of equations and broken gaps, shape (k, c), and what they have to change."""
+        """Return the slopes by the configuration of equations and violated gaps, and the change each needs.
+
+        Shapes (k, c) and (k,).
+        """
         values = self.terms.path_rows.at(q, u)
         reserve = _RESERVE * _KEEP_SHARE * _MARGIN * self.turns(values.gap_slopes)
-        # The certificate asks for the reserve, by the steepest slope at the ends; beside its knots a path has less gap
-        # than at them.
+        # The certificate asks for the reserve, by the steepest slope at the ends; between its knots a path has smaller
+        # gaps than at them.
         broken = values.gaps < 0.5 * _KNOT_RESERVES * reserve
         slopes = np.vstack((values.equation_slopes, values.gap_slopes[broken]))
         return slopes, np.append(-values.equations, _KNOT_RESERVES * reserve[broken] - values.gaps[broken])
 
     def misses_path(self, q: FloatArray, u: FloatArray) -> BoolArray:
-        """At which samples a row is missed by more than its share of what is allowed."""
+        """Return at which samples a row is violated by more than its share of the allowed violation, shape (K,)."""
         rows = self.terms.path_rows
         table = rows.table(q, u)
         miss = np.where(rows.equal, np.abs(table), -table)
@@ -401,17 +418,20 @@ class UserLimit(LimitOf[CurveUnknowns]):
 
     @property
     def advice(self) -> tuple[str, ...]:
-        """What would help when no motion is found."""
+        """What the user can try when no motion is found."""
         return ("relax the constraints, or make them soft",)
 
     def refuse_ends(self, start: FloatArray, goal: FloatArray | None) -> None:
-        """Refuse a start or a whole-arm goal that breaks a constraint, and terms that are not finite at the start."""
+        """Raise where the start or a whole-arm goal violates a constraint, or a term is not finite at the start."""
         refuse_broken_start(self.terms, start, _ALLOWED)
         if goal is not None:
             refuse_broken_goal(self.terms, goal, _ALLOWED)
 
     def worst(self, q: FloatArray) -> tuple[str, float]:
-        """Name of the constraint that is missed most in radians of the arm, and its miss in the user's unit."""
+        """Return the name of the constraint that is violated most, and its violation in the user's unit.
+
+        Constraints are compared in radians of the arm.
+        """
         rows = self.rows
         table = rows.table(q[None], self.u)[0]
         miss = np.where(rows.equal, np.abs(table), np.maximum(-table, 0.0))
@@ -422,7 +442,7 @@ class UserLimit(LimitOf[CurveUnknowns]):
         return rows.names[k], float(miss[k])
 
     def describe(self, q: FloatArray) -> str:
-        """Return the constraint that is missed, or else at its bound, in words; empty when none is."""
+        """Return in words which constraint is violated, or else at its bound; empty when none is."""
         name, miss = self.worst(q)
         if miss > _MET_AT_GOAL:
             return f"constraint '{name}' is missed by {miss:.3g}"
@@ -432,5 +452,5 @@ class UserLimit(LimitOf[CurveUnknowns]):
         return f"constraint '{rows.names[int(np.flatnonzero(near)[0])]}' is at its bound" if near.any() else ""
 
     def _slope_norms(self, q: FloatArray) -> FloatArray:
-        """Return the norm of the slope of every row, whether it applies here or not, shape (rows,)."""
+        """Return the norm of the slope of every row, applicable here or not, shape (rows,)."""
         return self.turns(np.asarray(self.rows.slopes(q, self.u)[1]))

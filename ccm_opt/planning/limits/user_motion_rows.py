@@ -1,7 +1,7 @@
-"""Rows and costs of users' terms over a whole motion.
+"""Costs of users' terms over a whole motion, and checks of its ends against the constraints.
 
-Equations are not looked at here: between keyframes a motion leaves them by the square of the step, and the path that
-is laid through the keyframes in the end is brought back onto them.
+Equations are not checked here: between keyframes a motion leaves them by the square of the step, and the final path
+through the keyframes is brought back onto them.
 """
 
 from dataclasses import dataclass
@@ -41,21 +41,21 @@ class UserCosts:
         )
 
     def foreseen(self, sweep: "Sweep", change: FloatArray) -> float:
-        """Return the cost after a change of the unknowns, shape (K + 1, p), by the quadratic model."""
+        """Return the cost that the quadratic model predicts after a change of the unknowns, shape (K + 1, p)."""
         model = self.model(sweep)
         bent = np.einsum("kp,kpq,kq->", change, model.diagonal, change)
         return self.value(sweep) + float(np.vdot(model.gradient, change)) + 0.5 * float(bent)
 
     def model(self, sweep: "Sweep") -> Quadratic:
-        """Return the gradient and convex part of the Hessian by the unknowns."""
+        """Return the gradient and the convex part of the Hessian by the unknowns."""
         frames, p = sweep.unknowns.shape
         model = Quadratic(np.zeros((frames, p)), np.zeros((frames, p, p)), np.zeros((frames - 1, p, p)))
         for cost, weights in zip(*self._weights, strict=True):
-            # Keyframe 0 is the fixed start: what it costs cannot be changed.
+            # Keyframe 0 is the fixed start: its cost cannot be changed.
             for k in np.flatnonzero(weights[1:]) + 1:
                 gradient, hessian = cost.second_order(sweep.configurations[k], float(self.u[k]))
                 if not (np.isfinite(gradient).all() and np.isfinite(hessian).all()):
-                    continue  # there it says nothing of where to go; a motion at which its value is NaN is refused
+                    continue  # no descent direction there; a motion at which the value itself is NaN is refused
                 # The nearest positive semidefinite matrix (in the Frobenius norm) drops the negative eigenvalues; the
                 # QP needs a convex model.
                 sizes, vectors = np.linalg.eigh(hessian)
@@ -66,7 +66,7 @@ class UserCosts:
 
     @cached_property
     def _weights(self) -> "tuple[tuple[CompiledCost, ...], list[FloatArray]]":
-        """All costs, and the weight of each at every keyframe: its mean over those it applies to."""
+        """All costs, and the weight of each at every keyframe: its mean over the keyframes it applies to."""
         costs = self.terms.all_costs
         weights = []
         for cost in costs:
@@ -77,15 +77,15 @@ class UserCosts:
 
 
 def refuse_broken_start(terms: "UserTerms", start: "FloatArray", allowed: float) -> None:
-    """Refuse constraints that the start breaks, and terms that are not finite there.
+    """Raise where the start violates a constraint, or a term is not finite there.
 
     Args:
         terms: constraints and costs.
         start: configuration, shape (c,) [rad, m].
-        allowed: by which a hard constraint may be missed, in the unit of its expression.
+        allowed: largest violation of a hard constraint, in the unit of its expression.
 
     Raises:
-        ProblemError: naming the constraint that the start breaks, or the term that is not finite there.
+        ProblemError: naming the constraint that the start violates, or the term that is not finite there.
     """
     for compiled in terms.all_costs:
         if not np.isfinite(compiled.values(start[None], np.zeros(1))).all():
@@ -95,7 +95,7 @@ def refuse_broken_start(terms: "UserTerms", start: "FloatArray", allowed: float)
 
 
 def refuse_broken_goal(terms: "UserTerms", goal: "FloatArray", allowed: float) -> None:
-    """Refuse a whole-arm goal that breaks a hard constraint; arguments as for ``refuse_broken_start``.
+    """Raise where a whole-arm goal violates a hard constraint; arguments as for ``refuse_broken_start``.
 
     Raises:
         UnreachableGoal: naming the constraint.
@@ -117,8 +117,8 @@ def _refuse_at_start(compiled: "CompiledConstraint", start: "FloatArray", allowe
     name = compiled.constraint.name
     miss = float(compiled.residuals(start[None], np.zeros(1))[0])
     slopes = np.asarray(compiled.slopes(start, 0.0))
-    # A value may be finite where its derivative is not, as with the root of 0; the search would stop there without a
-    # word.
+    # A value may be finite where its derivative is not, as with the root of 0; the search would stall there without an
+    # explanation.
     if not np.isfinite(miss) or not np.isfinite(slopes).all():
         what = "value" if not np.isfinite(miss) else "derivative"
         raise ProblemError(f"constraint '{name}' is not finite at the start; its {what} is NaN or infinity")
