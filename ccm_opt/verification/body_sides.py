@@ -1,12 +1,12 @@
-"""Separation of links from bodies, and on which side of them a link is.
+"""Distances of segments from triangles, and whether a point is inside a body given by triangles.
 
-Any direction n proves a distance: every point of the segment is at n · p or beyond on one side, every point of the
-triangle at n · q or beyond on the other, and corners decide both. The direction is that between the nearest pair of
-points out of a list that holds the nearest of all; were the list wrong, the proof would fail, not lie.
+Any unit vector n proves a lower bound on a distance: the least n · p over the segment minus the greatest n · q over the
+triangle, both attained at corners. The vector used joins the nearest pair of candidate points. The candidates include
+the true nearest pair; if they did not, the bound would be too small but still valid.
 
-Triangles that turn alike enclose a place that they wind round by more than a half. Of others rays from the place tell:
-most of them cross an odd number of triangles. This is asked of all triangles together, which may be open, and, since
-bodies that overlap may cancel, of the pieces that hang together by corners.
+A consistently oriented set of triangles encloses a point if its winding number there exceeds one half. For other sets,
+rays are cast from the point, most of which must cross an odd number of triangles. The test is applied to all triangles
+together, which may be open, and, since overlapping bodies may cancel, to each piece connected through corners.
 """
 
 from itertools import pairwise
@@ -20,18 +20,18 @@ from ccm_opt.core.arrays import BoolArray, FloatArray, IntArray
 
 
 def separations(start: FloatArray, end: FloatArray, triangles: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the bounds on the distances of segments from triangles.
+    """Return bounds on the distances of segments from triangles.
 
     Args:
-        start: of the segments, shape (P, 3) [m].
-        end: of the segments, shape (P, 3) [m].
-        triangles: corners, shape (P, 3, 3) [m].
+        start: starts of the segments, shape (P, 3) [m].
+        end: ends of the segments, shape (P, 3) [m].
+        triangles: corners of the triangles, shape (P, 3, 3) [m].
 
     Returns:
-        Distances that are proved, and those of a pair of points, which no distance exceeds; each of shape (P,) [m].
+        Proved lower bounds, and upper bounds from a pair of points; each of shape (P,) [m].
     """
     normal, upper = nearest_lines(start, end, triangles)
-    # Heights are taken from a corner, so that places far from the origin lose no digits.
+    # Projections are relative to a corner, so that points far from the origin lose no digits.
     origin = triangles[:, 0]
     ends = np.stack((start - origin, end - origin), axis=1)
     lowest = np.min(np.einsum("ped,pd->pe", ends, normal), axis=1)
@@ -40,9 +40,9 @@ def separations(start: FloatArray, end: FloatArray, triangles: FloatArray) -> tu
 
 
 def nearest_lines(start: FloatArray, end: FloatArray, triangles: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Directions from triangles to segments between the nearest of their points, shape (P, 3), and distances, (P,) [m].
+    """Return unit vectors from triangles to segments between their nearest points, and the distances of these points.
 
-    Where they touch there is no direction, but noughts.
+    Vectors have shape (P, 3) and are zero where the bodies touch; distances have shape (P,) [m].
     """
     best = np.full(len(start), np.inf)
     apart = np.zeros_like(start)
@@ -56,7 +56,10 @@ def nearest_lines(start: FloatArray, end: FloatArray, triangles: FloatArray) -> 
 
 
 def _candidates(start: FloatArray, line: FloatArray, triangles: FloatArray) -> list[tuple[FloatArray, BoolArray]]:
-    """Return differences of pairs of points, shape (P, 3), with whether both points lie on their bodies, shape (P,)."""
+    """Return the candidates for the nearest pair of points of each segment and triangle.
+
+    Each candidate is a difference of two points, shape (P, 3), with a mask of where both lie on their bodies, (P,).
+    """
     everywhere = np.ones(len(start), dtype=bool)
     found: list[tuple[FloatArray, BoolArray]] = []
     corners = [triangles[:, k] for k in range(3)]
@@ -72,14 +75,14 @@ def _candidates(start: FloatArray, line: FloatArray, triangles: FloatArray) -> l
 
 
 def _clipped_foot(offset: FloatArray, line: FloatArray) -> FloatArray:
-    """Return where the foot of a point on a line from the origin is, as a share of it within [0, 1]."""
+    """Return the foot of a point on a line from the origin, as a share of the line, clipped to [0, 1]."""
     square = np.einsum("pd,pd->p", line, line)
     share = np.einsum("pd,pd->p", offset, line) / np.where(square > 0.0, square, 1.0)
     return np.asarray(np.clip(share, 0.0, 1.0))
 
 
 def _between_lines(offset: FloatArray, line: FloatArray, edge: FloatArray) -> tuple[FloatArray, BoolArray]:
-    """Return where two lines are nearest, by their common normal; valid where that is on both segments."""
+    """Return the difference of the nearest points of two lines, valid where both points lie on their segments."""
     normal = np.cross(line, edge)
     square = np.einsum("pd,pd->p", normal, normal)
     safe = np.where(square > 0.0, square, 1.0)
@@ -92,7 +95,7 @@ def _between_lines(offset: FloatArray, line: FloatArray, edge: FloatArray) -> tu
 def _through_face(
     start: FloatArray, line: FloatArray, corner: FloatArray, one: FloatArray, other: FloatArray
 ) -> list[tuple[FloatArray, BoolArray]]:
-    """Return the ends over the inside of the triangle, and the place where the segment goes through it."""
+    """Return the candidates in the face: both ends projected onto it, and the point where the segment crosses it."""
     normal = np.cross(one, other)
     square = np.einsum("pd,pd->p", normal, normal)
     safe = np.where(square > 0.0, square, 1.0)
@@ -108,7 +111,7 @@ def _through_face(
     found = []
     for end, height in ((start, begins), (start + line, begins + rises)):
         found.append(((height / safe)[:, None] * normal, inside(end - corner)))
-    # Of a segment that hardly rises no share is told that it does not reach.
+    # The comparison avoids dividing by a tiny rise before it is known that the segment reaches the plane.
     reaches = (rises != 0.0) & (np.abs(begins) <= np.abs(rises))
     share = -begins / np.where(reaches, rises, 1.0)
     crosses = reaches & (share >= 0.0)
@@ -118,23 +121,25 @@ def _through_face(
 
 
 _GRID = 1e-6
-"""Corners in one cell of a grid so wide, as a share of the extent, hang together."""
+"""Cell width of the grid in which corners are merged, as a share of the body's extent."""
 _RAYS = 9
 _MOST = 0.75
-"""Share of the rays that decides where triangles do not turn alike; closed pieces meet all or none, but for those that
-graze an edge."""
+"""Share of rays with an odd number of crossings above which a point is inside triangles without common orientation.
+
+For closed pieces the share is 0 or 1, except for rays that graze an edge.
+"""
 _WHOLE = 1e-3
-"""From a whole number of turns a closed piece is not farther off, whatever cracks it has."""
+"""Largest difference of a closed piece's winding number from an integer, small cracks included."""
 _PROBES = 200
-"""Corners of a piece that must lie inside of the piece about it, for it to be its cavity."""
+"""Approximate number of points of a piece that must lie inside the surrounding piece for it to be a cavity."""
 
 
 def depth_enclosed(triangles: FloatArray, point: FloatArray) -> float:
-    """Return how deep a point lies inside of what triangles enclose, 0 outside [m].
+    """Return the depth of a point inside the body that triangles enclose, 0 if it is outside [m].
 
     Args:
-        triangles: of one body, shape (m, 3, 3) [m].
-        point: shape (3,) [m].
+        triangles: corners of the body's triangles, shape (m, 3, 3) [m].
+        point: position, shape (3,) [m].
     """
     corners = triangles.reshape(-1, 3)
     if np.any(point < corners.min(axis=0)) or np.any(point > corners.max(axis=0)):
@@ -162,7 +167,7 @@ def _is_enclosed(triangles: FloatArray, point: FloatArray) -> bool:
 
 
 def _leave_a_cavity(about: "list[_Piece]", point: FloatArray) -> bool:
-    """Whether pieces about a place, from the outermost on, lie in each other, each turned against the one about it."""
+    """Return whether the pieces around a point are nested with alternating orientation and leave it in a cavity."""
     about.sort(key=lambda each: -abs(each.volume))
     return len(about) % 2 == 0 and all(
         outer.alike and inner.alike and outer.turns(point) * inner.turns(point) < 0.0 and outer.contains(inner)
@@ -171,11 +176,11 @@ def _leave_a_cavity(about: "list[_Piece]", point: FloatArray) -> bool:
 
 
 class _Piece:
-    """Triangles that hang together.
+    """A connected set of triangles.
 
     Args:
-        triangles: shape (m, 3, 3) [m].
-        corner: number of each corner, shape (m, 3).
+        triangles: corners of the triangles, shape (m, 3, 3) [m].
+        corner: index of each corner after merging, shape (m, 3).
     """
 
     def __init__(self, triangles: FloatArray, corner: IntArray) -> None:
@@ -184,18 +189,18 @@ class _Piece:
 
     @property
     def volume(self) -> float:
-        """That it encloses, negative where it is turned inwards [m³]."""
+        """Enclosed volume, negative if the triangles face inwards [m³]."""
         a, b, c = (self.triangles[:, k] - self.triangles[0, 0] for k in range(3))
         return float(np.einsum("md,md->", a, np.cross(b, c))) / 6.0
 
     def encloses(self, point: FloatArray) -> bool:
-        """Return whether a place is inside, as most directions tell."""
+        """Return whether a point is inside the piece, judged by its winding number or by most rays."""
         if self._is_beyond(point):
             return False
         return abs(self.turns(point)) > 0.5 if self.alike else _odd_share(self.triangles, point) > _MOST
 
     def goes_round(self, point: FloatArray) -> bool:
-        """Return whether a place is inside in all directions, as it is of closed pieces alone."""
+        """Return whether a point is inside the piece and the piece is closed around it, judged by all directions."""
         if self._is_beyond(point):
             return False
         if not self.alike:
@@ -207,14 +212,14 @@ class _Piece:
         return bool(np.any(point < self.triangles.min(axis=(0, 1))) or np.any(point > self.triangles.max(axis=(0, 1))))
 
     def contains(self, other: "_Piece") -> bool:
-        """Return whether another piece is inside, as far as a number of its corners and middles tell."""
+        """Return whether another piece is inside this one, judged by a sample of its corners and centroids."""
         places = np.concatenate((other.triangles[:, 0], other.triangles.mean(axis=1)))
         return all(self.encloses(place) for place in places[:: max(len(places) // _PROBES, 1)])
 
     def turns(self, point: FloatArray) -> float:
-        """Return how often the triangles go round a place.
+        """Return the winding number of the triangles around a point.
 
-        Seen from inside, they fill the whole sphere of directions, 4 π; from outside they cancel (A. Van Oosterom and
+        It is the sum of their signed solid angles over 4 π: ±1 inside a closed surface, 0 outside (A. Van Oosterom and
         J. Strackee, The solid angle of a plane triangle, 1983).
         """
         a, b, c = (self.triangles[:, k] - point for k in range(3))
@@ -227,10 +232,7 @@ class _Piece:
 
 
 def _heights(triangles: FloatArray) -> FloatArray:
-    """Return the least height of each triangle, shape (m,) [m].
-
-    Those that are lines enclose nothing and have no side.
-    """
+    """Return the least height of each triangle, shape (m,) [m]; it is near zero for degenerate triangles."""
     sides = np.roll(triangles, -1, axis=1) - triangles
     area = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
     longest = np.max(np.linalg.norm(sides, axis=2), axis=1)
@@ -238,12 +240,12 @@ def _heights(triangles: FloatArray) -> FloatArray:
 
 
 def _corner_numbers(triangles: FloatArray) -> IntArray:
-    """Return the numbers of the corners, shape (m, 3); those in one cell of a grid, or in cells that touch, are one."""
+    """Return the index of each corner, shape (m, 3); corners in the same or touching grid cells are merged."""
     corners = triangles.reshape(-1, 3)
     low = corners.min(axis=0)
     width = _GRID * float(np.max(corners.max(axis=0) - low))
     cell = np.floor((corners - low) / max(width, np.finfo(float).tiny)).astype(np.int64)
-    # Three numbers up to a million make one of 60 bits.
+    # Three cell indices of up to a million fit into one key of 60 bits.
     key = (cell[:, 0] << 40) + (cell[:, 1] << 20) + cell[:, 2]
     _, first, number = np.unique(key, return_index=True, return_inverse=True)
     near = cKDTree(cell[first]).query_pairs(1.8, output_type="ndarray")
@@ -251,10 +253,10 @@ def _corner_numbers(triangles: FloatArray) -> IntArray:
 
 
 def _piece_numbers(corner: IntArray) -> IntArray:
-    """Number of the piece that each triangle belongs to, shape (m,).
+    """Return the index of the piece that each triangle belongs to, shape (m,).
 
-    Triangles with a corner in common are in one piece, unless that comes apart at edges of four triangles or more into
-    pieces of which every edge has two.
+    Triangles that share a corner belong to one piece, unless cutting it at edges with more than two triangles yields
+    pieces in which every edge has exactly two.
     """
     by_corner = _components(corner[:, [0, 1]].ravel(), corner[:, [1, 2]].ravel(), int(corner.max()) + 1)[corner[:, 0]]
     start = corner.ravel()
@@ -276,7 +278,7 @@ def _components(first: IntArray, second: IntArray, count: int) -> IntArray:
 
 
 def _turn_alike(corner: IntArray) -> bool:
-    """Return whether at every edge of two triangles or more as many run one way as the other."""
+    """Return whether the orientation is consistent: every shared edge is traversed equally often in both directions."""
     start = corner.ravel()
     end = np.roll(corner, -1, axis=1).ravel()
     key = np.minimum(start, end) * (int(corner.max()) + 1) + np.maximum(start, end)
@@ -285,7 +287,7 @@ def _turn_alike(corner: IntArray) -> bool:
 
 
 def _odd_share(triangles: FloatArray, point: FloatArray) -> float:
-    """Share of rays from a place, evenly over all directions, that cross an odd number of triangles."""
+    """Return the share of rays from a point, evenly spread over all directions, with an odd number of crossings."""
     turn = np.pi * (3.0 - np.sqrt(5.0)) * np.arange(_RAYS) + 0.3
     height = 1.0 - (2.0 * np.arange(_RAYS) + 1.0) / _RAYS
     beside = np.sqrt(1.0 - height**2)
@@ -295,7 +297,10 @@ def _odd_share(triangles: FloatArray, point: FloatArray) -> float:
 
 
 def _meets(corners: FloatArray, ray: FloatArray) -> BoolArray:
-    """Whether a ray from the origin meets triangles: it is on the same side of the planes through it and each edge."""
+    """Return a mask of the triangles that a ray from the origin crosses, shape (m,).
+
+    The ray must be on the same side of the three planes through the origin and each edge.
+    """
     sides = [np.cross(corners[:, k], corners[:, (k + 1) % 3]) @ ray for k in range(3)]
     volume = np.einsum("md,md->m", corners[:, 0], np.cross(corners[:, 1], corners[:, 2]))
     positive = (sides[0] > 0.0) & (sides[1] > 0.0) & (sides[2] > 0.0) & (volume > 0.0)

@@ -1,7 +1,7 @@
-"""The verifier's own kinematics: frames and places of the links, and where these move between samples.
+"""The verifier's own kinematics: frames and positions of the links, and bounds on their motion between samples.
 
-Vectors of links are those of the world, in which an arm in the plane moves in x-z; places, of which distances are
-taken, have the arm's own dimension d.
+Link vectors are expressed in the world frame, in which a planar arm moves in x-z. Positions, which are used for
+distances, have the arm's own dimension d.
 """
 
 from dataclasses import dataclass
@@ -16,30 +16,30 @@ from ccm_opt.verification.drives import as_revolutes
 
 
 def bend_pairs(arm: Arm, values: FloatArray) -> FloatArray:
-    """Return the turns of every joint about its z axis and then about the new y axis, shape (T, c) to (T, links, 2).
+    """Convert coordinates (T, c) to the joint angles about the z axis and then the new y axis, (T, links, 2) [rad].
 
-    The map is linear, so it serves rates and changes too.
+    The map is linear, so it also applies to rates and differences.
     """
     return as_revolutes(arm.coordinates, values[:, arm.coordinates.bends]).reshape(len(values), arm.links, 3)[..., :2]
 
 
 def carried(arm: Arm, positions: FloatArray) -> FloatArray:
-    """Return how far the base is carried along its direction, shape (T, c) to (T,) [m].
+    """Convert coordinates (T, c) to the displacement of the base along its direction, shape (T,) [m].
 
-    Linear, so it serves rates too.
+    The map is linear, so it also applies to rates and differences.
     """
     return np.asarray(np.sum(positions[:, arm.coordinates.base], axis=1))
 
 
 @dataclass(frozen=True)
 class LinkFrames:
-    """How the links are turned in T poses, in the world.
+    """Orientations of the links in T poses, as unit vectors in the world frame, each of shape (T, links, 3).
 
     Attributes:
-        first_axes: about which the joints turn first, the z axes of the links before, shape (T, links, 3).
-        second_axes: about which they turn then, the y axes of the links themselves, likewise.
-        along: directions of the links, likewise.
-        across: their z axes, likewise.
+        first_axes: first rotation axes of the joints, which are the z axes of the preceding links.
+        second_axes: second rotation axes of the joints, which are the y axes of the links themselves.
+        along: directions (x axes) of the links.
+        across: z axes of the links.
     """
 
     first_axes: FloatArray
@@ -49,12 +49,12 @@ class LinkFrames:
 
     @classmethod
     def of(cls, arm: Arm, positions: FloatArray) -> "LinkFrames":
-        """Return the frames of configurations, shape (T, c)."""
+        """Return the link frames of configurations, shape (T, c)."""
         if arm.dimension == 2:
             return cls._in_plane(arm, positions)
         shape = (len(positions), arm.links, 3)
         frames = cls(np.empty(shape), np.empty(shape), np.empty(shape), np.empty(shape))
-        # Left, up and ahead of the base make a frame that turns right: ahead × left = up.
+        # The base frame is right-handed: ahead × left = up.
         ahead, left, up = (np.broadcast_to(axis, (len(positions), 3)) for axis in arm.base_rotation.T)
         bends = np.ascontiguousarray(bend_pairs(arm, positions).reshape(len(positions), -1).T)
         cosines = np.cos(bends)[:, :, None]
@@ -66,7 +66,7 @@ class LinkFrames:
             left = cosine * left - sine * ahead
             frames.second_axes[:, link] = left
             cosine, sine = cosines[2 * link + 1], sines[2 * link + 1]
-            # About left a turn brings up towards ahead, and ahead down.
+            # A rotation about left turns up towards ahead, and ahead downwards.
             ahead = cosine * turned - sine * up
             up = cosine * up + sine * turned
             frames.along[:, link] = ahead
@@ -84,7 +84,7 @@ class LinkFrames:
 
 
 def link_directions(arm: Arm, positions: FloatArray) -> FloatArray:
-    """Return the directions of the links in configurations (T, c), shape (T, links, d)."""
+    """Return the directions of the links in configurations (T, c), as unit vectors of shape (T, links, d)."""
     if arm.dimension == 3:
         return LinkFrames.of(arm, positions).along
     turned = np.cumsum(positions[:, arm.coordinates.bends], axis=1)
@@ -94,7 +94,7 @@ def link_directions(arm: Arm, positions: FloatArray) -> FloatArray:
 
 
 def chain_points(arm: Arm, positions: FloatArray) -> FloatArray:
-    """Return the base, joints and tip in configurations (T, c), shape (T, links + 1, d) [m]."""
+    """Return the positions of all joints and the tip, base first, in configurations (T, c): (T, links + 1, d) [m]."""
     along = link_directions(arm, positions)
     points = np.empty((len(positions), arm.links + 1, along.shape[-1]))
     points[:, 0] = arm.base + carried(arm, positions)[:, None] * arm.direction
@@ -105,19 +105,19 @@ def chain_points(arm: Arm, positions: FloatArray) -> FloatArray:
 
 
 def lengths_of(vectors: FloatArray) -> FloatArray:
-    """Return lengths of vectors, shape (..., d) to (...); numpy's norm along a short axis takes three times as long."""
+    """Return the lengths of vectors, shape (..., d) to (...); three times as fast as numpy's norm for short axes."""
     return np.asarray(np.sqrt(np.einsum("...d,...d->...", vectors, vectors)))
 
 
 @dataclass(frozen=True)
 class TimeStretches:
-    """Stretches of time, counted in samples: from sample 2 to the middle between samples 2 and 3 is 2 to 2.5.
+    """Stretches of time in units of samples; 2 to 2.5 spans from sample 2 halfway to sample 3.
 
-    A stretch begins and ends at samples, or lies between two neighbours.
+    A stretch either begins and ends at samples or lies between two neighbouring samples.
 
     Attributes:
-        low: begin, shape (S,).
-        high: end, shape (S,).
+        low: starts of the stretches, shape (S,).
+        high: ends of the stretches, shape (S,).
     """
 
     low: FloatArray
@@ -125,13 +125,13 @@ class TimeStretches:
 
     @classmethod
     def blocks(cls, samples: int, size: int) -> "TimeStretches":
-        """Return the so many intervals between samples a stretch."""
+        """Divide a motion with a number of samples into stretches of `size` sample intervals, the last one shorter."""
         low = np.arange(0.0, samples - 1, size)
         return cls(low, np.minimum(low + size, samples - 1.0))
 
     @classmethod
     def moments(cls, samples: int, most: int) -> "TimeStretches":
-        """Return the stretches of no length at some samples, spread evenly."""
+        """Return stretches of zero length at no more than `most` evenly spread samples."""
         few = np.unique(np.linspace(0, samples - 1, min(most, samples)).astype(np.intp)).astype(np.float64)
         return cls(few, few)
 
@@ -140,29 +140,30 @@ class TimeStretches:
 
     @property
     def middle(self) -> FloatArray:
-        """The middle; of stretches of several intervals a sample near it, shape (S,)."""
+        """Midpoints of the stretches, rounded down to a sample for stretches of several intervals, shape (S,)."""
         middle = 0.5 * (self.low + self.high)
         return np.where(self.high - self.low > 1.0, np.floor(middle), middle)
 
     def take(self, index: IntArray) -> "TimeStretches":
-        """Return some of the stretches."""
+        """Return the stretches with given indices."""
         return TimeStretches(self.low[index], self.high[index])
 
     def halves(self) -> "TimeStretches":
-        """Return the first halves of all, and then the second."""
+        """Return the first halves of all stretches, followed by the second halves."""
         middle = self.middle
         return TimeStretches(np.concatenate((self.low, middle)), np.concatenate((middle, self.high)))
 
 
 @dataclass(frozen=True)
 class ChainMotion:
-    """An arm whose coordinates are linear in time between samples.
+    """A motion of an arm whose coordinates are linear in time between samples.
 
     Attributes:
         arm: the arm.
         time: sample times, shape (T,) [s].
         positions: coordinates at the samples, shape (T, c) [rad, m].
-        deviation: what links may be off this motion in each interval, shape (T − 1, links) [m]; none by default.
+        deviation: largest distance of each link from this motion in each interval, shape (T − 1, links) [m]; none by
+            default.
     """
 
     arm: Arm
@@ -171,46 +172,52 @@ class ChainMotion:
     deviation: FloatArray | None = None
 
     def off(self, stretches: TimeStretches, stretch: IntArray, link: IntArray) -> FloatArray | float:
-        """Return how far links may be off in stretches, by the numbers of both, shape (P,) [m]."""
+        """Return how far links may deviate from the motion during stretches, shape (P,) [m].
+
+        Args:
+            stretches: stretches of time.
+            stretch: indices of stretches, shape (P,).
+            link: indices of links, shape (P,).
+        """
         if self.deviation is None:
             return 0.0
         ends = np.stack((np.floor(stretches.low), np.ceil(stretches.high)), axis=1).astype(np.intp)
-        beyond = np.zeros((1, self.arm.links))  # so that a stretch may end with the motion
+        beyond = np.zeros((1, self.arm.links))  # makes the end of the motion a valid index for `reduceat`
         most = np.maximum.reduceat(np.concatenate((self.deviation, beyond)), ends.ravel())[::2]
         return np.asarray(most[stretch, link])
 
     @cached_property
     def points(self) -> FloatArray:
-        """Base, joints and tip at the samples, shape (T, links + 1, d) [m]."""
+        """Positions of all joints and the tip at the samples, base first, shape (T, links + 1, d) [m]."""
         return chain_points(self.arm, self.positions)
 
     @cached_property
     def steps(self) -> FloatArray:
-        """What changes in each interval, shape (T − 1, c) [rad, m]."""
+        """Change of the coordinates over each interval, shape (T − 1, c) [rad, m]."""
         return np.diff(self.positions, axis=0)
 
     @cached_property
     def chords(self) -> FloatArray:
-        """From where a joint is at one sample to where it is at the next, shape (T − 1, links + 1, d) [m]."""
+        """Displacement of each joint and the tip over each interval, shape (T − 1, links + 1, d) [m]."""
         return np.diff(self.points, axis=0)
 
     @cached_property
     def bows(self) -> FloatArray:
-        """Bound on the second derivative of the joints' places over an interval, shape (T − 1, links + 1) [m]."""
+        """Bound on the second derivative of joint positions by the share of each interval, (T − 1, links + 1) [m]."""
         return acceleration_bounds(self.arm, 0.5 * (self.positions[:-1] + self.positions[1:]), self.steps)
 
     @cached_property
     def rounding(self) -> float:
-        """What rounding may take from a place of the arm [m]."""
+        """Bound on the rounding error of any position on the arm [m]."""
         return point_rounding(self.arm, self.positions)
 
     @cached_property
     def size(self) -> float:
-        """What no coordinate of the arm exceeds at any time [m]."""
+        """Bound on the magnitude of every Cartesian coordinate of the arm at all times [m]."""
         return float(np.max(np.abs(self.points))) + self.arm.length
 
     def poses(self, at: FloatArray) -> FloatArray:
-        """Return the base, joints and tip at times counted in samples, shape (S, links + 1, d) [m]."""
+        """Return the positions of all joints and the tip at times in units of samples, shape (S, links + 1, d) [m]."""
         between = at != np.floor(at)
         poses = self.points[np.floor(at).astype(np.intp)]
         if np.any(between):
@@ -218,12 +225,12 @@ class ChainMotion:
         return poses
 
     def places(self, at: FloatArray) -> FloatArray:
-        """Return the coordinates at times counted in samples, before the last one, shape (S, c) [rad, m]."""
+        """Return the coordinates at times in units of samples, before the last sample, shape (S, c) [rad, m]."""
         interval = at.astype(np.intp)
         return np.asarray(self.positions[interval] + (at - interval)[:, None] * self.steps[interval])
 
     def turned(self, at: FloatArray) -> FloatArray:
-        """Return how far every joint has turned, to and fro, up to times counted in samples, shape (S, links) [rad]."""
+        """Return the total angle that each joint has turned by times in units of samples, shape (S, links) [rad]."""
         interval = np.minimum(at.astype(np.intp), len(self.time) - 2)
         return np.asarray(self._turned[interval] + (at - interval)[:, None] * self._turns[interval])
 
@@ -236,11 +243,11 @@ class ChainMotion:
         return np.concatenate((np.zeros((1, self.arm.links)), np.cumsum(self._turns, axis=0)))
 
     def when(self, at: float) -> float:
-        """Time of what is counted in samples [s]."""
+        """Convert a time in units of samples to seconds."""
         return float(np.interp(at, np.arange(len(self.time)), self.time))
 
     def travels(self, stretches: TimeStretches) -> FloatArray:
-        """Return how far each joint goes at most from where it is at the middle, shape (S, links + 1) [m]."""
+        """Return a bound on each joint's distance from its position at mid-stretch, shape (S, links + 1) [m]."""
         length = stretches.high - stretches.low
         travels = np.zeros((len(stretches), self.arm.links + 1))
         for some, of_kind in (
@@ -253,18 +260,21 @@ class ChainMotion:
         return travels
 
     def _interval_travels(self, stretches: TimeStretches) -> FloatArray:
-        """Return the same for whole intervals."""
+        """Return the travel bounds of stretches that are whole intervals, shape (S, links + 1) [m]."""
         interval = stretches.low.astype(np.intp)
         return half_travels(self.chords[interval], self.bows[interval])
 
     def _travels_within(self, stretches: TimeStretches) -> FloatArray:
-        """Return the same for parts of intervals, in which as much less changes."""
+        """Return the travel bounds of stretches that are parts of intervals, shape (S, links + 1) [m]."""
         steps = (stretches.high - stretches.low)[:, None] * self.steps[stretches.low.astype(np.intp)]
         chords = self.poses(stretches.high) - self.poses(stretches.low)
         return half_travels(chords, acceleration_bounds(self.arm, self.places(stretches.middle), steps))
 
     def _travels_over_samples(self, stretches: TimeStretches) -> FloatArray:
-        """The same for stretches of several intervals: the farthest sample, and what a path leaves its chords by."""
+        """Return the travel bounds of stretches of several intervals, shape (S, links + 1) [m].
+
+        They are the distance to the farthest sample plus the chord deviation between samples.
+        """
         low = stretches.low.astype(np.intp)
         count = stretches.high.astype(np.intp) - low + 1
         starts = np.cumsum(count) - count
@@ -272,22 +282,23 @@ class ChainMotion:
         sample = np.arange(int(count.sum())) - starts[stretch] + low[stretch]
         middle = self.points[stretches.middle.astype(np.intp)]
         away = lengths_of(self.points[sample] - middle[stretch])
-        # The last sample of a stretch begins no interval of it, but to count it does no harm.
+        # The interval after the last sample is not part of the stretch; including it only enlarges the bound.
         bows = self.bows[np.minimum(sample, len(self.bows) - 1)]
         return np.asarray(np.maximum.reduceat(away, starts) + np.maximum.reduceat(bows, starts) / 8.0)
 
 
 def acceleration_bounds(arm: Arm, middle: FloatArray, steps: FloatArray) -> FloatArray:
-    """Bound on the second derivative of the joints' places over a stretch of unit length, shape (N, links + 1) [m].
+    """Return a bound on the second derivative of joint positions over a stretch, shape (N, links + 1) [m].
 
-    With rates ω_j of the links, ω_j' is at most D_j = D_(j−1) + S_(j−1) √(Δa² + Δb²) + |Δa Δb|, as the axes of joint j
-    turn with what carries them; S_j = |ω_j at the middle| + ½ D_j is never less than |ω_j|. A link adds
-    l (ω' × t + ω × (ω × t)) to the second derivative of what is beyond it. In the plane no axis turns, and ω' is zero.
+    The derivative is with respect to the share of the stretch. With angular rates ω_j of the links, ω_j' is at most
+    D_j = D_(j−1) + S_(j−1) √(Δa² + Δb²) + |Δa Δb|, since the axes of joint j move with the preceding link;
+    S_j = |ω_j at the middle| + ½ D_j is an upper bound on |ω_j|. A link adds l (ω' × t + ω × (ω × t)) to the second
+    derivative of every point beyond it. In the plane no axis turns, and ω' is zero.
 
     Args:
         arm: the arm.
-        middle: configurations in the middle, shape (N, c) [rad, m].
-        steps: what changes over the stretch, evenly, shape (N, c) [rad, m].
+        middle: configurations at mid-stretch, shape (N, c) [rad, m].
+        steps: change of the coordinates over the stretch, at a constant rate, shape (N, c) [rad, m].
     """
     bows = np.zeros((len(steps), arm.links + 1))
     if arm.dimension == 2:
@@ -310,8 +321,12 @@ def acceleration_bounds(arm: Arm, middle: FloatArray, steps: FloatArray) -> Floa
 
 
 def half_travels(chords: FloatArray, bows: FloatArray) -> FloatArray:
-    """Return how far joints go from the middle of a stretch to its ends at most, shape (N, links + 1) [m].
+    """Return bounds on the distance of joints from their positions at mid-stretch, shape (N, links + 1) [m].
 
-    The mean of the velocity is the chord, from which it is away by half of its greatest change at most.
+    The mean velocity is the chord, and the velocity differs from it by at most half of its greatest change.
+
+    Args:
+        chords: displacements of the joints over the stretch, shape (N, links + 1, d) [m].
+        bows: bounds on the second derivatives of their positions, shape (N, links + 1) [m].
     """
     return np.asarray(0.5 * (lengths_of(chords) + 0.5 * bows))

@@ -1,8 +1,8 @@
-"""Whether the arrays of a plan agree and have their form, and whether its keyframes and curves belong to its motion.
+"""Checks that a plan's arrays are well-formed and consistent, and that its keyframes and curves match its motion.
 
-The bounds are those of running-error analysis: with u = 2⁻⁵³, a sum of n numbers in any order is off by at most
-1.01 n u times the sum of their sizes, as long as n u < 0.01 (Higham, Accuracy and Stability of Numerical Algorithms,
-section 4.2). Samples count as exact: they are what is proved.
+Rounding bounds follow running-error analysis: with u = 2⁻⁵³, a sum of n numbers in any order has an error of at most
+1.01 n u times the sum of their magnitudes, as long as n u < 0.01 (Higham, Accuracy and Stability of Numerical
+Algorithms, section 4.2). Samples count as exact, since the verified motion is the one through them.
 """
 
 from collections.abc import Callable, Sequence
@@ -33,7 +33,15 @@ def check_consistency(
     needed: Efforts,
     settings: VerificationSettings = DEFAULT_VERIFICATION,
 ) -> list[Check]:
-    """Check that angles, rates and torques tell one story; ``needed`` are efforts by the verifier's own dynamics."""
+    """Check that angles, velocities, accelerations and torques of a plan are consistent with each other.
+
+    Args:
+        problem: the problem that the motion is to solve.
+        trajectory: the motion in the arm's coordinates.
+        joints: the motion in terms of the drives, with their efforts.
+        needed: efforts from the verifier's own inverse dynamics.
+        settings: tolerances.
+    """
     # A bend has the limit of its revolute.
     limit = problem.limits.acceleration[bend_revolutes(trajectory.coordinates)]
     names = describe_bend_joints(trajectory.coordinates)
@@ -60,21 +68,21 @@ def check_rates(
     limit: FloatArray | float,
     names: Sequence[str] = (),
 ) -> Check:
-    """Check that |Δq/h − (v₀ + v₁)/2| ≤ h a/4, as for any acceleration within ± a.
+    """Check that |Δq/h − (v₀ + v₁)/2| ≤ h a/4, which holds for any acceleration within ± a.
 
-    That is the error of the trapezoid rule on a velocity whose slope is bounded by a.
+    The bound is the error of the trapezoidal rule for a velocity whose slope is bounded by a.
 
     Args:
-        name: of the check.
-        unit: of the velocities.
-        motion: times (T,), places and velocities, both of shape (T, n) or (T,).
-        limit: a, of every column.
-        names: of the columns.
+        name: name of the check.
+        unit: unit of the velocities.
+        motion: times (T,), positions and velocities, both of shape (T, n) or (T,).
+        limit: acceleration limit a of every column.
+        names: names of the columns.
     """
     time, places, velocities = motion
     step = np.diff(time).reshape(-1, *[1] * (places.ndim - 1))
     gap = np.diff(places, axis=0) / step - 0.5 * (velocities[1:] + velocities[:-1])
-    # Differences of places as large as 1 lose their last digits, and a short step makes much of them.
+    # Differences of positions of order 1 lose their last digits, and dividing by a short step magnifies that error.
     rounding = 16.0 * np.finfo(np.float64).eps * (1.0 + np.max(np.abs(places))) / step
     return check_worst(name, unit, gap, 0.25 * step * limit + rounding, sample_words(time, names))
 
@@ -87,8 +95,17 @@ def check_efforts(
     where: Callable[..., str],
     settings: VerificationSettings,
 ) -> Check:
-    """Check by how much reported efforts differ from the verifier's own inverse dynamics."""
-    # Efforts are summed along the arm, so rounding is in proportion to the greatest, not to each by itself.
+    """Check that reported efforts agree with the verifier's own inverse dynamics.
+
+    Args:
+        name: name of the check.
+        unit: unit of the efforts.
+        error: reported efforts minus expected efforts.
+        expected: efforts from the verifier's own inverse dynamics.
+        where: describes the location of a value, given its indices.
+        settings: tolerances.
+    """
+    # Efforts are summed along the arm, so their rounding is proportional to the greatest effort.
     allowed = settings.effort_mismatch * float(np.max(np.abs(expected))) + settings.effort_floor
     return check_worst(name, unit, error, allowed, where)
 
@@ -96,21 +113,21 @@ def check_efforts(
 def _accelerations(
     trajectory: JointTrajectory, limit: FloatArray, names: Sequence[str], settings: VerificationSettings
 ) -> Check:
-    """Return the velocity a joint gains is that of its accelerations, up to what the samples cannot show.
+    """Check that changes of a joint's velocity match its accelerations, up to jumps that the samples cannot show.
 
-    The mean acceleration of a step lies between the values at its ends unless acceleration jumps twice within the
-    step. Summed over the motion, what lies outside may be a small share of the velocity gained and lost.
+    The mean acceleration over a step lies between the values at its ends unless the acceleration jumps twice within
+    the step. Summed over the motion, the unexplained change may be a small share of the total change of velocity.
     """
     step = np.diff(trajectory.time)[:, None]
     value = trajectory.bend_accelerations
     speed = trajectory.bend_velocities
     gained = np.diff(speed, axis=0)
-    # What a step gains beyond its larger, or short of its smaller acceleration, its samples do not explain.
+    # Changes of velocity above the larger or below the smaller end acceleration are not explained by the samples.
     above = gained - step * np.maximum(value[1:], value[:-1])
     below = step * np.minimum(value[1:], value[:-1]) - gained
     outside = np.sum(np.maximum(np.maximum(above, below), 0.0), axis=0)
 
-    # Rounding adds up over the steps; the floor lets a joint that hardly moves pass.
+    # Rounding accumulates over the steps; the floor is for joints that hardly move.
     rounding = 16.0 * np.finfo(np.float64).eps * len(step) * (1.0 + np.max(np.abs(speed)))
     floor = settings.unseen_floor * trajectory.time[-1] * limit
     allowed = settings.unseen_share * np.sum(np.abs(gained), axis=0) + floor + rounding
@@ -118,13 +135,13 @@ def _accelerations(
 
 
 def _revolutes(trajectory: JointTrajectory, joints: JointStates, settings: VerificationSettings) -> Check:
-    """Return the bends of a ball are revolutes of it, and its other revolutes stay at zero."""
+    """Check that the revolutes of each ball joint match its bends and that its other revolutes stay at zero."""
     pairs = (
         (trajectory.bend_angles, joints.angles),
         (trajectory.bend_velocities, joints.velocities),
         (trajectory.bend_accelerations, joints.accelerations),
     )
-    # Angles, rates and their derivatives are held to one tolerance, each in its own unit.
+    # Angles, velocities and accelerations share one tolerance, each in its own unit.
     errors = np.stack([as_revolutes(trajectory.coordinates, bends) - revolutes for bends, revolutes in pairs])
     where = sample_words(trajectory.time, describe_revolute_joints(joints.names))
     return check_worst("revolutes against bends", "rad", errors, settings.match, lambda _, k, j: where(k, j))
@@ -136,13 +153,16 @@ def check_form(
     joints: JointStates,
     settings: VerificationSettings = DEFAULT_VERIFICATION,
 ) -> Check:
-    """Check everything the other checks take for granted; ``worst`` is the largest time step [s]."""
-    # Times without a step at all still need a figure to report.
+    """Check the shapes, times, stops and finiteness that all other checks rely on.
+
+    The worst value is the largest time step [s].
+    """
+    # Fewer than two times have no step, but the check still needs a value to report.
     steps = np.array([np.inf])
     if np.ndim(trajectory.time) == 1 and len(trajectory.time) > 1:
         steps = np.diff(trajectory.time)
 
-    # The order matters: each test takes for granted what those before it have found in order.
+    # The order matters: each test relies on those before it.
     defect = (
         _shape_defect(problem.arm, trajectory, joints)
         or _number_defect(trajectory, joints)
@@ -157,7 +177,7 @@ def _shape_defect(arm: Arm, trajectory: JointTrajectory, joints: JointStates) ->
     count = np.size(trajectory.time)
     if np.ndim(trajectory.time) != 1 or count < 2:
         return f"time has shape {np.shape(trajectory.time)}, expected at least two samples"
-    # Every further check reads columns by the arm's layout, so another layout ends the verification here.
+    # All later checks read columns by the arm's layout, so a different layout must be rejected here.
     layout = arm.coordinates
     if trajectory.coordinates != layout:
         return f"the motion is of {len(trajectory.coordinates)} coordinates, not of the arm's {len(layout)}"
@@ -181,7 +201,7 @@ def _stop_defect(problem: Problem, trajectory: JointTrajectory) -> str:
     stops = np.asarray(trajectory.stops, dtype=np.intp)
     if len(stops) != len(problem.stops):
         return f"{len(stops)} stops for {len(problem.stops)} goals on the way"
-    # Neither the first sample nor the last is a stop: the start is no goal, and the end is the last goal.
+    # Stops lie strictly inside: the first sample is the start, and the last is the final goal.
     inside = np.concatenate(([-1], stops, [len(trajectory.time) - 1]))
     return "" if np.all(np.diff(inside) > 0) else f"stops {stops.tolist()} are not increasing samples of the motion"
 
@@ -200,7 +220,7 @@ def _number_defect(trajectory: JointTrajectory, joints: JointStates) -> str:
     }
 
     for name, values in fields.items():
-        # NaN makes every comparison false: a gap that is NaN would count as proved.
+        # Comparisons with NaN are false, so a gap that is NaN would count as proved.
         bad = np.argwhere(~np.isfinite(values))
         if len(bad):
             return f"{name} is not finite at sample {bad[0][0] + 1}"
@@ -218,22 +238,22 @@ def _time_defect(trajectory: JointTrajectory, steps: np.ndarray, largest: float)
 
 
 UNIT = 2.0**-53
-"""Half the distance from 1 to the next number."""
+"""Unit roundoff of double precision: half the distance from 1 to the next number."""
 OF_DISTANCES = 64.0 * UNIT
-"""Error of the distance of two segments, as a share of their greatest coordinate."""
+"""Rounding error of the distance of two segments, as a share of their greatest coordinate."""
 
 
 def point_rounding(arm: Arm, positions: FloatArray) -> float:
-    """Return by how much a joint's place may be off [m], for poses at samples and linear between them.
+    """Return a bound on the rounding error of joint positions, at samples and linearly between them [m].
 
-    In the plane a heading is a running sum of up to ``links`` bends; in space the frame of a link is that of the one
-    before, turned twice: some thirty operations with errors of a unit in the last place, which add up along the arm, as
-    do the places. The functions of the angles, and the way of the base, add a few units each. All of it is taken twice,
-    so that half of a difference of two places may be off as well.
+    In the plane, a heading is a cumulative sum of up to ``links`` bends. In space, the frame of a link is that of the
+    preceding link, rotated twice: about thirty operations with errors of one unit in the last place, which accumulate
+    along the arm, as do those of the positions. The trigonometric functions and the feed of the base add a few units
+    each. The bound is doubled to cover errors in half the difference of two positions.
 
     Args:
         arm: the arm.
-        positions: of all coordinates, shape (T, c) [rad, m].
+        positions: values of all coordinates, shape (T, c) [rad, m].
     """
     sizes = np.abs(positions)
     turned = float(np.max(np.sum(sizes[:, arm.coordinates.bends], axis=1)))
@@ -242,27 +262,35 @@ def point_rounding(arm: Arm, positions: FloatArray) -> float:
 
 
 def distance_rounding(size: float) -> float:
-    """Return by how much the distance of two segments may be off [m].
+    """Return a bound on the rounding error of the distance of two segments [m].
 
     Args:
-        size: that no coordinate of the segments exceeds [m].
+        size: bound on the magnitude of all coordinates of the segments [m].
     """
     return OF_DISTANCES * size
 
 
 _KEYFRAME_SHARE = 1.0 / 3.0
-"""Share of the second difference of its keyframes by which a motion may pass one of them. Derived: twice the sixth of a
-uniform cubic B-spline; 0.23 was seen beside clamped ends."""
+"""Allowed distance of a motion from a keyframe, as a share of the second difference of the keyframes there.
+
+Derived: twice the sixth by which a uniform cubic B-spline misses its control points. Measured near clamped ends: 0.23.
+"""
 _CLAMPED_SHARE = 0.0225
-"""Share of the second difference of the third keyframe by which a motion may pass the second one besides, and likewise
-at the end. Derived: twice t³ / 6 at t = 0.407, where a clamped uniform cubic B-spline of even steps passes its second
-control point."""
+"""Additional allowed distance from the second keyframe, as a share of the second difference at the third.
+
+The same applies at the end. Derived: twice t³ / 6 at t = 0.407, where a clamped uniform cubic B-spline with even steps
+passes its second control point.
+"""
 _CURVE_MATCH = 1e-6
-"""Difference of a reported curve from that of its keyframe, as a share of the greatest curvature, that is rounding.
-Derived: a least-squares fit of some twenty numbers keeps some ten digits."""
+"""Difference of a reported curve from that of its keyframe that counts as rounding, as a share of the top curvature.
+
+Derived: a least-squares fit of about twenty numbers keeps about ten digits.
+"""
 _FOLLOWED_CURVE = 0.05
-"""Difference of a link's heading from that of a curve that was planned first [rad]. Taste: the paper's planner samples
-headings, and was seen to miss 0.02 in segments that it has nearly shrunk away."""
+"""Allowed difference of a link's heading from that of a curve that was planned first [rad].
+
+Taste: the paper's planner samples headings; errors of 0.02 were measured in segments that have nearly vanished.
+"""
 
 
 def check_keyframes(
@@ -271,33 +299,33 @@ def check_keyframes(
     keyframes: FloatArray,
     settings: VerificationSettings = DEFAULT_VERIFICATION,
 ) -> Check:
-    """Check that a motion passes its keyframes in order, and ends at the last of them.
+    """Check that a motion passes near its keyframes in order and ends at the last of them.
 
-    A uniform cubic B-spline with the keyframes as control points passes each at a sixth of its second difference; near
-    the ends, where knots are clamped, at a little more, and once its legs are halved at less.
+    A uniform cubic B-spline with the keyframes as control points passes each at a distance of a sixth of its second
+    difference; near the ends, where knots are clamped, at slightly more, and after its intervals are halved, at less.
 
     Args:
         arm: the arm.
         trajectory: the motion.
-        keyframes: of all coordinates, shape (K, c) [rad, m].
-        settings: of the verifier.
+        keyframes: configurations, shape (K, c) [rad, m].
+        settings: settings of the verifier.
     """
     name = "keyframes against motion"
     if len(keyframes) == 0:
         return Check(name, np.inf, 0.0, "rad", "there are none", passed=False)
-    # On the axes that carry the base a link's length counts like a radian.
+    # On the base axes, one link length is weighted like one radian.
     scale = np.where(np.arange(keyframes.shape[1]) < arm.coordinates.joints, 1.0, 1.0 / arm.link_length)
     wanted = keyframes * scale
     allowed = np.full(len(wanted), settings.start_tolerance)
     bent = np.linalg.norm(wanted[2:] - 2.0 * wanted[1:-1] + wanted[:-2], axis=1)
     allowed[1:-1] += _KEYFRAME_SHARE * bent
     if len(bent) > 1:
-        # Beside a clamped end the fourth control point, and with it what the third bends, counts by t³ / 6, and a path
-        # of even steps is beside the second at t = 0.42.
+        # Near a clamped end, the fourth control point, and with it the second difference at the third, has the weight
+        # t³ / 6, and a path with even steps is nearest to the second control point at t = 0.42.
         allowed[[1, -2]] += _CLAMPED_SHARE * bent[[1, -2]]
     points = trajectory.positions * scale
     pieces = np.diff(points, axis=0)
-    # A motion that was given a new goal on its way has keyframes from the stop on alone.
+    # A motion that was given a new goal under way has keyframes only from that stop on.
     rests = (0, *trajectory.stops)
     piece = min(rests, key=lambda rest: float(np.linalg.norm(points[rest] - wanted[0])))
     worst = (0.0, 1.0, "")
@@ -305,7 +333,7 @@ def check_keyframes(
         first = piece if number < len(wanted) else len(pieces) - 1
         away = _distances_from_pieces(keyframe, points[first:-1], pieces[first:])
         near = np.flatnonzero(away <= most)
-        # The first piece that is near enough leaves most of the motion to the keyframes that follow.
+        # Taking the first piece that is near enough leaves as much of the motion as possible to later keyframes.
         found = int(near[0] if len(near) else np.argmin(away))
         least = float(away[found])
         piece = first + found if len(near) else piece
@@ -314,7 +342,7 @@ def check_keyframes(
 
 
 def _distances_from_pieces(point: FloatArray, starts: FloatArray, pieces: FloatArray) -> FloatArray:
-    """Return distances of a point from straight pieces that begin at some points, each of shape (n, c); shape (n,)."""
+    """Return the distances of a point from straight pieces, given their starts and vectors (n, c), shape (n,)."""
     away = point - starts
     squares = np.maximum(np.einsum("tc,tc->t", pieces, pieces), np.finfo(np.float64).tiny)
     along = np.clip(np.einsum("tc,tc->t", away, pieces) / squares, 0.0, 1.0)
@@ -322,20 +350,20 @@ def _distances_from_pieces(point: FloatArray, starts: FloatArray, pieces: FloatA
 
 
 def check_nearest_curves(curves: Sequence[Configuration], wanted: Sequence[Configuration]) -> Check:
-    """Check that curves are those which come nearest to the keyframes.
+    """Check that the reported curves are the best fits to the keyframes.
 
     Args:
-        curves: behind the keyframes, as they are reported.
-        wanted: the same made from the keyframes.
+        curves: reported curves, one per keyframe.
+        wanted: curves fitted to the keyframes.
 
     Returns:
-        The check; its worst value is a share of the greatest curvature, or of a radian.
+        The check; its worst value is a share of the greatest curvature, or an angle in radians.
     """
     name = "curves against keyframes"
     if [len(curve.segments) for curve in curves] != [len(curve.segments) for curve in wanted]:
         return Check(name, np.inf, 0.0, "", f"{len(curves)} curves for {len(wanted)} keyframes", passed=False)
     steepest = max(float(np.max(np.abs(part.curvature))) for curve in wanted for part in curve.segments)
-    # A straight curve has no size of its own; half a turn over the arm stands for it.
+    # Straight curves have zero curvature; half a turn over the arm's length is the least reference.
     size = max(steepest, np.pi / wanted[0].length)
     errors = [_difference(ours, theirs, size) for ours, theirs in zip(curves, wanted, strict=True)]
     k = int(np.argmax(errors))
@@ -344,14 +372,15 @@ def check_nearest_curves(curves: Sequence[Configuration], wanted: Sequence[Confi
 
 
 def check_followed_curves(arm: Arm, curves: Sequence[Configuration], keyframes: FloatArray) -> Check:
-    """Check that an arm follows its curves, where these were planned first.
+    """Check that an arm follows its curves, for plans whose curves were planned first.
 
-    Headings of links are the mean headings of their curve, and what the start's mapping adds to them all along.
+    Each link heading must be the mean heading of the curve over the link, plus an offset from the mapping of the start
+    that is the same at all keyframes.
 
     Args:
         arm: the arm.
-        curves: behind the keyframes, as they are reported.
-        keyframes: of all coordinates, shape (K, c) [rad, m].
+        curves: reported curves, one per keyframe.
+        keyframes: configurations, shape (K, c) [rad, m].
     """
     name = "curves against keyframes"
     if len(curves) != len(keyframes):
@@ -378,7 +407,10 @@ def _mean_headings(arm: Arm, curve: Configuration) -> FloatArray:
 
 
 def _difference(ours: Configuration, theirs: Configuration, size: float) -> float:
-    """Return the greatest difference of headings at the base [rad], and of curvatures, lengths and knots as shares."""
+    """Return the greatest difference of two curves.
+
+    Compared are base headings [rad], curvatures as shares of `size`, lengths as relative differences, and knots.
+    """
     found = [abs(ours.base_heading - theirs.base_heading)]
     for part, other in zip(ours.segments, theirs.segments, strict=True):
         found.append(float(np.max(np.abs(part.curvature - other.curvature))) / size)
