@@ -1,4 +1,4 @@
-"""Quantities of an arm that users' constraints and costs are written in."""
+"""Quantities of an arm, as CasADi symbols, in which users write their constraints and costs."""
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
@@ -17,17 +17,18 @@ from ccm_opt.robot.arm import Arm
 
 @dataclass(frozen=True, eq=False)
 class ArmQuantities(ABC):
-    """Quantities of an arm in CasADi's scalar symbols; lengths in metres, angles in radians.
+    """Quantities of an arm as CasADi scalar symbols; lengths in metres, angles in radians.
 
     Attributes:
-        arm: the arm, for its numbers: masses, lengths, base.
-        bends: of every joint, in space both one after the other, shape (k, 1) [rad].
-        base_feed: position of the base on its feed axis, a scalar [m]; 0 without one.
-        path_parameter: u, how far the motion has come: 0 at the start, 1 at the goal.
-        bend_rates: of the bends, shape (k, 1) [rad/s]; known on the finished motion only, for a path has no speed.
-        feed_rate: of the base on its feed axis, a scalar [m/s]; likewise.
-        tip_symbols: where the tip stands for itself and does not follow from the bends, symbols of its position and of
-            where the last link points; else None.
+        arm: the arm, for its parameters: masses, lengths, base.
+        bends: bends of every joint, in space the two bends of a joint next to each other, shape (k, 1) [rad].
+        base_feed: position of the base on its feed axis, a scalar [m]; 0 without a feed axis.
+        path_parameter: u, progress along the motion: 0 at the start, 1 at the goal.
+        bend_rates: rates of the bends, shape (k, 1) [rad/s]; known on the finished motion only, since a path has no
+            speed.
+        feed_rate: speed of the base on its feed axis, a scalar [m/s]; known on the finished motion only.
+        tip_symbols: symbols for the tip position and for the pointing of the last link, if the tip has its own
+            variables instead of following from the bends; else None.
     """
 
     arm: Arm
@@ -40,7 +41,7 @@ class ArmQuantities(ABC):
 
     @classmethod
     def from_arm(cls, arm: Arm) -> Self:
-        """Return the fresh symbols for an arm."""
+        """Return quantities with fresh symbols for an arm."""
         size = len(arm.bend_limits)
         return cls(
             arm,
@@ -53,16 +54,19 @@ class ArmQuantities(ABC):
 
     @property
     def symbols(self) -> tuple[Any, Any, Any]:
-        """Symbols of bends, feed and path parameter, all that the expression of a path may hold."""
+        """Symbols of bends, feed and path parameter: all that an expression of a path may depend on."""
         return self.bends, self.base_feed, self.path_parameter
 
     @property
     def rates(self) -> tuple[Any, Any]:
-        """Rates of the bends and of the feed."""
+        """Symbols of the bend rates and the feed rate."""
         return self.bend_rates, self.feed_rate
 
     def places(self, q: FloatArray) -> tuple[Any, Any]:
-        """Return the bends and feed of configurations, or their rates, shape (N, c), one a column."""
+        """Return the bends and the feed of configurations, shape (N, c), with one column per configuration.
+
+        Rates of configurations are split in the same way.
+        """
         return ca.DM(q[:, : len(self.arm.bend_limits)].T), ca.DM(self.arm.coordinates.advance(q)).T
 
     @property
@@ -73,13 +77,13 @@ class ArmQuantities(ABC):
     @property
     @abstractmethod
     def pointing(self) -> Any:
-        """Where the last link points, told by its heading, in space by its direction."""
+        """Where the last link points: its heading in the plane, its direction in space."""
 
     @cached_property
     def joint_positions(self) -> Any:
         """Positions of the base, the other joints and the tip, shape (dimensions, links + 1) [m]."""
         point = ca.SX(ca.DM(self.arm.base))
-        # For a fixed arm the expression does not contain the feed at all.
+        # The expression of a fixed arm does not depend on the feed at all.
         for _ in self.arm.base_axes:
             point += self.base_feed * ca.DM(self.arm.direction)
         steps = self.arm.link_length * self.link_directions
@@ -91,9 +95,10 @@ class ArmQuantities(ABC):
         return ca.horzcat(*points)
 
     def heading_slopes(self, slopes: FloatArray) -> FloatArray:
-        """Slopes by a configuration, shape (m, c), as slopes by turns of the links, and of the base by arm lengths.
+        """Return slopes with respect to a configuration as slopes with respect to link turns.
 
-        A link that turns about an axis of bends, the others staying, adds to its own bend what it takes from the next.
+        Both have shape (m, c); the base column becomes a slope per arm length of feed. A link that turns about one bend
+        axis while all other links keep their direction adds to its own bend what it subtracts from the next one.
         """
         bends, k = len(self.arm.bend_limits), self.arm.bends_a_joint
         turned: FloatArray = np.concatenate((slopes[:, :bends], self.arm.length * slopes[:, bends:]), axis=1)
@@ -101,18 +106,18 @@ class ArmQuantities(ABC):
         return turned
 
     def in_configurations(self, expression: Any) -> tuple[Any, Any]:
-        """Return the symbols of a configuration, shape (c, 1) [rad, m], and an expression of a path in these."""
+        """Return the symbols of a configuration, shape (c, 1) [rad, m], and the expression in them."""
         carried = ca.SX.sym("carried", len(self.arm.base_axes))
         inserted = ca.substitute(expression, self.base_feed, ca.densify(ca.sum1(carried)))
         return ca.vertcat(self.bends, carried), inserted
 
     @property
     def timed_symbols(self) -> tuple[Any, Any, Any, Any, Any]:
-        """The symbols that the expression of a timed motion may hold, those of a path, and the rates."""
+        """Symbols that an expression of a timed motion may depend on: those of a path, then the rates."""
         return *self.symbols, *self.rates
 
     def is_timed(self, expression: Any) -> bool:
-        """Return whether an expression holds speeds."""
+        """Return whether an expression depends on speeds."""
         return bool(ca.depends_on(expression, ca.vertcat(*self.rates)))
 
     @property
@@ -121,7 +126,7 @@ class ArmQuantities(ABC):
         return self.joint_positions[:, -1]
 
     def point_at(self, s: float) -> Any:
-        """Return the position at arc length ``s`` from the base, shape (dimensions, 1) [m]."""
+        """Return the position of the arm at arc length ``s`` from the base, shape (dimensions, 1) [m]."""
         link, fraction = self._link_at_arc_length(s)
         points = self.joint_positions
         return (1.0 - fraction) * points[:, link] + fraction * points[:, link + 1]
@@ -136,19 +141,19 @@ class ArmQuantities(ABC):
         return self._in_time(self.point_at(s))
 
     def _in_time(self, point: Any) -> Any:
-        """Return the derivative of a point by time."""
+        """Return the time derivative of a point."""
         # The chain rule: ṗ = ∂p/∂(bends, feed) times their rates, as one product in forward mode.
         return ca.jtimes(point, ca.vertcat(self.bends, self.base_feed), ca.vertcat(*self.rates))
 
     def _link_at_arc_length(self, s: float) -> tuple[int, float]:
-        """Return the link at an arc length, and how much of that link lies before it."""
+        """Return the index of the link at an arc length, and the share of that link before it."""
         links = self._checked(s) / self.arm.link_length
-        # The very tip belongs to the last link, not to one beyond it.
+        # The tip itself belongs to the last link, not to a link beyond it.
         link = min(int(links), self.arm.links - 1)
         return link, links - link
 
     def _checked(self, s: float) -> float:
-        """Return an arc length, or a refusal of what is none; rounding beyond the ends of the arm is forgiven."""
+        """Return an arc length clipped to the arm, refusing values that are off the arm by more than rounding."""
         length = self.arm.length
         rounding = 1e-9 * length
         if not isinstance(s, int | float | np.floating) or not -rounding <= s <= length + rounding:
@@ -158,10 +163,10 @@ class ArmQuantities(ABC):
 
 @dataclass(frozen=True, eq=False)
 class Quantities(ArmQuantities):
-    """Quantities of the arm in CasADi's scalar symbols; lengths in metres, angles in radians, points as (2, 1) columns.
+    """Quantities of a planar arm as CasADi scalar symbols; metres, radians, points as (2, 1) columns.
 
-    The curve is read off the links: it passes through the joints, its heading is that of a link at the link's middle,
-    its curvature at a joint is bend over link length; between these places both are linear.
+    The curve is interpolated from the links: it passes through the joints, its heading is that of a link at the link's
+    middle, its curvature at a joint is bend over link length; heading and curvature are linear in between.
     """
 
     @cached_property
@@ -177,7 +182,7 @@ class Quantities(ArmQuantities):
 
     @property
     def joint_angles(self) -> Any:
-        """Bend of every joint, the first against the base heading, shape (links, 1) [rad]."""
+        """Bend of every joint, the first relative to the base heading, shape (links, 1) [rad]."""
         return self.bends
 
     @property
@@ -192,34 +197,36 @@ class Quantities(ArmQuantities):
 
     @property
     def tip_heading(self) -> Any:
-        """Heading of the last link [rad]; whole turns count."""
+        """Heading of the last link [rad]; headings that differ by whole turns are different."""
         return self.link_headings[-1]
 
     def heading_at(self, s: float) -> Any:
         """Return the heading at arc length ``s`` from the base [rad]."""
-        # A link's heading stands at its middle, half a link after its beginning.
+        # A link's heading belongs to its middle, half a link after its start.
         return _linear(self.link_headings, self._checked(s) / self.arm.link_length - 0.5)
 
     def curvature_at(self, s: float) -> Any:
-        """Return the curvature at arc length ``s`` from the base [1/m]; the bend at the base itself does not count."""
+        """Return the curvature at arc length ``s`` from the base [1/m]; the bend at the base is left out."""
         if self.arm.links < 2:
             raise ProblemError("an arm of one link has no curvature")
-        # Joint k stands k links from the base; the base itself is left out, so entries begin at one link.
+        # Joint k is k links from the base; the base itself is left out, so entries begin at one link.
         return _linear(self.joint_angles[1:], self._checked(s) / self.arm.link_length - 1.0) / self.arm.link_length
 
     def inside(self, region: shapely.Polygon, point: Any = None) -> Any:
-        """Distances of a point inside every side of a convex region, shape (sides, 1) [m]: membership is all ≥ 0.
+        """Return the distances of a point inside each side of a convex region, shape (sides, 1) [m].
+
+        The point is in the region if all distances are ≥ 0.
 
         Args:
-            region: convex polygon.
-            point: shape (2, 1); the tip when None.
+            region: a convex polygon.
+            point: shape (2, 1) [m]; the tip if None.
         """
         normals, offsets = _half_planes(region)
         return ca.DM(offsets) - ca.DM(normals) @ (self.tip if point is None else point)
 
 
 def _linear(values: Any, at: float) -> Any:
-    """Return linear interpolation between the entries of a column, constant beyond both ends."""
+    """Return the linear interpolation of a column at a fractional index, constant beyond both ends."""
     last = int(values.shape[0]) - 1
     place = min(max(at, 0.0), float(last))
     k = min(int(place), max(last - 1, 0))
@@ -228,7 +235,7 @@ def _linear(values: Any, at: float) -> Any:
 
 
 def _half_planes(region: shapely.Polygon) -> tuple[FloatArray, FloatArray]:
-    """Return the outward unit normals and offsets of the sides of a convex polygon.
+    """Return the outward unit normals and the offsets of the sides of a convex polygon.
 
     Raises:
         ProblemError: the region is not a convex polygon.
@@ -247,14 +254,14 @@ _OF_THE_PLANE = {
     "link_headings": "link_directions",
     "curvature_at": "joint_angles, bends over link length",
 }
-"""Quantities of the plane that space has no numbers for, and what to use there."""
+"""Quantities that exist in the plane only, and what to use instead in space."""
 
 
 @dataclass(frozen=True, eq=False)
 class SpaceQuantities(ArmQuantities):
-    """Quantities of an arm in space in CasADi's scalar symbols; lengths in metres, angles in radians.
+    """Quantities of an arm in space as CasADi scalar symbols; lengths in metres, angles in radians.
 
-    Points and directions are (3, 1) columns in the axes of the world.
+    Points and directions are (3, 1) columns in world axes.
     """
 
     @property
@@ -293,24 +300,26 @@ class SpaceQuantities(ArmQuantities):
         return self.link_rotations[link][:, 0]
 
     def inside(self, normals: FloatArray, offsets: FloatArray, point: Any = None) -> Any:
-        """Return the distances of a point inside half-spaces, shape (sides, 1) [m]: membership is all ≥ 0.
+        """Return the distances of a point inside each half-space, shape (sides, 1) [m].
+
+        The point is in all of them if all distances are ≥ 0.
 
         Args:
-            normals: unit, outwards, shape (sides, 3).
-            offsets: of n · x ≤ offset, shape (sides,) [m].
-            point: shape (3, 1); the tip when None.
+            normals: outward unit normals n, shape (sides, 3).
+            offsets: offsets in n · x ≤ offset, shape (sides,) [m].
+            point: shape (3, 1) [m]; the tip if None.
         """
         return ca.DM(offsets) - ca.DM(normals) @ (self.tip if point is None else point)
 
     def __getattr__(self, name: str) -> Any:
-        """Refuse quantities of the plane by what stands for them in space."""
+        """Refuse quantities that exist in the plane only, and say what to use instead in space."""
         if name in _OF_THE_PLANE:
             raise ProblemError(f"an arm in space has no '{name}'; use {_OF_THE_PLANE[name]}")
         raise AttributeError(f"'{type(self).__name__}' object has no attribute '{name}'")
 
 
 def _turn(a: Any, b: Any) -> Any:
-    """Return the rz(a) Ry(b), shape (3, 3)."""
+    """Return the rotation Rz(a) Ry(b), shape (3, 3)."""
     ca_ = ca.cos(a)
     sa = ca.sin(a)
     cb = ca.cos(b)

@@ -1,4 +1,4 @@
-"""Users' constraints and costs."""
+"""Constraints and costs that users write, and how they are loaded from modules and files."""
 
 import math
 import sys
@@ -21,20 +21,20 @@ if TYPE_CHECKING:
     from ccm_opt.ik.quantities import ArmQuantities
 
 Expression: TypeAlias = Callable[[Any], Any]
-"""Makes a CasADi expression, a scalar or a vector, from the ``Quantities`` or ``SpaceQuantities`` of the arm."""
+"""Builds a CasADi expression, a scalar or a vector, from the ``Quantities`` or ``SpaceQuantities`` of the arm."""
 Bound: TypeAlias = float | Sequence[float]
-"""One number for all entries of an expression, or one for each."""
+"""One number for all entries of an expression, or one number per entry."""
 PLACES = ("goal", "keyframes", "motion")
-"""Where a term may apply, intervals aside."""
+"""Where a term may apply, apart from intervals."""
 
 
 @dataclass(frozen=True)
 class Interval:
-    """A part of the motion, in the path parameter: 0 at the start, 1 at the goal.
+    """A part of the motion in terms of the path parameter: 0 at the start, 1 at the goal.
 
     Attributes:
-        first: where it begins.
-        last: where it ends.
+        first: path parameter at which the interval begins.
+        last: path parameter at which the interval ends.
     """
 
     first: float
@@ -49,15 +49,15 @@ class Interval:
 
 
 Where: TypeAlias = Literal["goal", "keyframes", "motion"] | Interval
-"""Where a constraint holds or a cost counts."""
+"""Where a constraint must hold or a cost counts."""
 
 
 def applies_at(where: Where, u: FloatArray) -> BoolArray:
-    """At which places of a motion a term applies, shape (N,).
+    """Return at which samples of a motion a term applies, boolean, shape (N,).
 
     Args:
-        where: of the term; ``"keyframes"`` are all places, since who checks them hands in keyframes only.
-        u: increasing path parameters, shape (N,); the last place is the goal.
+        where: where the term applies; for ``"keyframes"`` all samples count, since callers then pass keyframes only.
+        u: increasing path parameters, shape (N,); the last sample is the goal.
     """
     if isinstance(where, Interval):
         inside: BoolArray = (where.first <= u) & (u <= where.last)
@@ -70,16 +70,17 @@ def applies_at(where: Where, u: FloatArray) -> BoolArray:
 
 @dataclass(frozen=True)
 class Constraint:
-    """Bounds on an expression: ``lower <= expression <= upper``; equal bounds make an equation.
+    """Bounds on an expression: ``lower <= expression <= upper``; equal bounds make it an equation.
 
     Attributes:
-        name: for messages, metrics and the record.
-        expression: makes the expression, a scalar or a vector.
-        lower: least value, a number or one for each entry; minus infinity for none.
-        upper: greatest value, likewise.
+        name: used in messages, metrics and the record.
+        expression: builds the expression, a scalar or a vector.
+        lower: lower bound, one number or one per entry; minus infinity for none.
+        upper: upper bound, one number or one per entry; infinity for none.
         where: at the goal, at every keyframe, over the whole motion, or over an interval of it.
-        soft: whether it may be violated: then the square of the violation is a cost, and the violation is reported.
-        weight: of that cost.
+        soft: whether the constraint may be violated: the squared violation is then a cost, and the violation is
+            reported.
+        weight: weight of that cost.
     """
 
     name: str
@@ -98,19 +99,19 @@ class Constraint:
         expect(self.soft, bool, "True or False for soft=")
 
     def __call__(self, quantities: "ArmQuantities") -> Any:
-        """Return the expression."""
+        """Return the expression for the given quantities."""
         return self.expression(quantities)
 
 
 @dataclass(frozen=True)
 class Cost:
-    """A scalar expression to be made small, averaged over the keyframes it applies to.
+    """A scalar expression to be minimised, averaged over the keyframes it applies to.
 
     Attributes:
-        name: for messages, metrics and the record.
-        expression: makes the scalar expression.
-        weight: what one unit of it is worth, against half a squared radian of joint travel.
-        where: at the goal, over the whole motion (keyframes stand for it), or over an interval of it.
+        name: used in messages, metrics and the record.
+        expression: builds the scalar expression.
+        weight: cost of one unit of the expression, relative to half a squared radian of joint travel.
+        where: at the goal, over the whole motion (represented by the keyframes), or over an interval of it.
     """
 
     name: str
@@ -122,7 +123,7 @@ class Cost:
         _check(self, "cost")
 
     def __call__(self, quantities: "ArmQuantities") -> Any:
-        """Return the expression."""
+        """Return the expression for the given quantities."""
         return self.expression(quantities)
 
 
@@ -135,15 +136,17 @@ def constraint(
     soft: bool = False,
     weight: float = 1.0,
 ) -> Callable[[Expression], Constraint]:
-    """Decorator: a function of the quantities as a constraint, named after the function unless a name is given.
+    """Return a decorator that turns a function of the quantities into a constraint.
+
+    The constraint is named after the function unless a name is given.
 
     Args:
-        name: for messages, metrics and the record.
-        lower: least value, a number or one for each entry.
-        upper: greatest value, likewise.
+        name: used in messages, metrics and the record.
+        lower: lower bound, one number or one per entry.
+        upper: upper bound, one number or one per entry.
         where: at the goal, at every keyframe, over the whole motion, or over an interval of it.
-        soft: whether it may be violated.
-        weight: what the squared violation of a soft one costs.
+        soft: whether the constraint may be violated.
+        weight: cost of one unit of squared violation of a soft constraint.
     """
 
     def decorate(expression: Expression) -> Constraint:
@@ -153,11 +156,13 @@ def constraint(
 
 
 def cost(*, name: str | None = None, weight: float = 1.0, where: Where = "motion") -> Callable[[Expression], Cost]:
-    """Return the decorator: a function of the quantities as a cost, named after the function unless a name is given.
+    """Return a decorator that turns a function of the quantities into a cost.
+
+    The cost is named after the function unless a name is given.
 
     Args:
-        name: for messages, metrics and the record.
-        weight: what one unit of it is worth, against half a squared radian of joint travel.
+        name: used in messages, metrics and the record.
+        weight: cost of one unit of the expression, relative to half a squared radian of joint travel.
         where: at the goal, over the whole motion, or over an interval of it.
     """
 
@@ -168,15 +173,15 @@ def cost(*, name: str | None = None, weight: float = 1.0, where: Where = "motion
 
 
 def call_user_function(call: Callable[[], ANSWER], what: str, limit: float) -> ANSWER:
-    """Call what a user wrote, which may raise anything, or never return, and return its result.
+    """Call a function written by a user and return its result, guarding against errors and endless loops.
 
     Args:
         call: the user's function.
-        what: it is, for messages.
-        limit: time that it may take [s].
+        what: what the function is, for messages.
+        limit: time that the function may take [s].
 
     Raises:
-        ProblemError: it raised something, or has not returned in time.
+        ProblemError: the function raised an error, or has not returned in time.
     """
     answer = in_background(call)
     try:
@@ -190,7 +195,10 @@ def call_user_function(call: Callable[[], ANSWER], what: str, limit: float) -> A
 
 
 def _is_bound(bound: object) -> bool:
-    """Return whether a value is a number or several; whether they make bounds is seen beside the expression."""
+    """Return whether a value is one or more numbers.
+
+    Whether the numbers fit the expression is checked once the expression is known.
+    """
     return np.asarray(bound).dtype.kind in "iuf"
 
 
@@ -215,33 +223,34 @@ def _check(term: Constraint | Cost, kind: str) -> None:
 
 
 TERM_TOLERANCE = 1e-6
-"""By which a hard constraint may be violated, in the unit of its expression. Taste: documented to users, and far above
-what planning leaves."""
+"""Amount by which a hard constraint may be violated, in the unit of its expression. Taste: documented to users, and far
+above what planning leaves."""
 COST_SHARES = (1.0, 0.1, 0.0)
-"""Shares of the weights of users' costs with which a plan is sought in turn; the last is none of them. Taste."""
+"""Shares of the weights of users' costs with which a plan is sought, one after the other; the last drops the costs
+altogether. Taste."""
 
 
 TIME_TO_LOAD = 60.0
-"""That a user's module may take [s]: it may load large libraries on a busy machine."""
+"""Time that loading a user's module may take [s]: it may import large libraries on a busy machine."""
 Term = TypeVar("Term", Constraint, Cost)
 
 
 def load_terms(references: Sequence[str], kind: type[Term]) -> tuple[Term, ...]:
-    """Return the constraints, or costs, that references name.
+    """Return the constraints, or the costs, that the references name.
 
     Args:
-        references: each ``module:name`` or ``path/to/file.py:name``; modules are looked for in the working directory
-            too. A name may stand for one term or for a list of them.
-        kind: what is expected.
+        references: each ``module:name`` or ``path/to/file.py:name``; modules are also looked for in the working
+            directory. A name may stand for one term or for a list of them.
+        kind: expected type of the terms.
 
     Raises:
-        ProblemError: a reference names nothing, or something else.
+        ProblemError: a reference names nothing, or something that is not a term of this kind.
     """
     return tuple(term for reference in references for term in _named(reference, kind))
 
 
 def _named(reference: str, kind: type[Term]) -> tuple[Term, ...]:
-    # From the right, for a path on Windows begins with a drive and a colon.
+    # Split from the right, because a Windows path begins with a drive and a colon.
     place, colon, name = reference.rpartition(":")
     if not (place and colon and name):
         raise ProblemError(f"'{reference}' names no {_word(kind)}; expected module:function or file.py:function")
@@ -269,8 +278,8 @@ def _module(reference: str, place: str) -> ModuleType:
 
 
 def _from_path(name: str) -> ModuleType:
-    # The command line does not put the working directory on the path, as ``python -m`` would. It comes last, so that a
-    # file there never stands in for a module of Python or of this package.
+    # The command line does not put the working directory on the path, as ``python -m`` would. It goes last so that a
+    # file there never shadows a module of Python or of this package.
     here = str(Path.cwd())
     if here not in sys.path:
         sys.path.append(here)
@@ -283,7 +292,7 @@ def _from_file(path: Path) -> ModuleType:
     if spec is None or spec.loader is None or not path.exists():
         raise FileNotFoundError(f"there is no file {path}")
     module = util.module_from_spec(spec)
-    # Before it runs: dataclasses and pickles in the module look it up by its name.
+    # Registered before it runs: dataclasses and pickles in the module look it up by its name.
     sys.modules[name] = module
     spec.loader.exec_module(module)
     return module

@@ -1,1 +1,1 @@
-"""Describe the arm: curve segments and curves, coordinates, kinematics, and the mapping from curve to joints."""
+"""The arm: curve segments and curves, joint coordinates, kinematics, and the mapping from curve to joints."""

@@ -1,4 +1,4 @@
-"""The jointed arm, in the plane or in space: equal links with a joint at the base of each."""
+"""The jointed arm in the plane or in space: equal links, each with a joint at its base."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -18,20 +18,20 @@ from ccm_opt.robot.link_bodies import DEFAULT_LINK_MASS, cylinder_inertia
 Axes = Literal["zyx", "zyz"]
 MappingName = Literal["least-squares", "even-joints"]
 _LINK_MARGIN_SHARE = 0.2
-"""Of the free length between two distant links that planning keeps as a margin between them where they cannot keep the
-whole one. Taste."""
+"""Share of the free length between two distant links that planning keeps as a margin between them where the full margin
+cannot be kept. Taste."""
 HELD_TOLERANCE = ROUNDING
-"""A joint as near as this to the hole counts as having passed it [m]."""
+"""A joint this close to the hole counts as having passed it [m]."""
 
 
 @dataclass(frozen=True)
 class Feed:
-    """A linear axis along the base heading that carries the base through a guide tube; distances from ``Arm.base`` [m].
+    """A linear axis that carries the base along its heading through a guide tube; distances are from ``Arm.base`` [m].
 
     Attributes:
-        low: least position of the base on the axis.
-        high: greatest position.
-        hole: where the guide tube ends; joints that have not passed it are held straight.
+        low: least position of the base on the axis [m].
+        high: greatest position of the base on the axis [m].
+        hole: where the guide tube ends [m]; joints that have not passed it are held straight.
     """
 
     low: float
@@ -41,38 +41,38 @@ class Feed:
 
 @dataclass(frozen=True)
 class Arm:
-    """An arm and what its dynamics need; angles in radians, lengths in metres, points with d coordinates, 2 or 3.
+    """An arm with its dynamic parameters; angles in radians, lengths in metres, points with d coordinates (2 or 3).
 
-    A configuration q is a row of the arm's ``coordinates``: the bends of the joints, then the positions of the axes
-    that carry the base. In the plane a joint has one bend, counter-clockwise. In space it has two: it turns what is
-    beyond it by a about its z axis and then by b about the new y axis, and its link lies along the new x axis, R_i =
-    R_(i−1) Rz(a_i) Ry(b_i), as a ball joint of the order ``zyx`` whose roll stays at zero.
+    A configuration q is a row of the arm's ``coordinates``: the bends of the joints, followed by the positions of the
+    axes that carry the base. In the plane a joint has one bend, counter-clockwise. In space it has two: the joint turns
+    everything beyond it by a about its z axis and then by b about the new y axis, and its link lies along the new x
+    axis, R_i = R_(i−1) Rz(a_i) Ry(b_i), like a ball joint in ``zyx`` order whose roll stays at zero.
 
-    In the plane a pose measures how far a motion turns and moves the arm: the headings of the links, and then how far
-    the base is carried, in link lengths, so that every column moves the tip by about one link length a unit.
+    In the plane, a pose measures how far a motion turns and moves the arm: the link headings, then the displacement of
+    the base in link lengths, so that one unit in any column moves the tip by about one link length.
 
     Attributes:
         links: number of links, even.
         link_length: l [m].
-        radius: radius of the links, which have round ends [m]; 0 is allowed.
+        radius: radius of the links, whose ends are round [m]; 0 is allowed.
         base: position of the first joint, shape (d,) [m].
-        joint_limit: bound on each bend of every joint but the first [rad].
+        joint_limit: bound on each bend of every joint except the first [rad].
         base_limit: bound on each bend of the first joint [rad].
-        self_collision: whether distant links must keep ``2 * radius`` apart.
-        mount_length: arm length from the base that may touch obstacles [m].
-        masses: shape (links,) [kg].
-        inertia_axial: about the link's axis, shape (links,) [kg m²].
-        inertia_transverse: about the link's centre, across its axis, shape (links,) [kg m²].
-        base_heading: of the straight arm in the plane [rad]; where it is left out, that of the direction. 0 in space.
-        direction: of the straight arm, a unit vector of shape (d,), along which a feed axis runs; in the plane it
-            follows from the heading where that is given.
-        up: the z axis of the first joint in space, a unit vector across the direction, shape (3,).
-        axes: order of the three revolutes of a ball joint; in space only ``zyx`` keeps the roll at zero.
+        self_collision: whether the axes of distant links must stay ``2 * radius`` apart.
+        mount_length: length of arm, measured from the base, that may touch obstacles [m].
+        masses: mass of each link, shape (links,) [kg].
+        inertia_axial: moment of inertia of each link about its axis, shape (links,) [kg m²].
+        inertia_transverse: moment of inertia of each link about its centre, across its axis, shape (links,) [kg m²].
+        base_heading: heading of the straight arm in the plane [rad]; taken from ``direction`` if omitted. 0 in space.
+        direction: direction of the straight arm, a unit vector of shape (d,), along which a feed axis runs; in the
+            plane it follows from the heading if that is given.
+        up: z axis of the first joint in space, a unit vector perpendicular to the direction, shape (3,).
+        axes: order of the three revolute axes of a ball joint; in space only ``zyx`` keeps the roll at zero.
         feed: the axis that carries the base along the direction, or None when the base is fixed.
-        payload: mass of a point carried at the tip [kg].
-        rotor_inertia: of the drives as seen at the joints, one number or shape (3 * links,) [kg m²].
-        friction: viscous, of the joints, one number or shape (3 * links,) [N m s/rad].
-        clamped_joints: number of joints from the base that planning leaves straight in space.
+        payload: point mass carried at the tip [kg].
+        rotor_inertia: inertia of the drives as seen at the joints, one number or shape (3 * links,) [kg m²].
+        friction: viscous friction of the joints, one number or shape (3 * links,) [N m s/rad].
+        clamped_joints: number of joints, counted from the base, that planning leaves straight in space.
     """
 
     links: int
@@ -97,7 +97,7 @@ class Arm:
     clamped_joints: int = 0
 
     def __post_init__(self) -> None:
-        # What is no number or no vector is refused by the problem that the arm is given to.
+        # A value that is not a number or a vector is refused later, by the problem that uses the arm.
         if np.shape(self.base) == (3,):
             object.__setattr__(self, "base_heading", 0.0)
         elif is_number(self.base_heading):
@@ -125,27 +125,27 @@ class Arm:
         feed: Sequence[float] | FloatArray | None = None,
         hole: float | None = None,
     ) -> "Arm":
-        """Return an arm from its overall figures, in the unit of length that suits; links are solid cylinders.
+        """Return an arm of solid cylindrical links from its overall dimensions, in the given unit of length.
 
         Args:
-            length: of the whole arm.
-            links: how many, all alike; an even number.
-            radius: of the links; 0 is allowed.
-            unit: of all lengths in this call: "m", "mm" or "in".
-            base: where the first joint is, (x, y).
-            heading_deg: of the straight arm, counter-clockwise from x [deg].
-            joint_limit_deg: bound on the bend of every joint but the first [deg].
-            base_limit_deg: the same of the first joint [deg].
-            mount_length: of arm from the base that may touch obstacles; the radius when None.
-            self_collision: whether distant links must keep apart.
-            link_mass: of every link, or of each [kg].
-            payload: mass of a point carried at the tip [kg].
-            axes: order of the three revolutes of a ball joint, "zyx" or "zyz".
-            feed: range (least, greatest) of the axis that carries the base along its heading; none when None.
-            hole: where its guide tube ends; at its greatest position when None.
+            length: length of the whole arm.
+            links: number of links, all alike; must be even.
+            radius: radius of the links; 0 is allowed.
+            unit: unit of all lengths in this call: "m", "mm" or "in".
+            base: position of the first joint, (x, y).
+            heading_deg: heading of the straight arm, counter-clockwise from x [deg].
+            joint_limit_deg: bound on the bend of every joint except the first [deg].
+            base_limit_deg: bound on the bend of the first joint [deg].
+            mount_length: length of arm, measured from the base, that may touch obstacles; the radius if None.
+            self_collision: whether distant links must not touch.
+            link_mass: mass of every link, or one mass per link [kg].
+            payload: point mass carried at the tip [kg].
+            axes: order of the three revolute axes of a ball joint, "zyx" or "zyz".
+            feed: range (least, greatest) of the axis that carries the base along its heading; no feed axis if None.
+            hole: where the guide tube of the feed axis ends; at the greatest position of the axis if None.
 
         Raises:
-            ProblemError: with all that is wrong with these figures.
+            ProblemError: one or more of these values are invalid; the message lists all of them.
         """
         given = Arguments("this arm", unit)
         count = given.whole("links", links, 2)
@@ -186,16 +186,16 @@ class Arm:
 
     @property
     def dimension(self) -> int:
-        """Number of coordinates of a point, 2 in the plane and 3 in space."""
+        """Number of coordinates of a point: 2 in the plane, 3 in space."""
         return len(self.base)
 
     @property
     def bends_a_joint(self) -> int:
-        """How many bends a joint has, 1 in the plane and 2 in space."""
+        """Number of bends of a joint: 1 in the plane, 2 in space."""
         return self.dimension - 1
 
     def with_links(self, links: int) -> "Arm":
-        """Return the arm cut into another number of links over the same length, its mass spread evenly over them."""
+        """Return this arm divided into another number of links, with the same length and evenly spread mass."""
         share = self.links / links
         return replace(
             self,
@@ -209,12 +209,12 @@ class Arm:
 
     @property
     def coordinates(self) -> Coordinates:
-        """What the columns of a configuration are, c of them."""
+        """The coordinates of a configuration, one per column, c in all."""
         return joint_coordinates(self.links, self.bends_a_joint, tuple(FEED for _ in self.base_axes))
 
     @cached_property
     def bend_limits(self) -> FloatArray:
-        """Bound on the absolute value of each bend, in the order of the coordinates, k a joint, shape (k links,)."""
+        """Bound on the absolute value of each bend, in coordinate order with k bends per joint; shape (k links,)."""
         k = self.bends_a_joint
         limits = np.full(k * self.links, self.joint_limit)
         limits[:k] = self.base_limit
@@ -238,9 +238,9 @@ class Arm:
 
     @cached_property
     def base_rotation(self) -> FloatArray:
-        """Columns direction, left and up of the straight arm in the world, shape (3, 3).
+        """Rotation with the direction, left and up of the straight arm in the world as columns, shape (3, 3).
 
-        In the plane, which is world x-z, it turns by −base_heading about world +y: there its left is world y.
+        The plane is world x-z, so a planar arm is turned by −base_heading about world +y, and its left is world y.
         """
         if self.dimension == 2:
             c, s = np.cos(self.base_heading), np.sin(self.base_heading)
@@ -253,30 +253,32 @@ class Arm:
         return self.embedded(self.base)
 
     def embedded(self, points: FloatArray) -> FloatArray:
-        """Return the world coordinates of points, shape (..., d) to (..., 3) [m]; the plane is x-z."""
+        """Return points, shape (..., d), in world coordinates, shape (..., 3) [m]; the plane is world x-z."""
         if self.dimension == 3:
             return points
         return np.stack((points[..., 0], np.zeros(points.shape[:-1]), points[..., 1]), axis=-1)
 
     def configuration(self, bends: FloatArray, feed: float) -> FloatArray:
-        """Return the configuration of given bends, shape (links,) or (links, 2) [rad], and position of the base [m].
+        """Return the configuration, shape (c,), with the given bends and base position.
 
-        (c,).
+        Bends have shape (links,) or (links, 2) [rad]; the position of the base on its feed axis is in metres.
         """
         return np.append(np.ravel(bends), [feed for _ in self.base_axes])
 
     def joint_positions_at(self, q: FloatArray) -> FloatArray:
-        """Return the positions of the joints and the tip in configurations, shape (..., links + 1, d) [m].
+        """Return the positions of the joints and the tip, shape (..., links + 1, d) [m].
 
         Args:
-            q: shape (..., c) [rad, m].
+            q: configurations, shape (..., c) [rad, m].
         """
         if self.dimension == 2:
             return self.joint_positions(self.headings(q[..., : self.links]), self.coordinates.advance(q))
         return self._in_space(q)[0]
 
     def link_rotations(self, q: FloatArray) -> FloatArray:
-        """Rotations world ← link, in the plane plane ← link, whose first columns are the directions of the links.
+        """Return the rotations of the links, whose first columns are the link directions.
+
+        They are world ← link in space and plane ← link in the plane.
 
         Args:
             q: configurations, shape (..., c) [rad, m].
@@ -292,7 +294,7 @@ class Arm:
         return np.stack((np.stack((cos, -sin), axis=-1), np.stack((sin, cos), axis=-1)), axis=-2)
 
     def _in_space(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Positions (..., links + 1, 3) [m] and rotations (..., links, 3, 3) of configurations of shape (..., c)."""
+        """Return positions (..., links + 1, 3) [m] and rotations (..., links, 3, 3) for configurations (..., c)."""
         links = self.links
         if q.shape[-1:] != (len(self.coordinates),):
             raise ValueError(f"configurations have the shape {q.shape}; expected (..., {len(self.coordinates)})")
@@ -306,17 +308,20 @@ class Arm:
         return positions, rotations
 
     def bend_pairs(self, q: FloatArray) -> FloatArray:
-        """The two bends of every joint in space in configurations of shape (..., c), shape (..., links, 2) [rad]."""
+        """Return the two bends of every joint in space, shape (..., links, 2) [rad], from configurations (..., c)."""
         return q[..., : 2 * self.links].reshape(*q.shape[:-1], self.links, 2)
 
     def headings(self, q: FloatArray) -> FloatArray:
-        """Link headings φ in the plane, of bends (..., links) or configurations (..., c), shape (..., links) [rad]."""
+        """Return the link headings φ in the plane, shape (..., links) [rad].
+
+        ``q`` holds bends, shape (..., links), or configurations, shape (..., c).
+        """
         return self.base_heading + np.cumsum(q[..., : self.links], axis=-1)
 
     def bends(self, headings: FloatArray) -> FloatArray:
-        """Return the joint bends from link headings, shape (..., links) [rad].
+        """Return the joint bends that give the link headings, both of shape (..., links) [rad].
 
-        The first is relative to the base heading.
+        The first bend is relative to the base heading.
         """
         return np.diff(headings, axis=-1, prepend=self.base_heading)
 
@@ -324,20 +329,20 @@ class Arm:
         """Return the positions of the joints and the tip in the plane, shape (..., links + 1, 2) [m].
 
         Args:
-            headings: of the links, shape (..., links) [rad].
-            feed: how far the base is carried along the base heading, shape (...) [m].
+            headings: link headings, shape (..., links) [rad].
+            feed: displacement of the base along the base heading, shape (...) [m].
         """
         steps = self.link_length * np.stack((np.cos(headings), np.sin(headings)), axis=-1)
         start = np.zeros((*steps.shape[:-2], 1, 2))
         positions: FloatArray = self.base + np.concatenate((start, np.cumsum(steps, axis=-2)), axis=-2)
-        if isinstance(feed, float) and feed == 0.0:  # what the planners' inner loops ask for
+        if isinstance(feed, float) and feed == 0.0:  # the case in the planners' inner loops
             return positions
         return positions + np.asarray(feed)[..., None, None] * self.direction
 
     def poses(self, q: FloatArray) -> FloatArray:
-        """Return the poses of configurations: link headings [rad], then the base in link lengths.
+        """Return the poses of configurations: link headings [rad], then base displacement in link lengths.
 
-        Both of shape (..., c).
+        Configurations and poses have shape (..., c).
         """
         base = q[..., self.links :] / self.link_length
         return np.concatenate((self.headings(q[..., : self.links]), base), axis=-1)
@@ -349,23 +354,23 @@ class Arm:
 
     @property
     def base_axes(self) -> tuple[Feed, ...]:
-        """The axes that carry the base, in the order of their coordinates; none when it is fixed."""
+        """The axes that carry the base, in the order of their coordinates; empty if the base is fixed."""
         return () if self.feed is None else (self.feed,)
 
     @property
     def base_range(self) -> tuple[float, float]:
-        """How far the base is carried along its heading at least and at most [m]; 0 and 0 when it is fixed."""
+        """Least and greatest displacement of the base along its heading [m]; both 0 if the base is fixed."""
         return sum(axis.low for axis in self.base_axes), sum(axis.high for axis in self.base_axes)
 
     @property
     def hole(self) -> float:
-        """Distance from ``base`` at which the last guide tube of the base ends [m]; −∞ when there is none."""
+        """Distance from ``base`` to the end of the last guide tube [m]; −∞ if there is none."""
         return max((axis.hole for axis in self.base_axes), default=-np.inf)
 
     def held(self, feed: FloatArray | float) -> BoolArray:
-        """Return which joints a guide tube of the base still holds straight, shape (..., links), boolean.
+        """Return which joints the guide tube still holds straight, boolean, shape (..., links).
 
-        None without one.
+        No joint is held if there is no guide tube.
 
         Args:
             feed: position of the base on its feed axis, shape (...) [m].
@@ -376,25 +381,28 @@ class Arm:
 
     @property
     def mount_end(self) -> tuple[int, float]:
-        """Link on which the mount ends, and where on it as a share in [0, 1]; share 1 of the last is the whole arm."""
+        """Index of the link on which the mount ends, and the share of that link in [0, 1] that belongs to it.
+
+        Share 1 of the last link means that the whole arm is mount.
+        """
         length = self.mount_length / self.link_length
-        # The small number keeps a mount of whole links from ending on the link before by rounding.
+        # The small number stops rounding from placing the end of a mount of whole links on the previous link.
         link = min(int(length + 1e-9), self.links - 1)
         return link, min(max(length - link, 0.0), 1.0)
 
     @property
     def free_shares(self) -> FloatArray:
-        """Share of each link from which on it may touch nothing, behind the mount; shape (links,)."""
+        """Share of each link that belongs to the mount, beyond which the link may touch nothing, shape (links,)."""
         return np.clip(self.mount_length / self.link_length - np.arange(self.links), 0.0, 1.0)
 
     def exposed_links(self, points: FloatArray) -> tuple[int, FloatArray]:
-        """Return the index of the first link beyond the mount, and the axes of the links from its end on.
+        """Return the index of the first link beyond the mount, and the link axes from the mount's end onwards.
 
         Args:
-            points: joints and tip of one pose or of several, shape (..., links + 1, d) [m].
+            points: joints and tip of one or more poses, shape (..., links + 1, d) [m].
 
         Returns:
-            The index, and axes of shape (..., k, 2, d) [m]; none where the whole arm is mount.
+            The index, and the axes, shape (..., k, 2, d) [m]; no axes if the whole arm is mount.
         """
         first, share = self.mount_end
         if share > 1.0 - ROUNDING:
@@ -405,44 +413,44 @@ class Arm:
 
     @property
     def first_self_pair(self) -> int:
-        """Least difference j − i of the indices of links whose axes must keep two radii apart.
+        """Least difference j − i of the indices of two links whose axes must stay two radii apart.
 
-        Links are neighbours round a bend unless ``(|i − j| − 1) l ≥ max(2 l, π r)``.
+        Links count as neighbours around a bend unless ``(|i − j| − 1) l ≥ max(2 l, π r)``.
         """
         reach = max(2.0 * self.link_length, np.pi * self.radius)
         return int(np.ceil(reach / self.link_length - 1e-9)) + 1
 
     @property
     def distant_pairs(self) -> tuple[IntArray, IntArray]:
-        """Pairs (i, j), i < j, of links so far apart along the arm that they can meet, each of shape (p,)."""
+        """Pairs (i, j), i < j, of links far enough apart along the arm to meet, two arrays of shape (p,)."""
         first, second = np.triu_indices(self.links, self.first_self_pair)
         return first, second
 
     @property
     def self_pairs(self) -> tuple[IntArray, IntArray]:
-        """Pairs of links that must keep two radii apart, the distant ones; none when links may meet."""
+        """Pairs of links that must stay two radii apart: the distant pairs, or none if self-collision is off."""
         if self.self_collision:
             return self.distant_pairs
         none = np.zeros(0, dtype=np.intp)
         return none, none
 
     def link_margins(self, first: IntArray, second: IntArray, margin: float) -> FloatArray:
-        """Return the gap that planning keeps between the surfaces of distant links, shape (p,) [m].
+        """Return the clearance that planning keeps between the surfaces of distant links, shape (p,) [m].
 
-        Links that are not far apart along the arm cannot keep the whole margin round a tight bend: they keep a share of
-        what the links between them leave at full stretch.
+        Links that are close together along the arm cannot keep the full margin around a tight bend; for these the
+        margin is a share of the free length that the links between them leave when stretched out.
 
         Args:
-            first: links nearer to the base, shape (p,).
-            second: the others, shape (p,).
-            margin: that planning keeps from walls [m].
+            first: indices of the links nearer to the base, shape (p,).
+            second: indices of the links farther from the base, shape (p,).
+            margin: margin that planning keeps from walls [m].
         """
         between = (second - first - 1) * self.link_length - 2.0 * self.radius
         return np.clip(_LINK_MARGIN_SHARE * between, 0.0, margin)
 
 
 def _feed_axis(given: Arguments, ends: object, hole: object) -> Feed:
-    """Return a feed axis from its range and the end of its guide tube."""
+    """Return the feed axis with the given range and end of the guide tube."""
     low, high = given.metres * given.numbers("feed", ends, 2, "numbers (least, greatest)")
     given.must(low < high or low == high == 0.0, f"feed: expected (least, greatest) with least < greatest, got {ends}")
     end = high if hole is None else given.length("hole", hole)

@@ -1,10 +1,10 @@
-"""Two arcs that join two places and directions, and how an arm leaves its guide tube.
+"""Biarcs that join two points with given directions, and bends near the end of the guide tube.
 
-With tangents of equal length a at both ends the arcs meet half-way between the tangents' tips (Bolton, "Biarc curves",
-1975); a solves 2 (1 − t0·t1) a² + 2 v·(t0 + t1) a − v·v = 0 with v from one end to the other.
+With tangents of equal length a at both ends, the two arcs meet half-way between the tips of the tangents (Bolton,
+"Biarc curves", 1975); a solves 2 (1 − t0·t1) a² + 2 v·(t0 + t1) a − v·v = 0, where v leads from one end to the other.
 
-Every joint that comes out of the tube is straight as it passes the end, so a bend just beyond it has to be made, and
-taken back, over a short way of the feed.
+Every joint is straight as it leaves the guide tube, so a bend just beyond the tube has to be made, or undone, within a
+short length of feed.
 """
 
 from typing import NamedTuple
@@ -20,9 +20,9 @@ class SpaceArc(NamedTuple):
     """A circular arc, or a straight line.
 
     Attributes:
-        side: to which it bends, across the frame at its beginning, a unit vector of shape (2,).
-        turn: by how much, in [0, 2π) [rad].
-        length: [m].
+        side: direction of the bend, a unit vector of shape (2,) perpendicular to the tangent of the initial frame.
+        turn: angle of the arc, in [0, 2π) [rad].
+        length: arc length [m].
     """
 
     side: FloatArray
@@ -33,15 +33,16 @@ class SpaceArc(NamedTuple):
 def biarc(
     base: FloatArray, frame: FloatArray, tip: FloatArray, direction: FloatArray
 ) -> tuple[SpaceArc, SpaceArc] | None:
-    """Return two arcs from a frame to a place and a direction there; the frame is carried without turning about them.
+    """Return two arcs from a frame to a point with a given direction there, or None if there are none.
 
-    There are none where the tip lies behind the base and points the same way.
+    Frames are carried along the arcs without turning about them. There are no arcs if the tip lies behind the base and
+    points the same way.
 
     Args:
-        base: where they begin, shape (3,) [m].
-        frame: (t, n1, n2) there as columns, shape (3, 3).
-        tip: where they end, shape (3,) [m].
-        direction: there, a unit vector, shape (3,).
+        base: start of the first arc, shape (3,) [m].
+        frame: (t, n1, n2) at the base as columns, shape (3, 3).
+        tip: end of the second arc, shape (3,) [m].
+        direction: direction at the tip, a unit vector, shape (3,).
     """
     start = frame[:, 0]
     chord = tip - base
@@ -57,7 +58,7 @@ def biarc(
 
 
 def _arc(frame: FloatArray, chord: FloatArray) -> SpaceArc:
-    """Return the arc along t over a chord: it turns by twice the angle between the two."""
+    """Return the arc that starts along t and spans a chord; its angle is twice that between t and the chord."""
     along, *aside = frame.T @ chord
     away = float(np.hypot(*aside))
     half = float(np.arctan2(away, along))
@@ -66,25 +67,27 @@ def _arc(frame: FloatArray, chord: FloatArray) -> SpaceArc:
 
 
 STRAIGHT_BEFORE = 0.3
-"""Nominal links beyond a guide tube on which joints are straight: the less, the more places to stop at."""
+"""Nominal links beyond the end of the guide tube on which joints are straight: the fewer, the more stops."""
 FREE_AFTER = 2.0
-"""Nominal links beyond it from where on they bend as they like."""
+"""Nominal links beyond the end of the guide tube after which joints bend freely."""
 
 
 def free_before(arm: Arm) -> float:
     """Return the arc length beyond the end of the guide tube on which joints stay straight [m].
 
-    Every joint that comes out stops there once, so that none begins to bend while the tube still holds it.
+    Every emerging joint stops there once, so that none begins to bend while the tube still holds it.
     """
     return STRAIGHT_BEFORE * arm.length / NOMINAL_LINKS
 
 
 def bend_shares(arm: Arm, places: FloatArray) -> FloatArray:
-    """Share of its bend that a joint at a place takes, which grows smoothly beyond a guide tube, shape (joints,).
+    """Return the share of its bend that a joint may take at a position, shape (joints,).
+
+    The share grows smoothly from 0 to 1 beyond the end of the guide tube.
 
     Args:
         arm: with or without a guide tube.
-        places: arc lengths of joints beyond the end of the tube, shape (joints,) [m].
+        places: arc lengths of the joints beyond the end of the tube, shape (joints,) [m].
     """
     if not arm.base_axes:
         return np.ones(len(places))
@@ -94,14 +97,14 @@ def bend_shares(arm: Arm, places: FloatArray) -> FloatArray:
 
 
 def straight_at_exit(arm: Arm, q: FloatArray) -> FloatArray:
-    """Return a configuration without the bends of joints that stand where they stay straight just beyond a guide tube.
+    """Return a configuration with the joints just beyond the end of the guide tube set straight.
 
-    A motion to such a bend would have to make it on the short way since the joint left the tube, and no smooth path
-    does. The tip has to be put back to its place afterwards.
+    A motion to a bend there would have to make it in the short feed since the joint left the tube, which no smooth path
+    does. The caller has to restore the tip position afterwards.
 
     Args:
         arm: with or without a guide tube.
-        q: shape (c,) [rad, m].
+        q: configuration, shape (c,) [rad, m].
     """
     if not arm.base_axes:
         return q

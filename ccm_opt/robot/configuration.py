@@ -1,8 +1,8 @@
-"""A curve of segments from a base: its places and directions, and where it ends.
+"""Curves made of curvature segments, in the plane and in space: their positions, directions and tips.
 
-In space the curve is t' = κ1 n1 + κ2 n2, n_i' = −κ_i t in the frame (t, n1, n2) that does not turn about the curve
-(Bishop, "There is more than one way to frame a curve", 1975). It has no singularity where the curve is straight, where
-that of Frenet has one, and the plane of t and n1 is κ2 = 0: there it is the paper's (section 2.1).
+In space the curve is t' = κ1 n1 + κ2 n2, n_i' = −κ_i t, where the frame (t, n1, n2) does not turn about the curve
+(Bishop, "There is more than one way to frame a curve", 1975). Unlike the Frenet frame, it has no singularity where the
+curve is straight. The curves in the plane of t and n1 have κ2 = 0, and there the curve is the paper's (section 2.1).
 """
 
 from collections.abc import Callable, Sequence
@@ -19,19 +19,19 @@ from ccm_opt.robot.rigid_motions import carried, chained
 from ccm_opt.robot.segment import EVEN_KNOTS, CurvatureSegment, Knots, curvature_spline
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(8)
-"""Gauss points of positions, and over a link; in space directions are smooth but for knots, where their third
+"""Gauss points for positions, and over a link. In space directions are smooth except at knots, where their third
 derivative jumps."""
 _MAGNUS_NODES = np.polynomial.legendre.leggauss(3)[0]
-"""Gauss points of a step of a curve in space."""
+"""Gauss points of one integration step of a curve in space."""
 MAX_TURN_STEP = 0.4
-"""Largest total turn [rad] in a quadrature interval; 8 Gauss points then err by less than 1e-12 of its length."""
+"""Largest total turn in a quadrature interval [rad]; the error of 8 Gauss points is then below 1e-12 of its length."""
 MOST_TURN = 0.05
-"""Most that a curve in space turns in one step of its integration [rad]; the sixth order then errs by less than
+"""Largest turn of a curve in space in one integration step [rad]; the error of the sixth-order step is then below
 1e-12."""
 LEAST_STEPS = 40
-"""Steps to a segment in space at least, so that its curvature changes little within one."""
+"""Least number of steps per segment in space, so that the curvature changes little within one step."""
 _PROBES = 5
-"""Places between two knots at which the curvature is looked at for the size of steps."""
+"""Number of places between two knots at which the curvature is sampled to choose the step size."""
 
 
 def integrate_positions(
@@ -40,7 +40,7 @@ def integrate_positions(
     """Return the positions relative to the base at given arc lengths.
 
     Args:
-        heading_at: exact heading over arc length [rad].
+        heading_at: exact heading as a function of arc length [rad].
         arc: increasing arc lengths, shape (m,) [m].
         knots: arc lengths of the spline's knots, increasing; quadrature intervals never straddle one.
 
@@ -56,7 +56,7 @@ def integrate_positions(
 
 
 def _refine(heading_at: Callable[[FloatArray], FloatArray], edges: FloatArray) -> FloatArray:
-    """Split the intervals between edges until none turns by more than ``MAX_TURN_STEP``."""
+    """Return the edges with intervals split until none turns by more than ``MAX_TURN_STEP``."""
     probes = heading_at(np.linspace(0.0, 1.0, 9)[:, None] * np.diff(edges) + edges[:-1])
     # The heading is a quartic between knots: nine probes miss little of its total turn.
     turns = np.abs(np.diff(probes, axis=0)).sum(axis=0)
@@ -65,7 +65,7 @@ def _refine(heading_at: Callable[[FloatArray], FloatArray], edges: FloatArray) -
 
 
 def _parted(edges: FloatArray, counts: IntArray) -> FloatArray:
-    """Return the arc lengths that cut every interval between edges into so many equal ones."""
+    """Return the arc lengths that divide each interval between edges into the given number of equal parts."""
     first = np.repeat(np.cumsum(counts) - counts, counts)
     share = (np.arange(counts.sum()) - first) / np.repeat(counts, counts)
     return np.append(np.repeat(edges[:-1], counts) + share * np.repeat(np.diff(edges), counts), edges[-1])
@@ -80,7 +80,7 @@ class Curve(Protocol):
 
     @property
     def segments(self) -> Sequence[Any]:
-        """At least one, with their lengths, knots and curvatures."""
+        """The curvature segments, at least one, with their lengths, knots and curvatures."""
 
     @property
     def boundaries(self) -> FloatArray:
@@ -91,19 +91,19 @@ class Curve(Protocol):
         """Total length L [m]."""
 
     def positions_at(self, arc: FloatArray) -> FloatArray:
-        """Return the positions at increasing arc lengths in [0, L], shape (m,) to (m, d) [m]."""
+        """Return the positions at increasing arc lengths in [0, L], shape (m,), as shape (m, d) [m]."""
 
     def mean_directions(self, links: int) -> FloatArray:
-        """Return the mean direction over each of ``links`` equal lengths, shape (links, d)."""
+        """Return the mean direction over each of ``links`` equal arc lengths, shape (links, d)."""
 
 
 @dataclass(frozen=True)
 class Configuration:
-    """Curvature segments end to end; position and heading are continuous across them.
+    """Curvature segments joined end to end in the plane, with continuous position and heading.
 
     Attributes:
         base: position of the base, shape (2,) [m].
-        segments: at least one; each starts at the heading where the one before ends.
+        segments: at least one segment; each starts at the heading at which the previous one ends.
     """
 
     base: FloatArray
@@ -118,14 +118,14 @@ class Configuration:
         curvatures: Sequence[FloatArray],
         knots: Sequence[Knots] | None = None,
     ) -> "Configuration":
-        """Join segments end to end from a base pose; the headings follow.
+        """Join segments end to end from a base pose and return the curve; the headings follow.
 
         Args:
-            base: shape (2,) [m].
-            heading: at the base [rad].
-            lengths: of the segments [m].
-            curvatures: five values a segment [1/m].
-            knots: three a segment; even knots when None.
+            base: position of the base, shape (2,) [m].
+            heading: heading at the base [rad].
+            lengths: segment lengths [m].
+            curvatures: five values per segment [1/m].
+            knots: three inner knots per segment; evenly spaced if None.
         """
         segments: list[CurvatureSegment] = []
         for k, (length, curvature) in enumerate(zip(lengths, curvatures, strict=True)):
@@ -164,7 +164,7 @@ class Configuration:
 
     @cached_property
     def _turns(self) -> PPoly:
-        """∫ κ from the base on [rad]."""
+        """Turn from the base, ∫ κ ds, over arc length [rad]."""
         return self.spline.antiderivative()
 
     def curvature_at(self, arc: FloatArray) -> FloatArray:
@@ -184,7 +184,7 @@ class Configuration:
         return np.asarray(self.base_heading * arc + self._turns.antiderivative()(arc))
 
     def mean_headings(self, links: int) -> FloatArray:
-        """Return the mean heading over each of ``links`` equal lengths, shape (links,) [rad]; exact."""
+        """Return the mean heading over each of ``links`` equal arc lengths, shape (links,) [rad]; exact."""
         edges = np.linspace(0.0, self.length, links + 1)
         means: FloatArray = np.diff(self.heading_integral_at(edges)) * (links / self.length)
         return means
@@ -215,12 +215,12 @@ class SpaceSegment(NamedTuple):
 
 @dataclass(frozen=True)
 class SpaceConfiguration:
-    """Curvature segments end to end in space; place and frame are continuous across them.
+    """Curvature segments joined end to end in space, with continuous position and frame.
 
     Attributes:
         base: position of the base, shape (3,) [m].
         base_frame: (t, n1, n2) at the base as columns, a rotation, shape (3, 3).
-        turns: curves of the plane with one of both curvatures each; their headings are its turns ∫ κ ds.
+        turns: two planar curves, one for each curvature; their headings are the turns ∫ κ ds.
     """
 
     base: FloatArray
@@ -240,17 +240,17 @@ class SpaceConfiguration:
         curvatures: Sequence[FloatArray],
         knots: Sequence[Knots] | None = None,
     ) -> "SpaceConfiguration":
-        """Join segments end to end from a base frame.
+        """Join segments end to end from a base frame and return the curve.
 
         Args:
-            base: shape (3,) [m].
+            base: position of the base, shape (3,) [m].
             frame: (t, n1, n2) at the base as columns, shape (3, 3).
-            lengths: of the segments [m].
-            curvatures: five pairs a segment, each of shape (5, 2) [1/m].
-            knots: three a segment; even knots when None.
+            lengths: segment lengths [m].
+            curvatures: five pairs (κ1, κ2) per segment, each array of shape (5, 2) [1/m].
+            knots: three inner knots per segment; evenly spaced if None.
 
         Raises:
-            ValueError: what is given makes no segments.
+            ValueError: the arguments do not make valid segments.
         """
         for curvature in curvatures:
             if np.shape(curvature) != (5, 2):
@@ -281,11 +281,11 @@ class SpaceConfiguration:
         return self.turns[0].length
 
     def curvature_at(self, arc: FloatArray) -> FloatArray:
-        """Return the κ1 and κ2 at arc lengths in [0, L], shape (...) to (..., 2) [1/m]."""
+        """Return κ1 and κ2 at arc lengths in [0, L], shape (...), as shape (..., 2) [1/m]."""
         return np.stack([turn.curvature_at(arc) for turn in self.turns], axis=-1)
 
     def sample_frames(self, arc: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the frames and positions at increasing arc lengths in [0, L], of shape (m,) [m].
+        """Return the frames and positions at increasing arc lengths in [0, L], shape (m,) [m].
 
         Returns:
             Rotations with columns t, n1, n2, shape (m, 3, 3), and positions, shape (m, 3) [m].
@@ -294,7 +294,7 @@ class SpaceConfiguration:
         half = 0.5 * np.diff(edges)
         curvature = self.curvature_at(edges[:-1, None] + half[:, None] * (_MAGNUS_NODES + 1.0))
         twists = np.zeros((*curvature.shape[:-1], 6))
-        # κ1 turns t towards n1, that is about n2; κ2 turns t towards n2, that is about −n1. The frame goes along t.
+        # κ1 turns t towards n1, that is about n2; κ2 turns t towards n2, that is about −n1. The frame advances along t.
         twists[..., 1] = -curvature[..., 1]
         twists[..., 2] = curvature[..., 0]
         twists[..., 3] = 1.0
@@ -303,10 +303,10 @@ class SpaceConfiguration:
         return frames[at], self.base + places[at]
 
     def _steps(self, edges: FloatArray) -> FloatArray:
-        """Arc lengths so near to each other, the edges among them, that the curve hardly turns between two."""
+        """Return arc lengths, including the edges, between which the curve turns very little."""
         probes = np.linspace(edges[:-1], edges[1:], _PROBES)
         sharpest = np.linalg.norm(self.curvature_at(probes), axis=-1).max(axis=0)
-        # Where the curve is nearly straight its curvature may still change much on the way.
+        # A nearly straight curve may still change its curvature a lot over a long step.
         shortest = min(segment.length for segment in self.turns[0].segments)
         per_step = np.maximum(sharpest / MOST_TURN, LEAST_STEPS / shortest)
         return _parted(edges, np.maximum(1, np.ceil(np.diff(edges) * per_step)).astype(np.intp))
@@ -316,9 +316,9 @@ class SpaceConfiguration:
         return self.sample_frames(arc)[1]
 
     def mean_directions(self, links: int) -> FloatArray:
-        """Return the mean direction over each of ``links`` equal lengths, shape (links, 3).
+        """Return the mean direction over each of ``links`` equal arc lengths, shape (links, 3).
 
-        The mean is that of the turns from the frame in the middle: in the plane that of the headings.
+        Turns are averaged relative to the frame at the middle of each length; in the plane this gives the mean heading.
         """
         length = self.length / links
         middles = length * (np.arange(links) + 0.5)

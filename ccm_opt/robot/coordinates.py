@@ -1,15 +1,15 @@
 """Joint coordinates of an arm: names, units, drives, revolutes and their limits.
 
-A configuration q of an arm is one row of numbers: first the coordinates that bend its joints, then those that carry
-its base. What plans, times, simulates and verifies handles the rows as they come and asks this layout, or the arm, for
-what they mean. An arm whose base is fixed has no coordinates of the second kind; the arrays of them are then of shape
-(…, 0), so that sums over them are zero and loops over them do nothing.
+A configuration q of an arm is one row of numbers: first the coordinates that bend its joints, then those that carry its
+base. Planning, timing, simulation and verification pass these rows around and ask this layout, or the arm, what they
+mean. An arm with a fixed base has no coordinates of the second kind; their arrays then have shape (…, 0), so that sums
+over them are zero and loops over them do nothing.
 
-Plans use a share σ of the limits on velocities, accelerations, jerks and efforts, so that the controller has something
-left. Efforts have a part that no timing changes, what holds the arm still under gravity. With h that part as a share of
-its limit, an effort of a plan may take max(σ, h + ½ σ (1 − h)) of the limit: σ as a rule, and where gravity alone takes
-so much that hardly any of σ would be left for moving, half of the usual share of what gravity leaves. So an arm that
-can be held still can be moved, whatever σ is; and σ = 1 means the limits themselves.
+Plans use a share σ of the limits on velocities, accelerations, jerks and efforts, to leave a reserve for the
+controller. Part of an effort does not depend on timing: the effort that holds the arm still under gravity. Let h be
+that part as a share of its limit. A planned effort may then take max(σ, h + ½ σ (1 − h)) of the limit: normally σ; and
+where gravity alone takes so much that hardly any of σ is left for moving, half of the usual share of what gravity
+leaves. So an arm that can be held still can be moved, whatever σ is; and σ = 1 means the limits themselves.
 """
 
 from dataclasses import dataclass
@@ -25,18 +25,18 @@ FEED = "feed"
 
 @dataclass(frozen=True)
 class Coordinates:
-    """The layout of an arm's coordinates.
+    """The layout of an arm's configuration: what each coordinate is and which drive moves it.
 
     Attributes:
-        names: of every coordinate, for messages.
-        units: of every coordinate, "rad" or "m".
-        joints: how many of them, the first, bend joints; those that follow carry the base.
-        drives: number of the drive that moves each coordinate. The revolutes are counted first, ball by ball, and the
-            axes that carry the base after them.
+        names: name of each coordinate, for messages.
+        units: unit of each coordinate, "rad" or "m".
+        joints: number of coordinates that bend joints; these come first, and the others carry the base.
+        drives: index of the drive that moves each coordinate. Revolutes are counted first, ball by ball, then the axes
+            that carry the base.
         revolutes: number of revolutes.
-        bends_a_joint: how many coordinates in a row bend the same joint: 1 in the plane, 2 in space.
-        sense: 1 where a bend is the angle of its revolute, -1 where it is minus that, as in the plane: its bends are
-            counter-clockwise in (x, y), which is world x-z, and the revolutes turn about +y.
+        bends_a_joint: number of consecutive coordinates that bend the same joint: 1 in the plane, 2 in space.
+        sense: 1 if a bend equals the angle of its revolute, -1 if it is its negative, as in the plane: there bends are
+            counter-clockwise in (x, y), which is world x-z, while the revolutes turn about +y.
     """
 
     names: tuple[str, ...]
@@ -52,33 +52,33 @@ class Coordinates:
 
     @property
     def bends(self) -> slice:
-        """Where the coordinates stand that bend joints."""
+        """Slice of the coordinates that bend joints."""
         return slice(0, self.joints)
 
     @property
     def base(self) -> slice:
-        """Where the coordinates stand that carry the base."""
+        """Slice of the coordinates that carry the base."""
         return slice(self.joints, len(self.names))
 
     @property
     def base_names(self) -> tuple[str, ...]:
-        """Names of the coordinates that carry the base; none when it is fixed."""
+        """Names of the coordinates that carry the base; empty if the base is fixed."""
         return self.names[self.base]
 
     @property
     def drive_numbers(self) -> IntArray:
-        """Number of the drive of every coordinate, shape (c,)."""
+        """Index of the drive of each coordinate, shape (c,)."""
         return np.array(self.drives, dtype=np.intp)
 
     @property
     def drive_count(self) -> int:
-        """Number of drives: of all revolutes, and of the axes that carry the base."""
+        """Number of drives: all revolutes, and the axes that carry the base."""
         return self.revolutes + len(self.base_names)
 
     def advance(self, q: FloatArray) -> FloatArray:
-        """Return how far the base is carried along the base heading, shape (...) [m]; 0 when it is fixed.
+        """Return the displacement of the base along the base heading, shape (...) [m]; 0 if the base is fixed.
 
-        The map is linear, so it serves velocities and accelerations too.
+        The map is linear, so it also applies to velocities and accelerations.
 
         Args:
             q: configurations, shape (..., c).
@@ -86,13 +86,13 @@ class Coordinates:
         return np.asarray(np.sum(q[..., self.base], axis=-1))
 
     def travel(self, change: FloatArray, link_length: float) -> FloatArray:
-        """Bound on how far any point of the arm moves when its coordinates change, shape (...) [m].
+        """Return a bound on how far any point of the arm moves for a change of coordinates, shape (...) [m].
 
-        A link that turns moves what is beyond it by at most its length times its turn. In the plane that is the sum of
-        the bends up to it; in space bends are about different axes, and what turns back need not be undone.
+        A link that turns moves everything beyond it by at most its length times its turn. In the plane that turn is the
+        sum of the bends up to the link; in space bends are about different axes, so opposite bends need not cancel.
 
         Args:
-            change: of the coordinates, shape (..., c) [rad, m].
+            change: change of the coordinates, shape (..., c) [rad, m].
             link_length: l [m].
         """
         bends = change[..., self.bends]
@@ -106,9 +106,8 @@ class Coordinates:
 def joint_coordinates(links: int, bends_a_joint: int = 1, axes: tuple[str, ...] = ()) -> Coordinates:
     """Return the coordinates of an arm: the bends of its joints, then the axes that carry its base.
 
-    Of the three revolutes of ball i, numbers 3 i to 3 i + 2 in the order of ``joint_names``, the bend of the plane is
-    the second, turned the other way, and the bends a and b of space are the first and the second. The others stay at
-    zero.
+    Ball i has the revolutes 3 i to 3 i + 2, in the order of ``joint_names``. The planar bend is the second of them with
+    opposite sign; the bends a and b in space are the first and the second. The others stay at zero.
 
     Args:
         links: number of links.
@@ -132,12 +131,12 @@ def joint_coordinates(links: int, bends_a_joint: int = 1, axes: tuple[str, ...] 
 
 @dataclass(frozen=True)
 class PointLimit:
-    """Bounds on how a point of the arm moves.
+    """Bounds on the motion of a point of the arm.
 
     Attributes:
         at: arc length along the arm from its base [m]; None for the tip.
-        velocity: greatest speed [m/s], inf where it is not limited.
-        acceleration: greatest acceleration, in any direction [m/s²], inf where it is not limited.
+        velocity: greatest speed [m/s]; inf if it is not limited.
+        acceleration: greatest acceleration in any direction [m/s²]; inf if it is not limited.
     """
 
     at: float | None = None
@@ -146,24 +145,24 @@ class PointLimit:
 
     @property
     def name(self) -> str:
-        """What the point is called in messages."""
+        """Name of the point in messages."""
         return "tip" if self.at is None else f"point at {self.at:g} m"
 
 
 @dataclass(frozen=True)
 class Limits:
-    """Bounds on every revolute joint; each array has shape (3 * links,), the three revolutes of a ball in a row.
+    """Bounds on every revolute; each array has shape (3 * links,), with the three revolutes of a ball in a row.
 
     Attributes:
-        velocity: [rad/s].
-        acceleration: [rad/s²].
-        torque: [N m], or None when torque is not limited.
-        feed_velocity: of the feed axis [m/s], or None when there is none.
-        feed_acceleration: of the feed axis [m/s²], or None when there is none.
-        feed_force: of the feed axis [N], or None when it is not limited.
-        jerk: [rad/s³], or None when jerk is not limited.
-        feed_jerk: of the feed axis [m/s³], or None when it is not limited.
-        points: of points of the arm, such as its tip.
+        velocity: greatest velocities of the revolutes [rad/s].
+        acceleration: greatest accelerations of the revolutes [rad/s²].
+        torque: greatest torques of the revolutes [N m], or None if torque is not limited.
+        feed_velocity: greatest velocity of the feed axis [m/s], or None if there is no feed axis.
+        feed_acceleration: greatest acceleration of the feed axis [m/s²], or None if there is no feed axis.
+        feed_force: greatest force of the feed axis [N], or None if it is not limited.
+        jerk: greatest jerks of the revolutes [rad/s³], or None if jerk is not limited.
+        feed_jerk: greatest jerk of the feed axis [m/s³], or None if it is not limited.
+        points: limits of points of the arm, such as its tip.
     """
 
     velocity: FloatArray
@@ -177,7 +176,7 @@ class Limits:
     points: tuple[PointLimit, ...] = ()
 
     def of_drives(self, coordinates: Coordinates) -> "DriveLimits":
-        """Return the limits of every drive of an arm, drive by drive."""
+        """Return the limits of every drive of an arm, in the order of the drives."""
         axes = len(coordinates.base_names)
 
         def both(of_revolutes: FloatArray | None, of_axes: float | None) -> FloatArray:
@@ -192,19 +191,19 @@ class Limits:
         )
 
     def of_coordinates(self, coordinates: Coordinates) -> "DriveLimits":
-        """Return the limits of the drives that move an arm's coordinates, one for each coordinate."""
+        """Return the limits of the drives that move an arm's coordinates, one per coordinate."""
         return self.of_drives(coordinates).of(coordinates.drive_numbers)
 
 
 def planned_share(holding: FloatArray, share: float) -> FloatArray:
-    """Share of its limit that an effort of a plan may take: see the module's docstring.
+    """Return the share of its limit that a planned effort may take; see the module's docstring.
 
     Args:
-        holding: share of the limit that holds the arm still at that place, of either sign.
-        share: σ, what plans use as a rule.
+        holding: share of the limit, of either sign, that holds the arm still at that place.
+        share: σ, the share that plans normally use.
 
     Returns:
-        Of the shape of ``holding``, at most 1; above its magnitude wherever that is below 1.
+        Shares of the shape of ``holding``, at most 1, and above its magnitude wherever that is below 1.
     """
     held = np.minimum(np.abs(holding), 1.0)
     return np.asarray(np.maximum(share, held + 0.5 * share * (1.0 - held)))
@@ -212,13 +211,13 @@ def planned_share(holding: FloatArray, share: float) -> FloatArray:
 
 @dataclass(frozen=True)
 class DriveLimits:
-    """The limits of some drives in a row, ∞ where there is none; units of a revolute, and of an axis of the base.
+    """Limits of a row of drives, in the units of revolutes and of base axes; ∞ where there is no limit.
 
     Attributes:
-        velocity: shape (n,) [rad/s, m/s].
-        acceleration: shape (n,) [rad/s², m/s²].
-        jerk: shape (n,) [rad/s³, m/s³].
-        effort: shape (n,) [N m, N].
+        velocity: greatest velocities, shape (n,) [rad/s, m/s].
+        acceleration: greatest accelerations, shape (n,) [rad/s², m/s²].
+        jerk: greatest jerks, shape (n,) [rad/s³, m/s³].
+        effort: greatest efforts, shape (n,) [N m, N].
     """
 
     velocity: FloatArray
@@ -227,12 +226,12 @@ class DriveLimits:
     effort: FloatArray
 
     def rates_within(self, share: float) -> "DriveLimits":
-        """Return the same with a share of the limits on velocities, accelerations and jerks.
+        """Return these limits with velocities, accelerations and jerks scaled by a share.
 
         Efforts are not changed.
         """
         return DriveLimits(share * self.velocity, share * self.acceleration, share * self.jerk, self.effort)
 
     def of(self, drives: IntArray) -> "DriveLimits":
-        """Return the limits of drives of given numbers."""
+        """Return the limits of the drives with the given indices."""
         return DriveLimits(self.velocity[drives], self.acceleration[drives], self.jerk[drives], self.effort[drives])

@@ -1,8 +1,9 @@
-"""Decomposition of a configuration (section 2.2): add, delete, divide, merge, and move a boundary.
+"""Decomposition of a configuration (section 2.2): add, delete, divide and merge segments, and move a boundary.
 
-None of them moves the curve. Its curvature is a piecewise cubic over arc length; a segment holds up to four of the
-pieces, exactly, when they join with continuous second derivatives. So a part of a divided segment keeps the knots that
-lie in it, gets idle ones to make up three, and takes the second derivatives at its ends along.
+Dividing, merging and moving a boundary leave the curve as it is. Its curvature is a piecewise cubic over arc length; a
+segment holds up to four of the pieces exactly if they join with continuous second derivatives. So a part of a divided
+segment keeps the knots that lie in it, is given idle knots to make up three, and keeps the second derivatives at its
+ends.
 """
 
 from collections.abc import Sequence
@@ -17,11 +18,11 @@ from ccm_opt.robot.configuration import Configuration
 from ccm_opt.robot.segment import PIECES, POWERS, CurvatureSegment, Knots
 
 _FIT_SAMPLES = 65
-"""Headings that a least-squares fit of one segment looks at. Taste: thirteen for each value that it finds."""
+"""Number of headings used in the least-squares fit of one segment. Taste: thirteen per value to be found."""
 
 
 def add_segment(configuration: Configuration, segment: CurvatureSegment) -> Configuration:
-    """Return the configuration with a segment more at its tip; the new one goes on along the tip's heading."""
+    """Return the configuration with one more segment at its tip, which continues from the tip's heading."""
     heading = configuration.segments[-1].end_heading
     return Configuration(configuration.base, (*configuration.segments, replace(segment, heading=heading)))
 
@@ -30,7 +31,7 @@ def delete_segment(configuration: Configuration) -> Configuration:
     """Return the configuration without its tip segment.
 
     Raises:
-        ProblemError: it has one segment only.
+        ProblemError: the configuration has only one segment.
     """
     if len(configuration.segments) == 1:
         raise ProblemError("a configuration has at least one segment; got one, expected two or more to delete from")
@@ -42,8 +43,8 @@ def divide_segment(configuration: Configuration, index: int, at: float) -> Confi
 
     Args:
         configuration: the curve.
-        index: of the segment.
-        at: where to divide it, as a share of its length, in (0, 1).
+        index: index of the segment to divide.
+        at: where to divide the segment, as a share of its length in (0, 1).
 
     Raises:
         ProblemError: the place is not inside the segment.
@@ -57,15 +58,16 @@ def divide_segment(configuration: Configuration, index: int, at: float) -> Confi
 
 
 def merge_segments(configuration: Configuration, index: int, tolerance: float = 1e-9) -> Configuration:
-    """Return the same curve with two neighbours merged.
+    """Return the same curve with two neighbouring segments merged.
 
-    Two segments have up to seven inner knots, one has three. Where the knots that count are three or fewer, as after a
-    division, the curve does not move at all; else the headings are fitted by least squares, both ends exact.
+    Two segments have up to seven inner knots between them, one has three. If at most three of these knots matter, as
+    after a division, the curve does not move at all; else the headings are fitted by least squares with the headings at
+    both ends exact.
 
     Args:
         configuration: the curve.
-        index: of the first of the two.
-        tolerance: how far the heading may move [rad].
+        index: index of the first of the two segments.
+        tolerance: allowed change of the heading [rad].
 
     Raises:
         ProblemError: one segment cannot follow the two within the tolerance.
@@ -80,13 +82,15 @@ def move_boundary(
     length: float,
     tolerance: float = 1e-9,
 ) -> Configuration:
-    """Return the same curve with the boundary between two neighbours elsewhere: one becomes longer, the other shorter.
+    """Return the same curve with the boundary between two neighbouring segments moved.
+
+    One segment becomes longer, the other shorter.
 
     Args:
         configuration: the curve.
-        index: of the first of the two.
-        length: the first will have [m].
-        tolerance: how far the heading may move [rad].
+        index: index of the first of the two segments.
+        length: new length of the first segment [m].
+        tolerance: allowed change of the heading [rad].
 
     Raises:
         ProblemError: nothing is left of one of the two, or a segment cannot follow its part within the tolerance.
@@ -107,20 +111,20 @@ def segment_head(segment: CurvatureSegment, length: float) -> CurvatureSegment:
 
 
 def segment_tail(segment: CurvatureSegment, length: float) -> CurvatureSegment:
-    """Return what follows the first ``length`` metres of a segment, exactly."""
+    """Return the rest of a segment after its first ``length`` metres, exactly."""
     return _Stretch.from_segments((segment,)).part(length, segment.length).segment()
 
 
 def interpolate(first: Configuration, last: Configuration, share: float) -> Configuration:
-    """Return the configuration between two: base heading and curvature at every arc length are interpolated linearly.
+    """Return the configuration between two, with linearly interpolated base heading and curvature.
 
     Args:
-        first: a curve.
-        last: another from the same base and of the same length.
+        first: the curve at share 0.
+        last: the curve at share 1, with the same base and length.
         share: 0 gives the first curve, 1 the last.
 
     Returns:
-        A curve with boundaries at those of both; the last configuration itself at 1.
+        A curve with the segment boundaries of both; ``last`` itself at share 1.
     """
     if share >= 1.0:
         return last
@@ -145,12 +149,12 @@ def _joined(configuration: Configuration, index: int) -> "_Stretch":
 def _replaced(
     configuration: Configuration, first: int, end: int, segments: Sequence[CurvatureSegment]
 ) -> Configuration:
-    """Return the configuration with some of its segments replaced by others that end in the same heading."""
+    """Return the configuration with some segments replaced by others that end at the same heading."""
     return replace(configuration, segments=(*configuration.segments[:first], *segments, *configuration.segments[end:]))
 
 
 def _merged(values: FloatArray, length: float) -> FloatArray:
-    """Return the sorted values without repetition up to rounding."""
+    """Return the values sorted, with duplicates (up to rounding) removed."""
     values = np.sort(values)
     distinct: FloatArray = values[np.append(True, np.diff(values) > ROUNDING * length)]
     return distinct
@@ -158,12 +162,12 @@ def _merged(values: FloatArray, length: float) -> FloatArray:
 
 @dataclass(frozen=True)
 class _Stretch:
-    """A piece of curve as a piecewise cubic of curvature.
+    """A part of a curve whose curvature is a piecewise cubic.
 
     Attributes:
-        heading: at its start [rad].
-        breaks: increasing, the first is 0, shape (m + 1,) [m].
-        coefficients: in powers of the offset from each break, shape (m, 4).
+        heading: heading at the start [rad].
+        breaks: increasing arc lengths between the pieces, the first is 0, shape (m + 1,) [m].
+        coefficients: curvature coefficients in powers of the offset from each break, shape (m, 4).
     """
 
     heading: float
@@ -172,7 +176,7 @@ class _Stretch:
 
     @classmethod
     def from_segments(cls, segments: Sequence[CurvatureSegment]) -> "_Stretch":
-        """Return the stretch of segments end to end."""
+        """Return the stretch that consists of segments joined end to end."""
         ends = np.concatenate(([0.0], np.cumsum([s.length for s in segments])))
         breaks = [start + s.breakpoints[:-1] for start, s in zip(ends[:-1], segments, strict=True)]
         coefficients = np.concatenate([s.coefficients for s in segments])
@@ -191,7 +195,7 @@ class _Stretch:
     def part(self, first: float, last: float) -> "_Stretch":
         """Return the part between two arc lengths."""
         inside = self.breaks[(self.breaks > first) & (self.breaks < last)]
-        # Breaks at the very ends would make pieces of no length.
+        # Breaks right at the ends would make pieces of zero length.
         margin = 1e-12 * self.length
         inside = inside[(inside > first + margin) & (inside < last - margin)]
         breaks = np.concatenate(([first], inside, [last]))
@@ -203,7 +207,10 @@ class _Stretch:
         return float(self.heading + turns.sum())
 
     def _jumps(self) -> FloatArray:
-        """At every inner break: jumps of C, C', C'' and C''', made comparable, shape (m - 1, 4) [1/m]."""
+        """Return the jumps of C, C', C'' and C''' at every inner break, shape (m - 1, 4) [1/m].
+
+        Derivatives are scaled by powers of the length, so that all are comparable.
+        """
         widths = np.diff(self.breaks)
         powers = np.arange(PIECES)
         ends = self.on(self.breaks)
@@ -213,10 +220,10 @@ class _Stretch:
         return jumps
 
     def segment(self) -> CurvatureSegment:
-        """Return the stretch as one segment, exactly; it has at most four pieces that join smoothly.
+        """Return the stretch as one segment, exactly; it must have at most four pieces that join smoothly.
 
         Raises:
-            ProblemError: it has more.
+            ProblemError: the stretch does not fit into one segment.
         """
         found = self._exact()
         if found is None:
@@ -224,17 +231,17 @@ class _Stretch:
         return found
 
     def _exact(self) -> CurvatureSegment | None:
-        """Return the stretch as one segment where that changes nothing, else None."""
+        """Return the stretch as one segment if that leaves the curve unchanged, else None."""
         jumps = self._jumps()
         scale = ROUNDING * max(1.0 / self.length, float(np.abs(self.coefficients[:, 0]).max()))
         too_many = len(self.breaks) > PIECES + 1
         if too_many:
-            scale *= 1.0 + 1e3  # differences of merged parts carry more rounding
+            scale *= 1.0 + 1e3  # differences between merged parts carry more rounding error
         if np.any(jumps[:, :3] > 1e3 * scale):
             return None
         knots = self.breaks[1:-1]
         if too_many:
-            knots = knots[jumps[:, 3] > scale]  # a break where no derivative jumps is no knot
+            knots = knots[jumps[:, 3] > scale]  # a break at which no derivative jumps is not a knot
         if len(knots) > PIECES - 1:
             return None
         breaks = _with_idle(np.concatenate(([0.0], knots, [self.length])))
@@ -242,28 +249,31 @@ class _Stretch:
 
     def _on_knots(self, breaks: FloatArray) -> CurvatureSegment:
         c = self.on(breaks)
-        # The last knot is the end of the last piece, which no break begins.
+        # The last knot is the end of the last piece; no break starts there.
         end = _about(self.coefficients[-1:], np.diff(self.breaks[-2:]))[0]
         moments = (2.0 * float(c[0, 2]), 2.0 * float(end[2]))
         values = np.append(c[:, 0], end[0])
         return CurvatureSegment(self.length, self.heading, values, _knots(breaks / self.length), moments)
 
     def segments(self, inner: FloatArray) -> tuple[CurvatureSegment, ...]:
-        """The stretch as segments with boundaries at given arc lengths, and at more where four pieces are too few."""
+        """Return the stretch as segments with boundaries at the given arc lengths.
+
+        Parts of more than four pieces get further boundaries.
+        """
         bounds = _merged(np.concatenate(([0.0], inner, [self.length])), self.length)
         made: list[CurvatureSegment] = []
         for first, last in pairwise(bounds):
             part = self.part(float(first), float(last))
-            # A segment holds four pieces: a part of more is cut after every fourth.
+            # A segment holds four pieces: a part with more is cut after every fourth.
             cuts = np.append(part.breaks[:-1:PIECES], part.length)
             made.extend(part.part(float(a), float(b)).segment() for a, b in pairwise(cuts))
         return tuple(made)
 
     def fitted(self, tolerance: float) -> CurvatureSegment:
-        """Return one segment for the stretch: exact where that is possible, else the least-squares fit of its headings.
+        """Return one segment for the stretch: exact if possible, else the least-squares fit of its headings.
 
         Raises:
-            ProblemError: the fit leaves the headings by more than the tolerance.
+            ProblemError: the headings of the fit are off by more than the tolerance.
         """
         exact = self._exact()
         if exact is not None:
@@ -277,13 +287,16 @@ class _Stretch:
         return fit
 
     def _fit(self, samples: int) -> tuple[CurvatureSegment, float]:
-        """Return the natural spline with even knots whose headings come nearest; the last heading is met exactly."""
+        """Return the natural spline with even knots that best fits the headings, and its greatest error [rad].
+
+        The last heading is exact.
+        """
         arc = np.linspace(0.0, self.length, samples)
         wanted = np.array([self._heading_at(float(s)) for s in arc]) - self.heading
         basis = np.stack(
             [CurvatureSegment(self.length, 0.0, unit).heading_at(arc) for unit in np.eye(PIECES + 1)], axis=1
         )
-        # The last row holds the end heading exactly; its multiplier is dropped with [:-1].
+        # The last row makes the end heading exact; its multiplier is dropped with [:-1].
         normal = np.block([[basis.T @ basis, basis[-1:].T], [basis[-1:], np.zeros((1, 1))]])
         values = np.linalg.solve(normal, np.append(basis.T @ wanted, wanted[-1]))[:-1]
         error = float(np.abs(basis @ values - wanted).max())
@@ -291,14 +304,17 @@ class _Stretch:
 
 
 def _about(c: FloatArray, t: FloatArray) -> FloatArray:
-    """Coefficients of cubics, shape (m, 4), in powers of the offset from other places, their old offsets t (m,)."""
+    """Return cubics, coefficients of shape (m, 4), expanded about shifted origins.
+
+    The new origins lie at the old offsets ``t``, shape (m,).
+    """
     value = c[:, 0] + t * (c[:, 1] + t * (c[:, 2] + t * c[:, 3]))
     slope = c[:, 1] + t * (2.0 * c[:, 2] + 3.0 * t * c[:, 3])
     return np.stack((value, slope, c[:, 2] + 3.0 * t * c[:, 3], c[:, 3]), axis=1)
 
 
 def _with_idle(breaks: FloatArray) -> FloatArray:
-    """Return the breaks filled up to five: the widest gap is halved again and again."""
+    """Return the breaks filled up to five by repeatedly halving the widest gap."""
     while len(breaks) < PIECES + 1:
         k = int(np.argmax(np.diff(breaks)))
         breaks = np.insert(breaks, k + 1, 0.5 * (breaks[k] + breaks[k + 1]))

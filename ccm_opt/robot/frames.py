@@ -1,10 +1,10 @@
-"""Frames of the ball joints in 3-D: three revolutes a ball, standard Denavit–Hartenberg rows (section 5.2, Figure 6).
+"""Frames of the ball joints in 3-D: three revolutes per ball, standard Denavit–Hartenberg rows (section 5.2, Figure 6).
 
-An arm in space bends each ball by its first two revolutes, and the third rests at zero. Of an arm in the plane only the
-second turns.
+An arm in space bends each ball by its first two revolutes, and the third stays at zero. A planar arm uses only the
+second.
 
-The plane (x, y) of the planner is world x–z. Turning counter-clockwise from x towards z is a turn of *minus* the same
-angle about world +y. Base position and base heading stand in the fixed base transform, so that zero angles are the
+The plane (x, y) of the planner is world x–z. A counter-clockwise turn from x towards z is a turn by *minus* that angle
+about world +y. The fixed base transform contains the base position and base heading, so that zero angles are the
 straight arm along the base heading. θ2 of every ball is minus its planar bend, for both orders of axes:
 
 - ``zyx`` (yaw, bend, roll): R = Rz(θ1) Ry(θ2) Rx(θ3), singular at |θ2| = 90°.
@@ -39,45 +39,44 @@ class DhRow(NamedTuple):
 
 
 def joint_names(arm: Arm) -> tuple[str, ...]:
-    """Return the names of the revolutes from the base outward, length 3 * links, for example ``ball01_bend``."""
+    """Return the names of the revolutes from the base outwards, 3 * links of them, for example ``ball01_bend``."""
     width = max(2, len(str(arm.links)))
     kinds = REVOLUTE_NAMES[arm.axes]
     return tuple(f"ball{ball:0{width}d}_{kind}" for ball in range(1, arm.links + 1) for kind in kinds)
 
 
 def revolute_angles(arm: Arm, bends: FloatArray) -> FloatArray:
-    """Return the revolute angles of the bends of a pose: in the plane θ2 = −bend (section 5.2), in space θ1 and θ2.
+    """Return the revolute angles for the joint bends of a configuration, shape (..., 3 * links) [rad].
 
-    Others are 0.
+    In the plane θ2 = −bend (section 5.2); in space the bends are θ1 and θ2. All other angles are 0.
 
-    The map is linear, so it serves velocities and accelerations too.
+    The map is linear, so it also applies to velocities and accelerations.
 
     Args:
         arm: the arm.
-        bends: of its joints, in the order of its coordinates, shape (..., links) in the plane and (..., 2 * links) in
-            space [rad].
+        bends: joint bends in coordinate order, shape (..., links) in the plane and (..., 2 * links) in space [rad].
 
     Returns:
         Angles, shape (..., 3 * links) [rad].
     """
     coordinates = arm.coordinates
     angles = np.zeros((*bends.shape[:-1], coordinates.revolutes))
-    # Added to zero, so that a bend of zero gives +0.0 whatever its sense is.
+    # Added to zero so that a zero bend gives +0.0, whatever its sense.
     angles[..., coordinates.drive_numbers[coordinates.bends]] = 0.0 + coordinates.sense * bends
     return angles
 
 
 def bends_from_revolutes(arm: Arm, angles: FloatArray) -> FloatArray:
-    """Return bends of the joints from revolute angles, shape (..., bends) [rad]; the other revolutes are left aside."""
+    """Return the joint bends for revolute angles, shape (..., bends) [rad]; other revolutes are ignored."""
     coordinates = arm.coordinates
     return np.asarray(0.0 + coordinates.sense * angles[..., coordinates.drive_numbers[coordinates.bends]])
 
 
 def dh_table(arm: Arm) -> tuple[DhRow, ...]:
-    """Return the standard DH rows of all revolutes, length 3 * links.
+    """Return the standard DH rows of all revolutes, 3 * links of them.
 
     Under ``zyx`` the third frame of a ball has its y axis along the link, so the yaw of every later ball needs another
-    quarter turn to bring x along the link again.
+    quarter turn to align x with the link again.
     """
     return tuple(row for ball in range(arm.links) for row in _ball_rows(arm, first=ball == 0))
 
@@ -110,7 +109,10 @@ def frame_transforms(arm: Arm, angles: FloatArray) -> FloatArray:
 
 
 def dh_transform(row: DhRow, angle: FloatArray) -> FloatArray:
-    """Transform of one DH row, Rz(θ + offset) Tz(d) Tx(a) Rx(α), shape (..., 4, 4) for angles of shape (...) [rad]."""
+    """Return the transforms Rz(θ + offset) Tz(d) Tx(a) Rx(α) of one DH row, shape (..., 4, 4).
+
+    The angles have shape (...) [rad].
+    """
     c = np.cos(angle + row.offset)
     s = np.sin(angle + row.offset)
     ca = np.cos(row.alpha)
@@ -129,7 +131,7 @@ def joint_positions_3d(arm: Arm, angles: FloatArray, feed: FloatArray | float = 
     Args:
         arm: the arm.
         angles: revolute angles, shape (..., 3 * links) [rad].
-        feed: how far the base is carried along its heading, shape (...) [m].
+        feed: displacement of the base along its heading, shape (...) [m].
     """
     positions = frame_transforms(arm, angles)[..., ::3, :3, 3]
     return positions + np.asarray(feed)[..., None, None] * arm.base_rotation[:, 0]

@@ -1,4 +1,4 @@
-"""Joint angles from joint positions, in the plane and in space."""
+"""Joint angles from joint positions or link directions, in the plane and in space."""
 
 import numpy as np
 
@@ -8,28 +8,28 @@ from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.rigid_motions import bend_rotations
 
 LENGTH_TOLERANCE = 1e-6
-"""Difference allowed between two lengths that should be one, as a share of the length: a curve's length is only known
-to about that accuracy. Taste."""
+"""Allowed difference between two lengths that should be equal, as a share of the length: the length of a curve is known
+only to about that accuracy. Taste."""
 
 
 def ball_angles(arm: Arm, positions: FloatArray, tolerance: float = LENGTH_TOLERANCE) -> FloatArray:
     """Return the revolute angles that place the balls and the tip at given positions, with θ3 = 0.
 
-    In the base frame of its ball a link points along Rz(θ1) Ry(θ2) x̂ = (c1 c2, s1 c2, −s2), for ``zyx`` and ``zyz``
-    alike. Of the two solutions the one with θ1 within ±90° is taken. In the plane it is the paper's own formula,
+    In the base frame of its ball a link points along Rz(θ1) Ry(θ2) x̂ = (c1 c2, s1 c2, −s2), for both ``zyx`` and
+    ``zyz``. Of the two solutions the one with θ1 within ±90° is returned. In the plane this is the paper's own formula,
     θ2 = atan2(−p_z, p_x), θ1 = θ3 = 0 (section 5.2).
 
     Args:
         arm: the arm.
-        positions: of the balls and the tip, shape (..., links + 1, 2) in the plane or (..., links + 1, 3) in the
-            world [m]; the first must be the arm's base, or lie on its feed axis.
-        tolerance: how far the base and the link lengths may be off, as a share of a link.
+        positions: positions of the balls and the tip, shape (..., links + 1, 2) in the plane or (..., links + 1, 3) in
+            the world [m]; the first must be the arm's base, or lie on its feed axis.
+        tolerance: allowed error of the base position and of the link lengths, as a share of a link.
 
     Returns:
         Angles in (−π, π], shape (..., 3 * links) [rad].
 
     Raises:
-        ProblemError: when the shape, the base or a link length does not fit the arm.
+        ProblemError: the shape, the base or a link length does not fit the arm.
     """
     directions, _ = _link_directions(arm, _world_points(arm, positions), tolerance * arm.link_length)
     bends = bends_from_directions(arm, directions)
@@ -38,15 +38,15 @@ def ball_angles(arm: Arm, positions: FloatArray, tolerance: float = LENGTH_TOLER
 
 
 def aim(direction: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the θ1 and θ2 that turn x̂ into a unit direction, shape (..., 3), with |θ1| ≤ 90°."""
+    """Return the angles θ1 and θ2 that turn x̂ to a unit direction, shape (..., 3), with |θ1| ≤ 90°."""
     x, y, z = np.moveaxis(direction, -1, 0)
     side = np.where(x < 0.0, -1.0, 1.0)
-    # A link that points backwards bends by more than 90° instead of turning its yaw round.
+    # A link that points backwards bends by more than 90° rather than swinging its yaw around.
     return np.arctan2(side * y, np.abs(x)), np.arctan2(-z, side * np.hypot(x, y))
 
 
 def _world_points(arm: Arm, positions: FloatArray) -> FloatArray:
-    """Return the positions in the world, shape (..., links + 1, 3); checks the shape."""
+    """Return the positions in world coordinates, shape (..., links + 1, 3), after checking their shape."""
     shape = (arm.links + 1, arm.dimension)
     if positions.ndim < 2 or positions.shape[-2:] not in {shape, (arm.links + 1, 3)}:
         raise ProblemError(
@@ -57,16 +57,16 @@ def _world_points(arm: Arm, positions: FloatArray) -> FloatArray:
 
 
 def _link_directions(arm: Arm, points: FloatArray, tolerance: float) -> tuple[FloatArray, FloatArray]:
-    """Directions of the links in the world, shape (..., links, 3), and how far the base is carried, shape (...) [m].
+    """Return the link directions in the world, shape (..., links, 3), and the feed, shape (...) [m].
 
-    Checks that base and lengths fit the arm to a tolerance [m].
+    Checks that the base and the link lengths fit the arm within a tolerance [m].
     """
     axis = arm.base_rotation[:, 0]
     off = points[..., 0, :] - arm.base_position
-    # A carried base may be anywhere on its axis: only what is off the axis counts.
+    # A carried base may be anywhere on its axis: only the offset from the axis counts.
     carried = np.clip(off @ axis, *arm.base_range)
     offset = float(np.max(np.abs(off - carried[..., None] * axis), initial=0.0))
-    if not offset <= tolerance:  # so written, a NaN is refused too
+    if not offset <= tolerance:  # "not <=" refuses NaN too
         raise ProblemError(f"the first position lies {offset:.3g} m off the arm's base; it must be the base itself")
     steps = np.diff(points, axis=-2)
     lengths = np.linalg.norm(steps, axis=-1)
@@ -81,17 +81,17 @@ def _link_directions(arm: Arm, points: FloatArray, tolerance: float) -> tuple[Fl
 
 
 def bends_from_directions(arm: Arm, directions: FloatArray) -> FloatArray:
-    """Return the bends that let the links point in given directions; the rolls of the links follow.
+    """Return the bends that make the links point in given directions; the rolls of the links follow.
 
-    In the axes of the link before a link points along (cos a cos b, sin a cos b, −sin b). Of the two solutions the one
-    with a within ±90° is taken.
+    In the axes of the previous link, a link points along (cos a cos b, sin a cos b, −sin b). Of the two solutions the
+    one with a within ±90° is returned.
 
     Args:
         arm: the arm.
-        directions: unit vectors, shape (..., links, 3).
+        directions: unit vectors in the world, shape (..., links, 3).
 
     Returns:
-        Shape (..., links, 2) [rad].
+        Bends, shape (..., links, 2) [rad].
     """
     bends = np.zeros((*directions.shape[:-1], 2))
     rotation = np.broadcast_to(arm.base_rotation, (*directions.shape[:-2], 3, 3))
@@ -103,12 +103,13 @@ def bends_from_directions(arm: Arm, directions: FloatArray) -> FloatArray:
 
 
 def configuration_from_positions(arm: Arm, positions: FloatArray, tolerance: float = LENGTH_TOLERANCE) -> FloatArray:
-    """Return the configuration that places joints and tip at given positions, shape (..., c) [rad, m].
+    """Return the configuration with joints and tip at given positions, shape (..., c) [rad, m].
 
     Args:
         arm: the arm.
-        positions: of joints and tip, shape (..., links + 1, 3) [m]; the first is the base, or lies on its feed axis.
-        tolerance: how far the base and the link lengths may be off, as a share of a link.
+        positions: positions of joints and tip, shape (..., links + 1, 3) [m]; the first is the base, or lies on its
+            feed axis.
+        tolerance: allowed error of the base position and of the link lengths, as a share of a link.
 
     Raises:
         ProblemError: the shape, the base or a link length does not fit the arm.

@@ -1,8 +1,8 @@
 """Jacobians of points of the arm in space.
 
-A revolute about the unit vector z through the point o moves a point p at z × (p − o) and turns what is beyond it about
-z (Craig, Introduction to Robotics, section 5.7). In a standard Denavit–Hartenberg table joint j turns about the z axis
-of frame j − 1.
+A revolute about the unit vector z through the point o moves a point p with velocity z × (p − o) and turns everything
+beyond it about z (Craig, Introduction to Robotics, section 5.7). In a standard Denavit–Hartenberg table joint j turns
+about the z axis of frame j − 1.
 """
 
 import numpy as np
@@ -13,14 +13,14 @@ from ccm_opt.robot.frames import frame_transforms
 
 
 def point_jacobians(arm: Arm, angles: FloatArray) -> FloatArray:
-    """Return the Jacobians of the positions of all balls and of the tip.
+    """Return the Jacobians of the positions of all balls and the tip.
 
     Args:
         arm: the arm.
         angles: revolute angles, shape (..., 3 * links) [rad].
 
     Returns:
-        Derivatives by the axes that carry the base, in the first columns, and by the revolutes, shape
+        Derivatives with respect to the axes that carry the base, in the first columns, and then the revolutes, shape
         (..., links + 1, 3, columns) [m].
     """
     axes, origins, points = _axes_and_points(arm, angles)
@@ -28,19 +28,19 @@ def point_jacobians(arm: Arm, angles: FloatArray) -> FloatArray:
     turns = np.cross(np.broadcast_to(axes[..., None, :, :], lever.shape), lever)
     beyond = (
         np.arange(arm.links + 1)[:, None] > np.arange(3 * arm.links) // 3
-    )  # revolutes of ball k move points k + 1 on
+    )  # the revolutes of ball k move points k + 1 onwards
     return _with_base(arm, np.swapaxes(np.where(beyond[..., None], turns, 0.0), -1, -2), moved=1.0)
 
 
 def tip_jacobian(arm: Arm, angles: FloatArray) -> FloatArray:
-    """Return the geometric Jacobian of the tip: its velocity [m] over the angular velocity of the last link.
+    """Return the geometric Jacobian of the tip: linear rows [m] above the angular rows of the last link.
 
     Args:
         arm: the arm.
         angles: revolute angles, shape (..., 3 * links) [rad].
 
     Returns:
-        Shape (..., 6, columns), columns as in ``point_jacobians``.
+        Shape (..., 6, columns), with columns as in ``point_jacobians``.
     """
     axes, origins, points = _axes_and_points(arm, angles)
     linear = np.cross(axes, points[..., -1:, :] - origins)
@@ -49,13 +49,13 @@ def tip_jacobian(arm: Arm, angles: FloatArray) -> FloatArray:
 
 
 def _axes_and_points(arm: Arm, angles: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the axes of the revolutes, points on them, and balls and tip, all in the world."""
+    """Return the axes of the revolutes, a point on each axis, and the balls and the tip, all in the world."""
     frames = frame_transforms(arm, angles)
     return frames[..., :-1, :3, 2], frames[..., :-1, :3, 3], frames[..., ::3, :3, 3]
 
 
 def _with_base(arm: Arm, columns: FloatArray, *, moved: float) -> FloatArray:
-    """Return the same columns after those of the axes that carry the base, if any; all run along the base heading."""
+    """Return the columns preceded by those of the axes that carry the base, all along the base heading."""
     direction = moved * arm.base_rotation[:, 0]
     first = np.broadcast_to(direction[:, None], (*columns.shape[:-1], len(arm.base_axes)))
     return np.concatenate((first, columns), axis=-1)

@@ -1,26 +1,28 @@
-"""Bodies of links, and numbers of the arm."""
+"""Mass and inertia of the links."""
 
 from ccm_opt.core.arrays import FloatArray
 
 DEFAULT_LINK_MASS = 0.1
-"""Mass of a link when nothing else is given [kg]: the paper's swan's neck (section 5)."""
+"""Mass of a link if none is given [kg]: that of the paper's swan neck (section 5)."""
 THIN_ROD_RADIUS = 0.01
-"""Radius, in link lengths, of the cylinders that stand for the links of an arm of zero radius in its inertia."""
+"""Radius, in link lengths, of the cylinders that give the links of a zero-radius arm their inertia."""
 SPACE_ROD_RADIUS = 0.05
-"""Likewise of thinner links in space, whose roll is moved by the bends of the others and held by a drive: with less
+"""Least such radius of links in space, whose roll is moved by the bends of other joints and held by a drive: with less
 inertia about the axis the simulated drive overshoots within a step of a millisecond."""
 
 
 def cylinder_inertia(masses: FloatArray, radius: float, link_length: float) -> tuple[FloatArray, FloatArray]:
-    """Return moments of inertia of solid cylinders about their centres: axial m r² / 2, transverse m (3 r² + l²) / 12.
+    """Return the moments of inertia of solid cylinders about their centres, about the axis and across it.
+
+    Axial m r² / 2, transverse m (3 r² + l²) / 12.
 
     Args:
-        masses: of the links, shape (links,) [kg].
-        radius: of the links [m]; thin rods stand for links without one.
-        link_length: of a link [m].
+        masses: link masses, shape (links,) [kg].
+        radius: radius of the links [m]; links of zero radius are treated as thin rods.
+        link_length: length of a link [m].
 
     Returns:
-        About the links' axes, and across them, each of shape (links,) [kg m²].
+        Axial and transverse moments of inertia, each of shape (links,) [kg m²].
     """
     r = radius or THIN_ROD_RADIUS * link_length
     return masses * r**2 / 2.0, masses * (3.0 * r**2 + link_length**2) / 12.0

@@ -12,26 +12,26 @@ from ccm_opt.robot.inverse_kinematics import LENGTH_TOLERANCE, bends_from_direct
 REGULARISATION = 0.05
 """ε of the least-squares mapping, in units of l²: just enough to keep neighbouring links from zigzagging. Taste."""
 _MOST_STEPS = 60
-"""Newton steps of the least-squares mapping, at most. Taste, ten times what is usual."""
+"""Most Newton steps of the least-squares mapping. Taste: ten times the usual number."""
 _SETTLED = 1e-11
-"""Step of the headings below which it has settled [rad]. Derived: a hundred times rounding."""
+"""Largest heading step at which the least-squares mapping has converged [rad]. Derived: a hundred times rounding."""
 _ROUNDING = 1e-8
-"""Step below which one that is no smaller than the one before is rounding [rad]. Derived: its root."""
+"""Step size below which a step no smaller than the last is rounding [rad]. Derived: the square root of rounding."""
 
 
 def even_joint_directions(points: FloatArray, link_length: float) -> FloatArray:
-    """Return the link directions with every second joint on the curve.
+    """Return the link directions that put every second joint on the curve.
 
-    The odd joint of a pair lies at distance l from both even joints, to the side to which the curve bulges: that of its
-    point half-way between them. In the plane these are the two circles of the paper; where the bulge changes side the
-    mapping jumps.
+    The odd joint of a pair is at distance l from both even joints, on the side to which the curve bulges: the side of
+    the curve point half-way between them. In the plane these are the two circles of the paper; where the bulge changes
+    side the mapping jumps.
 
     Args:
-        points: of the curve at the arc length of every joint, shape (links + 1, d) [m].
+        points: points of the curve at the arc length of every joint, shape (links + 1, d) [m].
         link_length: l [m].
 
     Returns:
-        Shape (links, d).
+        Unit vectors, shape (links, d).
 
     Raises:
         ProblemError: the number of links is odd, or two even joints coincide or are farther apart than two links.
@@ -55,9 +55,9 @@ def even_joint_directions(points: FloatArray, link_length: float) -> FloatArray:
     bulge = points[1::2] - points[:-1:2]
     bulge = bulge - np.sum(bulge * along, axis=1, keepdims=True) * along
     size = np.linalg.norm(bulge, axis=1, keepdims=True)
-    # Where the curve bulges to no side any will do.
+    # If the curve bulges to neither side, any side will do.
     side = np.where(size > 0.0, bulge / np.where(size > 0.0, size, 1.0), _across(along)[:, 0])
-    # Both links of a pair make the same angle with its chord: an isosceles triangle.
+    # Both links of a pair make the same angle with their chord: an isosceles triangle.
     cosine = np.clip(0.5 * chords / link_length, 0.0, 1.0)[:, None]
     lift = np.sqrt(1.0 - cosine**2) * side
     directions = np.stack((cosine * along + lift, cosine * along - lift), axis=1).reshape(links, -1)
@@ -65,18 +65,19 @@ def even_joint_directions(points: FloatArray, link_length: float) -> FloatArray:
 
 
 def least_squares_directions(points: FloatArray, means: FloatArray, link_length: float) -> FloatArray:
-    """Return the link directions d = argmin Σ|P_j − p(s_j)|² + ε Σ angle(d_i, m_i)² subject to the tip being exact.
+    """Return the link directions that fit the joints to the curve in least squares, with an exact tip.
 
-    Gauss–Newton in turns of the links, Newton on the equations of the tip (Nocedal and Wright, Numerical Optimization,
-    chapter 18); each step solves H δ + Jᵀλ = -g, J δ = -c by its Schur complement.
+    They are d = argmin Σ|P_j − p(s_j)|² + ε Σ angle(d_i, m_i)² subject to the exact tip. Gauss–Newton in the turns of
+    the links, Newton on the tip equations (Nocedal and Wright, Numerical Optimization, chapter 18); each step solves H
+    δ + Jᵀλ = -g, J δ = -c by its Schur complement.
 
     Args:
-        points: of the curve at the arc length of every joint, shape (links + 1, d) [m].
-        means: m, mean directions of the curve per link, shape (links, d).
+        points: points of the curve at the arc length of every joint, shape (links + 1, d) [m].
+        means: m, the mean direction of the curve over each link, shape (links, d).
         link_length: l [m].
 
     Raises:
-        ProblemError: the iteration does not settle.
+        ProblemError: the iteration does not converge.
     """
     directions = means.copy()
     before = np.inf
@@ -85,8 +86,8 @@ def least_squares_directions(points: FloatArray, means: FloatArray, link_length:
         size = np.linalg.norm(step, axis=1, keepdims=True)
         directions = np.asarray(np.cos(size) * directions + np.sinc(size / np.pi) * step)
         longest = float(size.max())
-        # The tip of an arm that is nearly straight hardly moves along itself, and rounding there is many times as much
-        # in the turns: what small steps no longer lessen is that.
+        # The tip of a nearly straight arm hardly moves along the arm, so rounding of its position is magnified in the
+        # turns of the links: small steps that no longer shrink are that rounding.
         if longest < _SETTLED or _ROUNDING > longest >= before:
             return directions
         before = longest
@@ -99,13 +100,13 @@ def least_squares_directions(points: FloatArray, means: FloatArray, link_length:
 def _tangent_step(
     points: FloatArray, directions: FloatArray, means: FloatArray, l: float, epsilon: float
 ) -> tuple[FloatArray, float]:
-    """Return changes of the directions, each at right angles to its own, shape (n, d), and the tip's distance [m]."""
+    """Return the changes of the directions, each perpendicular to its own, shape (n, d), and the tip error [m]."""
     n, d = directions.shape
     residual = points[0] + l * np.cumsum(directions, axis=0) - points[1:]
     axes = _across(directions)
     turn = l * axes.reshape(-1, d)
     below = np.repeat(np.arange(n)[::-1], d - 1)[:, None]
-    later = np.minimum(below, below.T).astype(np.float64)  # joints before the tip that both links carry
+    later = np.minimum(below, below.T).astype(np.float64)  # joints short of the tip that both links move
     hessian = (turn @ turn.T) * later + epsilon * np.eye(len(turn))
     inner = residual.copy()
     inner[-1] = 0.0
@@ -120,12 +121,15 @@ def _tangent_step(
 
 
 def _across(directions: FloatArray) -> FloatArray:
-    """Return the unit vectors across directions and each other, shape (n, d) to (n, d - 1, d)."""
+    """Return unit vectors perpendicular to each direction and to each other, shape (n, d) to (n, d - 1, d)."""
     return np.asarray(np.linalg.svd(directions[:, None, :])[2][:, 1:])
 
 
 def _sphere_logarithm(directions: FloatArray, means: FloatArray) -> FloatArray:
-    """The ways on the sphere from directions to their means: as long as the angle, across the direction, (n, d)."""
+    """Return the sphere logarithms from directions to means, shape (n, d).
+
+    Each is perpendicular to its direction and as long as the angle between direction and mean [rad].
+    """
     along = np.sum(directions * means, axis=1, keepdims=True)
     sideways = means - along * directions
     size = np.linalg.norm(sideways, axis=1, keepdims=True)
@@ -134,15 +138,15 @@ def _sphere_logarithm(directions: FloatArray, means: FloatArray) -> FloatArray:
 
 
 def map_curve(arm: Arm, curve: Curve, method: MappingName) -> FloatArray:
-    """Return the bends of the joints with which the arm follows a curve, shape (k links,) [rad].
+    """Return the joint bends with which the arm follows a curve, shape (k links,) [rad].
 
     Every link keeps its length.
 
     Args:
         arm: the jointed arm; it is placed at the base of the curve.
-        curve: as long as the arm.
-        method: ``even-joints`` puts every second joint on the curve (section 5.3), ``least-squares`` brings all joints
-            near their points of the curve with the tip exact.
+        curve: the curve, as long as the arm.
+        method: ``even-joints`` puts every second joint on the curve (section 5.3); ``least-squares`` brings all joints
+            close to their points on the curve with the tip exact.
 
     Raises:
         ProblemError: the lengths differ, or the mapping does not exist for this curve.
@@ -157,21 +161,21 @@ def map_curve(arm: Arm, curve: Curve, method: MappingName) -> FloatArray:
         directions = even_joint_directions(points, arm.link_length)
     else:
         directions = least_squares_directions(points, curve.mean_directions(arm.links), arm.link_length)
-    if isinstance(curve, Configuration):  # of the plane: a heading is that of the curve, whole turns included
+    if isinstance(curve, Configuration):  # in the plane, headings follow the curve, whole turns included
         means = curve.mean_headings(arm.links)
         return arm.bends(means + wrap(vector_headings(directions) - means))
     return bends_from_directions(arm, directions).ravel()
 
 
 def curve_points(curve: Curve, links: int) -> FloatArray:
-    """Return the points of the curve at equal arc lengths, base and tip included, shape (links + 1, d) [m]."""
+    """Return the points of the curve at equal arc lengths, including base and tip, shape (links + 1, d) [m]."""
     return curve.positions_at(np.linspace(0.0, curve.length, links + 1))
 
 
 def shape_error(arm: Arm, curve: Curve, bends: FloatArray) -> float:
-    """Return the greatest distance of a joint from its own point of the curve, max ``|P_j - p(s_j)|`` [m].
+    """Return the greatest distance of a joint from its own point on the curve, max ``|P_j - p(s_j)|`` [m].
 
-    For curvature κ the even-joint mapping gives 0.077 κ l² with the elbow on the bulge side.
+    At curvature κ the even-joint mapping gives 0.077 κ l² with the elbow on the bulge side.
     """
     points = curve_points(curve, arm.links)
     joints = arm.joint_positions_at(arm.configuration(bends, 0.0)) - arm.base + points[0]

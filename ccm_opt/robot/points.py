@@ -1,8 +1,8 @@
-"""Points of an arm by their arc length, of whatever arm can be driven.
+"""Motion of points at fixed arc lengths along an arm, in the plane and in space.
 
-Joint i turns by a about the z axis of the link before and by b about its own y axis, so that with the axes z and y of
-those links, x along a link and a dash for a derivative in time or along a path (Craig, Introduction to Robotics,
-section 5.5):
+Joint i turns by a about the z axis of the previous link and by b about its own y axis. With the axes z and y of those
+links, x along a link and a dash for a derivative in time or along a path (Craig, Introduction to Robotics, section
+5.5):
 
     ω_i = ω_(i−1) + a' z + b' y                α_i = α_(i−1) + a'' z + a' ω_(i−1) × z + b'' y + b' ω_i × y
     x' = ω × x                                 x'' = α × x + ω × (ω × x)
@@ -20,36 +20,42 @@ from ccm_opt.robot.arm import Arm
 
 @dataclass(frozen=True)
 class MovingPoint:
-    """A point at a fixed arc length along the links; derivatives in time and along a path follow the same formulas.
+    """A point at a fixed arc length along the links; the same formulas give time and path derivatives.
 
     Attributes:
         arm: the arm.
-        levers: how much of every link lies between the base and the point, shape (links,) [m].
+        levers: length of each link that lies between the base and the point, shape (links,) [m].
     """
 
     arm: Arm
     levers: FloatArray
 
     def position(self, q: FloatArray) -> FloatArray:
-        """Return where the point is, shape (N, d) [m].
+        """Return the position of the point, shape (N, d) [m].
 
         Args:
-            q: coordinates of the arm, shape (N, c) [rad, m].
+            q: configurations, shape (N, c) [rad, m].
         """
         return self.arm.base + self._carried(q) + self._summed(self.arm.link_rotations(q)[..., 0])
 
     def velocity(self, q: FloatArray, qd: FloatArray) -> FloatArray:
-        """First derivative of the position, shape (N, d), for first derivatives of the coordinates, shape (N, c)."""
+        """Return the first derivative of the position, shape (N, d).
+
+        ``qd`` holds the first derivatives of the coordinates, shape (N, c).
+        """
         axes = self._axes(q)
         omega = np.cumsum(_turning(axes, self._rates(qd)), axis=-2)
         return self._carried(qd) + self._summed(np.cross(omega, axes.along))
 
     def acceleration(self, q: FloatArray, qd: FloatArray, qdd: FloatArray) -> FloatArray:
-        """Return the second derivative of the position, shape (N, d), for both derivatives of the coordinates."""
+        """Return the second derivative of the position, shape (N, d).
+
+        ``qd`` and ``qdd`` hold the first and second derivatives of the coordinates, shape (N, c).
+        """
         axes = self._axes(q)
         rates = self._rates(qd)
         omega = np.cumsum(_turning(axes, rates), axis=-2)
-        # ω of the link before; the base does not turn.
+        # ω of the previous link; the base does not turn.
         before = np.concatenate((np.zeros_like(omega[..., :1, :]), omega[..., :-1, :]), axis=-2)
         carried = rates[..., :1] * np.cross(before, axes.first) + rates[..., 1:] * np.cross(omega, axes.second)
         alpha = np.cumsum(_turning(axes, self._rates(qdd)) + carried, axis=-2)
@@ -57,18 +63,18 @@ class MovingPoint:
         return self._carried(qdd) + self._summed(np.cross(alpha, axes.along) + inward)
 
     def most_jerk(self, q: FloatArray, qd: FloatArray, step: FloatArray) -> FloatArray:
-        """Bound on the third derivative of the position while coordinates are linear in time, shape (N,) [m/s³].
+        """Return a bound on the jerk of the point while coordinates are linear in time, shape (N,) [m/s³].
 
         With bounds S, A and J on |ω|, |α| and |α'| of a link, |x'''| is at most J + 3 A S + S³. The bound on |ω| is its
-        value at the start of the step and what it may change by in its course.
+        value at the start of the step plus its greatest change during the step.
 
         Args:
             q: coordinates at the start of each step, shape (N, c) [rad, m].
-            qd: their rates over the step, shape (N, c).
-            step: its length, shape (N,) [s].
+            qd: rates of the coordinates over the step, shape (N, c).
+            step: duration of each step, shape (N,) [s].
         """
         rates = self._rates(qd)
-        if self.arm.dimension == 2:  # headings turn evenly, wherever they begin
+        if self.arm.dimension == 2:  # headings turn at constant rates, whatever their values
             return np.asarray(np.abs(np.cumsum(rates[..., 1], axis=-1)) ** 3 @ self.levers)
         omega = np.linalg.norm(np.cumsum(_turning(self._axes(q), rates), axis=-2), axis=-1)
         first = np.abs(rates[..., 0])
@@ -80,7 +86,7 @@ class MovingPoint:
         for link in range(self.arm.links):
             a = first[:, link]
             b = second[:, link]
-            # The second axis is carried by the link before and by the first bend.
+            # The second axis is turned by the previous link and by the first bend.
             turning = speed + a
             swing = change + a * speed
             growth = growth + a * (change + speed**2) + b * (swing + turning**2)
@@ -90,7 +96,7 @@ class MovingPoint:
         return jerk
 
     def _rates(self, qd: FloatArray) -> FloatArray:
-        """Return both bends of every joint, shape (N, links, 2); in the plane the first is none."""
+        """Return the rates of both bends of every joint, shape (N, links, 2); in the plane the first is zero."""
         if self.arm.dimension == 3:
             return self.arm.bend_pairs(qd)
         bends = qd[..., : self.arm.links]
@@ -106,11 +112,11 @@ class MovingPoint:
         return _Axes(first, rotations[..., 1], rotations[..., 0])
 
     def _summed(self, of_links: FloatArray) -> FloatArray:
-        """Sum over the links by their levers, shape (N, links, 2 or 3) to (N, d)."""
+        """Return the sum over the links weighted by their levers, shape (N, links, 2 or 3) to (N, d)."""
         return np.asarray(np.einsum("...lk,l->...k", of_links, self.levers)[..., : self.arm.dimension])
 
     def _carried(self, q: FloatArray) -> FloatArray:
-        """Return how far the base is carried, shape (N, d) [m]; linear, so it serves derivatives too."""
+        """Return the displacement of the base, shape (N, d) [m]; linear, so it also gives derivatives."""
         return np.asarray(self.arm.coordinates.advance(q)[..., None] * self.arm.direction)
 
 
@@ -123,15 +129,15 @@ class _Axes(NamedTuple):
 
 
 def _turning(axes: _Axes, rates: FloatArray) -> FloatArray:
-    """Return what every joint adds to the turning of its link, shape (N, links, 3)."""
+    """Return the angular velocity that every joint adds to its link, shape (N, links, 3)."""
     return rates[..., :1] * axes.first + rates[..., 1:] * axes.second
 
 
 def point_of(arm: Arm, at: float | None) -> MovingPoint:
-    """Return the point of an arm at an arc length from its base [m]; the tip when None.
+    """Return the point of an arm at an arc length from its base [m]; the tip if None.
 
     Raises:
-        ProblemError: the arm is not so long.
+        ProblemError: the arc length is not on the arm.
     """
     length = arm.length if at is None else at
     if not 0.0 <= length <= arm.length * (1.0 + ROUNDING):

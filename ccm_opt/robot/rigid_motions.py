@@ -1,9 +1,9 @@
 """Rigid motions and frames carried along a curve in space.
 
-A frame is carried by T' = T ξ̂(s), with the twist ξ = (ω, u) in the frame's own axes. Over a step its motion is the
-exponential of Magnus' series, here to the sixth order from three Gauss points (Blanes, Casas, Oteo and Ros, "The Magnus
-expansion and some of its applications", 2009, section 5.4). Twists about one axis commute: then nothing is left out of
-the turn.
+A frame is carried by T' = T ξ̂(s), with the twist ξ = (ω, u) in the frame's own axes. Its motion over a step is the
+exponential of the Magnus series, here to sixth order from three Gauss points (Blanes, Casas, Oteo and Ros, "The Magnus
+expansion and some of its applications", 2009, section 5.4). Twists about a common axis commute, and then the turn is
+exact up to quadrature.
 """
 
 import numpy as np
@@ -11,7 +11,7 @@ import numpy as np
 from ccm_opt.core.arrays import FloatArray
 
 _SMALL = 1e-3
-"""Angle below which the exponential is taken from its series [rad]; what the series leaves out is below rounding."""
+"""Angle below which the exponential uses its series [rad]; the truncation error is below rounding."""
 
 
 def exponential(twists: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -34,14 +34,14 @@ def exponential(twists: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def carried(twists: FloatArray, widths: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the motion of a frame over steps, from its twists at the three Gauss points of each.
+    """Return the motion of a frame over each step, from the twists at the three Gauss points of the step.
 
     Args:
-        twists: shape (m, 3, 6), in the frame's own axes, per unit of arc length.
-        widths: of the steps, shape (m,).
+        twists: twists in the frame's own axes per unit of arc length, shape (m, 3, 6).
+        widths: widths of the steps, shape (m,).
 
     Returns:
-        Rotations (m, 3, 3) and translations (m, 3), in the axes of the frame at the beginning of its step.
+        Rotations (m, 3, 3) and translations (m, 3), in the axes of the frame at the start of the step.
     """
     h = widths[:, None]
     one = twists[:, 0]
@@ -50,7 +50,7 @@ def carried(twists: FloatArray, widths: FloatArray) -> tuple[FloatArray, FloatAr
     value = h * two
     slope = h * (np.sqrt(15.0) / 3.0) * (three - one)
     bend = h * (10.0 / 3.0) * (three - 2.0 * two + one)
-    # For T' = T ξ̂ the brackets have the sign that they lack for T' = ξ̂ T.
+    # For T' = T ξ̂ the brackets are negated compared with T' = ξ̂ T.
     inner = -_bracket(value, slope)
     outer = _bracket(value, 2.0 * bend + inner) / 60.0
     correction = -_bracket(inner - 20.0 * value - bend, slope + outer) / 240.0
@@ -58,7 +58,10 @@ def carried(twists: FloatArray, widths: FloatArray) -> tuple[FloatArray, FloatAr
 
 
 def chained(rotation: FloatArray, rotations: FloatArray, translations: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the frames after every step from a first one at the origin: rotations (m + 1, 3, 3), places (m + 1, 3)."""
+    """Return the frames after every step, from a first frame at the origin.
+
+    Rotations have shape (m + 1, 3, 3), positions (m + 1, 3).
+    """
     frames = np.empty((len(rotations) + 1, 3, 3))
     places = np.zeros((len(rotations) + 1, 3))
     frames[0] = rotation
@@ -69,14 +72,14 @@ def chained(rotation: FloatArray, rotations: FloatArray, translations: FloatArra
 
 
 def _bracket(first: FloatArray, second: FloatArray) -> FloatArray:
-    """Return the lie bracket of twists, shape (..., 6)."""
+    """Return the Lie bracket of twists, shape (..., 6)."""
     turn = np.cross(first[..., :3], second[..., :3])
     along = np.cross(first[..., :3], second[..., 3:]) - np.cross(second[..., :3], first[..., 3:])
     return np.concatenate((turn, along), axis=-1)
 
 
 def _hat(turn: FloatArray) -> FloatArray:
-    """Return the matrix of ω ×, shape (..., 3) to (..., 3, 3)."""
+    """Return the matrices of ω ×, shape (..., 3) to (..., 3, 3)."""
     hat = np.zeros((*turn.shape[:-1], 3, 3))
     hat[..., 2, 1] = turn[..., 0]
     hat[..., 0, 2] = turn[..., 1]
@@ -85,7 +88,10 @@ def _hat(turn: FloatArray) -> FloatArray:
 
 
 def turn_towards(side: FloatArray, angle: float) -> FloatArray:
-    """The rotation that turns the first axis by an angle [rad] towards a side across it, shape (2,): shape (3, 3)."""
+    """Return the rotation that turns the first axis towards a side by an angle [rad], shape (3, 3).
+
+    The side is a unit vector perpendicular to the first axis, shape (2,).
+    """
     t = np.array([np.cos(angle), *(np.sin(angle) * side)])
     c, s = side
     cos = np.cos(angle)
@@ -95,11 +101,12 @@ def turn_towards(side: FloatArray, angle: float) -> FloatArray:
 
 
 NOMINAL_LINKS = 24
-"""Nominal links to the length of an arm, the unit of length of all weights in planning."""
+"""Number of nominal links in the length of an arm; the nominal link is the unit of length of all weights in planning.
+"""
 
 
 def bend_rotations(bends: FloatArray) -> FloatArray:
-    """Return the rz(a) Ry(b) of pairs of bends, shape (..., 2) to (..., 3, 3)."""
+    """Return the rotations Rz(a) Ry(b) of pairs of bends, shape (..., 2) to (..., 3, 3)."""
     cos = np.cos(bends)
     sin = np.sin(bends)
     ca = cos[..., 0]

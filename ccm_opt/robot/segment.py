@@ -16,15 +16,15 @@ from ccm_opt.core.polyline import vector_heading, wrap
 
 
 def second_derivatives(widths: FloatArray, values: FloatArray, ends: tuple[float, float] = (0.0, 0.0)) -> FloatArray:
-    """Return the second derivatives M of the cubic spline at its knots; the natural one unless its ends are given.
+    """Return the second derivatives M of a cubic spline at its knots; the natural spline unless ends are given.
 
     Solves a_{i-1} M_{i-1} + 2 (a_{i-1} + a_i) M_i + a_i M_{i+1} = 6 [(C_{i+1} - C_i)/a_i - (C_i - C_{i-1})/a_{i-1}]
     with M_0, M_4 given (de Boor, A Practical Guide to Splines, chapter IV).
 
     Args:
-        widths: knot spacings a_0..a_3, shape (4,).
-        values: knot values C_a..C_e, shape (5, ...).
-        ends: M_0 and M_4, zero for the natural spline.
+        widths: spacings of the knots a_0..a_3, shape (4,).
+        values: values at the knots C_a..C_e, shape (5, ...).
+        ends: M_0 and M_4; zero for the natural spline.
 
     Returns:
         M_0..M_4, shape (5, ...); linear in ``values`` and ``ends``.
@@ -41,7 +41,10 @@ def second_derivatives(widths: FloatArray, values: FloatArray, ends: tuple[float
 
 
 def piece_coefficients(widths: FloatArray, values: FloatArray, ends: tuple[float, float] = (0.0, 0.0)) -> FloatArray:
-    """Power coefficients of each cubic piece in its own offset t in [0, a_i], shape (4 pieces, 4 powers, ...)."""
+    """Return the power coefficients of each cubic piece, shape (4 pieces, 4 powers, ...).
+
+    They are in the piece's own offset t in [0, a_i].
+    """
     moments = second_derivatives(widths, values, ends)
     a = widths.reshape(-1, *([1] * (values.ndim - 1)))
     left = moments[:-1]
@@ -51,29 +54,32 @@ def piece_coefficients(widths: FloatArray, values: FloatArray, ends: tuple[float
 
 
 def curvature_spline(coefficients: FloatArray, breaks: FloatArray) -> PPoly:
-    """Piecewise cubics, by coefficients (pieces, 4 powers, ...) over arc length from the start of each piece."""
+    """Return a piecewise cubic from coefficients of shape (pieces, 4 powers, ...) and its breaks.
+
+    Coefficients are over arc length from the start of each piece.
+    """
     return PPoly.construct_fast(np.ascontiguousarray(np.swapaxes(coefficients, 0, 1)[::-1]), breaks)
 
 
 PIECES = 4
-"""Cubic pieces of a segment's curvature: it has five knots."""
+"""Number of cubic pieces of a segment's curvature, which has five knots."""
 POWERS = np.arange(1, PIECES + 1)
-"""Of arc length in the integral of a cubic."""
+"""Powers of arc length in the integral of a cubic."""
 EVEN_KNOTS = (0.25, 0.5, 0.75)
 Knots: TypeAlias = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
 class CurvatureSegment:
-    """The triple (L, start heading, C) of the paper.
+    """A curve segment, the triple (L, start heading, C) of the paper.
 
     Attributes:
         length: L, positive [m].
         heading: heading at s = 0 [rad].
-        curvature: C_a..C_e, shape (5,) [1/m].
+        curvature: C_a..C_e, the curvature at the five knots, shape (5,) [1/m].
         knots: S_b, S_c, S_d with 0 < S_b < S_c < S_d < 1.
-        moments: second derivatives of C over arc length at both ends [1/m³]. The paper's segments have none: their
-            spline is natural. The parts of a divided segment need them to keep the curve where it is.
+        moments: second derivatives of C over arc length at both ends [1/m³]. Zero for the paper's segments, whose
+            spline is natural. The parts of a divided segment need them to leave the curve unchanged.
     """
 
     length: float
@@ -97,7 +103,7 @@ class CurvatureSegment:
 
     @cached_property
     def coefficients(self) -> FloatArray:
-        """Curvature's power coefficients on each piece over arc length from the piece's start, shape (4, 4)."""
+        """Power coefficients of the curvature over arc length from the start of each piece, (4, 4)."""
         return piece_coefficients(np.diff(self.breakpoints), np.asarray(self.curvature, dtype=np.float64), self.moments)
 
     @cached_property
@@ -106,26 +112,26 @@ class CurvatureSegment:
         return curvature_spline(self.coefficients, self.breakpoints)
 
     def heading_at(self, arc: FloatArray) -> FloatArray:
-        """Return the θ at arc lengths in [0, L], any shape [rad]; exact, a quartic on each piece."""
+        """Return the heading θ at arc lengths in [0, L], any shape [rad]; exact, a quartic per piece."""
         return np.asarray(self.heading + self.spline.antiderivative()(arc))
 
     @cached_property
     def end_heading(self) -> float:
-        """θ at the segment's end [rad]."""
+        """Heading θ at the segment's end [rad]."""
         return float(self.heading_at(np.array(self.length)))
 
 
 _SIGN_SAMPLES = 32
-"""Headings at which the signs of a segment's curvature are looked for, on each of its cubic pieces. Taste."""
+"""Number of intervals per cubic piece of the sampled headings that show the signs of the curvature. Taste."""
 
 _FIRST_ZERO_OF_J0 = 2.404825557695773
-"""Where the chord of a modal curve vanishes [rad]."""
+"""End angle at which the chord of a modal curve vanishes [rad]."""
 SINE = np.array([0.0, 1.0, 0.0, -1.0, 0.0])
-"""A whole wave of the sine at a segment's five knots."""
+"""One full period of the sine at a segment's five knots."""
 
 
 class SegmentType(StrEnum):
-    """The signs of a segment's curvature, base first; left is counter-clockwise, positive."""
+    """The signs of a segment's curvature from the base on; left is counter-clockwise and positive."""
 
     STRAIGHT = "straight"
     LEFT = "left"
@@ -135,7 +141,7 @@ class SegmentType(StrEnum):
 
     @property
     def mirrored(self) -> "SegmentType":
-        """The type of the mirror image, left and right exchanged."""
+        """The type of the mirror image, with left and right exchanged."""
         return SegmentType("-".join(_OTHER_SIDE[word] for word in self.value.split("-")))
 
 
@@ -143,11 +149,11 @@ _OTHER_SIDE = {"straight": "straight", "left": "right", "right": "left"}
 
 
 def classify(segment: CurvatureSegment, least_turn: float = 1e-3) -> SegmentType:
-    """Return the type of a segment by the signs of its curvature.
+    """Return the type of a segment from the signs of its curvature.
 
     Args:
         segment: the segment.
-        least_turn: a stretch of one sign counts when it turns the heading by more than this [rad].
+        least_turn: a stretch of one sign counts if it turns the heading by more than this [rad].
 
     Raises:
         ProblemError: the curvature changes sign more than once; the segment must be divided first.
@@ -168,7 +174,7 @@ def classify(segment: CurvatureSegment, least_turn: float = 1e-3) -> SegmentType
 
 
 def segment_words(segment: CurvatureSegment) -> str:
-    """The type of a segment, or that its curvature changes sign more than once, for which the paper has no type."""
+    """Return the type of a segment in words, or "several inflections", for which the paper has no type."""
     try:
         return str(classify(segment))
     except ProblemError:
@@ -194,10 +200,10 @@ def select_segment_type(
     A pose with α and β of one sign can also be reached with an inflection; the simpler type is returned.
 
     Args:
-        base: shape (2,) [m].
-        base_heading: [rad], or None when the base may turn.
-        tip: shape (2,) [m]; different from the base.
-        tip_heading: [rad], or None when any heading will do.
+        base: position of the base, shape (2,) [m].
+        base_heading: heading at the base [rad], or None if the base may turn.
+        tip: position of the tip, shape (2,) [m]; different from the base.
+        tip_heading: heading at the tip [rad], or None if any heading will do.
         tolerance: angles below it count as zero [rad].
     """
     chord = np.asarray(tip, dtype=np.float64) - np.asarray(base, dtype=np.float64)
@@ -217,17 +223,17 @@ def select_segment_type(
 
 
 def natural_segment(kind: SegmentType, base: FloatArray, tip: FloatArray, length: float) -> CurvatureSegment:
-    """Return a first curve of a given type and length from base towards tip; the base turns to aim it.
+    """Return an initial curve of a given type and length from base towards tip; the base turns to aim it.
 
     One-signed types are the circular arc: end angles a with sin(a)/a = chord/L and curvature ±2a/L. Types with an
-    inflection are the modal curve θ = a (1 - cos 2πs), whose chord is L·J₀(a) long and makes the angle a with its
-    ends (Chirikjian and Burdick): curvature ±(2πa/L) sin 2πs. Neither knows the end headings: hill climbing or the
-    NLP bring them in. The straight type keeps zero curvature, whatever the length.
+    inflection are the modal curve θ = a (1 - cos 2πs), whose chord is L·J₀(a) long and makes the angle a with its ends
+    (Chirikjian and Burdick): curvature ±(2πa/L) sin 2πs. Neither takes the end headings into account; hill climbing or
+    the NLP does. The straight type has zero curvature, whatever the length.
 
     Args:
         kind: the type.
-        base: shape (2,) [m].
-        tip: shape (2,) [m]; no farther than ``length``.
+        base: position of the base, shape (2,) [m].
+        tip: position of the tip, shape (2,) [m]; no farther away than ``length``.
         length: L [m].
 
     Returns:
@@ -262,6 +268,6 @@ def _sign(angle: float, tolerance: float) -> int:
 
 
 def _extrema(heading: FloatArray) -> IntArray:
-    """Return the indices of the local extrema of a sampled heading: where its curvature changes sign."""
+    """Return the indices of the local extrema of a sampled heading, where the curvature changes sign."""
     slope = np.sign(np.diff(heading))
     return np.flatnonzero(slope[1:] * slope[:-1] < 0) + 1

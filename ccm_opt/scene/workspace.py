@@ -1,4 +1,4 @@
-"""The workspace in the plane or in space: room, obstacles and clearance."""
+"""The workspace of the arm, in the plane or in space: room, obstacles and clearance."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -19,26 +19,26 @@ from ccm_opt.scene.walls import Walls, WallSegments
 
 
 class Shape(Protocol):
-    """What an obstacle is: a shape in the plane, or a body in space."""
+    """The shape of an obstacle: a shape in the plane, or a body in space."""
 
     @property
     def rounding(self) -> float:
-        """Radius by which the shape reaches beyond its core, or its triangles [m]."""
+        """Distance by which the shape reaches beyond its core, or its triangles [m]."""
         ...
 
     @property
     def middle(self) -> FloatArray:
-        """Middle of it, shape (d,) [m]."""
+        """Middle of the shape, shape (d,) [m]."""
         ...
 
     def moved(self, by: FloatArray) -> "Shape":
-        """Return the shape moved by so much, shape (d,) [m]."""
+        """Return the shape moved by a displacement, shape (d,) [m]."""
         ...
 
 
 @dataclass(frozen=True)
 class PlaneShape:
-    """A shape in the plane, the set of points within ``rounding`` of ``core``; exact for every kind in a problem file.
+    """A shape in the plane: all points within ``rounding`` of ``core``; exact for every kind in a problem file.
 
     Attributes:
         core: a polygon (polygon, box), a point (circle) or a line string (wall) [m].
@@ -54,17 +54,17 @@ class PlaneShape:
         return np.asarray(shapely.get_coordinates(shapely.centroid(self.core))[0], dtype=np.float64)
 
     def moved(self, by: FloatArray) -> "PlaneShape":
-        """Return the shape moved by so much, shape (2,) [m]."""
+        """Return the shape moved by a displacement, shape (2,) [m]."""
         return replace(self, core=shapely.transform(self.core, lambda points: points + by))
 
 
 @dataclass(frozen=True)
 class Obstacle:
-    """One obstacle.
+    """A named shape that the arm must avoid.
 
     Attributes:
-        name: the user's name for it, used in every message.
-        shape: where it stands: a ``PlaneShape``, or in space a body.
+        name: the user's name for the obstacle, used in every message.
+        shape: its shape in place: a ``PlaneShape``, or in space a body.
     """
 
     name: str
@@ -72,21 +72,24 @@ class Obstacle:
 
     @property
     def rounding(self) -> float:
-        """Radius by which it reaches beyond its core, or its triangles [m]."""
+        """Distance by which the obstacle reaches beyond its core, or its triangles [m]."""
         return self.shape.rounding
 
     @property
     def core(self) -> shapely.Geometry:
-        """Core of its shape in the plane."""
+        """Core of the obstacle's shape in the plane."""
         return cast("PlaneShape", self.shape).core
 
     @property
     def body(self) -> Body:
-        """Its shape in space."""
+        """The obstacle's shape in space."""
         return cast("Body", self.shape)
 
     def outline(self, grow: float = 0.0, quad_segs: int = 8) -> shapely.Geometry:
-        """The obstacle of the plane grown by ``grow`` [m], as a geometry that *contains* it: arcs are circumscribed."""
+        """Return the planar obstacle grown by ``grow`` [m], as a geometry that *contains* it.
+
+        Arcs are circumscribed.
+        """
         radius = self.rounding + grow
         if radius <= 0.0:
             return self.core
@@ -97,21 +100,21 @@ class Obstacle:
 
 BOUNDARY_NAME = "workspace boundary"
 ROOM_NAME = "room"
-"""What the sides of the room are called in space."""
+"""Name of the sides of the room in space."""
 _LOOKED_AT_FIRST = 4
-"""Walls whose distance says which others may be nearer."""
+"""Number of walls whose exact distances are measured first, to rule out most of the others."""
 
 
 @dataclass(frozen=True)
 class Workspace:
-    """The room the arm moves in, what stands in it, and how far the arm keeps from both.
+    """The room the arm moves in, the obstacles in it, and the clearance the arm keeps from both.
 
     Attributes:
-        boundary: of a room in the plane, a simple polygon whose edge is a wall like any obstacle [m]; empty in space.
-        obstacles: the obstacles, in the order of the file.
-        clearance: least gap kept between the arm's surface and every obstacle [m].
-        bounds: lower and upper corner of a room in space, whose sides are walls, shape (2, 3) [m]; None where there is
-            no room, and in the plane.
+        boundary: a simple polygon, the room in the plane, whose edge is a wall like any obstacle [m]; empty in space.
+        obstacles: the obstacles, in file order.
+        clearance: least clearance between the arm's surface and every obstacle [m].
+        bounds: lower and upper corner of a room in space, whose sides are walls, shape (2, 3) [m]; None without a room,
+            and in the plane.
     """
 
     boundary: shapely.Polygon = field(default_factory=shapely.Polygon)
@@ -121,38 +124,38 @@ class Workspace:
 
     @property
     def dimension(self) -> int:
-        """Number of coordinates of a point, 2 in the plane and 3 in space."""
+        """Number of coordinates of a point: 2 in the plane, 3 in space."""
         return 3 if self.boundary.is_empty else 2
 
     @property
     def box(self) -> FloatArray | None:
-        """Lower and upper corner of the box about the room, shape (2, d) [m]; None where there is no room."""
+        """Lower and upper corner of the bounding box of the room, shape (2, d) [m]; None if there is no room."""
         return self.bounds if self.dimension == 3 else np.reshape(self.boundary.bounds, (2, 2))
 
     @property
     def is_box(self) -> bool:
-        """Whether the room is that box."""
+        """Whether the room is its own bounding box."""
         box = self.box
         return box is not None and (
             self.dimension == 3 or bool(shapely.equals(self.boundary, shapely.box(*box.ravel())))
         )
 
     def within(self, box: FloatArray) -> "Workspace":
-        """Return the same in a room that is a box between two corners, shape (2, d) [m]."""
+        """Return this workspace with the box between two corners, shape (2, d) [m], as its room."""
         return replace(self, bounds=box) if self.dimension == 3 else replace(self, boundary=shapely.box(*np.ravel(box)))
 
     @property
     def meshes(self) -> tuple[tuple[int, str, MeshBody], ...]:
-        """The meshes among the obstacles, each with its place among them and its name."""
+        """The meshes among the obstacles, each with its index among the obstacles and its name."""
         found = [] if self.dimension == 2 else [(k, each.name, each.body) for k, each in enumerate(self.obstacles)]
         return tuple((k, name, body) for k, name, body in found if body.kind == "mesh")
 
     def obstacle_centre(self, name: str) -> FloatArray:
-        """Return the middle of an obstacle of a name, shape (d,) [m]."""
+        """Return the middle of the first obstacle with a name, shape (d,) [m]."""
         return next(obstacle.shape.middle for obstacle in self.obstacles if obstacle.name == name)
 
     def with_moved(self, name: str, by: FloatArray) -> "Workspace":
-        """Return the workspace with the obstacles of a name moved by so much, shape (d,) [m]."""
+        """Return the workspace with the obstacles of a name moved by a displacement, shape (d,) [m]."""
         moved = [replace(each, shape=each.shape.moved(by)) if each.name == name else each for each in self.obstacles]
         return replace(self, obstacles=tuple(moved))
 
@@ -162,7 +165,7 @@ class Workspace:
 
     @cached_property
     def soup(self) -> TriangleSoup:
-        """The surfaces of all obstacles in their order, then the sides of the room; of walls triangles without area."""
+        """The surfaces of all obstacles in order, then the sides of the room; planar walls as flat triangles."""
         if self.dimension == 2:
             edges = self.wall_segments
             return TriangleSoup(in_space(edges.ends[:, [0, 1, 1]]), edges.rounding, edges.owner, self.flat_walls.names)
@@ -173,7 +176,7 @@ class Workspace:
 
     @cached_property
     def extent(self) -> FloatArray:
-        """Lower and upper corner of everything in space, shape (2, 3) [m]; zeros where there is nothing."""
+        """Lower and upper corner of everything in space, shape (2, 3) [m]; zeros if the workspace is empty."""
         if len(self.soup) == 0:
             return np.zeros((2, 3))
         bodies = [each.body for each in self.obstacles if len(each.body.triangles)]
@@ -184,17 +187,17 @@ class Workspace:
 
     @cached_property
     def walls(self) -> tuple[Obstacle, ...]:
-        """All that an arm in the plane must keep away from, the obstacles first, then the boundary's edge."""
+        """Everything an arm in the plane must avoid: the obstacles, then the edge of the boundary."""
         return (*self.obstacles, Obstacle(BOUNDARY_NAME, PlaneShape(shapely.LinearRing(self.boundary.exterior.coords))))
 
     @cached_property
     def flat_walls(self) -> Walls:
-        """The same as arrays of edges and vertices, in the same order."""
+        """The walls as arrays of edges and vertices, in the same order."""
         return Walls.of(self.walls)
 
     @cached_property
     def wall_segments(self) -> WallSegments:
-        """The same as one list of segments."""
+        """The walls as one list of segments."""
         return WallSegments.of(self.walls, self.flat_walls)
 
     @cached_property
@@ -209,7 +212,7 @@ class Workspace:
 
     @cached_property
     def _boxes(self) -> FloatArray:
-        """Bounds of the cores of all walls: x low, y low, x high, y high, shape (walls, 4) [m]."""
+        """Bounding boxes of the cores of all walls: low x, low y, high x, high y, shape (walls, 4) [m]."""
         return np.asarray(shapely.bounds(self._cores))
 
     def apart(self, shape: shapely.Geometry) -> FloatArray:
@@ -217,9 +220,9 @@ class Workspace:
         return np.asarray(shapely.distance(self._cores, shape)) - self._roundings
 
     def nearest(self, shape: shapely.Geometry) -> tuple[int, float]:
-        """Number of the wall that is nearest to a shape, and its distance [m]; few outlines are looked at."""
+        """Return the index of the wall nearest to a shape, and its distance [m], measuring few walls exactly."""
         least = self._least_apart(shape)
-        # The boundary's box holds everything, so that its bound says nothing: a few of the lowest do.
+        # The boundary's box contains everything, so its bound rules out nothing; several of the lowest bounds do.
         first = np.argsort(least, kind="stable")[:_LOOKED_AT_FIRST]
         best = np.min(shapely.distance(self._cores[first], shape) - self._roundings[first])
         maybe = np.flatnonzero(least <= best)
@@ -228,16 +231,16 @@ class Workspace:
         return int(maybe[nearest]), float(gaps[nearest])
 
     def _least_apart(self, shape: shapely.Geometry) -> FloatArray:
-        """Lower bounds of the distances of a shape from the walls, by bounding boxes, shape (walls,) [m]."""
+        """Return lower bounds on the distance of a shape from each wall, from boxes, shape (walls,) [m]."""
         low_x, low_y, high_x, high_y = shapely.bounds(shape)
         boxes = self._boxes
         across = np.maximum(np.maximum(boxes[:, 0] - high_x, low_x - boxes[:, 2]), 0.0)
         along = np.maximum(np.maximum(boxes[:, 1] - high_y, low_y - boxes[:, 3]), 0.0)
-        # Rounding: a bound may be a hair above what shapely measures.
+        # Rounding: a bound may slightly exceed the distance that shapely measures.
         return np.asarray(np.hypot(across, along) * (1.0 - TINY) - self._roundings)
 
     def near(self, shape: shapely.Geometry, distance: float) -> "Workspace":
-        """Return the room with those obstacles alone that come within a distance [m] of a shape."""
+        """Return the workspace with only those obstacles that come within a distance [m] of a shape."""
         if not self.obstacles:
             return self
         maybe = np.flatnonzero(self._least_apart(shape)[: len(self.obstacles)] <= distance)
@@ -252,21 +255,24 @@ WANTED = "a polygon, a line, or several of them"
 
 
 def obstacles_of(shapes: Shapes, *, unit: LengthUnit = "m") -> tuple[Obstacle, ...]:
-    """Return the obstacles from shapely's geometries.
+    """Return shapely geometries as obstacles.
 
-    A polygon is an obstacle, its holes are free. A line string is a wall without thickness; buffered, it is a polygon.
-    What has several parts gives an obstacle for each, numbered behind the name. Heights (z) are left out. A geometry
-    counts as it is: round ends and discs that shapely has buffered are polygons inside the true arcs.
+    A polygon is an obstacle, and its holes are free. A line string is a wall without thickness; buffered, it is a
+    polygon. A geometry with several parts gives one obstacle per part, with numbers after the name. Heights (z) are
+    dropped. A geometry is taken as it is: round ends and discs that shapely has buffered are polygons inside the true
+    arcs.
 
     Args:
-        shapes: a geometry, a list of them, called "obstacle 1" and so on, or names with geometries.
-        unit: of the coordinates: "m", "mm" or "in".
+        shapes: a geometry, a list of geometries, named "obstacle 1" and so on, or a mapping from names to geometries.
+        unit: unit of the coordinates: "m", "mm" or "in".
 
     Returns:
-        The obstacles, in metres; obstacles among the shapes, which are in metres, as they are.
+        The obstacles, in metres; ``Obstacle`` objects among the shapes are already in metres and are returned
+        unchanged.
 
     Raises:
-        ProblemError: with all that is wrong: what is no geometry, is empty, has no area, crosses itself.
+        ProblemError: some shapes are not geometries, are empty, have no area or cross themselves; the message lists all
+            of them.
     """
     given = Arguments("these obstacles", unit)
     found: list[Obstacle] = []
@@ -280,9 +286,9 @@ def obstacles_of(shapes: Shapes, *, unit: LengthUnit = "m") -> tuple[Obstacle, .
 
 
 def named_shapes(shapes: object, given: Arguments, first: int = 1) -> Iterator[tuple[str, object]]:
-    """Yield every shape with its name, or a number from the first on.
+    """Yield every shape with its name, or with a number counted up from ``first``.
 
-    What is no list and no table of shapes is noted.
+    Anything but a geometry, a list or a mapping is noted as an error in ``given``.
     """
     if isinstance(shapes, Mapping):
         yield from ((str(name), shape) for name, shape in shapes.items())
@@ -295,10 +301,10 @@ def named_shapes(shapes: object, given: Arguments, first: int = 1) -> Iterator[t
 
 
 def edge_parts(name: str, shape: object) -> list[Obstacle]:
-    """Return the obstacles that a geometry is, in its own unit.
+    """Return the obstacles that make up a geometry, in the geometry's own unit.
 
     Raises:
-        ProblemError: it is none, or no usable one.
+        ProblemError: the shape is not a geometry, or not a usable one.
     """
     if not isinstance(shape, shapely.Geometry):
         raise ProblemError(f"'{name}': expected a geometry of shapely, {WANTED}, got {in_words(shape)}")
@@ -316,7 +322,7 @@ def edge_parts(name: str, shape: object) -> list[Obstacle]:
 
 
 def _flattened(shape: shapely.Geometry) -> list[shapely.Geometry]:
-    """Return the geometries without collections in each other."""
+    """Return the single geometries in a geometry, with nested collections unpacked."""
     if not hasattr(shape, "geoms"):
         return [shape]
     return [part for each in shape.geoms for part in _flattened(each)]
@@ -331,7 +337,7 @@ def _obstacle(name: str, part: shapely.Geometry) -> Obstacle:
 
 
 def _in_metres(obstacles: Sequence[Obstacle], metres: float) -> list[Obstacle]:
-    """Return the obstacles without rounding in a unit of so many metres, in metres."""
+    """Return obstacles without rounding in metres, from a unit that is ``metres`` metres long."""
     return [
         replace(each, shape=PlaneShape(shapely.transform(each.core, lambda points: metres * points)))
         for each in obstacles
