@@ -1,4 +1,4 @@
-"""A pose of the arm, its derivatives, and the map of a curve that makes it."""
+"""A pose of the arm with its derivatives, and the map from unknowns of a curve to configurations."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
@@ -13,13 +13,13 @@ from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
 
 _RANK = 1e-10
-"""Singular values below this share of the largest count as none, so that rows that follow from others are left out.
-Taste."""
+"""Share of the largest singular value below which singular values count as zero, so that dependent rows are left
+out. Taste."""
 
 
 @dataclass(frozen=True, eq=False)
 class Pose:
-    """Unknowns of the curve with everything derived from them that a step needs.
+    """Unknowns of the curve, with all derived quantities that a step needs.
 
     An arm of n links in d dimensions has c coordinates, the curve p unknowns; links turn about t axes, one in the plane
     and three in space.
@@ -27,7 +27,7 @@ class Pose:
     Attributes:
         v: unknowns, shape (p,).
         q: the configuration, shape (c,) [rad, m].
-        slopes: derivatives of it by the unknowns, shape (c, p).
+        slopes: derivatives of the configuration by the unknowns, shape (c, p).
         points: joint and tip positions, shape (n + 1, d) [m].
         moving: derivatives of the points, shape (n + 1, d, p) [m].
         turning: angular velocities of the links for a unit of each unknown, shape (n, t, p) [rad].
@@ -49,7 +49,7 @@ class Pose:
 
     @property
     def length(self) -> float:
-        """Length of the links together [m]."""
+        """Total length of the links [m]."""
         return float(np.sum(np.linalg.norm(np.diff(self.points, axis=0), axis=1)))
 
     @property
@@ -82,7 +82,7 @@ class CurveUnknowns(ABC):
 
     Attributes:
         arm: the arm.
-        nominal_links: how many of them there are to the arm's length; nominal links are the unit of lengths in steps.
+        nominal_links: number of nominal links to the arm's length; nominal links are the unit of lengths in steps.
     """
 
     arm: Arm
@@ -90,12 +90,12 @@ class CurveUnknowns(ABC):
 
     @property
     def nominal_length(self) -> float:
-        """u, length of a nominal link [m]."""
+        """Length u of a nominal link [m]."""
         return self.arm.length / self.nominal_links
 
     @property
     def nominal_per_link(self) -> float:
-        """Nominal links to a link; the weight of a term that is summed over all links."""
+        """Number of nominal links to a link; the weight of a term that is summed over all links."""
         return self.nominal_links / self.arm.links
 
     # ------------------------------------------------------------ configurations
@@ -107,7 +107,7 @@ class CurveUnknowns(ABC):
     @property
     @abstractmethod
     def of_shape(self) -> BoolArray:
-        """Which unknowns shape the arm; the others blend a goal in. Shape (p,)."""
+        """Mask of the unknowns that shape the arm; the others blend in a goal. Shape (p,)."""
 
     @abstractmethod
     def configurations(self, v: FloatArray) -> FloatArray:
@@ -122,15 +122,15 @@ class CurveUnknowns(ABC):
         return tuple(self.pose(v) for v in unknowns)
 
     def pieces(self, before: FloatArray, after: FloatArray) -> list[FloatArray]:
-        """Return the unknowns along an edge between which configurations change evenly, its ends among them."""
+        """Return unknowns along an edge, including its ends, between which configurations change linearly."""
         return [before, after]
 
     def along(self, spline: BSpline) -> BSpline:
-        """Return the path of configurations along a spline in the unknowns."""
+        """Return the path of configurations that follows a spline in the unknowns."""
         return BSpline(spline.t, self.configurations(spline.c), spline.k)
 
     def in_pieces(self, unknowns: FloatArray) -> FloatArray:
-        """Return a motion with more keyframes where what lies between two is not linear, shape (K, p) to (m, p)."""
+        """Return a motion with keyframes added where it is not linear between two of them, shape (K, p) to (m, p)."""
         return unknowns
 
     @property
@@ -141,10 +141,10 @@ class CurveUnknowns(ABC):
     @property
     @abstractmethod
     def drive_rows(self) -> FloatArray:
-        """Derivatives of what the drives move by the unknowns, where it is affine in these, shape (c, p)."""
+        """Derivatives of the drives' positions by the unknowns, where these are affine, shape (c, p)."""
 
     def drives(self, q: FloatArray) -> FloatArray:
-        """Return what the drives have to move in configurations, shape (..., c): these themselves."""
+        """Return the drives' positions in configurations, shape (..., c); here the configurations themselves."""
         return q
 
     # ------------------------------------------------------------ bends
@@ -165,45 +165,48 @@ class CurveUnknowns(ABC):
     @property
     @abstractmethod
     def curvature_rows(self) -> FloatArray:
-        """The curve's curvature at its knots by the unknowns, shape (m, p) [1/m]."""
+        """Derivatives of the curve's curvature at its knots by the unknowns, shape (m, p) [1/m]."""
 
     @property
     def curvature_differences(self) -> FloatArray:
-        """Differences of it from knot to knot, shape (m - 1, p) or less [1/m]."""
+        """Differences of the curvature rows from knot to knot, shape (m - 1, p) or less [1/m]."""
         return np.diff(self.curvature_rows, axis=0)
 
     @cached_property
     def knot_bends(self) -> FloatArray:
-        """Bends of a nominal link by the curvature at the knots, shape (m, p) [rad]; weights on them suit any arm."""
+        """Bends of a nominal link from the curvature at the knots, shape (m, p) [rad]; weights on them suit any arm."""
         return self.nominal_length * self.curvature_rows
 
     @cached_property
     def knot_bend_differences(self) -> FloatArray:
-        """Differences of these from knot to knot, shape (m - 1, p) or less [rad]."""
+        """Differences of the knot bends from knot to knot, shape (m - 1, p) or less [rad]."""
         return self.nominal_length * self.curvature_differences
 
     @property
     def following_rows(self) -> FloatArray:
-        """How the curve changes on which a fed arm lies still, shape (m, p) [1/m]; none where it is carried along."""
+        """Change of the curve on which a fed arm lies, shape (m, p) [1/m]; no rows where it moves with the base."""
         return np.zeros((0, self.dimension))
 
     # ------------------------------------------------------------ metrics
     @property
     def heading_metric(self) -> FloatArray:
-        """Squared turns of the links by the unknowns, shape (p, p); 0 where they depend on the pose."""
+        """Matrix of the squared turns of the links by the unknowns, shape (p, p); 0 where they depend on the pose."""
         return np.zeros((self.dimension, self.dimension))
 
     @abstractmethod
     def metric(self, pose: Pose) -> FloatArray:
-        """Return the m, how much the unknowns turn and move the links, squared, shape (p, p)."""
+        """Return the metric M of the unknowns: how much they turn and move the links, squared, shape (p, p)."""
 
     def spread(self, pose: Pose, rows: FloatArray) -> FloatArray:
-        """M⁻¹ Rᵀ, in whose span the least changes of the links lie that change rows R, shape (k, p) to (p, k)."""
+        """Return M⁻¹ Rᵀ for rows R, shape (k, p) to (p, k).
+
+        Its span contains the changes that change the rows while moving the links least.
+        """
         return np.asarray(np.linalg.solve(self.metric(pose), rows.T))
 
 
 def turn_rows(arm: Arm, pose: Pose) -> FloatArray:
-    """Return the turns of the links [rad], and ways of the base [link lengths], by the unknowns, shape (r, p)."""
+    """Return derivatives of link turns [rad] and base travel [link lengths] by the unknowns, shape (r, p)."""
     base = pose.slopes[arm.coordinates.base] / arm.link_length
     return np.vstack((pose.turning.reshape(-1, len(pose.v)), base))
 
@@ -213,14 +216,14 @@ def least_change(space: CurveUnknowns, pose: Pose, rows: FloatArray, change: Flo
 
     Args:
         space: the map of the unknowns.
-        pose: where it is taken.
-        rows: shape (k, p).
-        change: of them, shape (k,).
+        pose: pose at which the metric is taken.
+        rows: derivatives of the rows by the unknowns, shape (k, p).
+        change: wanted change of the rows, shape (k,).
     """
-    # min ½ δᵀ M δ subject to S δ = c: δ = M⁻¹ Sᵀ (S M⁻¹ Sᵀ)⁻¹ c. Least squares, because rows may say the same twice.
+    # min ½ δᵀ M δ subject to S δ = c: δ = M⁻¹ Sᵀ (S M⁻¹ Sᵀ)⁻¹ c. Least squares, because rows may be dependent.
     spread = space.spread(pose, rows)
     matrix = rows @ spread
-    # Metres, radians and units of the user stand side by side: a unit diagonal lets one threshold decide the rank.
+    # Rows mix metres, radians and the user's units: a unit diagonal lets one threshold decide the rank.
     scale = np.sqrt(np.maximum(np.diag(matrix), TINY**2))
     least = np.linalg.lstsq(matrix / np.outer(scale, scale), change / scale, rcond=_RANK)[0]
     return np.asarray(spread @ (least / scale))

@@ -1,9 +1,9 @@
-"""Motions of arms of many links, planned with few links and laid under all of them.
+"""Motions of arms with many links, planned with few links and then refined to the arm's own links.
 
-The curve is the same for any number of links, so that a search for few of them says nearly all. In the plane the
-unknowns stay, and what fails the certificate is repaired. In space two bends of a joint do not commute, so that the
-same curvature gives arms of other links a slightly different shape: each keyframe is fitted to the places of the coarse
-arm's joints. The certificate of the arm itself decides.
+The curve is the same for any number of links, so that a search with few of them finds most of the motion. In the plane
+the unknowns stay, and intervals that fail the certificate are repaired. In space two bends of a joint do not commute,
+so that the same curvature gives arms with other numbers of links a slightly different shape: each keyframe is fitted to
+the places of the coarse arm's joints. The certificate of the arm itself decides.
 """
 
 from dataclasses import dataclass, replace
@@ -33,56 +33,57 @@ from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
 _REACH = 0.02
 """Contacts nearer than this make rows of a repair, as a share of the arm's length. Taste."""
 _COORDINATE_WEIGHT = 1e-4
-"""Of the coordinates themselves against link headings, which ties down what no link heading shows. Taste."""
+"""Weight of the coordinates themselves relative to link headings; it fixes those that no link heading depends on.
+Taste."""
 
 _REPAIRS = 6
-"""Rounds in which keyframes of intervals that fail the certificate are pushed clear. Taste; what six do not mend is
-planned on the task's own links."""
+"""Rounds in which keyframes of intervals that fail the certificate are pushed clear. Taste; where six rounds do not
+suffice, planning repeats on the task's own links."""
 _DESIGN_LINKS = 24
-"""Arms with more links are planned with this many, or as many as narrow passages ask for, and lifted. Measured: of 38
-motions found in clutter with this many, 34 held on finer arms as they were."""
+"""Number of links that arms with more links are planned with, or as many as narrow passages require. Measured: of 38
+motions found in clutter with this many links, 34 were certified on finer arms unchanged."""
 _MANY_LINKS = 1.5
-"""Times that number of links from which lifting pays. Taste."""
+"""Multiple of that number of links above which refinement pays. Taste."""
 LIFT_MARGIN = 3e-3
-"""Gap that an optimised motion keeps when it is to be lifted, as a share of the arm's length. Taste: about what an arm
-of 24 links leaves the curve by."""
+"""Gap that an optimised motion keeps when it is to be refined, as a share of the arm's length. Taste: about the
+distance of an arm of 24 links from its curve."""
 _REPAIR_MARGIN = 1.5e-3
-"""Planning margin of the repair of a lifted motion, as a share of the arm's length. Taste."""
+"""Planning margin of the repair of a refined motion, as a share of the arm's length. Taste."""
 _COARSE_ROOM = 0.04
-"""Room that the coarse motion keeps beside the clearance [u]."""
+"""Gap that the coarse motion keeps beyond the clearance [u]."""
 _OFFSET = 0.02
-"""Bends of the start that no curve shows, beyond which nothing is lifted [rad]."""
+"""Largest bends of the start not represented by the curve for which a motion can still be refined [rad]."""
 _FITS = 20
-"""Most steps by which an arm is laid on another."""
+"""Most steps of fitting an arm to places."""
 _RIDGE = 0.0001
-"""Least damping of them, in the squares of nominal links by unknowns."""
+"""Least damping of these steps, in squares of nominal links by unknowns."""
 _NEAR = 0.1
-"""How far its joints may be off for another beginning not to be tried [u]."""
+"""Largest error of the fitted joints for which no other initial guess is tried [u]."""
 _WORTH = 0.01
-"""Share of the squared distances that a step gains, below which it is the last."""
+"""Share of the squared distances that a step has to gain for another step to follow."""
 
 _MOST_LINKS = 36
-"""Arms of no more links are planned as they are."""
+"""Most links of an arm that is planned with its own links in space."""
 _TIME_SHARE = 0.4
-"""Of the time that is left, which the search for nominal links may take."""
+"""Share of the time left that the search with nominal links may take."""
 
 _MOST_BEND = 0.9
 """Bound on the bends of the coarse arm's joints [rad]."""
 _RAISED_RIDGE = 1e-2
-"""To which it is raised at once by a step that gains nothing."""
+"""Least damping after a step that gains nothing."""
 _RIDGE_RISE = 10.0
-"""Its further rise by such steps, and its fall by others."""
+"""Factor by which such steps raise the damping, and others lower it."""
 
 
 def lift(motion: Motion, task: MotionTask) -> Motion | None:
-    """Return the motion on the task's own links, certified; None when repair does not mend it.
+    """Return the motion refined to the task's own links and certified; None when repair fails.
 
-    The coordinates v stay; A and the offset are built anew, so that the task's start is met exactly; the last
-    keyframe is polished onto the goal; keyframes of intervals that fail the certificate are projected by a step.
+    The coordinates v stay; A and the offset are rebuilt, so that the task's start is met exactly; the last keyframe is
+    polished onto the goal; keyframes of intervals that fail the certificate are projected by a step.
     """
     space = _lifted_space(motion, task)
     coordinates = motion.unknowns.copy()
-    # On other links the same coordinates put the tip a little elsewhere; a goal of the whole arm is held by the space.
+    # With other links the same coordinates move the tip slightly; the space itself meets a goal of the whole arm.
     if task.goal_pose is None:
         goal = task.limited_goal
         end = moved_onto(space, goal, space.pose(coordinates[-1]))
@@ -97,7 +98,7 @@ def lift(motion: Motion, task: MotionTask) -> Motion | None:
     for _ in range(_REPAIRS):
         if len(failing) == 0:
             break
-        # An interval has no position of its own: both its keyframes are moved.
+        # A step moves keyframes, not intervals: both keyframes of an interval are moved.
         at_both_ends = np.unique(np.concatenate((failing, failing + 1)))
         coordinates = _pushed_clear(stepper, coordinates, at_both_ends)
         failing = task.failures(space, coordinates)
@@ -108,7 +109,7 @@ def lift(motion: Motion, task: MotionTask) -> Motion | None:
 
 
 def _resampled_columns(columns: FloatArray, links: int) -> FloatArray:
-    """Return the columns (m, k) over the links of one arm, over those of another; shape (links, k)."""
+    """Return columns (m, k) over the links of one arm, resampled for another; shape (links, k)."""
     resampled = [_resampled(column, links) for column in columns.T]
     return np.column_stack(resampled) if resampled else np.zeros((links, 0))
 
@@ -126,8 +127,8 @@ def _lifted_space(motion: Motion, task: MotionTask) -> LinkSpace:
     last = motion.unknowns[-1]
     start = arm.headings(task.start)
     if task.goal_pose is not None:
-        # The column that leads from one end to the other is laid anew, so that both are met exactly. A motion that was
-        # bent to its own end for more room has still more coordinates: their columns are taken over.
+        # The column that leads from one end to the other is rebuilt, so that both are met exactly. A motion deformed
+        # to an end of its own for more clearance has further coordinates: their columns are resampled.
         columns = np.column_stack((matrix, _resampled_columns(motion.curve.turns[:, p:], arm.links)))
         change = last - first
         k = p + int(np.argmax(np.abs(change[p:])))
@@ -140,14 +141,14 @@ def _lifted_space(motion: Motion, task: MotionTask) -> LinkSpace:
     if len(first) > p and first[-1] != 0.0:
         offset = _resampled(motion.curve.arm.headings(motion.curve.offset), arm.links)
         return _refined_space(arm, np.column_stack((matrix, start - matrix @ first[:p] - offset)), offset)
-    # Blended to an end that the planner chose for the coarse arm, if at all: its column is taken over, the start stays
-    # exact.
+    # At most, the motion is blended to an end that the planner chose for the coarse arm: its column is resampled, and
+    # the start stays exact.
     columns = np.column_stack((matrix, _resampled_columns(motion.curve.turns[:, p:], arm.links)))
     return _refined_space(arm, columns, start - columns @ first)
 
 
 def _refined_space(arm: Arm, turns: FloatArray, offset: FloatArray) -> LinkSpace:
-    """Return the link space whose headings are turns (links, p) by the coordinates beside an offset (links,) [rad]."""
+    """Return the link space whose headings are an offset (links,) plus turns (links, p) by the coordinates [rad]."""
     return LinkSpace(arm, np.diff(turns, axis=0, prepend=0.0), arm.bends(offset))
 
 
@@ -160,20 +161,20 @@ def _resampled(offset: FloatArray, links: int) -> FloatArray:
 
 
 def _repair_stepper(space: LinkSpace, task: MotionTask) -> Stepper:
-    """Return the stepper of repairs, which keeps a smaller margin than the search does."""
+    """Return the stepper of repairs, with a smaller margin than that of the search."""
     length = task.arm.length
     finder = task.finder(_REPAIR_MARGIN * length, _REACH * length)
     return Stepper(space, task.limits(finder), task.settings, finder=finder)
 
 
 def _lies_across(stepper: Stepper, coordinates: FloatArray, failing: IntArray) -> bool:
-    """Whether the arm lies across a wall, or itself, at the beginning of an interval: it would be pushed on through."""
+    """Return whether an arm crosses a wall or itself at a failing interval's start; repair would push it through."""
     poses = (stepper.pose(coordinates[k]) for k in failing)
     return any(stepper.finder.crosses(pose.points) for pose in poses)
 
 
 def _pushed_clear(stepper: Stepper, coordinates: FloatArray, keyframes: IntArray) -> FloatArray:
-    """Return coordinates with some inner keyframes moved by a step that asks for nothing but the planning margin."""
+    """Return coordinates with some inner keyframes moved by a step whose only aim is the planning margin."""
     space = stepper.space
     last = len(coordinates) - 1
     mended = coordinates.copy()
@@ -190,7 +191,7 @@ def _pushed_clear(stepper: Stepper, coordinates: FloatArray, keyframes: IntArray
 
 
 def coarse_task(task: MotionTask) -> MotionTask | None:
-    """Return the task with as few links as its passages let through.
+    """Return the task with as few links as its passages permit.
 
     None where that does not pay, or is not possible.
     """
@@ -198,16 +199,16 @@ def coarse_task(task: MotionTask) -> MotionTask | None:
     links = max(_DESIGN_LINKS, 2 * ceil(0.5 * task.nominal_links))
     if task.arm.links <= _MANY_LINKS * links or task.user_limits or task.clamped or task.arm.base_axes:
         return None
-    # What lies in the middle of a gate with few links lies beside it with many.
+    # A motion through the middle of a gate with few links is off the middle with many.
     if task.gates is not None:
         return None
     return coarsened(task, links)
 
 
 def taken_over(found: Motion, coarse: MotionTask, task: MotionTask, failures: list[Failure]) -> Motion | None:
-    """Return the coarse motion on the task's links, optimised: lifted, or else found again.
+    """Return the coarse motion on the task's links, optimised: refined, or else found again.
 
-    None where neither can be.
+    None where both fail.
     """
     lifted = _lifted(found, coarse, task)
     if lifted is not None:
@@ -217,9 +218,12 @@ def taken_over(found: Motion, coarse: MotionTask, task: MotionTask, failures: li
 
 
 def _lifted(found: Motion, coarse: MotionTask, task: MotionTask) -> Motion | None:
-    """A coarse motion on the task's links: optimised and lifted, or else lifted as it was found and then optimised."""
-    # An optimised motion hugs the walls, and the links of the finer arm lie elsewhere; hence the wider margin. Where it
-    # still cannot be lifted, the motion as it was found has more room.
+    """Return a coarse motion on the task's links, or None.
+
+    It is optimised and then refined or, where that fails, refined as found and then optimised.
+    """
+    # An optimised motion hugs the walls, and the links of the finer arm lie elsewhere; hence the wider margin. Where
+    # its refinement still fails, the motion as found has more clearance.
     optimised = optimised_to_end_pose(straightened(found, coarse), coarse, LIFT_MARGIN)
     lifted = lift(optimised, task)
     if lifted is not None or optimised is found:
@@ -229,12 +233,10 @@ def _lifted(found: Motion, coarse: MotionTask, task: MotionTask) -> Motion | Non
 
 
 def _found_again(found: Motion, task: MotionTask, failures: list[Failure]) -> Motion | None:
-    """Return the motion of the candidate that arrived with few links, tried with the task's own.
+    """Return the motion of the candidate that succeeded with few links, on the task's own links; else None.
 
-    None where it does not.
-
-    In narrow places the finer arm swings out beside the chords of the coarse one, and no repair brings a thin link
-    back through a wall; but what leads the one mostly leads the other.
+    In narrow places the finer arm swings out from the chords of the coarse one, and no repair brings a thin link back
+    through a wall; but a guide that leads one arm mostly leads the other.
     """
     run = PlanarRun.from_task(task, fitting_margins(task)[0])
     return run.run((each for each in chain(run.first(), run.further()) if each.name == found.candidate), failures)
@@ -242,10 +244,10 @@ def _found_again(found: Motion, task: MotionTask, failures: list[Failure]) -> Mo
 
 # ------------------------------------------------------------ in space
 def nominal_task(task: SpaceTask) -> SpaceTask | None:
-    """Return what the search is asked for nominal links; None where the arm's own links are to be planned.
+    """Return the search task with nominal links; None where the arm's own links are to be planned.
 
     Args:
-        task: with a goal for the tip, or else nothing is lifted.
+        task: task of the arm; only tasks with a goal for the tip are refined.
     """
     arm = task.arm
     # The user's terms are written in the bends of the arm's own joints.
@@ -275,11 +277,11 @@ def nominal_task(task: SpaceTask) -> SpaceTask | None:
 
 
 def lifted_motion(task: SpaceTask, found: SpaceMotion) -> SpaceMotion | None:
-    """Return a motion for nominal links laid under those of the arm; None where that does not pass.
+    """Return a motion for nominal links refined to the links of the arm; None where that cannot be certified.
 
     Args:
-        task: of the arm.
-        found: of the task that ``nominal_task`` makes of it.
+        task: task of the arm.
+        found: motion for the task that ``nominal_task`` derives from it.
     """
     curve, start = CurveMap.through(task.arm, task.start, found.curve.knots)
     stepper = task.stepper(curve, 0.0)
@@ -295,10 +297,10 @@ def lifted_motion(task: SpaceTask, found: SpaceMotion) -> SpaceMotion | None:
 
 
 def _fitted(stepper: SpaceStepper, found: SpaceMotion, start: FloatArray) -> FloatArray:
-    """Return unknowns of the arm at the keyframes of a coarse motion, its joints nearest to where those of that are.
+    """Return unknowns of the arm at the keyframes of a coarse motion, fitted to the coarse arm's joints.
 
     Args:
-        stepper: of the arm.
+        stepper: stepper of the arm.
         found: the coarse motion.
         start: unknowns of the arm at its start, shape (p,).
     """
@@ -310,8 +312,8 @@ def _fitted(stepper: SpaceStepper, found: SpaceMotion, start: FloatArray) -> Flo
     configurations = found.curve.configurations(found.unknowns)[1:]
     joints = found.curve.arm.joint_positions_at(configurations)
     for q, places, change in zip(configurations, joints, changes, strict=True):
-        # What the coarse arm changed is a good beginning where nothing is blended in to its bends. Where many joints
-        # are bent, the curve that shows their bends best is a better one.
+        # The coarse arm's change is a good initial guess where nothing is blended into its bends. Where many joints are
+        # bent, the curve that represents their bends best is a better one.
         laid = _nearest(stepper, along, places, fitted[-1] + change)
         if laid.off > _NEAR:
             same_curve = found.curve.fitted(q)[:shared] * scale
@@ -323,11 +325,11 @@ def _fitted(stepper: SpaceStepper, found: SpaceMotion, start: FloatArray) -> Flo
 
 @dataclass(frozen=True, eq=False)
 class _Laid:
-    """An arm laid on places.
+    """An arm fitted to places.
 
     Attributes:
-        v: its unknowns, shape (p,).
-        off: how far it is off at most [u].
+        v: unknowns of the arm, shape (p,).
+        off: largest distance from the places [u].
     """
 
     v: FloatArray
@@ -336,11 +338,11 @@ class _Laid:
 
 @dataclass(frozen=True, eq=False)
 class _Along:
-    """Places along an arm: on which link each lies, and how much of the link lies before it.
+    """Places along an arm: the link of each, and the share of the link that lies before it.
 
     Attributes:
-        link: shape (m,).
-        share: shape (m,).
+        link: numbers of the links, shape (m,).
+        share: shares of the links, shape (m,).
     """
 
     link: IntArray
@@ -348,31 +350,31 @@ class _Along:
 
     @classmethod
     def coarse_joints(cls, links: int) -> "_Along":
-        """Return where the joints and the tip of the coarse arm lie along an arm of so many links."""
+        """Return the places of the coarse arm's joints and tip along an arm with this number of links."""
         along = np.linspace(0.0, float(links), NOMINAL_LINKS + 1)
         link = np.minimum(along.astype(np.intp), links - 1)
         return cls(link, along - link)
 
     @classmethod
     def joints(cls, links: int) -> "_Along":
-        """Return the joints and the tip of an arm of so many links themselves."""
+        """Return the places of the joints and the tip of an arm with this number of links."""
         link = np.minimum(np.arange(links + 1), links - 1)
         return cls(link, (np.arange(links + 1) - link).astype(np.float64))
 
     def of(self, values: FloatArray) -> FloatArray:
-        """Values at these places, by those of the joints and the tip, linear in between, shape (links + 1, ...)."""
+        """Return values at these places, interpolated from those at the joints and the tip, shape (links + 1, ...)."""
         share = self.share.reshape(-1, *(1,) * (values.ndim - 1))
         return np.asarray((1.0 - share) * values[self.link] + share * values[self.link + 1])
 
 
 def _nearest(stepper: SpaceStepper, along: _Along, wanted: FloatArray, v: FloatArray) -> _Laid:
-    """Return the arm that comes nearest to places, fed as far, by the method of Levenberg and Marquardt.
+    """Return the arm fitted to places with its feed fixed, by the method of Levenberg and Marquardt.
 
     Args:
-        stepper: of the arm.
-        along: where on the arm.
-        wanted: where these shall be, shape (m, 3) [m].
-        v: unknowns to begin at, shape (p,).
+        stepper: stepper of the arm.
+        along: places on the arm.
+        wanted: wanted positions of these places, shape (m, 3) [m].
+        v: initial unknowns, shape (p,).
     """
     pose = stepper.pose(v)
     missing = ((wanted - along.of(pose.points)) / stepper.space.nominal_length).ravel()

@@ -1,6 +1,6 @@
-"""Checks of sampled poses against a raster of blocked places and against walls.
+"""Checks of sampled poses against a raster of blocked places and against the arm itself.
 
-What it lets pass is not proved; that is left to the certificate.
+A pose that passes is not proved to be free; that is left to the certificate.
 """
 
 from dataclasses import dataclass
@@ -16,35 +16,35 @@ from ccm_opt.scene.distances.enclosures import segment_distances
 from ccm_opt.scene.workspace import Obstacle, Workspace
 
 _STRIDE = 8
-"""Every so many poses are looked at first. Taste: most motions that touch do so in a wide stretch."""
+"""Stride of the first pass over poses. Taste: most motions that touch do so over a long stretch."""
 POSE_SPACING = 0.75
-"""How far the tip moves between two poses that are looked at, in the same unit. Taste: what is missed between them the
-certificate sees."""
+"""Distance that the tip moves between two checked poses, in distances that the axis has to keep. Taste: the
+certificate finds contacts between them."""
 LEAST_SPACING = 0.005
 """Least value of both spacings, as a share of the arm's length. Taste: for thin arms."""
 
 _CELLS = 2000
-"""Of the raster along a side of the square that the arm reaches. Taste: 4 million cells fill in some hundredths of a
-second, and a cell is a thousandth of the reach."""
+"""Cells of the raster along a side of the square that the arm reaches. Taste: 4 million cells fill in some
+hundredths of a second, and a cell is a thousandth of the reach."""
 
 _POINT_SPACING = 0.7
-"""Distance of the places that are looked up on the links, in distances that the axis has to keep. Derived: between
-places so near a corner can come no nearer than 94 % of that distance."""
+"""Distance of the checked places on the links, in distances that the axis has to keep. Derived: between places so
+near a corner can come no nearer than 94 % of that distance."""
 
 _TO_CORNER = float(np.sqrt(0.5))
-"""From the middle of a square of side 1 to its corner."""
+"""Distance from the middle of a square of side 1 to its corner."""
 
 
 @dataclass(frozen=True)
 class BlockedRaster:
-    """Cells of a square, blocked where all of the cell is nearer to a wall than the axis may be.
+    """Cells of a square, blocked where the whole cell is nearer to a wall than the axis may be.
 
-    A free cell says little; a blocked one refutes a pose.
+    A free cell proves nothing; a blocked one refutes a pose.
 
     Attributes:
         corner: lower left corner of the square, shape (2,) [m].
         cell: side of a cell [m].
-        blocked: by row (y) and column (x); a frame of one cell all round stands for what lies beyond, all blocked.
+        blocked: by row (y) and column (x); a frame of one cell all round represents the outside, all blocked.
     """
 
     corner: FloatArray
@@ -56,15 +56,15 @@ class BlockedRaster:
         """Return the raster of a square.
 
         Args:
-            workspace: its walls.
-            middle: of the square, shape (2,) [m].
+            workspace: workspace with the walls.
+            middle: middle of the square, shape (2,) [m].
             half: half of its side [m].
             gap: distance that an axis has to keep from walls [m].
-            cells: along a side.
+            cells: number of cells along a side.
         """
         cell = 2.0 * half / cells
         corner = middle - half
-        # What is blocked at the middle of a cell by more than its half diagonal is blocked in all of it.
+        # Where the middle of a cell is blocked by more than its half diagonal, the whole cell is blocked.
         sure = gap - _TO_CORNER * cell
         square = shapely.box(*corner, *(corner + 2.0 * half))
         near = [wall for wall in workspace.obstacles if shapely.dwithin(wall.core, square, wall.rounding + gap)]
@@ -78,7 +78,7 @@ class BlockedRaster:
         return cls(corner, cell, blocked)
 
     def at(self, x: npt.NDArray[np.floating], y: npt.NDArray[np.floating]) -> BoolArray:
-        """Return whether places of the square are blocked, by their coordinates, both of one shape [m]."""
+        """Return whether places of the square are blocked, given their coordinates, both of one shape [m]."""
         side = self.blocked.shape[0]
         scale = 1.0 / self.cell
         column = (x * scale + (1.0 - self.corner[0] * scale)).astype(np.int32)
@@ -88,7 +88,7 @@ class BlockedRaster:
 
 
 def _grown(wall: Obstacle, by: float) -> shapely.Geometry:
-    """Return a wall grown; GEOS inscribes the arcs, so that what is covered is surely too near."""
+    """Return a wall grown by a distance; GEOS inscribes arcs, so that the covered area is certainly too near."""
     grown: shapely.Geometry = shapely.buffer(wall.core, wall.rounding + by)
     return grown
 
@@ -124,7 +124,7 @@ def _covered(shapes: list[shapely.Geometry], corner: FloatArray, cell: float, ce
 def _edges(shapes: list[shapely.Geometry]) -> tuple[FloatArray, FloatArray]:
     """Return the ends of all edges of the polygons among shapes, outer rings counter-clockwise and holes clockwise."""
     parts = shapely.get_parts(np.array(shapes, dtype=object))
-    # What has no area covers nothing for sure.
+    # Shapes without area cover no cell for certain.
     polygons = [part for part in parts if isinstance(part, shapely.Polygon) and not part.is_empty]
     rings = shapely.get_rings(shapely.orient_polygons(np.array(polygons, dtype=object)))
     points, ring = shapely.get_coordinates(rings, return_index=True)
@@ -133,19 +133,19 @@ def _edges(shapes: list[shapely.Geometry]) -> tuple[FloatArray, FloatArray]:
 
 
 _BEYOND_REACH = 1.001
-"""Half of the raster's side in arm lengths: rounding takes no place out of it."""
+"""Half of the raster's side in arm lengths, so that rounding takes no place out of the raster."""
 
 
 @dataclass(frozen=True)
 class SampledCheck:
-    """Looks at poses of one arm in one room.
+    """Checks poses of one arm in one workspace.
 
     Attributes:
         arm: the arm.
-        raster: of places where its axis is too near to a wall.
-        reach: how far each place that is looked up lies along each link, shape (links, places) [m].
-        spacing: how far the tip moves between two poses that are looked at [m].
-        parts: of a link between places that are looked up.
+        raster: raster of places where the arm's axis is too near to a wall.
+        reach: length along each link that leads to each checked place, shape (links, places) [m].
+        spacing: distance that the tip moves between two checked poses [m].
+        parts: number of parts of a link between checked places.
     """
 
     arm: Arm
@@ -156,7 +156,7 @@ class SampledCheck:
 
     @classmethod
     def of(cls, arm: Arm, workspace: Workspace) -> "SampledCheck":
-        """Return the check of an arm in a room."""
+        """Return the check of an arm in a workspace."""
         gap = arm.radius + workspace.clearance
         raster = BlockedRaster.around(workspace, arm.base, _BEYOND_REACH * arm.length, gap, _CELLS)
         least = LEAST_SPACING * arm.length
@@ -169,7 +169,7 @@ class SampledCheck:
         return cls(arm, raster, reach, spacing, parts)
 
     def refuted(self, headings: FloatArray) -> BoolArray:
-        """Return which poses touch something for sure, link headings (m, links) [rad], result (m,)."""
+        """Return which poses certainly touch something, link headings (m, links) [rad], result (m,)."""
         cosines = np.cos(headings).astype(np.float32)
         sines = np.sin(headings).astype(np.float32)
         x = cosines @ self.reach + np.float32(self.arm.base[0])
@@ -181,14 +181,17 @@ class SampledCheck:
         return refuted
 
     def free_shares(self, start: FloatArray, end: FloatArray) -> FloatArray:
-        """Return how far straight motions come before a pose that is refuted, as shares of the whole.
+        """Return the free shares of straight motions up to their first refuted pose.
 
         Args:
-            start: link headings, shape (m, links) [rad]; poses that are not looked at again.
-            end: likewise.
+            start: link headings, shape (m, links) [rad]; these poses are not checked again.
+            end: link headings at the other end, of the same shape [rad].
 
         Returns:
-            Shape (m,); the last pose looked at that is not refuted, 1 for the end.
+            Shape (m,); the share of the last checked pose before it that is not refuted, 1 for the end.
+
+        Raises:
+            ValueError: the headings have the wrong shape.
         """
         arm = self.arm
         raster = self.raster
@@ -227,7 +230,7 @@ class SampledCheck:
 
 
 def _places(arm: Arm, parts: int) -> FloatArray:
-    """Arc lengths of the places that are looked up, beyond the mount, so many a link, shape (places,) [m]."""
+    """Return the arc lengths of the checked places beyond the mount, ``parts`` to a link, shape (places,) [m]."""
     along = arm.link_length / parts * np.arange(arm.links * parts + 1)
     link, share = arm.mount_end
     mount = (link + share) * arm.link_length

@@ -1,4 +1,4 @@
-"""The task of a motion in space."""
+"""The task of a motion in space: arm, surfaces, ends and limits, and the certificates built from them."""
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
@@ -36,40 +36,41 @@ from ccm_opt.scene.contact_finder import SurfaceFinder, nearest_links
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 
 _LEAD = 0.04
-"""Of the path parameter, by which planning keeps a constraint before and behind its interval; taste."""
+"""Margin in the path parameter by which planning extends a constraint's interval on both sides. Taste."""
 _PATH_SAMPLES = 4
-"""Of a span of a path at which it is looked whether the tip passes its places."""
+"""Samples per span of a path at which the tip's distance from its via places is checked."""
 _PASSING = 0.5
-"""How near the tip stays to the places that it passes, as a share of what counts as passing."""
+"""Distance within which planning makes the tip pass its via places, as a share of the distance that counts as
+passing."""
 _ROW_MARGIN = 0.02
 """Gap that rows of the optimisation ask for beyond contact [u]."""
 _ROW_SEEN = 0.3
-"""Rows nearer to their bound than this enter its QP [u]."""
+"""Distance from their bound below which rows enter the optimisation's QP [u]."""
 _GROUPS = 24
-"""Arms with more links than this have rows for groups of neighbouring joints."""
+"""Number of links above which rows are for groups of neighbouring joints."""
 _REACH = 0.35
-"""Gap beyond that from which on surfaces, and links from each other, are left out of a step [u]."""
+"""Gap beyond the margin above which surfaces, and pairs of links, are left out of a step [u]."""
 _MARGIN = 0.06
 """Gap that steps keep beyond contact [u]."""
 _LEAST_SPARE = 1.2e-5
-"""The same where a start or a goal of the whole arm has no more than twice as much [u]; measured: a straight arm of a
-metre is lifted off a table 1.5 µm below it, and hardly off one at 1 µm."""
+"""Gap proved where a start or a goal of the whole arm has no more than twice as much [u]. Measured: a straight arm
+of one metre can be raised off a table 1.5 µm below it, and hardly off one at 1 µm."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class SpaceTask(SearchTask):
-    """One motion to be found in space; configurations are bends [rad], and then the base's way [m].
+    """Inputs of the search in space; configurations are bends [rad], followed by the feed of the base [m].
 
     Attributes:
-        tree: of the surfaces of the scene.
-        via_reach: how near the tip has to come to pass them [m].
+        tree: tree of the surfaces of the scene.
+        via_reach: distance from a via place within which the tip passes it [m].
         clearance: gap that the user asks for beyond the arm's radius [m].
         box: where the tip may go, lower and upper corner, shape (2, 3) [m].
         scene: extent of all surfaces, lower and upper corner, shape (2, 3) [m]; empty where there are none.
-        names: of the owners of surfaces.
-        slowness: how dear a unit of each coordinate is, by the speed that it allows, shape (c,); of bends about 1.
-        settings: numbers of the search.
-        stage: curve and unknowns, shape (p,), that a longer motion has come to; None where it begins at the start.
+        names: names of the owners of surfaces.
+        slowness: cost of a unit of each coordinate, from the speed that it allows, shape (c,); about 1 for bends.
+        settings: settings of the search.
+        stage: curve and unknowns, shape (p,), that a longer motion has reached; None where it begins at the start.
     """
 
     tree: SurfaceTree
@@ -84,12 +85,12 @@ class SpaceTask(SearchTask):
 
     @property
     def kept(self) -> float:
-        """Distance from the arm's axis that walls have to keep [m]."""
+        """Distance that walls must keep from the arm's axis [m]."""
         return self.arm.radius + self.clearance
 
     @property
     def advice(self) -> str:
-        """What may help where nothing better is known."""
+        """General advice where nothing more specific is known."""
         return "add goal.via places on the way"
 
     @property
@@ -98,12 +99,12 @@ class SpaceTask(SearchTask):
         return self.arm.length / NOMINAL_LINKS
 
     def deadline_within(self, seconds: float) -> "SpaceTask":
-        """Return the same task with a deadline after so much CPU time from now on, or its own if that is earlier."""
+        """Return the task with a deadline after some seconds of CPU time from now, or its own if that is earlier."""
         return replace(self, deadline=self.deadline.within(seconds))
 
     @cached_property
     def contact_certificate(self) -> SpaceCertificate:
-        """Of contact; it spares a little gap for what the path between samples may use."""
+        """The certificate of contact; it spares a small gap for the path between samples."""
         return SpaceCertificate(self.arm, self.tree, self.clearance + self.spare, self.spare, self.settings.certificate)
 
     @cached_property
@@ -112,11 +113,16 @@ class SpaceTask(SearchTask):
         return MotionCertificate(self.arm, self.spare, self.limits(self.finder(0.0, 0.0)))
 
     def finder(self, margin: float, reach: float) -> SurfaceFinder:
-        """Return a finder of contacts, beyond what is proved, with a planning margin and a reach [m]."""
+        """Return a finder of contacts, beyond the proved gap, with a planning margin and a reach [m]."""
         return SurfaceFinder(self.arm, self.tree, self.names, self.contact_certificate.gap, margin, reach)
 
     def limits(self, finder: SurfaceFinder, wanted_gap: float = 0.0) -> tuple[LimitOf[Any], ...]:
-        """All limits of the motion, contact by a finder's margin and reach, and by a gap that is asked for [m]."""
+        """Return all limits of the motion.
+
+        Args:
+            finder: finder of contacts, with the margin and reach of the contact limit.
+            wanted_gap: gap beyond contact that is asked for [m].
+        """
         rows = partial(motion_rows, finder=finder)
         contact = ContactLimit(finder, self.contact_certificate, self.settings.step, rows, wanted_gap)
         feed = (FeedLimit(),) if self.arm.base_axes else ()
@@ -124,7 +130,7 @@ class SpaceTask(SearchTask):
 
     @cached_property
     def spare(self) -> float:
-        """Gap that is proved beyond the clearance: as asked, or half of what there is where the motion ends [m]."""
+        """Gap that is proved beyond the clearance: as in the settings, or half of the smallest gap at the ends [m]."""
         most = self.settings.certificate.spare * self.unit
         ends = (self.start,) if self.goal_pose is None else (self.start, self.goal_pose)
         room = min(self._room(q, 2.0 * most) for q in ends)
@@ -132,11 +138,11 @@ class SpaceTask(SearchTask):
 
     @property
     def least_spare(self) -> float:
-        """No smaller gap is proved [m]."""
+        """Least gap that is proved [m]."""
         return _LEAST_SPARE * self.unit
 
     def _room(self, q: FloatArray, most: float) -> float:
-        """Return the least gap of a configuration beyond the clearance, or between its links, up to so much [m]."""
+        """Return the least gap of a configuration beyond the clearance, and between links, capped at ``most`` [m]."""
         arm = self.arm
         points = arm.joint_positions_at(q)
         _, axes = arm.exposed_links(points)
@@ -153,11 +159,11 @@ class SpaceTask(SearchTask):
         return _MARGIN * self.unit
 
     def program(self, motion: SpaceMotion, margin: float | None = None) -> MotionProgram[Sweep]:
-        """Return the program of optimising a motion, its keyframes still to be chosen."""
+        """Return the program that optimises a motion, with its keyframes still to be chosen."""
         kept = _ROW_MARGIN * self.unit if margin is None else margin * self.arm.length
         goal = self.limited_goal
         exact = moved_onto(motion.curve, goal, motion.curve.pose(motion.unknowns[-1]))
-        # The last keyframe stays where no tip counts, or limits keep it a little off its goal.
+        # The last keyframe is fixed for a goal of the whole arm, or where limits keep it a little off its goal.
         on_goal = goal.on_goal(exact) and goal.limits_met(exact) and within_limits(self.arm, exact.q)
         passed = (PassedPlaces(np.stack(self.via), _PASSING * self.via_reach),) if self.via else ()
         return MotionProgram(
@@ -179,30 +185,31 @@ class SpaceTask(SearchTask):
         )
 
     def _lack(self, sweep: Sweep) -> float:
-        """Return the room that a motion lacks over all its intervals, in nominal links."""
+        """Return the clearance that a motion lacks over all its intervals, in nominal links."""
         return float(np.sum(room_lacking(sweep, self.finder(0.0, 0.0), self.wanted_gap))) / self.unit
 
     def room_lacking(self, q: FloatArray) -> FloatArray:
-        """Return by how much configurations, shape (k, c), lack the wanted room, shape (k,) [m]."""
+        """Return how far the gap of each configuration, shape (k, c), falls short of the wanted gap, shape (k,) [m]."""
         return distance_lacking(self.arm, self.tree, self.arm.joint_positions_at(q), self.kept + self.wanted_gap)
 
     def free(self, q: FloatArray) -> FloatArray:
-        """Return the 1 for what a knot may move, 0 for joints that are clamped, shape (c,); the base is fixed."""
+        """Return 1 for each coordinate that a knot may move, 0 for clamped joints, shape (c,)."""
         return (np.arange(len(q)) >= self.arm.bends_a_joint * self.arm.clamped_joints).astype(np.float64)
 
     def keyframes_along(
         self, keyframes: FloatArray, spline: BSpline, *, legs: bool
     ) -> tuple[FloatArray, BSpline, tuple[Configuration, ...]]:
-        """Return the path as it is.
+        """Return the keyframes, the path unchanged, and no curves.
 
-        Drawn in the unknowns, that of a fed arm may pass configurations of the motion by.
+        The path of a fed arm is built in the unknowns and may bypass the motion's keyframes: they are sampled from it
+        anew.
         """
         if self.arm.base_axes and not legs:
             keyframes = np.asarray(spline(np.linspace(0.0, 1.0, len(keyframes))))
         return keyframes, spline, ()
 
     def violated_place(self, spline: BSpline) -> Diagnosis | None:
-        """Return which place the tip does not pass on a path, in words; None where it passes all."""
+        """Return a diagnosis of the via place that the tip does not pass on a path; None where it passes all."""
         if not self.via:
             return None
         spans = len(spline.t) - 2 * spline.k - 1
@@ -219,21 +226,21 @@ class SpaceTask(SearchTask):
         return Diagnosis(reason, "motion", ("move the place to where an arm as long and stiff as this can pass it",))
 
     def stepper(self, curve: CurveMap, margin: float = 1.0) -> SpaceStepper:
-        """Return the takes steps in the unknowns of a curve, with a share of the margin."""
+        """Return the stepper in the unknowns of a curve, with a share of the margin."""
         gap = margin * self.margin
         return SpaceStepper(curve, self.limits(self.finder(gap, gap + _REACH * curve.nominal_length)), self.settings)
 
 
 def reach_box(arm: Arm, bounds: FloatArray | None) -> FloatArray:
-    """Corners of where any of the arm can be: within the arm's length of its base, and in the room, (2, d) [m]."""
+    """Return the corners of the box that contains the arm in any pose, clipped to the bounds, (2, d) [m]."""
     low, high = arm.base_range
     return _box_about(arm, low, high, arm.length, bounds)
 
 
 def tip_box(arm: Arm, bounds: FloatArray | None) -> FloatArray:
-    """Return the corners of where the tip can be, (2, 3) [m].
+    """Return the corners of the box that contains the tip in any pose, clipped to the bounds, (2, 3) [m].
 
-    An arm is straight in its guide tube and turns about its end.
+    An arm on a feed axis is straight in its guide tube and turns only beyond the tube's end.
     """
     low, high = arm.base_range
     if not arm.base_axes:
@@ -243,7 +250,7 @@ def tip_box(arm: Arm, bounds: FloatArray | None) -> FloatArray:
 
 
 def _box_about(arm: Arm, low: float, high: float, reach: float, bounds: FloatArray | None) -> FloatArray:
-    """Return the corners of what is within reach of a part of the line of the base, and in the room, (2, d) [m]."""
+    """Return the corners of the box within reach of a stretch of the base's line, clipped to the bounds, (2, d) [m]."""
     ends = arm.base + np.outer([low, high], arm.direction)
     box = np.stack((ends.min(axis=0) - reach, ends.max(axis=0) + reach))
     if bounds is None:
@@ -258,13 +265,13 @@ def space_task(
     settings: SpaceMotionSettings,
     terms: UserTerms | None = None,
 ) -> SpaceTask:
-    """Return what the search is asked for a problem.
+    """Return the search task of a problem.
 
     Args:
-        problem: with one goal.
-        tree: of its surfaces.
+        problem: problem with one goal.
+        tree: tree of its surfaces.
         deadline: when to stop.
-        settings: numbers of the search.
+        settings: settings of the search.
         terms: the user's constraints and costs, or None.
     """
     arm = problem.arm
@@ -273,7 +280,7 @@ def space_task(
     if goal_pose is not None:
         tip = GoalPose(arm.joint_positions_at(goal_pose)[-1], arm.link_rotations(goal_pose)[-1][:, 0])
     else:
-        # Half of the tolerances is left to what comes after planning.
+        # Half of the tolerances is left to the stages after planning.
         near_enough = (0.5 * problem.tolerances.position, 0.5 * problem.tolerances.heading)
         tip = GoalPose(goal.tip(arm), goal.direction, near_enough=near_enough)
     return SpaceTask(
@@ -300,7 +307,7 @@ def space_task(
 
 
 def coarse_problem(problem: Problem, few: SpaceTask) -> Problem:
-    """Return the problem as the search for nominal links sees it; torques are left to the arm itself."""
+    """Return the problem for the arm of nominal links; torque and jerk limits are left to the arm itself."""
     limits = problem.limits
     revolutes = 3 * few.arm.links
     return replace(
@@ -320,10 +327,10 @@ def coarse_problem(problem: Problem, few: SpaceTask) -> Problem:
 
 
 def slowness(problem: Problem) -> FloatArray:
-    """How dear a unit of each coordinate is: the usual speed of a bend over that of the coordinate, shape (c,)."""
+    """Return the cost of a unit of each coordinate: a bend's median speed over the coordinate's, shape (c,)."""
     arm = problem.arm
     speeds = problem.limits.of_coordinates(arm.coordinates).velocity
     usual = float(np.median(speeds[: 2 * arm.links]))
-    # A feed without a limit counts as one that goes a nominal link while a joint bends by a radian.
+    # A feed without a speed limit is taken to travel a nominal link while a joint bends by a radian.
     speeds = np.where(np.isfinite(speeds), speeds, usual * arm.length / NOMINAL_LINKS)
     return np.asarray(usual / speeds)

@@ -1,4 +1,4 @@
-"""Steps of an arm under its limits, and steps onto a goal."""
+"""Single steps of an arm under its limits: a QP over linearised limits, its solution shortened until accepted."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -17,8 +17,8 @@ from ccm_opt.planning.settings import EngineSettings, MotionSettings
 from ccm_opt.scene.contact_finder import WallFinder
 
 _ITERATIONS_A_ROW = 8
-"""Most iterations of the QP to a row: a jammed arm would go on in vain, but 192 links need more than 24 in all.
-Taste."""
+"""Most iterations of the QP per row: with a jammed arm it would iterate in vain, but 192 links need more than 24 in
+all. Taste."""
 _BACKTRACKS = 6
 """Halvings of a step before it is given up. Taste."""
 
@@ -27,12 +27,12 @@ AnyUnknowns = TypeVar("AnyUnknowns", bound=CurveUnknowns)
 
 @dataclass(frozen=True, eq=False)
 class StepperOf(Generic[AnyUnknowns]):
-    """Solves and accepts single steps: it stacks what the limits contribute, and knows none of them.
+    """Solves and accepts single steps; it stacks the contributions of the limits without knowing their kinds.
 
     Attributes:
         space: the map of the unknowns.
-        limits: all that a step has to keep.
-        settings: numbers of the search; guides and trees find theirs here too.
+        limits: all limits that a step has to keep.
+        settings: settings of the search; guides and trees read theirs here too.
     """
 
     space: AnyUnknowns
@@ -56,58 +56,58 @@ class StepperOf(Generic[AnyUnknowns]):
         settings = self.settings.step
         turn = settings.largest_turn if turn is None else turn
         parts = [limit.linearised(self.space, pose, turn) for limit in self.limits]
-        # A goal that the curve shows well leaves the coordinate that blends it in without effect on any link.
+        # Where the curve represents the goal well, the coordinate that blends the goal in has no effect on any link.
         ridge = np.where(self.space.of_shape, settings.ridge, max(settings.ridge, settings.blend_ridge))
         hessian, gradient = normal_equations([*terms, *(pull for rows in parts for pull in rows.pulls)], ridge)
         matrix, lower, upper, sense = stacked_rows(parts)
         most = _ITERATIONS_A_ROW * len(upper)
         delta = solve_small_qp(hessian, gradient, matrix, upper, lower, sense, most)
         if delta is None and np.any(lower[sense == 0] > 0.0):
-            # What rows ask to be mended cannot be at once: then it may stay as it is.
+            # The violations cannot all be restored at once: let them stay as they are.
             staying = np.where(sense == 0, np.minimum(lower, 0.0), lower)
             delta = solve_small_qp(hessian, gradient, matrix, upper, staying, sense.copy(), most)
         if delta is None:
-            # The pose itself as the answer tells the caller that there is no step.
+            # Returning the pose itself tells the caller that there is no step.
             return pose
-        # No longer than what is linearised is good for.
+        # Shorten the step to where the linearisation is valid.
         delta = delta / max(1.0, *(rows.excess(delta) for rows in parts))
         return self._accept(pose, delta, parts, turn) if checked else self.pose(pose.v + delta)
 
     def _accept(self, pose: Pose, delta: FloatArray, parts: list[LimitRows], turn: float) -> Pose:
-        """Return the backtrack until every limit's true check holds.
+        """Return the pose after the step, halved until every limit's exact check holds; the same pose if none does.
 
-        The linearised rows promise that for small steps only.
+        The linearised rows guarantee that for small steps only.
         """
         for k in range(_BACKTRACKS):
-            # Halving always ends well in theory, for δ = 0 is feasible; after a few halvings the gain is not worth the
+            # Halving always succeeds in theory, since δ = 0 is feasible; after a few halvings the gain is not worth the
             # check.
             trial = self.pose(pose.v + delta * 0.5**k)
             for limit in self.limits:
                 trial = limit.restored(self.space, trial, turn)
-            # The limits stand in the order of their rows; backwards the costly check of contact comes last.
+            # The limits are in the order of their rows; in reverse, the costly check of contact comes last.
             if all(rows.keeps(trial) for rows in reversed(parts)) and self._proved(pose, trial):
                 return trial
         return pose
 
     def _proved(self, pose: Pose, trial: Pose) -> bool:
-        """Return whether the way of a step is proved, where steps are."""
+        """Return whether the motion of a step is proved, where the settings ask for proofs of steps."""
         depth = self.settings.step.proof_depth
         return depth is None or self.safe(pose.q, trial.q, depth)
 
     def leads_to(self, near: Pose, final: Pose) -> bool:
-        """Return whether a pose that was put exactly onto the goal may follow a pose near it."""
-        # Backwards, as after a step: the check of contact costs most.
+        """Return whether a pose that was placed exactly on the goal may follow a pose near it."""
+        # In reverse, as after a step: the check of contact is the most costly.
         kept = all(limit.keeps_at_goal(self.space, near, final) for limit in reversed(self.limits))
         return kept and (self.settings.step.proof_depth is None or self.safe(near.q, final.q))
 
     # ------------------------------------------------------------ what is certified
     def safe(self, before: FloatArray, after: FloatArray, depth: int | None = None) -> bool:
-        """Return whether the motion between two configurations, each of shape (c,), keeps all limits for certain."""
+        """Return whether the motion between two configurations, each of shape (c,), is certified to keep all limits."""
         edge = np.stack((before, after))
         return not any(len(limit.failures(edge, depth)) for limit in reversed(self.limits))
 
     def edge_is_safe(self, before: FloatArray, after: FloatArray, depth: int | None = None) -> bool:
-        """Return the same between two unknowns, each of shape (p,)."""
+        """Return whether the motion between two unknowns, each of shape (p,), is certified to keep all limits."""
         return len(self.failing_edges(np.stack((before, after)), depth)) == 0
 
     def failing_edges(self, unknowns: FloatArray, depth: int | None = None) -> IntArray:
@@ -119,7 +119,7 @@ class StepperOf(Generic[AnyUnknowns]):
         return replace(self, limits=tuple(limit.placed(u) for limit in self.limits))
 
     def miss(self, q: FloatArray) -> float:
-        """Return by how much the worst limit is missed that has to be met exactly; 0 when all are met."""
+        """Return the largest violation of the limits that have to be met exactly; 0 when all are met."""
         return max(limit.miss(q) for limit in self.limits)
 
 
@@ -128,7 +128,7 @@ class Stepper(StepperOf[LinkSpace]):
     """Takes steps in the plane.
 
     Attributes:
-        finder: of contacts; guides and reports ask it for walls, margins and what is near.
+        finder: finder of contacts; guides and diagnoses query its walls, margins and near contacts.
     """
 
     settings: MotionSettings = field(default_factory=MotionSettings)
@@ -136,7 +136,7 @@ class Stepper(StepperOf[LinkSpace]):
 
     @property
     def among_many_walls(self) -> bool:
-        """Whether so many walls are near that poses at the goal are dear to find, and folds have no room."""
+        """Whether so many walls are near that goal poses are costly to find, and folds have no clearance."""
         return len(self.finder.walls.names) > self.settings.many_walls
 
 

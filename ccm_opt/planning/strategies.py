@@ -1,4 +1,4 @@
-"""What is tried to find a motion, in its order: routes and guides in the plane, ways of the tip in space."""
+"""The strategies of the search for a motion, in their order: routes and guides in the plane, tip paths in space."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -31,30 +31,29 @@ from ccm_opt.problem import Weights
 from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
 
 TREE_MARGINS = (0.12, 0.06, 0.024)
-"""Margins that trees of poses are grown with, in nominal links: a wide one moves on faster, a narrow one gets through.
-Taste."""
+"""Margins with which trees of poses are grown, in nominal links: a wide one advances faster, a narrow one gets
+through. Taste."""
 _MOST_LINKS = 48
-"""Arms with more links are not planned so. Taste: a pose costs by the links."""
+"""Number of links above which RRT-Connect is not used. Taste: the cost of a pose grows with the links."""
 
 _WORTH_SHORTENING = 1.2
-"""Times the duration of the straight line between its ends from which on a motion that follows its leader is optimised.
-Taste."""
+"""Multiple of the straight line's duration above which a motion that follows its leader is still optimised. Taste."""
 
 
 FEW_BUDGETS = (5000, 10000, 20000)
-"""Extensions that searches one after the other may take before all else, for arms of few links. Measured: most scenes
-take some thousand; what takes long is mostly found sooner from the beginning."""
+"""Extensions of successive RRT-Connect searches before all else, for arms of few links. Measured: most scenes take
+some thousand; a search that takes long mostly succeeds sooner when restarted."""
 _WHOLE_ARM_BUDGETS = (8000,)
-"""The same for other arms with a goal for the whole arm, but for arms so thin that poses lie nearer to each other than
-these are wide. Taste: a quarter of a second."""
+"""Extensions of the early search for other arms with a goal for the whole arm, except arms so thin that poses have
+to be checked at spacings below their width. Taste: a quarter of a second."""
 _MIDDLE_BUDGETS = (60000, 60000)
-"""The same once more after the candidates with the widest margin. Taste: three seconds."""
+"""Extensions of the searches after the candidates with the widest margin, for the same arms. Taste: three seconds."""
 _LATE_BUDGETS = (60000, 60000)
-"""The same for all, before the trees of poses. Taste: some seconds."""
+"""Extensions of the late searches for all arms. Taste: some seconds."""
 
 
 class Turn(IntEnum):
-    """When RRT-Connect has its turn: before the candidates, among them, after them, or after the trees."""
+    """When RRT-Connect is tried: EARLY before, MIDDLE among and LATE after the candidates, LAST after the trees."""
 
     EARLY = 0
     LATE = 1
@@ -63,12 +62,12 @@ class Turn(IntEnum):
 
 
 def goes_straight_to_pose(task: MotionTask) -> bool:
-    """Return whether a straight motion may be one: poses of the whole arm alone say where straight is."""
+    """Return whether interpolation is possible: the goal is a whole-arm pose, and no limit depends on u."""
     return task.goal_pose is not None and not task.parametric
 
 
 def straight(task: MotionTask, failures: list[Failure]) -> Motion | None:
-    """Return the straight to a goal of the whole arm, or straight back from it, bent round obstacles by the step."""
+    """Return a motion straight to or back from a goal of the whole arm, deflected by the steps' limits; else None."""
     margins = fitting_margins(task)
     forward = PlanarRun.from_task(task, margins[0])
     motion = forward.run(forward.direct(), failures)
@@ -83,17 +82,20 @@ def straight(task: MotionTask, failures: list[Failure]) -> Motion | None:
 
 
 def connects(task: MotionTask, turn: Turn = Turn.EARLY) -> bool:
-    """Whether RRT-Connect has a turn: limits that move keyframes, or depend on u, refuse all straight motions."""
+    """Return whether RRT-Connect is tried in this turn.
+
+    Limits that move keyframes, or depend on u, rule it out: they refuse all straight motions.
+    """
     refused = task.parametric or bool(task.user_limits)
     return not refused and len(_budgets(task, turn)) > 0
 
 
 def connected(task: MotionTask, failures: list[Failure], turn: Turn = Turn.EARLY) -> Motion | None:
-    """Return the motion that joins trees in the coordinates of the curve, with so many extensions that it costs little.
+    """Return the motion found by RRT-Connect in the coordinates of the curve, within this turn's extensions; else None.
 
     Args:
-        task: arm, room, ends and limits.
-        failures: is added to.
+        task: arm, workspace, ends and limits.
+        failures: a failure is appended here.
         turn: which of its turns this is; the last is for goals of every kind.
     """
     budgets = _budgets(task, turn)
@@ -110,10 +112,10 @@ def connected(task: MotionTask, failures: list[Failure], turn: Turn = Turn.EARLY
 
 def _budgets(task: MotionTask, turn: Turn) -> tuple[int, ...]:
     few = task.arm.links <= FEW_LINKS
-    # Without a way of the tip there is hardly one of the arm; few links may still have one closer to a wall.
+    # Without a tip path a motion of the arm is unlikely; with few links there may still be one closer to a wall.
     if not task.tip_paths and not few:
         return ()
-    # Thin arms of many links have their late turn after the trees, for to look at them takes long.
+    # Thin arms of many links have their late turn after the trees, since checking their poses takes long.
     slow = not few and needs_dense_sampling(task)
     if turn in {Turn.LATE, Turn.LAST}:
         return _LATE_BUDGETS if slow == (turn is Turn.LAST) else ()
@@ -125,17 +127,16 @@ def _budgets(task: MotionTask, turn: Turn) -> tuple[int, ...]:
 
 
 def bends_freely(task: MotionTask) -> bool:
-    """Whether arcs may lead to the goal: they know of no base that is carried or held, and of nothing else there."""
+    """Return whether arcs may lead to the goal: a tip goal with a tip path, a free fixed base and no user limits."""
     free = not task.clamped and not task.arm.base_axes and not task.user_limits
     return free and task.goal_pose is None and len(task.tip_paths) > 0
 
 
 def find_by_limit_arcs(task: MotionTask, failures: list[Failure]) -> Motion | None:
-    """Return the straight to poses with the joints bent all they may be, where a goal for the tip asks for that.
+    """Return a motion, straight or by RRT-Connect, to a pose with joints at their limits; else None.
 
-    Then RRT-Connect.
-
-    Guides that draw the tip to such a goal end near it with some joint at its limit and others short of theirs.
+    Only for tip goals that need such a pose: guides that draw the tip there end near the goal with some joints at their
+    limits and others short of theirs.
     """
     poses = ArcsAtLimits(task.arm, task.goal).where_needed(task.settings.step.full_limit_share)
     ending = [ending_in(task.at_full_limits(), pose) for pose in poses if _touches_nothing(task, pose)]
@@ -151,9 +152,9 @@ def find_by_candidates(task: MotionTask, failures: list[Failure], *, narrow: boo
     """Return the first candidate's motion that arrives and is certified, with one planning margin after another.
 
     Args:
-        task: arm, room, ends and limits.
-        failures: is added to.
-        narrow: whether this is what is left of the margins where RRT-Connect has its turn after the widest.
+        task: arm, workspace, ends and limits.
+        failures: failures of candidates are appended here.
+        narrow: whether to use the narrower margins, where RRT-Connect has its turn after the widest.
     """
     margins = fitting_margins(task)
     if is_divided(task):
@@ -168,15 +169,15 @@ def find_by_candidates(task: MotionTask, failures: list[Failure], *, narrow: boo
 
 
 def is_divided(task: MotionTask) -> bool:
-    """Return whether RRT-Connect has its turn between the widest margin of the candidates and the others."""
+    """Return whether RRT-Connect has its turn between the candidates' widest margin and the others."""
     return not task.parametric and task.arm.links <= _MOST_LINKS and connects(task, Turn.MIDDLE)
 
 
 def tracked(task: MotionTask, failures: list[Failure]) -> Motion | None:
-    """Return a motion that is found without the user's limits, then tracked under them; one for each margin is tried.
+    """Return a motion found without the user's limits and then tracked under them; tries one for each margin.
 
-    For limits over the path parameter. Where candidates fail under limits that do not depend on it, tracking is another
-    way to keep them.
+    This is meant for limits that depend on the path parameter. Where candidates fail under other limits, tracking is
+    another way to meet these.
     """
     free = replace(task, user=None)
     for margin in fitting_margins(task):
@@ -190,7 +191,7 @@ def tracked(task: MotionTask, failures: list[Failure]) -> Motion | None:
 
 
 def find_by_trees(task: MotionTask, failures: list[Failure]) -> Motion | None:
-    """The motion that joins trees of poses from both ends, until the deadline or until they reach nothing new."""
+    """Return the motion that joins trees of poses from both ends; None where they do not meet in time."""
     if not task.tip_paths:
         return None
     full = task.at_full_limits()
@@ -205,21 +206,20 @@ def find_by_trees(task: MotionTask, failures: list[Failure]) -> Motion | None:
 
 
 def _independent_of_path_parameter(task: MotionTask) -> bool:
-    """Whether no limit depends on u: candidates, and poses of trees, do not know how far along the motion they are."""
+    """Return whether no limit depends on u: candidates, and poses of trees, have no path parameter."""
     return not task.parametric
 
 
 def needs_dense_sampling(task: MotionTask) -> bool:
-    """Whether poses have to be looked at nearer to each other than the arm is wide, which takes RRT-Connect long."""
+    """Return whether poses have to be checked at spacings below the arm's width, which slows RRT-Connect down."""
     return POSE_SPACING * task.kept < LEAST_SPACING * task.arm.length
 
 
 def candidate_motions(task: MotionTask, margin: float, failures: list[Failure]) -> Iterator[Motion | None]:
-    """Yield the forwards, then backwards from every pose at the goal, then forwards with all that is left.
+    """Yield motions forwards, then backwards from every goal pose, then forwards with the remaining candidates.
 
-    None for failures.
-
-    Backwards first where the way leads into narrow gates: an arm can be slid out of them.
+    Yields None for each pass that fails. Backwards comes first where the path leads into narrow gates, since an arm can
+    be slid out of them.
     """
     forward = PlanarRun.from_task(task, margin)
     into_gates = any(path.rails for path in task.tip_paths) and not forward.lies_in_gates()
@@ -245,14 +245,14 @@ def candidate_motions(task: MotionTask, margin: float, failures: list[Failure]) 
 
 
 def _touches_nothing(task: MotionTask, q: FloatArray) -> bool:
-    """Return whether a configuration, shape (c,), keeps off walls and off itself."""
+    """Return whether a configuration, shape (c,), touches neither walls nor itself."""
     points = task.arm.joint_positions_at(q)
     finder = task.finder(0.0, task.arm.link_length)
     return not finder.crosses(points) and bool(finder.find(points).gap.min(initial=np.inf) > 0.0)
 
 
 def _stopped_by_joint_limits(task: MotionTask, failure: Failure) -> bool:
-    """Return whether a candidate ended near its goal with a joint bent as far as planning does."""
+    """Return whether a candidate ended near its goal with a joint bent as far as planning allows."""
     return failure.remaining < task.arm.length / NOMINAL_LINKS and task.bends_all_it_may(failure.pose)
 
 
@@ -274,23 +274,23 @@ STRATEGIES: tuple[Strategy[MotionTask, Motion], ...] = (
     Strategy(TREES, find_by_trees, _independent_of_path_parameter, costly=True),
     _connecting(f"{CONNECT} again", Turn.LAST),
 )
-"""What is tried in turn in the plane where the base is fixed."""
+"""Strategies tried in order in the plane where the base is fixed."""
 
 
 def find_motion(task: MotionTask, strategies: tuple[Strategy[MotionTask, Motion], ...] = STRATEGIES) -> Motion:
     """Find a certified motion from the start to the goal.
 
-    Arms of many links are planned with few links and lifted; when that fails, or the arm has few links, they are
-    planned on their own links.
+    Arms of many links are planned with few links and the motion is refined to the arm's own links; when that fails, or
+    the arm has few links, the search uses the arm's own links.
 
     Args:
-        task: arm, room, ends and limits.
-        strategies: tried in turn, those that apply.
+        task: arm, workspace, ends and limits.
+        strategies: strategies tried in order, where they apply.
 
     Raises:
         MotionNotFound: every candidate failed; the diagnosis lists why.
         TimeLimitReached: the deadline passed first.
-        UnreachableGoal: it is proved that there is none.
+        UnreachableGoal: it is proved that there is no motion.
     """
     ends = [task.start] if task.goal_pose is None else [task.start, task.goal_pose]
     if any(task.bends_all_it_may(end) for end in ends):
@@ -311,9 +311,9 @@ def find_motion(task: MotionTask, strategies: tuple[Strategy[MotionTask, Motion]
 
 
 def _finished(found: Motion, task: MotionTask) -> Motion:
-    """Return a motion optimised.
+    """Return the motion optimised, or as found where that is better.
 
-    One that follows its leader mostly lasts as long as its feed, and has its path's room.
+    A motion that follows its leader mostly takes little longer than its feed, and its path has clearance.
     """
     plain = not task.user_limits and task.weights == Weights()
     if found.follows and plain:
@@ -323,8 +323,8 @@ def _finished(found: Motion, task: MotionTask) -> Motion:
     ended = optimised_to_end_pose(straightened(found, task), task)
     if not task.arm.base_axes:
         return ended
-    # A change of shape alone is optimised already; and in a guide tube a shorter motion may leave a smooth path no
-    # room.
+    # A change of shape alone is optimised already; in a guide tube a shorter motion may leave a smooth path no
+    # clearance.
     gaps = [task.least_gap(each.configurations) for each in (found, ended)]
     no_worse = plain and found.busiest <= ended.busiest and gaps[0] >= gaps[1] - 1e-6 * task.arm.length
     return found if no_worse or smooth_path(ended, task) is None else ended
@@ -335,19 +335,20 @@ def _is_fed(run: SpaceRun) -> bool:
 
 
 def _passes_places(run: SpaceRun) -> bool:
-    """Return whether places on the way may be goals: the user's terms of a motion are written for the whole of it."""
+    """Return whether via places may be goals of stages; not with user terms, which are written for the whole motion."""
     return bool(run.task.via) and run.task.user is None
 
 
 def _passes_none(run: SpaceRun) -> bool:
-    """Return whether there are no places on the way: what is not led by the tip passes none."""
+    """Return whether there are no via places, which only motions led by the tip can pass."""
     return not run.task.via
 
 
 def _poses(*, whole: bool) -> Strategy[SpaceRun, SpaceMotion]:
-    """Return a pose of the whole arm is known, and need not be drawn.
+    """Return the strategy of moving to poses at the goal, for tasks with a goal pose of the whole arm or without one.
 
-    Other ways of the tip mostly lead to other poses.
+    A whole-arm pose is known and need not be sampled, so that strategy comes early; other tip paths mostly lead to
+    other poses.
     """
     return Strategy(
         "poses at the goal",
@@ -362,7 +363,10 @@ def _drawing(number: int) -> Strategy[SpaceRun, SpaceMotion]:
 
 
 def _sampling(number: int) -> Strategy[SpaceRun, SpaceMotion]:
-    """Sampled trees, for arms on a fixed base: of a fed one joints come out one by one on no straight way."""
+    """Return the strategy of sampled trees, for arms on a fixed base.
+
+    The joints of a fed arm leave the guide tube one by one, which no straight edge describes.
+    """
     return Strategy(
         f"sampled {CONNECT}",
         lambda run, failed: run.by_sampling(number, failed),
@@ -390,15 +394,15 @@ WAYS: tuple[Strategy[SpaceRun, SpaceMotion], ...] = (
     _drawing(3),
     Strategy("from place to place", _by_stages, _passes_places, costly=True),
 )
-"""What is tried in turn in space. How often trees begin with other draws was measured among 320 bodies."""
+"""Strategies tried in order in space. How often trees restart with other samples was measured among 320 bodies."""
 
 
 def find_by_ways(task: SpaceTask) -> SpaceMotion:
-    """Find a certified motion in space: the first that a strategy finds.
+    """Find a certified motion in space with the first strategy that succeeds.
 
     Raises:
-        MotionNotFound: no strategy reached the goal; with how far the best came, and what was in its way.
-        UnreachableGoal: it is proved that none could.
+        MotionNotFound: no strategy reached the goal; says how far the best came, and which obstruction was in its way.
+        UnreachableGoal: it is proved that no motion can reach the goal.
         TimeLimitReached: the deadline passed first.
     """
     run = SpaceRun.from_task(task)

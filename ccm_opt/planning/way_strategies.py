@@ -1,4 +1,4 @@
-"""How motions in space are looked for, by ways of the tip and poses at the goal; all steps are certified."""
+"""The strategies of the search in space, by tip paths and by poses at the goal; all steps are certified."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
@@ -26,54 +26,56 @@ from ccm_opt.planning.tip_ways import SpaceTipWays, TipWay
 from ccm_opt.planning.via_places import passings
 
 _WANTED_POSES = 8
-"""Poses that are moved to in turn before the sampler is tried."""
+"""Number of poses that are moved to in turn before sampling is tried."""
 
 _SLIDE_ROOM = 0.5
-"""Share of the wanted gap that the first fit of these leaves; where none does, any that touches nothing."""
+"""Share of the wanted gap that the first fit of a slide must keep; where no fit does, any that touches nothing is
+used."""
 
 _SLIDE_STEP = 0.5
-"""Of the feed from keyframe to keyframe [u]."""
+"""Feed from keyframe to keyframe of a slide [u]."""
 
 _KNOTS = (11, 16, 22)
-"""Of the curve, tried in turn: the more, the better it shows sharp bends, and the longer the optimisation takes
-(measured in pipes: with 8 to 16 links 16 show what chords leave, with 24 links 22 do)."""
+"""Numbers of knots of the curve, tried in turn: more knots represent sharp bends better, but the optimisation takes
+longer (measured in pipes: with 8 to 16 links 16 knots represent what chords leave, with 24 links 22 do)."""
 _GRAZING = 0.1
-"""A motion led by the tip that keeps less than this share of the wanted gap is slid instead if it can be; the
-optimisation seldom makes room for such a one."""
+"""Share of the wanted gap below which a motion led by the tip is replaced by a slide, if possible: the optimisation
+seldom restores the clearance of such a motion."""
 _EXTENSIONS = 8000
-"""Of trees that are the last resort, at most, each time that it begins."""
+"""Most extensions of the last-resort trees per restart."""
 _TURNS_OFF = 1.5
-"""Links that stand out of the guide tube before the tip turns off its straight way. With a single one the joint in the
-mouth would have to bend as it comes out (measured between ribs)."""
+"""Number of links that leave the guide tube before the tip turns off its straight path. With a single one the joint
+in the mouth would have to bend as it comes out (measured between ribs)."""
 _TURN = 1.0
-"""Largest turn of a link onto the track of the tip that is asked for in one step [rad]. Taste."""
+"""Largest turn of a link onto the tip's track that is asked for in one step [rad]. Taste."""
 _GOALS = 8
-"""Poses at the goal that the second tree grows from."""
+"""Number of goal poses that the second tree grows from."""
 _DRAWN = "a sampler"
-"""Name of what trees find."""
+"""Name of candidates found by trees."""
 _SAMPLED = 100
-"""Number of the first draws of sampled trees, among those of a task."""
+"""First seed number of the sampled trees, among those of a task."""
 _SAMPLED_ROUNDS = ((3, 2000), (6, 30_000))
-"""Poses at the goal that sampled trees grow from, and extensions: at first, and after other ways. Taste: an extension
-takes some 50 µs."""
+"""Number of goal poses that sampled trees grow from, and extensions: in the first round, and after other strategies.
+Taste: an extension takes some 50 µs."""
 _SAMPLED_EDGE = 1.0
-"""Longest extension of sampled trees, in the norm of turns of the links [rad]. Measured on two confined scenes: 2 and 4
-find a way later."""
+"""Longest extension of sampled trees, in the norm of turns of the links [rad]. Measured on two confined scenes: with
+2 and 4 a motion is found later."""
 _BATCH = (8, 64)
-"""Extensions of sampled trees that are looked at together."""
+"""Numbers of extensions of sampled trees that are checked together."""
 _SMOOTH = 0.9
-"""Share of their targets that are smooth shapes anywhere; with half as many trees meet later (measured likewise)."""
+"""Share of the trees' targets that are smooth shapes anywhere; with half as many, trees meet later (measured
+likewise)."""
 
 
 @dataclass(frozen=True, eq=False)
 class SpaceRun(SearchRun[SpaceTask, CurveMap]):
-    """One search, in the unknowns of one curve."""
+    """One search in space, in the unknowns of one curve."""
 
     stepper: SpaceStepper
 
     @classmethod
     def from_task(cls, task: SpaceTask, knots: int = KNOTS) -> "SpaceRun":
-        """Return the search in the curve through a task's start, or on from where a longer motion has come to."""
+        """Return the search in the curve through a task's start, or continuing from the task's stage."""
         curve, start = task.stage or CurveMap.through(task.arm, task.start, knots)
         goal = task.limited_goal
         if task.goal_pose is None:
@@ -87,13 +89,13 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
 
     # ------------------------------------------------------------ led by the tip
     def find_along_first_ways(self, failures: list[Failure]) -> SpaceMotion | None:
-        """Along the ways of the tip that are tried first."""
+        """Return the motion along the tip paths that are tried first; None where all fail."""
         return self.follow_ways(self.first_ways(), failures)
 
     def first_ways(self) -> Iterator[TipWay]:
-        """Yield the ways that turn off where a joint has come out of the guide tube, then such as turn off at once.
+        """Yield the tip paths that turn off where a joint has left the guide tube, then those that turn off at once.
 
-        A bend may begin so near to the mouth that an arm of few links has no other.
+        A bend may begin so near to the mouth that an arm of few links has only the latter.
         """
         ways = self.ways()
         yield from ways.first()
@@ -101,15 +103,15 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
             yield from replace(ways, straight=0.0).first()
 
     def find_along_other_ways(self, failures: list[Failure]) -> SpaceMotion | None:
-        """Along all other ways of the tip."""
+        """Return the motion along all other tip paths; None where all fail."""
         return self.follow_ways(self._other_ways.others(), failures)
 
     def find_along_finest_ways(self, failures: list[Failure]) -> SpaceMotion | None:
-        """Along ways of the tip through the finest grid, which are dear to find."""
+        """Return the motion along tip paths through the finest grid, which are costly to find; None where all fail."""
         return self.follow_ways(self._other_ways.finest(), failures)
 
     def find_by_withdrawing(self, failures: list[Failure]) -> SpaceMotion | None:
-        """Return the back along the arm's own shape into its guide tube, and in anew."""
+        """Return the motion back along the arm's own shape into its guide tube and out again; None where it fails."""
         task = self.task
         if self.start.q[-1] - task.arm.base_range[0] < task.unit:
             return None
@@ -129,7 +131,7 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
         return self.ways()
 
     def ways(self) -> SpaceTipWays:
-        """Return the makes ways of the tip from the start of the run."""
+        """Return the generator of tip paths from the start of the run."""
         arm = self.task.arm
         start = self.start
         ways = partial(SpaceTipWays, self.task, start.tip, self.goal.position, self.goal.direction)
@@ -142,11 +144,11 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
     def follow_ways(
         self, ways: Iterator[TipWay], failures: list[Failure], *, slides: bool = True
     ) -> SpaceMotion | None:
-        """Along one way after the other.
+        """Return the motion along the first tip path that succeeds, or None.
 
         Args:
-            ways: of the tip.
-            failures: is added to.
+            ways: tip paths.
+            failures: failures of candidates are appended here.
             slides: whether the motion begins at the task's start, so that the arm lies on the track of its tip.
         """
         task = self.task
@@ -161,17 +163,21 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
         return None
 
     def with_margin(self, share: float) -> "SpaceRun":
-        """Return the run with a share of the margin."""
+        """Return the run with a share of the planning margin."""
         return replace(self, stepper=self.task.stepper(self.stepper.space, share))
 
     def _has_room(self, motion: SpaceMotion) -> bool:
-        """Whether a motion keeps so much of the wanted gap that the optimisation can be expected to make the rest."""
+        """Return whether a motion's clearance suffices for the optimisation to be expected to reach the wanted gap."""
         task = self.task
         roomy = replace(task, clearance=task.clearance + _GRAZING * task.wanted_gap)
         return len(roomy.stepper(motion.curve, 0.0).failing_edges(motion.unknowns)) == 0
 
     def _slid(self, way: TipWay, failures: list[Failure]) -> SpaceMotion | None:
-        """From the start with all joints on a way, in a curve of the fewest knots that leave it half of its room."""
+        """Return the motion with all joints sliding along a tip path, or None.
+
+        It lies in the curve of the fewest knots that leaves the path half of the wanted gap or, failing that, touches
+        nothing.
+        """
         task = self.task
         corners = np.vstack([part for part, _ in self._legs(way)])
         track = ArmTrack.behind(task.arm.joint_positions_at(task.start), corners)
@@ -184,7 +190,7 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
         return run.attempt("on the track of the tip", partial(run.arrived, poses), failures)
 
     def _fitted_slide(self, configurations: FloatArray) -> "tuple[SpaceRun, FloatArray] | None":
-        """Return a run in the curve that shows configurations, and their unknowns there, all certified."""
+        """Return a run in a curve that represents configurations, and their unknowns there, certified; else None."""
         task = self.task
 
         @cache
@@ -201,7 +207,7 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
         return None
 
     def along(self, way: TipWay) -> list[Pose]:
-        """Return the poses along a way of the tip and onto the goal."""
+        """Return the poses along a tip path and onto the goal."""
         stepper = self.stepper
         task = self.task
         poses = [self.start]
@@ -216,11 +222,11 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
         return self.arrived(poses)
 
     def _legs(self, way: TipWay) -> Iterator[tuple[FloatArray, GoalPose | None]]:
-        """Yield a way from place to place that the tip passes, each with the place at its end, and from the last on."""
+        """Yield the legs of a tip path between via places, each with the place at its end; None for the last leg."""
         task = self.task
         before = way.corners[:0]
         first = 0
-        # What the user asks for at the goal would be asked for at a place too.
+        # With user terms there are no stops at via places: terms for the goal would also be applied there.
         if task.via and task.user is None:
             legs = passings(way.corners, np.stack(task.via)).leg
             for leg, place in zip(legs, self._places(), strict=True):
@@ -230,14 +236,14 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
         yield np.vstack((before, way.corners[first:])), None
 
     def _places(self) -> list[GoalPose]:
-        """Return the places that the tip passes, as goals."""
+        """Return the via places as goals of the tip."""
         task = self.task
         near_enough = (0.5 * task.via_reach, 0.0)
         return [GoalPose(place, near_enough=near_enough, settings=task.settings.goal) for place in task.via]
 
     # ------------------------------------------------------------ led to poses of the whole arm, and drawn
     def to_poses(self, failures: list[Failure]) -> SpaceMotion | None:
-        """To poses at the goal, straight in the unknowns where that is a way, else by way of straighter ones."""
+        """Return a motion to a goal pose, straight in the unknowns or else by way of straighter poses; else None."""
         task = self.task
         name = "straight to the pose" if task.goal_pose is not None else "straight to a pose at the goal"
         goals = []
@@ -246,20 +252,20 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
             found = self.attempt(name, partial(self.led_to, pose.v, self.start), failures)
             if found is not None or task.deadline.passed():
                 return found
-        # A fed arm is drawn back into its tube instead.
+        # A fed arm is instead drawn back into its guide tube.
         if task.arm.base_axes or not goals:
             return None
         ways = partial(swung, self.stepper, self.start, goals, self._draws(), task.deadline)
         return self.attempt("unbent and swung", partial(self._met, ways), failures)
 
     def find_by_connecting(self, number: int, failures: list[Failure]) -> SpaceMotion | None:
-        """Return by trees that grow from the start and from poses at the goal.
+        """Return the motion found by trees that grow from the start and from poses at the goal; else None.
 
         Args:
-            number: how many times that was tried before, with other draws and other poses.
-            failures: is added to.
+            number: number of earlier tries; each uses other samples and other goal poses.
+            failures: a failure is appended here.
         """
-        # Where no pose at the goal was drawn, none will be.
+        # Where no goal pose was sampled at the first try, none will be.
         if number and not any(failure.candidate == _DRAWN for failure in failures):
             return None
         rng = self._draws(number)
@@ -272,11 +278,11 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
         )
 
     def by_sampling(self, number: int, failures: list[Failure]) -> SpaceMotion | None:
-        """Find a motion by trees whose edges are looked at by samples, and certified where the trees meet.
+        """Return the motion of trees with edges checked by samples, certified where they meet; else None.
 
         Args:
-            number: of the round.
-            failures: is added to.
+            number: number of the round.
+            failures: a failure is appended here.
         """
         most, extensions = _SAMPLED_ROUNDS[number]
         rng = self._draws(_SAMPLED + number)
@@ -298,29 +304,33 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
         return SampledMotions(task.arm, task.tree, task.kept, np.asarray(task.scene).reshape(-1, 3))
 
     def _goals(self, rng: np.random.Generator) -> Iterator[Pose]:
-        """Return the pose of the whole arm that is asked, or poses drawn at the goal."""
+        """Return the goal pose of the whole arm, or poses sampled at the tip's goal."""
         if self.goal.coordinates is None:
             return goal_poses(self.task, self.stepper, rng)
         return iter([self.stepper.pose(self.goal.coordinates)])
 
     def _met(self, way: Callable[[], list[Pose] | None]) -> list[Pose]:
-        """Return the poses of a way that trees find."""
+        """Return the poses of a motion that trees find.
+
+        Raises:
+            Stalled: the trees do not meet.
+        """
         poses = way()
         if poses is None:
             raise Stalled("no tree met the other", [self.start])
         return poses
 
     def _draws(self, number: int = 0) -> np.random.Generator:
-        """Return the draws of a strategy, others for every time that it is tried."""
+        """Return the random generator of a strategy, with another seed for each try."""
         return np.random.default_rng((self.task.seed, number) if number else self.task.seed)
 
     # ------------------------------------------------------------ from place to place
     def find_by_stages(self, find: Callable[[SpaceTask], SpaceMotion], failures: list[Failure]) -> SpaceMotion | None:
-        """To each place on the way as a goal of its own, by whatever leads there, and then to the goal.
+        """Return a motion to each via place as a goal of its own, by any strategy, and then to the goal; else None.
 
         Args:
-            find: a motion to one of them; raises ``MotionNotFound``.
-            failures: stay as they are.
+            find: finds a motion to one of them; raises ``MotionNotFound``.
+            failures: not changed.
         """
         del failures
         now = self.start.v
