@@ -1,1 +1,1 @@
-"""Solve for curves and goal poses by nonlinear programs, with the user's constraints and costs compiled and checked."""
+"""Nonlinear programs for curves and goal poses, and users' constraints and costs, compiled and checked."""

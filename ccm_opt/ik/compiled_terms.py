@@ -18,18 +18,18 @@ from ccm_opt.ik.terms import Constraint, Cost, Interval, Where, call_user_functi
 from ccm_opt.robot.arm import Arm
 
 TIME_TO_BUILD = 10.0
-"""That an expression may take [s]; those of arms of 100 links take milliseconds."""
+"""Time that building an expression may take [s]; for arms of 100 links it takes milliseconds."""
 _COMPARISONS = (ca.OP_LT, ca.OP_LE, ca.OP_EQ, ca.OP_NE, ca.OP_NOT, ca.OP_AND, ca.OP_OR)
 """Operations whose result is true or false."""
 
 
 def _is_comparison(entry: Any) -> bool:
-    """Return whether an entry of an expression is true or false and nothing else."""
+    """Return whether an entry of an expression can only be true or false."""
     return any(entry.is_op(operation) for operation in _COMPARISONS)
 
 
 def _expression(term: Constraint | Cost, kind: str, quantities: ArmQuantities) -> Any:
-    """Return the expression as a column, checked."""
+    """Return the term's expression as a dense column, after checking it."""
     made = call_user_function(lambda: term.expression(quantities), f"{kind} '{term.name}'", TIME_TO_BUILD)
     try:
         column = ca.vec(ca.SX(made))
@@ -58,21 +58,21 @@ def _expression(term: Constraint | Cost, kind: str, quantities: ArmQuantities) -
 
 
 def compiled_constraint(constraint: Constraint, quantities: ArmQuantities) -> CompiledConstraint:
-    """Return a constraint with its functions.
+    """Return a constraint with its compiled functions.
 
     Raises:
-        ProblemError: naming the constraint and what is wrong with it.
+        ProblemError: the constraint is invalid; the message names it and what is wrong.
     """
     expression = _expression(constraint, "constraint", quantities)
     lower = _bound(constraint, "lower", expression.numel())
     upper = _bound(constraint, "upper", expression.numel())
     if np.any(lower > upper):
         raise ProblemError(f"constraint '{constraint.name}': a lower bound exceeds its upper bound")
-    # An entry that is free on both sides is most likely a slip.
+    # An entry without bounds is most likely a mistake.
     if not np.all(np.isfinite(lower) | np.isfinite(upper)):
         raise ProblemError(f"constraint '{constraint.name}': give each entry a lower or an upper bound")
     compiled = CompiledConstraint(expression, quantities, constraint, lower, upper)
-    # Refused rather than ignored in silence: planners know nothing of speeds.
+    # Refused rather than silently ignored: planners know no speeds.
     if compiled.timed and constraint.soft:
         raise ProblemError(
             f"constraint '{constraint.name}': a soft constraint shapes the path, which has no speed yet; limit "
@@ -86,7 +86,7 @@ def compiled_constraint(constraint: Constraint, quantities: ArmQuantities) -> Co
 
 
 def _bound(constraint: Constraint, key: Literal["lower", "upper"], count: int) -> FloatArray:
-    """Return one of the bounds, for every entry of the expression, shape (count,)."""
+    """Return one of the bounds with one value per entry of the expression, shape (count,)."""
     value = getattr(constraint, key)
     try:
         bound = np.asarray(value, dtype=np.float64).ravel()
@@ -103,10 +103,10 @@ def _bound(constraint: Constraint, key: Literal["lower", "upper"], count: int) -
 
 
 def compiled_cost(cost: Cost, quantities: ArmQuantities) -> CompiledCost:
-    """Return a cost with its functions.
+    """Return a cost with its compiled functions.
 
     Raises:
-        ProblemError: naming the cost and what is wrong with it.
+        ProblemError: the cost is invalid; the message names it and what is wrong.
     """
     expression = _expression(cost, "cost", quantities)
     if expression.numel() != 1:
@@ -121,10 +121,10 @@ def compiled_cost(cost: Cost, quantities: ArmQuantities) -> CompiledCost:
 
 
 def refuse_double_names(terms: Sequence[Constraint | Cost]) -> None:
-    """Messages and checks call terms by their names, so that no two may have the same.
+    """Refuse terms with equal names, since messages and checks identify terms by their names.
 
     Raises:
-        ProblemError: two have the same.
+        ProblemError: two terms have the same name.
     """
     names = [term.name for term in terms]
     double = sorted({name for name in names if names.count(name) > 1})
@@ -137,9 +137,9 @@ class UserTerms:
     """All constraints and costs of one problem, compiled.
 
     Attributes:
-        quantities: the symbols of the arm.
-        constraints: hard and soft ones.
-        costs: those that the user wrote.
+        quantities: symbols of the arm.
+        constraints: hard and soft constraints that do not depend on speeds.
+        costs: the costs that the user wrote.
         timed: hard constraints on speeds, which planning knows nothing of.
     """
 
@@ -150,7 +150,7 @@ class UserTerms:
 
     @property
     def hard(self) -> tuple[CompiledConstraint, ...]:
-        """Constraints that must hold."""
+        """Constraints on the path that must hold."""
         return tuple(c for c in self.constraints if not c.constraint.soft)
 
     @property
@@ -160,7 +160,7 @@ class UserTerms:
 
     @cached_property
     def motion_rows(self) -> RowSet:
-        """Rows of the hard constraints that hold at the keyframes on the way."""
+        """Rows of the hard constraints that hold at the keyframes along the way."""
         return self._rows([c for c in self.hard if c.constraint.where != "goal"])
 
     @cached_property
@@ -170,16 +170,19 @@ class UserTerms:
 
     @cached_property
     def goal_rows(self) -> RowSet:
-        """Rows of the hard constraints that hold at the goal, those of the whole motion among them."""
+        """Rows of the hard constraints that hold at the goal, including those of the whole motion."""
         return self._rows(self.hard_at_goal)
 
     @cached_property
     def hard_at_goal(self) -> tuple[CompiledConstraint, ...]:
-        """Constraints that must hold at the goal, those of the whole motion among them."""
+        """Constraints that must hold at the goal, including those of the whole motion."""
         return tuple(c for c in self.hard if _holds_at_the_goal(c.constraint.where))
 
     def residuals_at_goal(self, q: FloatArray) -> dict[str, float]:
-        """By how much a configuration (c,) misses each constraint that covers the goal, soft ones too, by name."""
+        """Return the violation of each constraint that covers the goal, by name.
+
+        Soft constraints are included; ``q`` is a configuration, shape (c,).
+        """
         return {
             item.constraint.name: float(item.residuals(q[None], np.ones(1))[0])
             for item in self.constraints
@@ -187,18 +190,18 @@ class UserTerms:
         }
 
     def softened(self, q: FloatArray, weight: float) -> "UserTerms":
-        """Return the same terms with every hard constraint soft, its violation weighed as a turn of the whole arm.
+        """Return the terms with every hard constraint made soft, its violation weighted like a turn of the whole arm.
 
         Args:
-            q: where the slopes are taken that turn the users' units into radians, shape (c,) [rad, m].
-            weight: of half the squared violation [1/rad²].
+            q: configuration whose slopes convert the users' units into radians, shape (c,) [rad, m].
+            weight: weight of half the squared violation [1/rad²].
         """
         return replace(self, constraints=tuple(_softened(item, q, weight) for item in self.constraints))
 
     def with_costs_lowered(self, share: float) -> "UserTerms":
-        """Return the same terms with a share of the weights of costs and soft constraints.
+        """Return the terms with the weights of costs and soft constraints scaled by a share.
 
-        Without these where it is 0.
+        At a share of 0, costs and soft constraints are dropped.
         """
         if share == 0.0:
             return replace(self, constraints=self.hard, costs=())
@@ -211,21 +214,21 @@ class UserTerms:
 
     @cached_property
     def all_costs(self) -> tuple[CompiledCost, ...]:
-        """The costs, with every soft constraint as half its squared violation."""
+        """The costs, and every soft constraint as half its squared violation."""
         soft = tuple(c.as_cost() for c in self.constraints if c.constraint.soft)
         return (*self.costs, *soft)
 
     @cached_property
     def parametric(self) -> bool:
-        """Whether anything that shapes the path depends on the path parameter, so that keyframes must know theirs."""
+        """Whether any path term depends on the path parameter, so that keyframes must know theirs."""
         return any(isinstance(where, Interval) for where in self._places) or any(
             term.of_path for term in (*self.constraints, *self.costs)
         )
 
     @cached_property
     def breaks(self) -> FloatArray:
-        """Path parameters inside (0, 1) at which an interval of a term begins or ends, increasing."""
-        # Keyframes are put there, so that no interval of a term begins or ends between two of them.
+        """Path parameters inside (0, 1) at which the interval of a term begins or ends, increasing."""
+        # Keyframes are placed there, so that no interval begins or ends between two of them.
         ends = {u for where in self._places if isinstance(where, Interval) for u in (where.first, where.last)}
         return np.array(sorted(ends - {0.0, 1.0}))
 
@@ -241,10 +244,10 @@ class UserTerms:
 
 
 def compile_terms(arm: Arm, constraints: Sequence[Constraint], costs: Sequence[Cost]) -> UserTerms:
-    """Build and check every constraint and cost for an arm.
+    """Compile and check every constraint and cost for an arm.
 
     Raises:
-        ProblemError: an expression has a wrong shape or type, or holds foreign symbols; the message names it.
+        ProblemError: an expression has a wrong shape or type, or contains foreign symbols; the message names it.
     """
     expect(constraints, (list, tuple), "a list of constraints", "write constraints=[mine]")
     expect(costs, (list, tuple), "a list of costs", "write costs=[mine]")
@@ -256,7 +259,7 @@ def compile_terms(arm: Arm, constraints: Sequence[Constraint], costs: Sequence[C
     refuse_double_names([*constraints, *costs])
     quantities = SpaceQuantities.from_arm(arm) if arm.dimension == 3 else Quantities.from_arm(arm)
     compiled = [compiled_constraint(constraint, quantities) for constraint in constraints]
-    # Only the finished motion has speeds, so these are kept from the planners.
+    # Only the finished motion has speeds, so the planners do not get these.
     return UserTerms(
         quantities,
         tuple(constraint for constraint in compiled if not constraint.timed),
@@ -266,22 +269,25 @@ def compile_terms(arm: Arm, constraints: Sequence[Constraint], costs: Sequence[C
 
 
 def _refuse_other_kind(term: object, kind: type[Constraint] | type[Cost]) -> None:
-    """The most common mistake is a bare function, so the message names the decorator."""
+    """Refuse anything but a term of the given kind, naming the decorator.
+
+    The most common mistake is to pass the bare function.
+    """
     if not isinstance(term, kind):
         wanted = kind.__name__
         raise ProblemError(f"expected a {wanted}, got {term!r}; decorate the function with @ccm_opt.{wanted.lower()}")
 
 
 def _softened(item: CompiledConstraint, q: FloatArray, weight: float) -> CompiledConstraint:
-    """Return a constraint as a soft one."""
+    """Return a constraint made soft."""
     slopes = item.quantities.heading_slopes(np.asarray(item.slopes(q, 1.0)))
     norms = np.linalg.norm(slopes[np.isfinite(slopes).all(axis=1)], axis=1)
     steepest = float(norms.max(initial=0.0))
-    # A slope of zero there says nothing of the unit.
+    # A zero slope there says nothing about the unit.
     scale = steepest if steepest > 0.0 else 1.0
     return replace(item, constraint=replace(item.constraint, soft=True, weight=weight / scale**2))
 
 
 def _holds_at_the_goal(where: Where) -> bool:
-    # Every named place includes the goal, which is the end of the motion and a keyframe.
+    # Every named place includes the goal, which is both the end of the motion and a keyframe.
     return not isinstance(where, Interval) or where.last == 1.0

@@ -1,4 +1,4 @@
-"""What a configuration is asked for."""
+"""The task that a configuration has to solve."""
 
 from dataclasses import dataclass
 
@@ -9,26 +9,26 @@ from ccm_opt.core.errors import ProblemError
 from ccm_opt.scene.corridor import Corridor
 
 END_TOLERANCE = 1e-6
-"""A base or goal this near its region counts as inside [m], as all of the task of an arm of length 1. Taste."""
+"""A base or goal this close to its region counts as inside [m], for an arm of length 1 like the whole task. Taste."""
 
 
 @dataclass(frozen=True, eq=False)
 class ConfigurationTask:
-    """What one configuration NLP is asked for.
+    """What the NLP of one configuration is asked to achieve.
 
     Attributes:
         base: position of the base, shape (2,) [m].
-        base_heading_range: least and greatest base heading [rad]; equal when the heading is fixed.
-        length: of the whole arm [m].
+        base_heading_range: least and greatest base heading [rad]; equal if the heading is fixed.
+        length: length of the whole arm [m].
         curvature_limit: bound on |κ| [1/m].
         goal: tip position, shape (2,) [m].
-        goal_heading: tip heading up to whole turns [rad], or None when any will do.
+        goal_heading: tip heading up to whole turns [rad], or None if any heading will do.
         corridor: convex regions in order; the first holds the base, the last the goal.
-        mount_length: arm length from the base that may lie outside the first region [m]. It is used only when the
-            base itself does: the arm then starts with a straight stub of that length.
-        bending_weight: of the arm's bending in the objective.
-        clearance_weight: of nearness to walls in the objective.
-        side_gaps: how far behind each side of each region the walls begin [m]; needed for the clearance's weight.
+        mount_length: arm length from the base that may lie outside the first region [m]. It is used only if the base
+            itself lies outside: the arm then starts with a straight stub of that length.
+        bending_weight: weight of the arm's bending in the objective.
+        clearance_weight: weight of closeness to walls in the objective.
+        side_gaps: distance of the walls behind each side of each region [m]; needed with a clearance weight.
     """
 
     base: FloatArray
@@ -58,7 +58,7 @@ class ConfigurationTask:
 
     @property
     def stub(self) -> float:
-        """Length of the straight stub at the base [m]: the mount when the base is outside its region, else zero."""
+        """Length of the straight stub at the base [m]: the mount if the base is outside its region, else zero."""
         region = self.corridor.regions[0]
         outside = bool(np.any(region.normals @ self.base > region.offsets + END_TOLERANCE))
         return self.mount_length if outside else 0.0

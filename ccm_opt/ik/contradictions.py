@@ -1,9 +1,11 @@
-"""Users' constraints that no pose at the goal can keep.
+"""Proofs that users' constraints cannot hold at the goal.
 
-After R. E. Moore, *Interval Analysis*, 1966. Bounds hold up to rounding; who compares them allows for that.
+Uses interval arithmetic (R. E. Moore, *Interval Analysis*, 1966). Bounds hold up to rounding, which callers must allow
+for when they compare them.
 
-A constraint that is a function of the tip's place and direction alone is bounded over all that counts as the goal, by
-interval arithmetic, and in the plane by bisection of the heading. What is not proved is left to the search.
+A constraint that depends only on the tip's position and direction is bounded over all poses that count as the goal, by
+interval arithmetic, and in the plane also by bisection of the heading. Constraints that cannot be refuted are left to
+the search.
 """
 
 from collections.abc import Callable
@@ -21,17 +23,17 @@ from ccm_opt.ik.terms import TERM_TOLERANCE
 from ccm_opt.robot.arm import Arm
 
 _BISECTIONS = 12
-"""Times that the headings of the tip are halved in the proof that a constraint contradicts the goal. Taste: with 12
-they are told apart to less than a degree."""
+"""Number of bisections of the tip headings in the proof that a constraint contradicts the goal. Taste: 12 separate
+headings to less than a degree."""
 
 
 @dataclass(frozen=True)
 class Intervals:
-    """Closed intervals, one for each of B boxes.
+    """Closed intervals, one per box, for B boxes.
 
     Attributes:
-        low: shape (B,).
-        high: shape (B,).
+        low: lower ends, shape (B,).
+        high: upper ends, shape (B,).
     """
 
     low: FloatArray
@@ -39,18 +41,18 @@ class Intervals:
 
 
 class NotBounded(Exception):  # noqa: N818 - an outcome, not a defect
-    """An expression holds an operation of which no bounds are known here."""
+    """An expression contains an operation for which no bounds are known here."""
 
 
 def interval_values(function: Any, boxes: list[Intervals]) -> list[Intervals]:
-    """Return the bounds of the entries of a function's only result.
+    """Return bounds on the entries of a function's only result.
 
     Args:
-        function: CasADi function of SX symbols with one column for an argument.
-        boxes: an interval for every entry of the argument.
+        function: CasADi function of SX symbols whose argument is one column.
+        boxes: one ``Intervals`` for each entry of the argument.
 
     Raises:
-        NotBounded: naming the operation that is not known.
+        NotBounded: an operation is not known; the message names it.
     """
     work: dict[int, Intervals] = {}
     results: dict[int, Intervals] = {}
@@ -86,11 +88,11 @@ def _times(a: Intervals, b: Intervals) -> Intervals:
 
 
 def _inverse(a: Intervals) -> Intervals:
-    # Where zero may be divided by, nothing is known.
+    # Nothing is known about a quotient whose divisor may be zero.
     crosses = (a.low <= 0.0) & (a.high >= 0.0)
     safe = np.where(crosses, 1.0, a.low)
     safe_high = np.where(crosses, 1.0, a.high)
-    # What overflows is as large as any number, and no larger: a quotient by it may be one.
+    # An overflow is clipped to the largest number, since a quotient by such a number may be finite.
     most = np.finfo(np.float64).max
     low = np.minimum(1.0 / safe_high, most)
     return Intervals(np.where(crosses, -np.inf, low), np.where(crosses, np.inf, np.maximum(1.0 / safe, -most)))
@@ -102,7 +104,8 @@ def _square(a: Intervals) -> Intervals:
 
 
 def _root(a: Intervals) -> Intervals:
-    # Below zero the root is not a number; such a pose cannot keep a constraint either, but that is not claimed here.
+    # The root of a negative number is not a number; no pose there satisfies a constraint either, but that is not
+    # claimed here.
     return Intervals(np.where(a.low < 0.0, -np.inf, np.sqrt(np.maximum(a.low, 0.0))), np.sqrt(np.maximum(a.high, 0.0)))
 
 
@@ -125,13 +128,13 @@ def _cosine(a: Intervals) -> Intervals:
 
 
 def _holds_turn(a: Intervals, angle: float) -> Any:
-    """Return whether an interval holds an angle, whole turns aside; a little more is taken for a yes."""
+    """Return whether an interval contains an angle up to whole turns; near misses count as yes."""
     turn = 2.0 * np.pi
     return np.floor((a.high - angle) / turn + 1e-12) >= np.ceil((a.low - angle) / turn - 1e-12)
 
 
 def _rising(function: Callable[[FloatArray], FloatArray]) -> Callable[[Intervals], Intervals]:
-    """Return a function that never falls."""
+    """Return the interval version of a non-decreasing function."""
     return lambda a: Intervals(function(a.low), function(a.high))
 
 
@@ -163,7 +166,7 @@ _OPERATIONS: dict[int, Callable[..., Intervals]] = {
     ca.OP_FMIN: _least,
     ca.OP_FMAX: _most,
 }
-"""What each operation makes of intervals."""
+"""Interval version of each known operation."""
 
 
 @dataclass(frozen=True)
@@ -171,9 +174,9 @@ class Contradiction:
     """A constraint that cannot hold at a goal.
 
     Attributes:
-        name: of the constraint.
-        miss: by how much it is missed at least with the tip exactly at the goal, in the user's unit.
-        least: by how much it is proved to be missed anywhere within the goal's tolerances.
+        name: name of the constraint.
+        miss: proved violation with the tip exactly at the goal, in the user's unit.
+        least: proved violation anywhere within the goal's tolerances, in the user's unit.
     """
 
     name: str
@@ -183,13 +186,13 @@ class Contradiction:
 
 @dataclass(frozen=True)
 class GoalRegion:
-    """Where the tip may be and point to.
+    """Positions and directions of the tip that count as the goal.
 
     Attributes:
-        position: of the goal, shape (d,) [m].
-        direction: of the last link there, a unit vector of shape (d,); None where any will do.
-        around: distance that still counts [m].
-        turned: turn that still counts [rad].
+        position: position of the goal, shape (d,) [m].
+        direction: direction of the last link at the goal, a unit vector of shape (d,); None if any will do.
+        around: tolerance of the position [m].
+        turned: tolerance of the direction [rad].
     """
 
     position: FloatArray
@@ -199,13 +202,13 @@ class GoalRegion:
 
 
 def contradictions(terms: UserTerms, goal: GoalRegion) -> tuple[Contradiction, ...]:
-    """Return the hard constraints that are proved not to hold at a goal.
+    """Return the hard constraints that provably cannot hold at a goal.
 
     Args:
-        terms: the user's constraints, of an arm whose base stands still.
-        goal: for the tip.
+        terms: the user's constraints, for an arm whose base stands still.
+        goal: positions and directions allowed for the tip.
     """
-    with np.errstate(all="ignore"):  # what is not a number proves nothing
+    with np.errstate(all="ignore"):  # NaN proves nothing
         found = [_contradiction(item, goal) for item in terms.hard_at_goal]
     return tuple(each for each in found if each is not None)
 
@@ -222,9 +225,9 @@ def _contradiction(item: CompiledConstraint, goal: GoalRegion) -> Contradiction 
 
 
 def _as_tip_function(item: CompiledConstraint) -> ca.Function | None:
-    """Return the constraint as a function of where the tip is and points to.
+    """Return the constraint as a function of the tip's position and pointing.
 
-    None when it depends on more of the pose.
+    None if it depends on anything else of the pose.
     """
     known = item.quantities
     d = known.arm.dimension
@@ -244,7 +247,7 @@ def _as_tip_function(item: CompiledConstraint) -> ca.Function | None:
 
 
 def _pointing(arm: Arm, goal: GoalRegion) -> list[Intervals]:
-    """Return the bounds on where the last link points: on its heading in the plane, on its direction in space."""
+    """Return bounds on the pointing of the last link: on its heading in the plane, on its direction in space."""
     if arm.dimension == 2:
         return [_headings(arm, goal)]
     if goal.direction is None:
@@ -256,7 +259,10 @@ def _pointing(arm: Arm, goal: GoalRegion) -> list[Intervals]:
 
 
 def _headings(arm: Arm, goal: GoalRegion) -> Intervals:
-    """All headings of the last link that count as the goal's and that the joints can turn to, whole turns included."""
+    """Return all headings of the last link that count as the goal's and are within reach of the joints.
+
+    Whole turns are distinguished.
+    """
     most = float(np.sum(arm.bend_limits))
     lowest = arm.base_heading - most
     highest = arm.base_heading + most
@@ -271,9 +277,9 @@ def _headings(arm: Arm, goal: GoalRegion) -> Intervals:
 
 
 def _proved_violation(item: CompiledConstraint, function: ca.Function, goal: GoalRegion) -> float:
-    """Return by how much the constraint is missed at least, everywhere at the goal; 0 when that cannot be shown."""
+    """Return a lower bound on the violation of a constraint over the whole goal; 0 if none can be proved."""
     pointing = _pointing(item.quantities.arm, goal)
-    # A heading is bisected; of three parts of a direction the pieces would be too many.
+    # A heading is bisected; bisecting three components of a direction would give too many pieces.
     for _ in range(_BISECTIONS if len(pointing) == 1 else 1):
         places = [_about(coordinate, goal.around, pointing[0]) for coordinate in goal.position.tolist()]
         try:
@@ -291,7 +297,7 @@ def _about(centre: float, around: float, like: Intervals) -> Intervals:
 
 
 def least_misses(item: CompiledConstraint, values: list[Intervals]) -> FloatArray:
-    """Return by how much the worst entry is missed at least, in every box."""
+    """Return a lower bound on the violation of the worst entry, for every box."""
     above = np.stack([value.low - high for value, high in zip(values, item.upper, strict=True)])
     below = np.stack([low - value.high for value, low in zip(values, item.lower, strict=True)])
     worst: FloatArray = np.nan_to_num(np.maximum(above, below), nan=-np.inf, posinf=0.0).max(axis=0)

@@ -1,8 +1,8 @@
-"""How links follow the curve of the goal-pose program: the seam between the plane and space.
+"""How links follow the curve in the goal-pose program; what the plane and space share.
 
-Lengths are in units of the arm's length, axes those of the straight arm at its base. A curve has one curvature for each
-direction that it can bend to, with its turns and their integrals over the arc known on every piece of the splines. What
-the turns make of the curve differs: in the plane they are its headings, in closed form; in space frames are shot from
+Lengths are in units of the arm's length, axes are those of the straight arm at its base. A curve has one curvature per
+direction in which it can bend, and its turns and their integrals over arc length are known on every spline piece. What
+the turns mean differs: in the plane they are the headings of the curve, in closed form; in space frames are shot from
 joint to joint (``bishop_shooting``).
 """
 
@@ -24,16 +24,16 @@ from ccm_opt.robot.configuration import Configuration, Curve
 from ccm_opt.robot.segment import PIECES, Knots
 
 _RANK = 1e-9
-"""Share of the largest singular value below which a combination of curvatures is taken to change no bend."""
+"""Share of the largest singular value below which a combination of curvatures counts as changing no bend."""
 Bounds = Mapping[str, tuple[FloatArray, FloatArray]]
-"""Least and greatest values of symbols, by their names."""
+"""Lower and upper bounds of symbols, by name."""
 
 
 def bend_matrix(links: int, knots: int) -> FloatArray:
-    """Return the bends to one direction by the turn at the base and the curvature at even knots of a natural spline.
+    """Return the matrix from base turn and knot curvatures to the bends in one direction, shape (links, knots + 1).
 
-    The bend of a joint is the difference of the curve's mean turns on both its links. Turns do not add in space; bends
-    do, to the first order in the length of a link.
+    The knots are even, the spline natural, and the curve has length 1. The bend of a joint is the difference of the
+    curve's mean turns over its two links. Turns do not add in space, but bends do, to first order in the link length.
 
     Returns:
         Shape (links, knots + 1), for a curve of length 1.
@@ -45,12 +45,12 @@ def bend_matrix(links: int, knots: int) -> FloatArray:
 
 @dataclass(frozen=True)
 class CurveNumbers:
-    """A curve of the program in numbers.
+    """Numerical values of a curve of the program.
 
     Attributes:
-        arcs: of the knots, shape (4 K + 1,).
-        curvatures: there, one row a direction, shape (k, 4 K + 1).
-        base_turn: by which the curve leaves the straight arm, shape (k,) [rad].
+        arcs: arc lengths of the knots, shape (4 K + 1,).
+        curvatures: curvatures at the knots, one row per direction, shape (k, 4 K + 1).
+        base_turn: turn of the curve's base relative to the straight arm, shape (k,) [rad].
     """
 
     arcs: FloatArray
@@ -59,11 +59,11 @@ class CurveNumbers:
 
     @classmethod
     def near(cls, turns: FloatArray, segments: int) -> "CurveNumbers":
-        """Return the curve with even knots whose bends come nearest to those of a pose.
+        """Return the curve with even knots whose bends best match those of a pose.
 
         Args:
-            turns: bends of every joint to each direction, shape (n, k) [rad].
-            segments: curvature segments K.
+            turns: bends of every joint in each direction, shape (n, k) [rad].
+            segments: number of curvature segments K.
         """
         knots = PIECES * segments + 1
         matrix = bend_matrix(len(turns), knots)
@@ -72,9 +72,9 @@ class CurveNumbers:
         return cls(np.linspace(0.0, 1.0, knots), values[1:].T, values[0])
 
     def parts(self) -> tuple[list[float], list[FloatArray], list[Knots]]:
-        """Return the lengths, curvatures (5, k) and inner knots of the segments."""
+        """Return the lengths, curvatures (5, k) and inner knots of each segment."""
         arcs = self.arcs
-        if np.any(np.diff(arcs) <= 0.0):  # where the solver failed, knots may lie out of their order
+        if np.any(np.diff(arcs) <= 0.0):  # after a failed solution knots may be out of order
             arcs = np.linspace(0.0, 1.0, len(arcs))
         first = np.arange(0, len(arcs) - 1, PIECES)
         inside = arcs[first[:, None] + np.arange(PIECES + 1)]
@@ -84,14 +84,17 @@ class CurveNumbers:
         return lengths.tolist(), values, [(float(b), float(c), float(d)) for b, c, d in shares]
 
     def turned(self, direction: int, start: float = 0.0) -> Configuration:
-        """The curve of the plane with one of the curvatures, whose headings are its turns from a first one [rad]."""
+        """Return the planar curve with one of the curvatures, whose headings are its turns [rad].
+
+        The first heading is ``start``.
+        """
         lengths, values, shares = self.parts()
         return Configuration.chain(np.zeros(2), start, lengths, [value[:, direction] for value in values], shares)
 
 
 @dataclass(frozen=True, eq=False)
 class CurveFrames(ABC):
-    """Symbols of a curve and of links on it, and the rows that tie them.
+    """Symbols of a curve and of the links on it, and the rows that tie them together.
 
     Attributes:
         segments: number of curvature segments K.
@@ -107,13 +110,13 @@ class CurveFrames(ABC):
 
     @cached_property
     def parts(self) -> tuple[LiftedCurve, ...]:
-        """The curvatures with their turns and integrals, on the same knots."""
+        """The curvatures with their turns and integrals, on shared knots."""
         first = LiftedCurve(self.segments)
         return first, *(LiftedCurve(self.segments, first.arcs) for _ in self.directions[1:])
 
     @cached_property
     def joints(self) -> JointsAmongPieces:
-        """Where the joints lie on the curve; the knots are shared."""
+        """Positions of the joints along the curve; the knots are shared."""
         return JointsAmongPieces.of(self.parts[0], self.links)
 
     @cached_property
@@ -124,12 +127,12 @@ class CurveFrames(ABC):
     @property
     @abstractmethod
     def lies(self) -> ca.SX:
-        """How every link lies, its heading or its quaternion, shape (f, n)."""
+        """Orientation of every link, its heading or its quaternion, shape (f, n)."""
 
     @property
     @abstractmethod
     def further_symbols(self) -> dict[str, ca.SX]:
-        """Symbols beside those of the curvatures, the bends and the links, by name."""
+        """Symbols other than those of the curvatures, the bends and the links, by name."""
 
     @cached_property
     def symbols(self) -> dict[str, ca.SX]:
@@ -142,16 +145,16 @@ class CurveFrames(ABC):
 
     @property
     def parameters(self) -> dict[str, ca.SX]:
-        """Symbols of what changes from question to question, by name."""
+        """Symbols of values that change from one question to the next, by name."""
         return {}
 
     @property
     def costs(self) -> dict[str, ca.SX]:
-        """Parts of the objective beyond those of every curve, unweighted, by name."""
+        """Unweighted parts of the objective beyond those of every curve, by name."""
         return {}
 
     def rows(self) -> tuple[RowBlock, ...]:
-        """Spline equations, turns and integrals from knot to knot, and links that bend and follow the curve."""
+        """Return the rows of splines, turns and integrals, and of links that bend and follow the curve."""
         blocks: list[RowBlock] = []
         for name, part in zip(self.directions, self.parts, strict=True):
             splines, gaps, spacing = part.rows()
@@ -162,56 +165,56 @@ class CurveFrames(ABC):
 
     @abstractmethod
     def link_rows(self) -> tuple[RowBlock, ...]:
-        """Return the links turn by the bends of their joints and point as the curve does."""
+        """Return the rows that turn the links by the bends of their joints and make them follow the curve."""
 
     @abstractmethod
     def direction(self, lies: ca.SX) -> ca.SX:
-        """Return the directions of links by how they lie, column by column, shape (f, e) to (d, e)."""
+        """Return the directions of links from their orientations, by columns, shape (f, e) to (d, e)."""
 
     @abstractmethod
     def joint_axes(self) -> tuple[ca.SX, ...]:
-        """Return what every joint turns about by each of its bends, shapes (1, n) in the plane and (3, n) in space."""
+        """Return the rotation axes of every joint, one array per bend, (1, n) in the plane, (3, n) in space."""
 
     @abstractmethod
     def turns_of(self, bends: FloatArray) -> FloatArray:
-        """Return the turns to each direction by bends of joints, shape (n, k) [rad]."""
+        """Return the turns in each direction from joint bends, shape (n, k) [rad]."""
 
     @abstractmethod
     def lies_at(self, bends: FloatArray) -> FloatArray:
-        """Return how links lie by bends, shape (n, k) to (n, f)."""
+        """Return the orientations of links with given joint bends, shape (n, k) to (n, f)."""
 
     @abstractmethod
     def values(self, curve: CurveNumbers, lies: FloatArray, direction: FloatArray | None) -> dict[str, FloatArray]:
-        """Return the values at a pose of the symbols beyond curvatures, bends and links, and of the parameters.
+        """Return the values of the further symbols and of the parameters at a pose, by name.
 
         Args:
-            curve: near the pose.
-            lies: of its links, shape (n, f).
-            direction: of the goal, shape (d,), or None.
+            curve: a curve near the pose.
+            lies: orientations of the links, shape (n, f).
+            direction: direction of the last link at the goal, shape (d,), or None.
         """
 
     @abstractmethod
     def bounds(self, lies: FloatArray, direction: FloatArray | None, turned: float) -> Bounds:
-        """Return the bounds of the symbols that have some; those of the tip by the direction of the goal.
+        """Return the bounds of the symbols that have any; those of the tip follow from the goal direction.
 
         Args:
-            lies: of the links of the pose to start from, shape (n, f).
-            direction: of the goal, shape (d,), or None.
-            turned: by how much the last link may miss it [rad].
+            lies: orientations of the links of the pose to start from, shape (n, f).
+            direction: direction of the last link at the goal, shape (d,), or None.
+            turned: tolerance of the last link's direction [rad].
         """
 
     @abstractmethod
     def curve(self, arm: Arm, numbers: CurveNumbers, feed: float) -> Curve:
-        """Return the curve in metres and the axes of the world, from where the base is carried so far [m]."""
+        """Return the curve in metres and world axes, for a base displaced by ``feed`` [m]."""
 
     def numbers(self, values: Mapping[str, FloatArray]) -> CurveNumbers:
-        """Return the curve by the values of its symbols."""
+        """Return the curve from the values of its symbols."""
         curvatures = np.stack([values[f"curvature {name}"] for name in self.directions])
-        # In the plane the curve's turns begin with that at its base.
+        # In the plane the curve's turns start with the turn at its base.
         return CurveNumbers(values["arcs"], curvatures, values.get("base turn", values["turned left"][:1]))
 
     def curve_values(self, curve: CurveNumbers) -> dict[str, FloatArray]:
-        """Return the values of the curvatures' symbols on a curve."""
+        """Return the values of the curvatures' symbols for a curve."""
         found = {"arcs": curve.arcs}
         inner = curve.arcs[:-1].reshape(self.segments, PIECES)[:, 1:].ravel()
         for index, (name, part) in enumerate(zip(self.directions, self.parts, strict=True)):
@@ -225,11 +228,11 @@ class CurveFrames(ABC):
         return found
 
     def turned(self, curve: CurveNumbers, index: int) -> Configuration:
-        """Return one of the curvatures with its turns from the base."""
+        """Return the planar curve with one of the curvatures and its turns from the base."""
         return curve.turned(index)
 
     def curve_bounds(self) -> Bounds:
-        """Return the curve has the arm's length, and its integrals begin at 0."""
+        """Return the bounds that give the curve the arm's length and start its integrals at 0."""
         knots = self.parts[0].count + 1
         ends = np.full(knots, np.inf)
         ends[[0, -1]] = (0.0, 1.0)
@@ -239,14 +242,14 @@ class CurveFrames(ABC):
 
 
 def pinned_bounds(values: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the bounds that hold what is finite, and leave the rest free."""
+    """Return bounds that fix the finite values and leave the others free."""
     return np.where(np.isfinite(values), values, -np.inf), values
 
 
 class PlanarFrames(CurveFrames):
-    """Links of the plane: headings add, and that of a link is the curve's mean over it, which its integral tells.
+    """Links in the plane: headings add up, and a link's heading is the curve's mean heading over it.
 
-    It is the mapping in which motions are planned, φ = A v.
+    The mean heading follows from the integral of the heading. This is the mapping φ = A v in which motions are planned.
     """
 
     directions = ("left",)
@@ -259,11 +262,11 @@ class PlanarFrames(CurveFrames):
 
     @property
     def further_symbols(self) -> dict[str, ca.SX]:
-        """None."""
+        """No further symbols."""
         return {}
 
     def link_rows(self) -> tuple[RowBlock, ...]:
-        """Return the φ_j = φ_(j−1) + the bend, and φ_j l = Θ(s_(j+1)) − Θ(s_j)."""
+        """Return the rows φ_j = φ_(j−1) + bend and φ_j l = Θ(s_(j+1)) − Θ(s_j)."""
         lack = self.lies - ca.horzcat(0, self.lies[:, :-1]) - self.bends
         turns = equal_to_zero(tuple(f"link {j + 1}: gap in its turn" for j in range(self.links)), ca.vec(lack))
         _, integrals = self.joints.at_joints(self.parts[0])
@@ -272,28 +275,28 @@ class PlanarFrames(CurveFrames):
         return turns, mapped
 
     def direction(self, lies: ca.SX) -> ca.SX:
-        """Return the (cos φ, sin φ)."""
+        """Return the directions (cos φ, sin φ)."""
         return ca.vertcat(ca.cos(lies), ca.sin(lies))
 
     def joint_axes(self) -> tuple[ca.SX, ...]:
-        """Return all turn about the axis across the plane."""
+        """Return the normal of the plane, about which every joint turns."""
         return (ca.SX.ones(1, self.links),)
 
     def turns_of(self, bends: FloatArray) -> FloatArray:
-        """Return the bends."""
+        """Return the bends, which are the turns to the left."""
         return bends
 
     def lies_at(self, bends: FloatArray) -> FloatArray:
-        """Return the their sums."""
+        """Return the headings of the links, the sums of the bends."""
         return np.cumsum(bends, axis=0)
 
     def values(self, curve: CurveNumbers, lies: FloatArray, direction: FloatArray | None) -> dict[str, FloatArray]:
-        """Return the none."""
+        """Return no values; the plane has no further symbols."""
         del curve, lies, direction
         return {}
 
     def bounds(self, lies: FloatArray, direction: FloatArray | None, turned: float) -> Bounds:
-        """Return the last link points as the goal does, with the whole turns that it has in the pose to start from."""
+        """Return bounds that point the last link like the goal, with the whole turns it has in the start pose."""
         if direction is None:
             return {}
         heading = float(np.arctan2(direction[1], direction[0]))
@@ -302,11 +305,11 @@ class PlanarFrames(CurveFrames):
         return {"links": (np.append(-free, heading - turned), np.append(free, heading + turned))}
 
     def turned(self, curve: CurveNumbers, index: int) -> Configuration:
-        """Return the curve itself: its first turn is that at the base."""
+        """Return the curve itself, which starts with the turn at the base."""
         return curve.turned(index, float(curve.base_turn[index]))
 
     def curve(self, arm: Arm, numbers: CurveNumbers, feed: float) -> Configuration:
-        """Return the paper's curve."""
+        """Return the paper's curve, in metres and world axes."""
         lengths, values, shares = numbers.parts()
         return Configuration.chain(
             arm.base + feed * arm.direction,

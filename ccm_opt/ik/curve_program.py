@@ -1,11 +1,11 @@
-"""The curve ODE, its constraints and its costs in CasADi.
+"""Symbolic curve ODE, constraints and costs of the configuration NLP, in CasADi.
 
-Lengths are in units of the arm's length. A segment starts in the state X = (x, y, θ, κ, s) and is shaped by the
-control U = (C_1..C_4, a_0..a_3, B_0..B_3): curvature at the knots after the first (C_0 = κ keeps the curvature
-continuous), arc lengths between knots, and a bound on |κ| for each piece.
+Lengths are in units of the arm's length. A segment starts in the state X = (x, y, θ, κ, s) and is shaped by the control
+U = (C_1..C_4, a_0..a_3, B_0..B_3): curvature at the knots after the first (C_0 = κ keeps the curvature continuous), arc
+lengths between knots, and a bound on |κ| for each piece.
 
-Weights are for lengths in units of the arm's length. The knot and bound terms are what makes the NLP converge: they
-leave no direction of the variables without curvature.
+Weights are for lengths in units of the arm's length. The terms for knots and bounds make the NLP converge: they leave
+no direction of the variables without curvature of the objective.
 """
 
 from dataclasses import dataclass
@@ -20,22 +20,22 @@ from ccm_opt.ik.row_program import RowBlock, equal_to_zero, not_negative
 from ccm_opt.robot.segment import PIECES
 
 _KNOT_WEIGHT = 4.0
-"""Weight of uneven knots. Taste; leaves no direction of the variables without curvature."""
+"""Weight of uneven knots. Taste; leaves no direction of the variables without curvature of the objective."""
 _BOUND_WEIGHT = 0.1
 """Weight of the bounds on ``|κ|``. Taste; as for the knots, and it keeps the certificates tight."""
 _SLOPE_WEIGHT = 1e-3
-"""Weight of steps of curvature. Taste."""
+"""Weight of the differences of curvature between knots. Taste."""
 _NEARNESS_WEIGHT = 10.0
-"""Weight of nearness to walls, before the user's. Taste."""
+"""Weight of closeness to walls, before the user's weight. Taste."""
 _NEARNESS_DISTANCE = 0.03
-"""Sides of regions farther away than this cost nothing [L]. Taste."""
+"""Distance beyond which sides of regions cost nothing [L]. Taste."""
 
 STATES = 5
-"""Size of X."""
+"""Size of the state X."""
 CONTROLS = 12
-"""Size of U."""
+"""Size of the control U."""
 SUBSTEPS = 2
-"""Chords a piece is cut into, for quadrature and for containment."""
+"""Number of chords per piece, for quadrature and for containment."""
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(4)
 """Gauss points of one chord."""
 
@@ -45,9 +45,9 @@ class SegmentFlow:
     """Expressions of one curvature segment.
 
     Attributes:
-        end: state at its end, (5, 1).
-        points: positions at the sub-step ends, base first, (2, PIECES * SUBSTEPS + 1).
-        bernstein: Bernstein coefficients of κ, a row a piece, (PIECES, 4).
+        end: state at the segment's end, (5, 1).
+        points: positions at the ends of the sub-steps, base first, (2, PIECES * SUBSTEPS + 1).
+        bernstein: Bernstein coefficients of κ, one row per piece, (PIECES, 4).
         bending: ∫κ² ds.
     """
 
@@ -60,8 +60,8 @@ class SegmentFlow:
 def natural_spline_moments(widths: ca.SX, values: ca.SX) -> ca.SX:
     """Return the second derivatives M_0..M_4 of the natural cubic spline by the Thomas algorithm, (5, 1).
 
-    a_{i-1} M_{i-1} + 2 (a_{i-1} + a_i) M_i + a_i M_{i+1} = 6 [(C_{i+1} - C_i)/a_i - (C_i - C_{i-1})/a_{i-1}],
-    M_0 = M_4 = 0; the matrix is diagonally dominant, so elimination needs no pivots (Golub and Van Loan, 4.3).
+    Solves a_{i-1} M_{i-1} + 2 (a_{i-1} + a_i) M_i + a_i M_{i+1} = 6 [(C_{i+1} - C_i)/a_i - (C_i - C_{i-1})/a_{i-1}]
+    with M_0 = M_4 = 0; the matrix is diagonally dominant, so elimination needs no pivoting (Golub and Van Loan, 4.3).
     """
     slopes = [(values[i + 1] - values[i]) / widths[i] for i in range(PIECES)]
     diagonal = [2 * (widths[i] + widths[i + 1]) for i in range(3)]
@@ -76,7 +76,7 @@ def natural_spline_moments(widths: ca.SX, values: ca.SX) -> ca.SX:
 
 
 def segment_flow(state: ca.SX, control: ca.SX) -> SegmentFlow:
-    """Integrate one segment: X_{k+1} = F(X_k, U_k) and what costs and constraints need on the way."""
+    """Integrate one segment, X_{k+1} = F(X_k, U_k), with all expressions that costs and constraints need."""
     values = ca.vertcat(state[3], control[:4])
     widths = control[4:8]
     ends = ca.cumsum(ca.vertcat(state[4], widths))
@@ -96,8 +96,8 @@ def segment_flow(state: ca.SX, control: ca.SX) -> SegmentFlow:
     steps = ca.horzcat(*(chord[i, :].T for i in range(PIECES) for chord in chords))
     points = ca.cumsum(ca.horzcat(state[:2], steps), 1)
 
-    # A cubic stays within the hull of its Bernstein coefficients (Farouki 2012): with its second derivatives M they are
-    # its ends, and the chord's thirds less (2 M_0 + M_1) a²/18 and (M_0 + 2 M_1) a²/18.
+    # A cubic stays within the hull of its Bernstein coefficients (Farouki 2012). With the second derivatives M these
+    # are its end values, and the thirds of its chord less (2 M_0 + M_1) a²/18 and (M_0 + 2 M_1) a²/18.
     first, last = pieces.first, pieces.last
     left, right = pieces.first_moment * widths**2 / 18, pieces.last_moment * widths**2 / 18
     second, third = (2 * first + last) / 3 - 2 * left - right, (first + 2 * last) / 3 - left - 2 * right
@@ -108,7 +108,7 @@ def segment_flow(state: ca.SX, control: ca.SX) -> SegmentFlow:
 
 @cache
 def segment_function() -> ca.Function:
-    """Return the (X, U) -> (X_{k+1}, points, Bernstein coefficients, ∫κ²) as one CasADi function."""
+    """Return (X, U) -> (X_{k+1}, points, Bernstein coefficients, ∫κ²) as one CasADi function."""
     state = ca.SX.sym("X", STATES)
     control = ca.SX.sym("U", CONTROLS)
     flow = segment_flow(state, control)
@@ -116,26 +116,26 @@ def segment_function() -> ca.Function:
 
 
 def gap_closing(k: int, flow: SegmentFlow, following: ca.SX) -> RowBlock:
-    """Return the x_{k+1} = F(X_k, U_k): a segment ends where the next one begins."""
+    """Return the rows X_{k+1} = F(X_k, U_k): a segment ends where the next one begins."""
     what = ("x", "y", "heading", "curvature", "arc length")
     return equal_to_zero(tuple(f"segment {k}: gap in {name} at its end" for name in what), following - flow.end)
 
 
 def base_at_stub_end(state: ca.SX, stub: ca.SX) -> RowBlock:
-    """Return the first segment begins at the end of the base's straight stub; the base is the origin."""
+    """Return the rows that start the first segment at the end of the straight stub; the base is the origin."""
     names = ("base: x", "base: y")
     return equal_to_zero(names, state[:2] - stub * ca.vertcat(ca.cos(state[2]), ca.sin(state[2])))
 
 
 def knot_spacing(k: int, control: ca.SX, fraction: float) -> RowBlock:
-    """Return the a_i ≥ fraction · L_k: spline knots keep apart."""
+    """Return the rows a_i ≥ fraction · L_k, which keep the spline knots apart."""
     widths = control[4:8]
     names = tuple(f"segment {k}: spacing of knots {i} and {i + 1}" for i in range(PIECES))
     return not_negative(names, widths - fraction * ca.sum1(widths))
 
 
 def certified_curvature(k: int, control: ca.SX, flow: SegmentFlow) -> RowBlock:
-    """Return the b_i ≥ |Bernstein coefficients of κ on piece i|, so B_i bounds |κ| on the whole piece."""
+    """Return the rows B_i ≥ |Bernstein coefficients of κ on piece i|, so B_i bounds |κ| on the whole piece."""
     names = []
     rows = []
     for i in range(PIECES):
@@ -148,7 +148,9 @@ def certified_curvature(k: int, control: ca.SX, flow: SegmentFlow) -> RowBlock:
 def certified_containment(
     k: int, control: ca.SX, flow: SegmentFlow, normals: ca.SX, offsets: ca.SX, ends: tuple[bool, bool] = (False, False)
 ) -> RowBlock:
-    """Return the a_k P + B_i (a_i/m)²/8 ≤ b_k at both ends of every sub-step, so the whole curve stays in the region.
+    """Return the rows that keep the whole curve of a segment in its region.
+
+    They are A_k P + B_i (a_i/m)²/8 ≤ b_k at both ends of every sub-step, m of them per piece.
 
     Between two points h apart along the curve it leaves their chord by at most B t(1-t) h²/2, t in [0, 1] (the error
     of linear interpolation, de Boor, chapter II), and the region is convex. Margins α² B h²/2 and (1-α)² B h²/2 at
@@ -156,11 +158,11 @@ def certified_containment(
     point without margin, since a base or a goal may touch the wall.
 
     Args:
-        k: number of the segment.
+        k: index of the segment.
         control: U_k.
-        flow: the segment's points.
-        normals: shape (half-planes, 2).
-        offsets: shape (half-planes, 1).
+        flow: expressions of the segment.
+        normals: normals of the region's half-planes, shape (half-planes, 2).
+        offsets: offsets of the half-planes, shape (half-planes, 1).
         ends: whether the segment's start is the arm's base, and its end the arm's tip.
     """
     names = []
@@ -178,7 +180,7 @@ def certified_containment(
 
 
 def _margin_shares(ends: tuple[bool, bool]) -> FloatArray:
-    """Share of B h²/2 kept as margin by each piece at each of its points, shape (PIECES, SUBSTEPS + 1)."""
+    """Return the share of B h²/2 that each piece keeps as margin at its points, shape (PIECES, SUBSTEPS + 1)."""
     shares = np.full((PIECES, SUBSTEPS + 1), 0.25)
     if ends[0]:
         shares[0, :2] = [0.0, 1.0]
@@ -188,12 +190,12 @@ def _margin_shares(ends: tuple[bool, bool]) -> FloatArray:
 
 
 def nearness(points: ca.SX, normals: FloatArray, offsets: FloatArray) -> ca.SX:
-    """Σ max(0, 1 - slack/D)² of points behind sides of their region: what they lack to the distance D of each.
+    """Return the cost of points close to sides of their region, Σ max(0, 1 - slack/D)², weighted, per point.
 
     Args:
-        points: shape (2, m).
-        normals: of the sides, shape (k, 2).
-        offsets: shape (k,).
+        points: points of the curve, shape (2, m).
+        normals: normals of the sides, shape (k, 2).
+        offsets: offsets of the sides, shape (k,).
     """
     slack = ca.repmat(ca.DM(offsets), 1, points.shape[1]) - ca.DM(normals) @ points
     lacking = ca.fmax(1.0 - slack / _NEARNESS_DISTANCE, 0.0)
@@ -203,14 +205,14 @@ def nearness(points: ca.SX, normals: FloatArray, offsets: FloatArray) -> ca.SX:
 def configuration_cost(state: ca.SX, control: ca.SX, bending: ca.SX, weight: ca.SX) -> ca.SX:
     """Return the objective of one segment: w ∫κ² + 4 Σ(a_i/L_k - 1/4)² + 0.1 ΣB² + 0.001 Σ(C_{i+1} - C_i)².
 
-    The second pulls the knots towards even spacing, the third keeps the certified bounds tight, and the last is a small
-    preference for gently changing curvature.
+    The second term pulls the knots towards even spacing, the third keeps the certified bounds tight, and the last
+    mildly favours a gently changing curvature.
 
     Args:
         state: X_k.
         control: U_k.
         bending: ∫κ² over the segment, twice the elastic energy of a unit rod.
-        weight: w.
+        weight: w, the weight of the bending.
     """
     widths = control[4:8]
     values = ca.vertcat(state[3], control[:4])

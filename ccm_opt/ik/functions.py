@@ -1,4 +1,4 @@
-"""Functions of users' terms, over poses and over time."""
+"""Compiled functions of users' terms, over poses and over time."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -19,8 +19,8 @@ class MotionStates:
     Attributes:
         q: configurations, shape (N, c) [rad, m].
         u: path parameter, shape (N,).
-        rates: of the configurations, shape (N, c) [rad/s, m/s]; NaN where time is unknown.
-        time: shape (N,) [s]; NaN where unknown.
+        rates: rates of the configurations, shape (N, c) [rad/s, m/s]; NaN where time is unknown.
+        time: times, shape (N,) [s]; NaN where unknown.
     """
 
     q: FloatArray
@@ -29,18 +29,18 @@ class MotionStates:
     time: FloatArray
 
     def where(self, where: Where) -> "MotionStates":
-        """Return those at which a term applies."""
+        """Return the states at which a term applies."""
         chosen = applies_at(where, self.u)
         return MotionStates(self.q[chosen], self.u[chosen], self.rates[chosen], self.time[chosen])
 
 
 @dataclass(frozen=True, eq=False)
 class _Compiled:
-    """An expression of a term.
+    """The compiled expression of a term.
 
     Attributes:
-        expression: column of m entries.
-        quantities: holds the symbols.
+        expression: a column of m entries.
+        quantities: the symbols of the expression.
     """
 
     expression: Any
@@ -48,27 +48,27 @@ class _Compiled:
 
     @cached_property
     def timed(self) -> bool:
-        """Whether it holds speeds, which the finished motion alone has."""
+        """Whether the expression depends on speeds, which only the finished motion has."""
         return self.quantities.is_timed(self.expression)
 
     @cached_property
     def of_path(self) -> bool:
-        """Whether it holds the path parameter."""
+        """Whether the expression depends on the path parameter."""
         return bool(ca.depends_on(self.expression, self.quantities.path_parameter))
 
     @cached_property
     def function(self) -> Any:
-        """Bends, feed and u, and the rates of both where it holds speeds, to the expression."""
+        """Function from bends, feed and u, and their rates if it depends on speeds, to the expression."""
         symbols = self.quantities.timed_symbols if self.timed else self.quantities.symbols
         return ca.Function("term", list(symbols), [self.expression])
 
     def all_values(self, q: FloatArray, u: FloatArray, rates: FloatArray | None = None) -> FloatArray:
-        """Return the expression, shape (N, m).
+        """Return the values of the expression, shape (N, m).
 
         Args:
             q: configurations, shape (N, c) [rad, m].
             u: path parameter, shape (N,).
-            rates: of the configurations, for what holds speeds, shape (N, c).
+            rates: rates of the configurations, for expressions that depend on speeds, shape (N, c).
         """
         places = self.quantities.places
         of_time = places(rates) if self.timed and rates is not None else ()
@@ -83,8 +83,8 @@ class CompiledConstraint(_Compiled):
 
     Attributes:
         constraint: what the user wrote.
-        lower: shape (m,).
-        upper: shape (m,).
+        lower: lower bounds, shape (m,).
+        upper: upper bounds, shape (m,).
     """
 
     constraint: Constraint
@@ -93,18 +93,18 @@ class CompiledConstraint(_Compiled):
 
     @property
     def parametric(self) -> bool:
-        """Whether it depends on the path parameter, by its expression or by where it applies."""
+        """Whether the constraint depends on the path parameter, by its expression or by its interval."""
         return isinstance(self.constraint.where, Interval) or self.of_path
 
     @cached_property
     def slopes(self) -> Any:
-        """Configuration and u to the derivative of the expression by the configuration."""
+        """Function from configuration and u to the derivative with respect to the configuration."""
         q, expression = self.quantities.in_configurations(self.expression)
         symbols = [q, self.quantities.path_parameter]
         return ca.Function("slopes", symbols, [ca.densify(ca.jacobian(expression, q))])
 
     def residuals(self, q: FloatArray, u: FloatArray) -> FloatArray:
-        """Return by how much the worst entry violates its bounds, shape (N,); 0 where all hold, NaN where not finite.
+        """Return the violation of the worst entry, shape (N,); 0 where all hold, NaN where not finite.
 
         Args:
             q: configurations, shape (N, c) [rad, m].
@@ -113,15 +113,15 @@ class CompiledConstraint(_Compiled):
         return np.maximum(self._beyond_bounds(self.all_values(q, u)), 0.0)
 
     def excesses(self, states: MotionStates) -> FloatArray:
-        """Return by how much the worst entry passes its bounds, shape (N,).
+        """Return the signed violation of the worst entry, shape (N,).
 
-        Negative where all hold, NaN where not finite.
+        Negative where all bounds hold, NaN where a value is not finite.
         """
         return self._beyond_bounds(self.all_values(states.q, states.u, states.rates))
 
     def _beyond_bounds(self, values: FloatArray) -> FloatArray:
-        """Return the same for values of the expression, shape (N, m)."""
-        # NaN would win or lose any comparison unnoticed, so it is set aside and put back at the end.
+        """Return the signed violation of the worst entry for values of shape (N, m), shape (N,)."""
+        # NaN would silently win or lose any comparison, so it is set aside and put back at the end.
         finite = np.all(np.isfinite(values), axis=1)
         values = np.where(finite[:, None], values, 0.0)
         beyond = np.maximum(self.lower - values, values - self.upper).max(axis=1)
@@ -130,7 +130,7 @@ class CompiledConstraint(_Compiled):
     def as_cost(self) -> "CompiledCost":
         """Return a soft constraint as a cost: half its squared violation."""
         term = self.constraint
-        # Costs are averaged over keyframes anyway, so that "keyframes" and "motion" are one place to them.
+        # Costs are averaged over keyframes anyway, so "keyframes" and "motion" mean the same here.
         where: Where = "motion" if term.where == "keyframes" else term.where
         if np.array_equal(self.lower, self.upper):
             # The same square as below, but smooth at the bound, so that its Hessian does not jump there.
@@ -149,13 +149,13 @@ class CompiledCost(_Compiled):
     """A cost with its scalar expression.
 
     Attributes:
-        cost: what the user wrote; soft constraints stand as costs too.
+        cost: what the user wrote, or a soft constraint turned into a cost.
     """
 
     cost: Cost
 
     def values(self, q: FloatArray, u: FloatArray) -> FloatArray:
-        """Return the cost, unweighted, shape (N,); arguments as for ``CompiledConstraint.residuals``."""
+        """Return the unweighted cost, shape (N,); arguments as for ``CompiledConstraint.residuals``."""
         return self.all_values(q, u)[:, 0]
 
     @cached_property
@@ -166,10 +166,10 @@ class CompiledCost(_Compiled):
         return ca.Function("derivatives", symbols, [ca.densify(gradient), ca.densify(hessian)])
 
     def second_order(self, q: FloatArray, u: float) -> tuple[FloatArray, FloatArray]:
-        """Return the gradient, shape (c,), and Hessian, shape (c, c), by one configuration."""
+        """Return the gradient, shape (c,), and Hessian, shape (c, c), at one configuration."""
         gradient, hessian = self._derivatives(q, u)
         return np.asarray(gradient)[:, 0], np.asarray(hessian)
 
     def applies(self, u: FloatArray) -> BoolArray:
-        """At which places of the motion, the last of them the goal, the cost counts, shape (N,)."""
+        """Return at which samples of the motion, the last of them the goal, the cost counts, shape (N,)."""
         return applies_at(self.cost.where, u)

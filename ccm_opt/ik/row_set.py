@@ -18,13 +18,13 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class RowValues:
-    """Values and slopes of the rows that apply at a pose.
+    """Values and derivatives of the rows that apply at a pose.
 
     Attributes:
-        equations: what must vanish, shape (m,).
-        equation_slopes: by the configuration, shape (m, c).
-        gaps: what must not be negative, shape (k,).
-        gap_slopes: likewise, shape (k, c).
+        equations: values that must be zero, shape (m,).
+        equation_slopes: their derivatives with respect to the configuration, shape (m, c).
+        gaps: values that must not be negative, shape (k,).
+        gap_slopes: their derivatives with respect to the configuration, shape (k, c).
     """
 
     equations: FloatArray
@@ -34,7 +34,7 @@ class RowValues:
 
     @property
     def violation(self) -> float:
-        """By how much the worst row is violated, 0 when all hold; infinity when a value is not finite."""
+        """Violation of the worst row; 0 if all rows hold, infinity if a value is not finite."""
         unequal = float(np.max(np.abs(self.equations), initial=0.0))
         below = float(np.max(-self.gaps, initial=0.0))
         worst = max(unequal, below)
@@ -43,16 +43,17 @@ class RowValues:
 
 @dataclass(frozen=True, eq=False)
 class RowSet:
-    """Rows of several constraints.
+    """Rows of several constraints, with their compiled functions.
 
     Attributes:
-        names: the constraint of every row.
+        names: name of the constraint of each row.
         equal: whether a row is an equation, shape (rows,).
         first: path parameter from which a row applies, shape (rows,).
         last: path parameter up to which it applies, shape (rows,).
         parametric: whether a row depends on the path parameter, shape (rows,).
-        values: CasADi function from configurations and u to the rows.
-        slopes: CasADi function from configurations and u to the rows and their derivatives by the configuration.
+        values: CasADi function from configuration and u to the rows.
+        slopes: CasADi function from configuration and u to the rows and their derivatives with respect to the
+            configuration.
     """
 
     names: tuple[str, ...]
@@ -65,7 +66,7 @@ class RowSet:
 
     @classmethod
     def from_constraints(cls, quantities: "ArmQuantities", constraints: "Sequence[CompiledConstraint]") -> "RowSet":
-        """Return the rows of constraints: an equation for equal bounds, else a gap for each finite bound."""
+        """Return the rows of constraints: an equation for equal bounds, else an inequality per finite bound."""
         names: list[str] = []
         expressions: list[Any] = []
         equal: list[bool] = []
@@ -74,7 +75,7 @@ class RowSet:
             where = compiled.constraint.where
             for k in range(compiled.expression.numel()):
                 entry, low, high = compiled.expression[k], compiled.lower[k], compiled.upper[k]
-                # As two gaps, an equation would leave a planner no room between them.
+                # Written as two inequalities, an equation would leave the planner no slack between them.
                 sides = [(entry - low, low), (high - entry, high)][: 1 if low == high else 2]
                 found = [side for side, bound in sides if np.isfinite(bound)]
                 names += [compiled.constraint.name] * len(found)
@@ -101,13 +102,13 @@ class RowSet:
         return len(self.names)
 
     def at(self, q: FloatArray, u: float = 0.0) -> RowValues:
-        """Return the values and slopes of the rows that apply at a pose.
+        """Return the values and derivatives of the rows that apply at a pose.
 
         Args:
             q: configuration, shape (c,) [rad, m].
             u: path parameter.
         """
-        # The buffers are overwritten by the next call; picking rows by a mask makes copies.
+        # The next call overwrites the buffers; selecting rows with a mask makes copies.
         values, jacobian = self._evaluated(q, u)
         here = self.applicable_mask(u)
         equations = here & self.equal
@@ -123,19 +124,19 @@ class RowSet:
         """
         count = len(q)
         places = np.broadcast_to(np.asarray(u, dtype=np.float64), (count,))
-        # One pose a column.
+        # One pose per column.
         columns = self.values(ca.DM(q.T), ca.DM(places).T)
         values = np.asarray(columns, dtype=np.float64).reshape(len(self), count).T
         table: FloatArray = np.where(self.applicable_mask(places[:, None]), values, np.nan)
         return table
 
     def applicable_mask(self, u: FloatArray | float) -> BoolArray:
-        """Return which rows apply at a place of the motion, shape (rows,), or (N, rows) for ``u`` of shape (N, 1)."""
+        """Return which rows apply at a path parameter, shape (rows,), or (N, rows) for ``u`` of shape (N, 1)."""
         inside: BoolArray = (self.first <= u + TINY) & (u <= self.last + TINY)
         return inside
 
     def _evaluated(self, q: FloatArray, u: float) -> tuple[FloatArray, FloatArray]:
-        """Return all rows and their slopes, of shapes (rows,) and (rows, c); overwritten by the next call."""
+        """Return all rows, (rows,), and their derivatives, (rows, c); the next call overwrites them."""
         if not len(self):
             return np.zeros(0), np.zeros((0, len(q)))
         _, evaluate, at, place, values, slopes = self._buffers
@@ -146,12 +147,12 @@ class RowSet:
 
     @cached_property
     def _buffers(self) -> tuple[Any, Any, FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Arrays that CasADi reads from and writes to in place: steps call often, and conversions cost more.
+        """Arrays that CasADi reads and writes in place, because steps call often and conversions cost more.
 
         Returns:
-            CasADi's memory, which must live as long as what follows it is called, which evaluates; q (c,), u (1,), the
-            rows (rows,) and their slopes (c, rows), transposed because CasADi stores matrices by columns. It keeps
-            the addresses alone: the arrays must not be replaced, only written to.
+            CasADi's memory, which must stay alive as long as the evaluation is called; the evaluation; q (c,), u (1,),
+            the rows (rows,) and their derivatives (c, rows), transposed because CasADi stores matrices by columns.
+            CasADi keeps only the addresses: write into the arrays, never replace them.
         """
         memory, evaluate = self.slopes.buffer()
         columns = self.slopes.size1_in(0)
