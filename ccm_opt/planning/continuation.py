@@ -1,4 +1,4 @@
-"""Continuation of an arm along a guide."""
+"""Continuation: leading an arm along a guide step by step, and settling it onto the goal."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -14,21 +14,21 @@ from ccm_opt.planning.pose import Pose, Term
 from ccm_opt.planning.step import AnyUnknowns, StepperOf
 
 _PATIENCE = 60
-"""Steps without progress before a guide is given up. Taste."""
+"""Steps without progress after which a guide is abandoned. Taste."""
 
 _SETTLE_MOVED = 1e-5
-"""Turn of a link below which the arm hardly moves [rad]. Taste."""
+"""Turn of a link below which settling counts as having stopped [rad]. Taste."""
 
 
 class Guide(Protocol):
-    """Says where the arm should go next, and when it has arrived."""
+    """Determines where the arm goes next, and when it has arrived."""
 
     def terms(self, pose: Pose) -> list[Term]:
-        """Return what draws the arm on from a pose."""
+        """Return the terms that pull the arm onwards from a pose."""
         ...
 
     def progress(self, pose: Pose) -> bool:
-        """Move the guide's target on if the arm keeps up; whether it did."""
+        """Advance the guide's target if the arm keeps up, and return whether it was advanced."""
         ...
 
     def finished(self, pose: Pose) -> bool:
@@ -36,12 +36,12 @@ class Guide(Protocol):
         ...
 
     def describe(self, pose: Pose) -> str:
-        """Return how far the guide has come, in words."""
+        """Return in words how far the guide has led the arm."""
         ...
 
 
 class Stalled(Exception):  # noqa: N818 - an outcome, not a defect
-    """A guide made no progress; the message says how far it came, ``poses`` are the way there."""
+    """Raised when a guide makes no progress; the message tells how far it came, ``poses`` hold the motion so far."""
 
     def __init__(self, message: str, poses: list[Pose]) -> None:
         super().__init__(message)
@@ -62,12 +62,13 @@ def follow(
 
     Args:
         stepper: takes the steps.
-        guide: says where to.
-        pose: to begin at.
-        deadline: when to stop.
-        patience: steps without progress before the guide is given up.
-        into: a goal; where it is a set, the guide leads no farther than to its first member. None leads to the end.
-        steps: at most; None for as many as it takes.
+        guide: guide to follow.
+        pose: pose to begin at.
+        deadline: time limit.
+        patience: steps without progress after which the guide is abandoned.
+        into: goal; where it is a set, the guide stops at the first member that it reaches. None follows the guide to
+            its end.
+        steps: most steps; None for no bound.
 
     Raises:
         Stalled: when the guide makes no progress, or the deadline passes.
@@ -84,16 +85,16 @@ def follow(
             poses.append(pose)
         moved = guide.progress(pose)
         waiting = 0 if moved else waiting + 1
-        fixed = pose is before and not moved  # the next step would be the same again
+        fixed = pose is before and not moved  # the next step would repeat this one
         if fixed or waiting > patience or deadline.passed():
             raise Stalled(guide.describe(pose), poses)
     return poses
 
 
 def without_pauses(poses: list[Pose], least: float) -> list[Pose]:
-    """Return the way without poses in which no link has turned by ``least`` [rad] since the one before; both ends stay.
+    """Return a motion without the poses in which no link has turned by ``least`` [rad] since the pose before.
 
-    A base that is carried by a link length counts as a turn of a radian.
+    Both ends stay. A base that advances by a link length counts as a turn of one radian.
     """
     kept = [poses[0]]
     for pose in poses[1:]:
@@ -101,14 +102,16 @@ def without_pauses(poses: list[Pose], least: float) -> list[Pose]:
         fed = float(np.linalg.norm(pose.points[0] - kept[-1].points[0])) * len(turns) / pose.length
         if max(float(np.max(np.abs(turns))), fed) >= least:
             kept.append(pose)
-    # The end replaces the last pose kept, which is nearly the same; the start is never replaced.
+    # The end replaces the last pose kept, from which it hardly differs; the start is never replaced.
     if kept[-1] is not poses[-1]:
         kept[max(len(kept) - 1, 1) :] = [poses[-1]]
     return kept
 
 
 def settle(stepper: StepperOf[AnyUnknowns], goal: GoalPose, pose: Pose, deadline: Deadline) -> list[Pose]:
-    """Return the poses from near the goal onto it, polished; as near as the goal allows where polishing fails.
+    """Return the poses from one near the goal to one exactly on it.
+
+    The last pose is as near as the goal's tolerance allows where Newton's method does not bring it onto the goal.
 
     Raises:
         Stalled: when a wall, the arm itself or a joint limit keeps the tip off the goal.
@@ -123,15 +126,15 @@ def settle(stepper: StepperOf[AnyUnknowns], goal: GoalPose, pose: Pose, deadline
         before = pose
         turning = pose.turning.reshape(-1, space.dimension)
         still = Term(turning, np.zeros(len(turning)), settings.still_weight / space.arm.links)
-        # The weight grows from step to step: standing still and smoothness would otherwise hold the arm a little short
-        # of the goal.
+        # The weight grows from step to step: the terms that keep the arm still and smooth would otherwise hold it
+        # slightly short of the goal.
         pose = stepper.step(pose, [*goal.terms(space, pose, 1.0 + settings.settle_growth * k), still])
         if pose is not before:
             poses.append(pose)
         if deadline.passed():
             break
         moved = np.max(np.linalg.norm(before.turning @ (pose.v - before.v), axis=1))
-        # Not before some steps: the weight of the goal has to outgrow the rest first.
+        # Only after some steps: the weight of the goal has to outgrow the other terms first.
         if k > settings.settle_least and moved < _SETTLE_MOVED:
             break
     if goal.met(pose):
@@ -142,11 +145,11 @@ def settle(stepper: StepperOf[AnyUnknowns], goal: GoalPose, pose: Pose, deadline
 
 
 def polished(stepper: StepperOf[AnyUnknowns], goal: GoalPose, pose: Pose) -> Pose | None:
-    """Return the pose moved exactly onto the goal, or None when it is too far away or would touch something."""
+    """Return the pose moved exactly onto the goal, or None where it is too far away or the move is not safe."""
     space = stepper.space
     settings = stepper.settings.continuation
     distance, turn = goal.errors(pose)
-    # Newton's method has no rows for walls: a long jump might pass through one, and the pose at its end show nothing of
+    # Newton's method has no rows for walls: a long jump might pass through one, and the pose at its end would not show
     # it.
     if distance > settings.polish_distance * space.nominal_length or turn > settings.polish_turn:
         return None
@@ -161,10 +164,10 @@ class GuideCandidate:
     """A guide to try.
 
     Attributes:
-        name: for messages.
+        name: name for messages.
         make_guide: makes the guide to follow.
-        resume: each makes a guide that takes over from the first guide and a pose: the first of them where that guide
-            ended or stalled, each of the others where the one before has stalled.
+        resume: each makes a follow-up guide from the first guide and a pose: the first of them from where that guide
+            ended or stalled, each of the others from where the one before stalled.
     """
 
     name: str

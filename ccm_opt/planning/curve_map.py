@@ -1,13 +1,13 @@
-"""Configurations of the arm by the curvature of a curve that lies still in space while the arm is fed along it.
+"""The map from the curvature of a curve to configurations of the arm; the curve is fixed in space while the arm is fed.
 
-The curve's curvature about each of two axes is linear between its values at even knots. A joint at arc length σ turns
-by the second difference of the twice integrated curvature, (F(σ + l) − 2 F(σ) + F(σ − l)) / l: by as much as the mean
-heading changes from the link before it to the one behind it. Where the base is fed, σ is counted from the end of the
-guide tube, so that an arm that is fed with all else still follows its own shape; joints bend a little
-beyond the tube only, so that those inside it stay straight from keyframe to keyframe.
+The curve's curvature about each of two axes is linear between its values at evenly spaced knots. A joint at arc length
+σ turns by the second difference of the twice integrated curvature, (F(σ + l) − 2 F(σ) + F(σ − l)) / l: by as much as
+the mean heading changes from the link before it to the one behind it. Where the base is fed, σ is counted from the end
+of the guide tube, so that an arm that is only fed follows its own shape. Joints bend only from a little beyond the tube
+on, so that those inside it stay straight from keyframe to keyframe.
 
 Unknowns v: where the base is fixed its two turns, then the curvatures about the first and about the second axis, then
-the feed. They are scaled so that every one turns the joints by about as much.
+the feed. They are scaled so that each of them turns the joints by about as much.
 """
 
 from dataclasses import dataclass, replace
@@ -25,13 +25,15 @@ from ccm_opt.robot.biarc import bend_shares, free_before
 
 KNOTS = 11
 SETTLING = 1e-2
-"""Weight on differences of unknowns from knot to knot that settles what the joints leave open, and no more."""
+"""Weight on differences of unknowns from knot to knot, just large enough to settle what the joints leave
+undetermined."""
 SMOOTHNESS = 2.0
-"""The same where the joints' turns that a smoother curve does not show are blended in: among bays of a wing box, blades
-and pipes motions to such an end are a twentieth shorter than with little, and roomier."""
+"""Weight on those differences where the turns of joints that a smoother curve cannot reproduce are blended in.
+Measured: among bays of a wing box, blades and pipes, motions to such an end are a twentieth shorter than with little
+weight, with wider gaps."""
 _FEED_A_SPAN = 0.12
-"""Of the base over a span of a path, at most; less than half of what joints stay straight beyond the guide tube, so
-that none is bent on a span on which the tube holds it [u]."""
+"""Largest feed over a span of a path [u]. Less than half of the length on which joints stay straight beyond the guide
+tube, so that no joint is bent on a span on which the tube holds it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,12 +41,12 @@ class CurveMap(CurveUnknowns):
     """The map from unknowns v, shape (p,), to configurations q, shape (c,).
 
     Attributes:
-        spacing: of the knots [m].
-        knots: their number, about each of the two axes.
-        scale: turn by the unknowns' unit, shape (p,).
-        offset: joints' turns that the curve does not show, by places from ``offset_at``, shape (m, 2) [rad].
-        offset_at: arc lengths of the same, increasing, shape (m,) [m].
-        blend: joints' turns that one more unknown blends in, of the shape of ``offset``; None without one.
+        spacing: spacing of the knots [m].
+        knots: number of knots, for each of the two axes.
+        scale: turn per unit of each unknown, shape (p,), without the one that blends.
+        offset: turns of joints that the curve cannot reproduce, at the places ``offset_at``, shape (m, 2) [rad].
+        offset_at: arc lengths of ``offset``, increasing, shape (m,) [m].
+        blend: turns of joints that one more unknown blends in, of the shape of ``offset``; None without that unknown.
     """
 
     spacing: float
@@ -56,10 +58,10 @@ class CurveMap(CurveUnknowns):
 
     @classmethod
     def through(cls, arm: Arm, q: FloatArray, knots: int = KNOTS) -> tuple["CurveMap", FloatArray]:
-        """Return the map that holds a configuration exactly, and its unknowns there.
+        """Return the map that reproduces a configuration exactly, and the unknowns of that configuration.
 
-        Joints slide along the curve of a fed arm, which may have more knots than there are joints; on a fixed base more
-        would say nothing.
+        The joints of a fed arm slide along the curve, which may have more knots than the arm has joints; on a fixed
+        base more knots than joints would be redundant.
         """
         if not arm.base_axes:
             knots = max(3, min(knots, arm.links - 1))
@@ -80,11 +82,11 @@ class CurveMap(CurveUnknowns):
         return len(self.scale) + (self.blend is not None)
 
     def configuration(self, v: FloatArray) -> FloatArray:
-        """Return the configuration q of unknowns, shape (c,) [rad, m]."""
+        """Return the configuration q of unknowns v, shape (p,) to (c,) [rad, m]."""
         return np.asarray(self.configurations(v[None])[0])
 
     def configurations(self, v: FloatArray) -> FloatArray:
-        """Return the configurations of several unknowns at once, shape (m, p) to (m, c) [rad, m]."""
+        """Return the configurations of several vectors of unknowns, shape (m, p) to (m, c) [rad, m]."""
         feeds = self._feeds(v)
         places = self._joint_arc_lengths(feeds)
         turns = self._turns(v, places, self._shapes(places))
@@ -95,7 +97,7 @@ class CurveMap(CurveUnknowns):
         return self.poses(v[None])[0]
 
     def poses(self, unknowns: FloatArray) -> tuple[Pose, ...]:
-        """Return the poses of several unknowns, shape (m, p)."""
+        """Return the poses of several vectors of unknowns, shape (m, p)."""
         if self.affine:
             configurations = self.configurations(unknowns)
             slopes = np.broadcast_to(self.drive_rows, (len(unknowns), *self.drive_rows.shape))
@@ -106,9 +108,9 @@ class CurveMap(CurveUnknowns):
     def along(self, spline: BSpline) -> BSpline:
         """Return the path of configurations along a spline in the unknowns.
 
-        Configurations of a fed arm are taken at Greville's places of knots so near each other that a joint which bends
-        on one span is outside the guide tube on all that its control points shape. A joint that slides over where the
-        curve bends more than it can, between keyframes that know nothing of it, is bent as far as it can be.
+        Configurations of a fed arm are evaluated at the Greville abscissae of knots so dense that a joint which bends
+        on one span is outside the guide tube on all spans that its control points shape. A joint that slides, between
+        keyframes, over a part of the curve that bends more than the joint can is bent to its limit.
         """
         limits = (self.arm.lower_limits, self.arm.upper_limits)
         k = spline.k
@@ -129,7 +131,7 @@ class CurveMap(CurveUnknowns):
         return np.asarray(slopes[0])
 
     def configurations_and_slopes(self, v: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the configurations of several unknowns, shape (m, p), and their derivatives by these.
+        """Return the configurations of several vectors of unknowns, shape (m, p), and their derivatives.
 
         Returns:
             Shapes (m, c) [rad, m] and (m, c, p).
@@ -141,7 +143,7 @@ class CurveMap(CurveUnknowns):
         feeds = self._feeds(v)
         places = self._joint_arc_lengths(feeds)
         if fed:
-            # By the feed joints slide along the curve: a central difference.
+            # With the feed, joints slide along the curve: their derivative is a central difference.
             step = 1e-6 * self.arm.length
             places = np.concatenate((places, places + step, places - step))
             v = np.tile(v, (3, 1))
@@ -163,7 +165,10 @@ class CurveMap(CurveUnknowns):
         return np.concatenate((turns[:m], feeds), axis=1), slopes
 
     def pieces(self, before: FloatArray, after: FloatArray) -> list[FloatArray]:
-        """Unknowns along an edge, so near that no joint bends in between while the guide tube of a fed arm holds it."""
+        """Return the unknowns along an edge, cut so that no joint bends in between while the guide tube holds it.
+
+        An edge of an arm on a fixed base stays whole; both ends are included.
+        """
         if not self.arm.base_axes:
             return [before, after]
         scale = float(self.scale[self.feed_column])
@@ -178,15 +183,15 @@ class CurveMap(CurveUnknowns):
         return places
 
     def in_pieces(self, unknowns: FloatArray) -> FloatArray:
-        """Return a motion with all its edges in pieces, shape (K, p) to (m, p)."""
+        """Return a motion with all its edges cut into pieces, shape (K, p) to (m, p)."""
         return np.stack([unknowns[0], *(v for edge in pairwise(unknowns) for v in self.pieces(*edge)[1:])])
 
     def fitted(self, q: FloatArray, smoothness: float = SETTLING) -> FloatArray:
         """Return the unknowns of the curve that comes nearest to a configuration.
 
         Args:
-            q: shape (c,) [rad, m].
-            smoothness: weight on differences of the unknowns from knot to knot, beside those of turns of the joints.
+            q: configuration, shape (c,) [rad, m].
+            smoothness: weight on differences of the unknowns from knot to knot, relative to turns of the joints.
         """
         n = self.arm.links
         feeds = len(self.arm.base_axes)
@@ -214,17 +219,20 @@ class CurveMap(CurveUnknowns):
         return v
 
     def blended_to(self, q: FloatArray) -> tuple["CurveMap", FloatArray]:
-        """The map with one more unknown, which at 1 holds another configuration exactly too, and the unknowns of that.
+        """Return the map with one more unknown, and the unknowns of a second configuration in it.
+
+        With the new unknown at 1 the map reproduces that configuration exactly.
 
         Args:
-            q: shape (c,) [rad, m].
+            q: the second configuration, shape (c,) [rad, m].
         """
         v = self.fitted(q, SMOOTHNESS)
         left = (q - self.configuration(v))[: 2 * self.arm.links].reshape(-1, 2)
         places = self.places(float(np.sum(q[2 * self.arm.links :])))
         offset = self._interpolated(self.offset, places)
         grid = np.union1d(self.offset_at, places) if self.arm.base_axes else places
-        # Gated as by its own joints: a joint of the start may lie between one that the tube holds and one that is bent.
+        # Gated by the end's own joints: a joint of the start may lie between one that the tube holds and one that is
+        # bent.
         known = replace(self, offset=left, offset_at=places, blend=None)
         at_grid = known.offsets(grid, v) * (grid <= places[-1])[:, None]
         own = self._interpolated(self.offset, grid) if self.arm.base_axes else offset
@@ -232,16 +240,16 @@ class CurveMap(CurveUnknowns):
 
     @property
     def _base_turns(self) -> int:
-        """Number of unknowns in front of those of the curve: the two turns of a base that is not fed."""
+        """Number of unknowns that precede those of the curve: the two turns of a base that is not fed, else 0."""
         return 0 if self.arm.base_axes else 2
 
     @property
     def _bent_by_base(self) -> FloatArray:
-        """What the two turns of the base bend its joint, shape (2,) [rad]: nothing where it is clamped."""
+        """Bend of the base joint per unit of the base's two unknowns, shape (2,) [rad]; zero where it is clamped."""
         return np.zeros(2) if self.arm.clamped_joints else self.scale[:2]
 
     def unbent(self, v: FloatArray) -> FloatArray:
-        """Return the unknowns with all else as it is and a curve that is straight, shape (p,)."""
+        """Return the unknowns with a straight curve and everything else unchanged, shape (p,)."""
         straight = v.copy()
         turned = self._base_turns
         straight[turned : turned + 2 * self.knots] = 0.0
@@ -249,12 +257,12 @@ class CurveMap(CurveUnknowns):
 
     @property
     def feed_column(self) -> int:
-        """Number of the unknown that carries the base of a fed arm."""
+        """Index of the unknown that carries the base of a fed arm."""
         return 2 * self.knots
 
     @property
     def curvature_rows(self) -> FloatArray:
-        """The curvature at the knots about the first and then about the second axis, shape (2 knots, p) [1/m]."""
+        """Rows that give the curvature at the knots about the first, then the second axis, shape (2 knots, p) [1/m]."""
         turned = self._base_turns
         count = 2 * self.knots
         rows = np.zeros((count, self.dimension))
@@ -262,7 +270,7 @@ class CurveMap(CurveUnknowns):
         return rows
 
     def metric(self, pose: Pose) -> FloatArray:
-        """Return how much the unknowns move and turn the links, squared, shape (p, p)."""
+        """Return the metric of the unknowns by squared displacements and turns of the links, shape (p, p)."""
         p = len(pose.v)
         turning = pose.turning.reshape(-1, p)
         moving = pose.moving.reshape(-1, p) / self.nominal_length
@@ -271,30 +279,30 @@ class CurveMap(CurveUnknowns):
 
     @property
     def affine(self) -> bool:
-        """Whether configurations are affine in the unknowns: joints of a fed arm slide along the curve."""
+        """Whether configurations are affine in the unknowns; not for fed arms, whose joints slide along the curve."""
         return not self.arm.base_axes
 
     @cached_property
     def drive_rows(self) -> FloatArray:
-        """Slopes where they are the same everywhere, shape (c, p)."""
+        """Derivatives of the configuration where they are constant, shape (c, p)."""
         return self.slopes(np.zeros(self.dimension))
 
     @property
     def of_shape(self) -> BoolArray:
-        """Which unknowns shape the curve or carry the base, shape (p,); one more may blend a goal in."""
+        """Which unknowns shape the curve or carry the base, shape (p,); the one that blends does not."""
         return np.arange(self.dimension) < len(self.scale)
 
     @property
     def following_rows(self) -> FloatArray:
-        """How the curve changes on which a fed arm lies still, shape (m, p) [1/m]; no rows for a fixed base."""
+        """Rows that give the change of the curve on which a fed arm lies, shape (m, p) [1/m]; none for a fixed base."""
         return np.zeros((0, self.dimension)) if self.affine else self.change_rows
 
     @property
     def change_rows(self) -> FloatArray:
-        """How a curve changes with the unknowns: curvatures at the knots, and those that are blended in, [1/m].
+        """Rows that give the change of the curve with the unknowns [1/m], shape (2 knots + 2 m, p).
 
-        The latter are those of the places where they are known, each of which counts by its share of the spacing of the
-        knots, shape (2 knots + 2 m, p).
+        First the curvatures at the knots, then those blended in at the m places where they are known. Each of the
+        latter is weighted by its share of the knots' spacing.
         """
         rows = self.curvature_rows
         if self.blend is None:
@@ -306,7 +314,7 @@ class CurveMap(CurveUnknowns):
 
     @property
     def curvature_differences(self) -> FloatArray:
-        """Differences of the curvature from knot to knot, shape (2 knots − 2, p) [1/m]."""
+        """Rows that give the differences of curvature from knot to knot, shape (2 knots − 2, p) [1/m]."""
         rows = self.curvature_rows
         return np.concatenate((np.diff(rows[: self.knots], axis=0), np.diff(rows[self.knots :], axis=0)))
 
@@ -318,14 +326,14 @@ class CurveMap(CurveUnknowns):
     def places(self, feed: FloatArray | float) -> FloatArray:
         """Return the arc lengths of the joints, shape (links,) [m].
 
-        Of several feeds, shape (m, 1), those of each in a row.
+        For several feeds, shape (m, 1), one row per feed, shape (m, links).
         """
         arm = self.arm
         along = arm.link_length * np.arange(arm.links)
         return np.asarray(along + feed - arm.hole if arm.base_axes else along)
 
     def _feeds(self, v: FloatArray) -> FloatArray:
-        """Return how far the base is carried, shape (m, 0) or (m, 1) [m]."""
+        """Return the feeds of the base, shape (m, 0) or (m, 1) [m]."""
         last = len(self.scale)
         first = last - len(self.arm.base_axes)
         return np.asarray(v[:, first:last] * self.scale[first:])
@@ -340,8 +348,8 @@ class CurveMap(CurveUnknowns):
 
         Args:
             v: unknowns, shape (m, p).
-            places: of the joints, shape (m, links) [m].
-            shapes: there, shape (m, links, knots) [m].
+            places: arc lengths of the joints, shape (m, links) [m].
+            shapes: turns per unit of curvature at these places, shape (m, links, knots) [m].
         """
         k = self.knots
         turned = self._base_turns
@@ -355,14 +363,14 @@ class CurveMap(CurveUnknowns):
         return np.asarray(turns)
 
     def offsets(self, places: FloatArray, v: FloatArray) -> FloatArray:
-        """Return the turns of joints at places beside those of the curve, for unknowns v, shape (places, 2) [rad]."""
+        """Return the turns of joints at places that come on top of those of the curve, shape (places, 2) [rad]."""
         offsets = self._interpolated(self.offset, places)
         if self.blend is not None:
             offsets = offsets + v[-1] * self._interpolated(self.blend, places)
         return offsets
 
     def _interpolated(self, values: FloatArray, places: FloatArray) -> FloatArray:
-        """Return turns at places, linear between those where they are known, shape (..., 2); held joints have none."""
+        """Return turns interpolated linearly at places, shape (..., 2); joints that the tube holds have none."""
         first = self._first_bent(values)
         turns = np.zeros((*places.shape, 2))
         if not np.isfinite(first):
@@ -370,30 +378,31 @@ class CurveMap(CurveUnknowns):
         for axis in (0, 1):
             turns[..., axis] = np.interp(places, self.offset_at, values[:, axis])
         if self.arm.base_axes:
-            # Between a joint in the guide tube and the first one outside that is bent, turns grow from where they may.
+            # Between a joint in the guide tube and the first bent one outside, turns grow from where they are allowed
+            # to.
             straight = self.straight_before
             gate = np.clip((places - straight) / max(first - straight, 1e-9 * self.arm.length), 0.0, 1.0)
             turns *= gate[..., None]
         return turns
 
     def _first_bent(self, values: FloatArray) -> float:
-        """Return the arc length of the first joint that has a turn [m]; infinite where none has."""
+        """Return the arc length of the first place with a turn [m]; infinite where there is none."""
         bent = np.flatnonzero(np.any(values != 0.0, axis=1))
         return float(self.offset_at[bent[0]]) if len(bent) else np.inf
 
     @cached_property
     def straight_before(self) -> float:
-        """Arc length beyond the end of the guide tube on which joints stay straight [m].
+        """Arc length beyond the end of the guide tube within which joints stay straight [m].
 
-        A start that bends a joint nearer to the tube leaves half of what there is: that joint has to be straight again
-        before the tube holds it, and a smooth path needs some way on which it is.
+        A start that bends a joint closer to the tube than usual leaves half of that distance: the joint has to be
+        straight again before the tube holds it, and a smooth path needs some length on which it is.
         """
         usual = free_before(self.arm)
         first = min(self._first_bent(values) for values in (self.offset, self.blend) if values is not None)
         return usual if first > usual else 0.5 * max(first, 0.0)
 
     def _shapes(self, places: FloatArray) -> FloatArray:
-        """Return the turns of joints at places by a unit of curvature at each knot, shape (..., knots) [m]."""
+        """Return the turns of joints at places per unit of curvature at each knot, shape (..., knots) [m]."""
         flat = np.ascontiguousarray(places).ravel()
         shapes = np.empty((len(flat), self.knots))
         NativeCall(
@@ -409,13 +418,13 @@ class CurveMap(CurveUnknowns):
 
 
 def pose_with(arm: Arm, v: FloatArray, q: FloatArray, slopes: FloatArray) -> Pose:
-    """Return the pose of an arm in space, whatever map made its configuration.
+    """Return the pose of an arm in space from its configuration and the derivatives by any unknowns.
 
     Args:
         arm: the arm.
         v: unknowns, shape (p,).
         q: the configuration, shape (c,) [rad, m].
-        slopes: derivatives of it by the unknowns, shape (c, p).
+        slopes: derivatives of the configuration by the unknowns, shape (c, p).
     """
     n = arm.links
     p = slopes.shape[1]
@@ -431,9 +440,9 @@ def pose_with(arm: Arm, v: FloatArray, q: FloatArray, slopes: FloatArray) -> Pos
 
 
 def feed_to_next_stop(curve: CurveMap, feed: float, *, forward: bool) -> float:
-    """Return how far the base may be carried in one piece until a joint has to stop just outside the guide tube [m].
+    """Return how far the base can move in one piece until a joint has to stop just outside the guide tube [m].
 
-    In a piece all coordinates change evenly. A joint that is inside at one end may not be bent at the other.
+    In a piece all coordinates change evenly, so a joint that is inside at one end must not be bent at the other.
     """
     arm = curve.arm
     straight = curve.straight_before
@@ -446,7 +455,7 @@ def feed_to_next_stop(curve: CurveMap, feed: float, *, forward: bool) -> float:
 
 
 def _through(curve: CurveMap, v: FloatArray, q: FloatArray) -> CurveMap:
-    """Return the map whose offset makes unknowns stand for a configuration exactly."""
+    """Return the map with the offset that makes the unknowns reproduce a configuration exactly."""
     n = curve.arm.links
     left = (q - curve.configuration(v))[: 2 * n].reshape(n, 2)
     return replace(curve, offset=left, offset_at=curve.places(float(np.sum(q[2 * n :]))))

@@ -1,4 +1,4 @@
-"""Curves along routes, from first guesses."""
+"""Routes from the base to the goal, and first guesses of goal configurations along them."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -24,45 +24,46 @@ from ccm_opt.scene.free_space_settings import FINE_FREE_SPACE
 from ccm_opt.scene.narrow_gates import GateRuns
 
 _ROUTE_INFLATION = 0.001
-"""Inflation of free space for routes beyond radius and clearance, as a share of the arm's length. Taste."""
+"""Inflation of obstacles for routes in excess of radius and clearance, as a share of the arm's length. Taste."""
 _RUN_IN = (2.0, 1.0, 0.5, 0.0)
-"""Straight run onto the goal along its heading, in nominal links; the longest that is free. Taste."""
+"""Lengths of the straight run onto the goal along its heading that are tried, longest first, in nominal links.
+Taste."""
 _RUN_IN_SAMPLES = 9
-"""Places of the run that have to be free. Taste."""
+"""Number of places on the run that are checked for being free. Taste."""
 
 _LEAST_MARGIN = 1e-3
-"""Share of that inflation that is always kept, so that free space is never empty of width. Taste."""
+"""Share of that inflation that is always kept, so that free space never degenerates to zero width. Taste."""
 _ROUNDING = 1e-9
-"""Allowed when a goal at full stretch is compared with the arm's length, as a share of it. Derived."""
+"""Rounding allowed when the length of a route at full stretch is compared with the arm's, as a share of it. Derived."""
 _CONFIGURATIONS = 2
-"""Routes for which a goal configuration is asked of the NLP. Taste."""
+"""Number of routes for which the NLP is asked for a goal configuration. Taste."""
 _ATTEMPTS = 2
-"""Of the NLP at one configuration. Derived: its first guess with the surplus length on either side."""
+"""Attempts of the NLP at one configuration. Derived: its first guess with the surplus length on either side."""
 
 _GATE_WIDTH = 4e-3
 """Width of free space, as a share of the arm's length, below which the tip is led straight through a gate. Taste: a
-link with more play than that passes askew."""
+link with more play than that can pass askew."""
 _GATE_RUN = 0.6
 """Straight run before and behind such a gate, in links, or in nominal links where these are longer. Measured: with 0.3
-one of three scenes of doors and none of three gates is lost, and one takes six times as long; with 0.6 and 1.0 all six
-are found, as fast. With 1.2 an arm with 3 % of its length to spare came through one gate but not through three."""
+one of three scenes of doors and none of three gates is solved, and one takes six times as long; with 0.6 and 1.0 all
+six are solved, as fast. With 1.2 an arm with 3 % of its length to spare came through one gate but not through three."""
 _LONGEST_ROUTE = 0.985
-"""Routes longer than this share of the arm's length are not looked at. Taste: the arm needs some length to bend."""
+"""Routes longer than this share of the arm's length are discarded. Taste: the arm needs some length to bend."""
 CURVATURE_SHARE = 0.9
-"""Share of the tightest bend (joint limit over link length) that the curve may use. Taste: links on a curve bend a
-little more than it does."""
+"""Share of the tightest bend (joint limit over link length) that the curve may use. Taste: links on a curve bend
+slightly more than the curve."""
 FULL_CURVATURE_SHARE = 1.0
-"""The same for another guess when there is none at that share. Taste."""
+"""Share of the tightest bend for another guess where there is none with ``CURVATURE_SHARE``. Taste."""
 FURTHER_ATTEMPTS = 4
 """Attempts at a configuration when the search asks for more of them. Taste."""
 
 
 def route_room(problem: Problem, ends: Ends) -> FreeSpace:
-    """Return the free space for routes, walls that no pose at the goal comes near to left out.
+    """Return the free space for routes, without walls that no pose at the goal comes near.
 
-    Walls are inflated by a little more than the arm needs, but by no more than the goal has. Where that closes every
-    way from the base to the goal, or from where the arm lies, by hardly more than the arm needs; where that does too,
-    their corners are drawn finely.
+    Walls are inflated by slightly more than the arm needs, but not beyond the clearance at the goal. Where that
+    disconnects the base, the tip at the start and the goal, they are inflated by hardly more than the arm needs; where
+    they are still disconnected, the corners of walls are also rounded more finely.
     """
     least = problem.arm.radius + problem.workspace.clearance
     inflation = _ROUTE_INFLATION * problem.arm.length
@@ -83,7 +84,10 @@ def route_room(problem: Problem, ends: Ends) -> FreeSpace:
 
 
 def _connected(problem: Problem, ends: Ends, room: FreeSpace) -> bool:
-    """Whether the free places nearest to the base, the tip as it is, and a member of the goal are in one piece."""
+    """Return whether base, tip at the start and goal lie in one piece of free space.
+
+    Each counts for the piece nearest to it; of a goal set one member has to be accessible.
+    """
     pieces = shapely.get_parts(room.polygons)
     places = [problem.arm.base, problem.arm.joint_positions_at(ends.start)[-1]]
     if ends.goal.is_set:
@@ -98,22 +102,22 @@ def _connected(problem: Problem, ends: Ends, room: FreeSpace) -> bool:
 
 
 def find_routes(problem: Problem, ends: Ends, room: FreeSpace) -> tuple[Route, ...]:
-    """Return the routes from the base to the start of the run onto the goal, shortest first.
+    """Return the routes from the base to the goal, ending with the straight run onto it, shortest first.
 
-    Of a set, onto several members.
+    For a goal set, the routes lead to several members.
 
     Args:
-        problem: what is asked.
-        ends: of the motion.
+        problem: the problem.
+        ends: ends of the motion.
         room: free space.
 
     Returns:
-        None when the arm is long enough for none of those that were looked for; that proves nothing.
+        Empty when the arm is too short for all routes that were found, which does not prove that there is none.
     """
     members = goal_members(problem.arm, ends.goal, room)
     count = problem.planner.routes
     found = [member_routes(problem, member, room, count) for member in members]
-    # The shortest route to every member before the second to any.
+    # The shortest route to every member ranks before the second to any.
     ranked = [(rank, route) for routes in found for rank, route in enumerate(routes)]
     ranked.sort(key=lambda each: (each[0], each[1].length))
     chosen = [route for _, route in ranked[: count + len(members) - 1]]
@@ -129,7 +133,7 @@ def find_routes(problem: Problem, ends: Ends, room: FreeSpace) -> tuple[Route, .
 
 
 def member_routes(problem: Problem, member: GoalMember, room: FreeSpace, count: int) -> list[Route]:
-    """Return the routes onto one member of the goal that are not too long, shortest first."""
+    """Return the routes to one member of the goal that are not too long for the arm, shortest first."""
     arm = problem.arm
     entry = run_in(room, member.position, member.heading, arm.length / NOMINAL_LINKS)
     longest = _LONGEST_ROUTE * arm.length - float(np.hypot(*(member.position - entry)))
@@ -139,19 +143,19 @@ def member_routes(problem: Problem, member: GoalMember, room: FreeSpace, count: 
 
 
 def _led_on(room: FreeSpace, route: Route, member: GoalMember) -> Route:
-    """Return a route led straight on to a member of the goal."""
+    """Return a route extended straight to a member of the goal."""
     path = np.vstack((route.taut, member.position))
     return Route(room.sleeve_of(path), path, path_length(path), member.heading)
 
 
 def run_in(room: FreeSpace, place: FloatArray, heading: float | None, nominal_length: float) -> FloatArray:
-    """Return where the straight run onto a place at the goal along its heading begins, shape (2,) [m].
+    """Return where the straight run onto a goal position along its heading begins, shape (2,) [m].
 
     Args:
         room: free space.
-        place: where the run ends, shape (2,) [m].
-        heading: of the last link there [rad]; there is no run when None.
-        nominal_length: of a nominal link [m].
+        place: position at which the run ends, shape (2,) [m].
+        heading: heading of the last link there [rad]; None for no run.
+        nominal_length: length of a nominal link [m].
     """
     if heading is None:
         return place
@@ -168,15 +172,17 @@ def tip_paths_along(
     routes: tuple[Route, ...],
     room: FreeSpace,
 ) -> tuple[TipPath, ...]:
-    """Return the classes of tip motions: along every route, or along the goal pose itself when that is given.
-
-    None where free space, which gives a little away at corners, is closed to the tip; that proves nothing.
+    """Return tip paths, one per homotopy class: along every route, or along a given goal pose.
 
     Args:
-        problem: what is asked.
-        ends: of the motion.
-        routes: from the base to the goal.
-        room: free space that the routes were found in; the tip's is drawn alike.
+        problem: the problem.
+        ends: ends of the motion.
+        routes: routes from the base to the goal.
+        room: free space that the routes were found in; that of the tip uses the same inflation and settings.
+
+    Returns:
+        Empty where free space, whose corners are approximated, is closed to the tip; that does not prove that there is
+        no path.
     """
     arm = problem.arm
     points = arm.joint_positions_at(ends.start)
@@ -202,7 +208,10 @@ def find_guesses(
     room: FreeSpace,
     routes: tuple[Route, ...],
 ) -> Iterator[FloatArray]:
-    """Configuration of a goal pose: the goal itself, or a configuration of the curve along one of the first routes."""
+    """Yield at most one configuration at the goal.
+
+    A whole-arm goal itself, or the configuration of the curve along one of the first routes.
+    """
     if ends.goal_pose is not None:
         yield ends.goal_pose
         return
@@ -221,7 +230,7 @@ def further_guesses(
     room: FreeSpace,
     routes: tuple[Route, ...],
 ) -> Iterator[FloatArray]:
-    """Yield the configurations of goal poses along every route, with more patience."""
+    """Yield configurations at the goal along every route, with more attempts for each."""
     for route in routes:
         guess = guess_along(problem, ends, room, route, FURTHER_ATTEMPTS, CURVATURE_SHARE)
         if guess is not None:
@@ -236,9 +245,9 @@ def guess_along(
     attempts: int,
     share: float,
 ) -> FloatArray | None:
-    """Return the configuration at the goal along a route; None when the NLP finds none that links can follow.
+    """Return a configuration at the goal along a route; None when the NLP finds none that links can follow.
 
-    That is no failure: the motion search can lead the tip to the goal by itself.
+    That is no failure: the motion search can lead the tip to the goal without one.
     """
     try:
         task = configuration_task(problem, ends, room, route, share)
@@ -255,17 +264,17 @@ def configuration_task(
     route: Route,
     share: float = CURVATURE_SHARE,
 ) -> ConfigurationTask:
-    """Return what the configuration NLP is asked along one route.
+    """Return the task of the configuration NLP along one route.
 
     Args:
         problem: arm, goal and weights.
-        ends: of the motion.
+        ends: ends of the motion.
         room: free space.
-        route: from the base to the goal.
-        share: of the tightest bend that the curve may use.
+        route: route from the base to the goal.
+        share: share of the tightest bend that the curve may use.
     """
     arm = problem.arm
-    # Of a goal that is a set, the configuration takes the member that the route leads to.
+    # Of a goal set, the configuration takes the member that the route leads to.
     taut = room.sleeve_path(route.sleeve, arm.base, route.taut[-1])
     corridor = room.corridor(Route(route.sleeve, taut, path_length(taut)))
     weights = problem.planner.weights
@@ -285,9 +294,9 @@ def configuration_task(
 
 
 def side_gaps(room: FreeSpace, corridor: Corridor) -> tuple[FloatArray, ...]:
-    """Return how far behind every side of every region the inflated walls begin [m], for sides may lie in the open.
+    """Return, for each region, the distance from each of its sides to the inflated walls behind it [m].
 
-    Measured where the side is nearest to the route.
+    It is positive for sides in the open. Measured where the side is nearest to the route.
     """
     walls = room.workspace.walls
     cores = np.array([wall.core for wall in walls])

@@ -1,7 +1,7 @@
-"""Poses at the goal, trees and swings between them, and withdrawals.
+"""Random poses at the goal, trees and swings between poses, and withdrawals.
 
-A curled arm sweeps what is beside it wherever its base turns it; a straight one passes what it can be pointed past. So
-trees that hardly ever meet between two curled poses meet soon between the same poses unbent.
+A curled arm sweeps its surroundings wherever its base turns it, while a straight one passes whatever it can point past.
+So trees that hardly ever meet between two curled poses meet soon between the same poses unbent.
 """
 
 from collections.abc import Iterator
@@ -24,34 +24,34 @@ from ccm_opt.planning.step import SpaceStepper
 from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
 
 _DRAWS = 200
-"""At most so many."""
+"""Most random poses that are brought onto the goal."""
 POLISH_TURN = 0.3
 """Largest turn of a link in a step of Newton's method onto the goal [rad]."""
 
 _STEPS = 40
-"""Of each towards the goal."""
+"""Most steps of a random pose towards the goal."""
 
 
 _SHAPES = 2000
-"""Smooth shapes drawn at once, of which those that touch nothing and come nearest to the goal are brought onto it."""
+"""Smooth shapes sampled at once; those of them that are free and nearest to the goal are brought onto it."""
 _NEAREST = 30
-"""Of these."""
+"""Number of free shapes, nearest to the goal first, that are brought onto it."""
 _CONTROLS = (3, 9)
-"""Between so many places curvature of a smooth shape is linear, the second excluded."""
+"""Number of control values between which the curvature of a smooth shape is linear: least, and one more than most."""
 _BENT = 0.7
-"""Standard deviation of curvature there at most, as a share of what the joints can do. Measured on two confined
-scenes: with half as much trees take twice as long."""
+"""Largest standard deviation of the curvature at a control, as a share of what the joints can do. Measured on two
+confined scenes: with half as much trees take twice as long."""
 
 
 def goal_poses(task: SpaceTask, stepper: SpaceStepper, rng: np.random.Generator) -> Iterator[Pose]:
-    """Yield the poses at the goal that touch nothing and keep the joint limits.
+    """Yield poses at the goal that touch nothing and keep the joint limits.
 
-    Drawn until the deadline, or the draws, end.
+    They are sampled until the deadline passes or the number of samples is used up.
 
     Args:
-        task: with a goal for the tip.
-        stepper: in whose unknowns they are.
-        rng: for the draws.
+        task: task with a goal for the tip.
+        stepper: stepper in whose unknowns the poses are given.
+        rng: random generator.
     """
     goal = task.limited_goal
     for _ in range(_DRAWS):
@@ -65,13 +65,13 @@ def goal_poses(task: SpaceTask, stepper: SpaceStepper, rng: np.random.Generator)
 def free_goal_poses(
     task: SpaceTask, stepper: SpaceStepper, motions: SampledMotions, rng: np.random.Generator
 ) -> Iterator[Pose]:
-    """Poses at the goal, as ``goal_poses``, from smooth shapes that touch nothing, those nearest to the goal first.
+    """Yield poses at the goal, as ``goal_poses``, found from free smooth shapes, nearest to the goal first.
 
     Args:
-        task: with a goal for the tip, of an arm on a fixed base.
-        stepper: in whose unknowns they are.
-        motions: says which shapes touch nothing.
-        rng: for the draws.
+        task: task with a goal for the tip, of an arm on a fixed base.
+        stepper: stepper in whose unknowns the poses are given.
+        motions: sampled check that selects the shapes that touch nothing.
+        rng: random generator.
     """
     goal = task.limited_goal
     curve = stepper.space
@@ -91,13 +91,13 @@ def free_goal_poses(
 
 
 def smooth_unknowns(stepper: SpaceStepper, rng: np.random.Generator, count: int) -> FloatArray:
-    """Return the unknowns of curves with smooth random curvature up to what the joints can do, shape (count, p).
+    """Return the unknowns of curves with smooth random curvature up to the joint limits, shape (count, p).
 
-    The base points anywhere.
+    The base turns are normally distributed.
     """
     curve = stepper.space
     arm, knots = curve.arm, curve.knots
-    # Curvature is linear between controls, whose number is drawn; those beyond the last do not count.
+    # Curvature is linear between a random number of controls; those beyond the last have no effect.
     controls = rng.normal(size=(count, 2, _CONTROLS[1])) * rng.uniform(0.0, _BENT, (count, 1, 1))
     at = np.linspace(0.0, 1.0, knots) * (rng.integers(*_CONTROLS, size=count)[:, None] - 1)
     before = np.minimum(at.astype(np.intp), _CONTROLS[1] - 2)
@@ -114,13 +114,13 @@ def smooth_unknowns(stepper: SpaceStepper, rng: np.random.Generator, count: int)
 
 
 def random_unknowns(stepper: SpaceStepper, rng: np.random.Generator) -> FloatArray:
-    """Return the unknowns of a curve with smooth random curvature, and a random feed."""
+    """Return the unknowns of a curve with smooth random curvature, and a random feed, shape (p,)."""
     curve = stepper.space
     arm = curve.arm
     k = curve.knots
     controls = rng.normal(size=(2, 4)) * rng.uniform(0.1, 1.0)
     places = np.linspace(0.0, 1.0, 4)
-    # Curvature as bends of a nominal link; three quarters of the limit is a strong bend already.
+    # Curvature as the bend of a nominal link; three quarters of the limit is a strong bend already.
     largest = 0.4 * min(arm.joint_limit * arm.links / NOMINAL_LINKS, 1.0) / stepper.space.nominal_length
     curvature = [largest * np.interp(np.linspace(0.0, 1.0, k), places, row) for row in controls]
     v = np.zeros(curve.dimension)
@@ -135,7 +135,7 @@ def random_unknowns(stepper: SpaceStepper, rng: np.random.Generator) -> FloatArr
 
 
 def _brought_onto_goal(stepper: SpaceStepper, goal: GoalPose, pose: Pose) -> Pose | None:
-    """Return the pose brought onto the goal, off the walls and within limits; None where that fails."""
+    """Return the pose moved onto the goal, clear of walls and within limits; None where that fails."""
     for k in range(_STEPS):
         pose = stepper.step(pose, goal.terms(stepper.space, pose, 1.0 + k), checked=False)
         distance, turn = goal.errors(pose)
@@ -146,37 +146,38 @@ def _brought_onto_goal(stepper: SpaceStepper, goal: GoalPose, pose: Pose) -> Pos
 
 
 def _free(stepper: SpaceStepper, pose: Pose) -> bool:
-    """Return whether a pose touches nothing and keeps the limits."""
+    """Return whether a pose touches nothing and is within the limits."""
     return stepper.safe(pose.q, pose.q)
 
 
 _SWING_EXTENSIONS = 1000
-"""Of trees between poses that have been unbent: they meet after few extensions or not at all. Measured on curled
-arms beside a post, where some hundred are enough."""
+"""Most extensions of trees between poses that have been unbent: the trees meet after few extensions or not at all.
+Measured on curled arms next to a post, where some hundred are enough."""
 _BASE_SHARE = 0.8
-"""Share of the draws of such trees in which the base alone is turned anywhere, and the curve is that between the start
-and a goal."""
+"""Share of the targets of such trees in which only the base turns, anywhere, and the curve lies between those of the
+start and a goal."""
 _LONGEST_EDGES = 1000.0
-"""Extensions of an edge that is looked at, at most. Taste: all links of an arm turned right round are far less."""
+"""Longest edge that is checked, in extensions. Taste: all links of an arm turned right round are far less."""
 _EXTENSION = 2.0
-"""Longest edge, in the norm of turns of the links [rad]."""
+"""Longest edge, in the norm of the turns of the links [rad]."""
 
 
 @dataclass(frozen=True, eq=False)
 class CurveDraws:
-    """Draws and certifies edges for RRT-Connect in the unknowns of a curve.
+    """Samples targets and certifies edges for RRT-Connect in the unknowns of a curve.
 
-    Points are unknowns times a root of the metric in which links turn, so that their distances are those of the turns.
+    Points are unknowns times a root of the metric by the turns of the links, so that their distances are those of the
+    turns.
 
     Attributes:
-        stepper: in whose unknowns trees grow.
-        start: where the motion begins.
+        stepper: stepper in whose unknowns the trees grow.
+        start: pose where the motion begins.
         goals: poses at the goal.
-        base_share: share of targets that have the base turned alone.
-        batch: targets that are drawn at once; one, where each edge is certified by itself.
+        base_share: share of targets in which the base is turned at random.
+        batch: least and greatest number of targets sampled at once; one where each edge is certified by itself.
         longest: longest extension [rad].
-        motions: says how far edges are free; where there is none they are certified.
-        smooth: share of targets that are smooth shapes anywhere.
+        motions: sampled check of how far edges are free; None to certify edges instead.
+        smooth: share of targets that are smooth random shapes.
     """
 
     stepper: SpaceStepper
@@ -190,17 +191,20 @@ class CurveDraws:
 
     @cached_property
     def root(self) -> FloatArray:
-        """Takes unknowns to points, shape (p, p)."""
+        """Matrix that takes unknowns to points, shape (p, p)."""
         metric = self.stepper.space.metric(self.start)
         return np.linalg.cholesky(metric + 1e-6 * np.trace(metric) / len(metric) * np.eye(len(metric)))
 
     @cached_property
     def goal_points(self) -> FloatArray:
-        """The goals, shape (m, p)."""
+        """Points of the goals, shape (m, p)."""
         return np.stack([goal.v for goal in self.goals]) @ self.root
 
     def way(self, rng: np.random.Generator, draws: int, deadline: Deadline) -> list[Pose] | None:
-        """Return the poses from the start to one of the goals; None where so many draws or the time end first."""
+        """Return the poses from the start to one of the goals.
+
+        None where ``draws`` extensions, or the time, do not suffice.
+        """
         trees = (PointTree.empty(len(self.root)), PointTree.empty(len(self.root)))
         trees[0].add((self.start.v @ self.root)[None], np.array([-1]))
         search = ConnectSearch(
@@ -212,23 +216,26 @@ class CurveDraws:
         return [self.stepper.pose(v) for v in self.stepper.space.in_pieces(self._between_ends(found))]
 
     def travel(self, start: FloatArray, end: FloatArray) -> FloatArray:
-        """Return the norm of the turns of the links, shape (m,) [rad]."""
+        """Return the norm of the turns of the links along each edge, shape (m,) [rad]."""
         return np.asarray(np.linalg.norm(end - start, axis=-1))
 
     def within_limits(self, start: FloatArray, end: FloatArray) -> FloatArray:
-        """Return all of every edge: the check asks for the limits."""
+        """Return 1 for every edge, shape (m,): the check of edges covers the limits."""
         del end
         return np.ones(len(start))
 
     def free_shares(self, start: FloatArray, end: FloatArray) -> FloatArray:
-        """How far straight motions are free, or certified in whole extensions, as shares of the whole, shape (m,)."""
+        """Return how far straight motions are free, as shares of the whole, shape (m,).
+
+        Without a sampled check, how far they are certified in whole extensions.
+        """
         if self.motions is not None:
             configurations = self.stepper.space.configurations
             return self.motions.free_shares(configurations(self._unknowns(start)), configurations(self._unknowns(end)))
         return np.array([self._free_share(*edge) for edge in zip(start, end, strict=True)])
 
     def draw(self, rng: np.random.Generator, count: int, tree: PointTree, other: PointTree) -> FloatArray:
-        """Return the points between and around the start and the goals, shape (count, p)."""
+        """Return random targets between and around the start and the goals, shape (count, p)."""
         del tree, other
         smooth = smooth_unknowns(self.stepper, rng, rng.binomial(count, self.smooth)) @ self.root
         return np.vstack((smooth, *(self._drawn(rng) for _ in range(count - len(smooth)))))
@@ -236,20 +243,20 @@ class CurveDraws:
     def _free_share(self, start: FloatArray, end: FloatArray) -> float:
         apart = float(np.linalg.norm(end - start))
         if not apart < _LONGEST_EDGES * self.longest:
-            return 0.0  # where hardly anything bends, unknowns hardly count, and no draw is a motion
+            return 0.0  # where hardly anything bends, unknowns have almost no weight, and targets are not motions
         step = self.longest / max(apart, self.longest)
         shares = np.append(np.arange(0.0, 1.0, step), 1.0)
         places = self._unknowns(start + shares[:, None] * (end - start))
         for share, edge in zip(shares, pairwise(places), strict=False):
             if not self.stepper.edge_is_safe(*edge, self.stepper.settings.step.proof_depth):
-                return float(share) + 0.5 * step  # half an extension is none, and what was certified stays whole
+                return float(share) + 0.5 * step  # half an extension, so rounding down keeps the whole ones certified
         return 1.0
 
     def _drawn(self, rng: np.random.Generator) -> FloatArray:
         goal = self.goals[int(rng.integers(len(self.goals)))]
         middle = self.start.v + rng.uniform(-0.2, 1.2) * (goal.v - self.start.v)
         if self.base_share > 0.0 and rng.uniform() < self.base_share:
-            # The base points anywhere.
+            # The base points in a random direction.
             most = np.minimum(self.stepper.space.arm.base_limit, (np.pi, 0.5 * np.pi))
             return np.concatenate((rng.uniform(-most, most), middle[2:])) @ self.root
         spread = rng.normal(size=len(middle))
@@ -258,11 +265,11 @@ class CurveDraws:
         return np.asarray(middle @ self.root + size * spread / np.sqrt(len(middle)))
 
     def _unproved(self, way: FloatArray) -> IntArray:
-        """Return the edges of a way that are not certified between its exact ends."""
+        """Return the edges of a path of points that are not certified, with exact unknowns at its ends."""
         return self.stepper.failing_edges(self._between_ends(way))
 
     def _between_ends(self, way: FloatArray) -> FloatArray:
-        """Return the unknowns of a way, those of its ends exact, shape (K, p)."""
+        """Return the unknowns of a path of points, exact at its ends, shape (K, p)."""
         goal = self.goals[int(np.argmin(np.linalg.norm(self.goal_points - way[-1], axis=1)))]
         return np.vstack((self.start.v, self._unknowns(way[1:-1]), goal.v))
 
@@ -277,16 +284,16 @@ def swung(
     rng: np.random.Generator,
     deadline: Deadline,
 ) -> list[Pose] | None:
-    """Return the poses from the start to one of the goals by way of straighter ones.
+    """Return the poses of a motion that unbends the arm, swings it over and bends it to one of the goals.
 
-    None where no tree between these meets.
+    None where no tree meets between the unbent poses.
 
     Args:
-        stepper: of an arm whose base turns.
-        start: where the motion begins.
+        stepper: stepper of an arm whose base turns.
+        start: pose where the motion begins.
         goals: poses at the goal, one or more.
-        rng: for the draws.
-        deadline: when to stop.
+        rng: random generator.
+        deadline: time limit.
     """
     unbent = unbending_poses(stepper, start, deadline)
     of_goals = [unbending_poses(stepper, goal, deadline) for goal in goals]
@@ -295,12 +302,12 @@ def swung(
     if between is None:
         return None
     bent = next(poses for poses in of_goals if np.array_equal(poses[-1].v, between[-1].v))
-    # A piece of a motion is as safe backwards.
+    # A motion is as safe in reverse.
     return [*unbent, *between[1:], *bent[-2::-1]]
 
 
 def unbending_poses(stepper: SpaceStepper, pose: Pose, deadline: Deadline) -> list[Pose]:
-    """Return poses from one to where its curve is straight, or as straight as walls let it become on the direct way."""
+    """Return the poses from a given one to where its curve is straight, or as straight as obstacles permit."""
     guide = PoseLed(stepper.space, pose.v, stepper.space.unbent(pose.v))
     try:
         return follow(stepper, guide, pose, deadline)
@@ -309,22 +316,22 @@ def unbending_poses(stepper: SpaceStepper, pose: Pose, deadline: Deadline) -> li
 
 
 def withdrawn(stepper: SpaceStepper, start: FloatArray, deadline: Deadline) -> list[Pose]:
-    """Return the poses from the given one back, as far as is certified.
+    """Return the poses from the given one back along the feed, as far as they are certified.
 
-    The curve lies still while the arm is drawn along it. What of a pose no curve shows may get in the way of that; then
-    the arm is led back step by step.
+    The curve is fixed in space while the arm is drawn along it. Bends that the curve cannot reproduce may prevent that;
+    then the arm is led back step by step.
 
     Args:
-        stepper: of a fed arm.
+        stepper: stepper of a fed arm.
         start: unknowns, shape (p,).
-        deadline: when to stop.
+        deadline: time limit.
     """
     curve = stepper.space
     column = curve.feed_column
     end = start.copy()
     end[column] = curve.arm.base_range[0] / curve.scale[column]
     back = float(start[column] - end[column]) * float(curve.scale[column])
-    # Steps as long as links, so that what is certified of the way is not lost with its last part.
+    # Steps as long as links, so that a failure in the last one keeps what is certified before it.
     count = max(1, int(back / curve.arm.link_length))
     stops = [start + (end - start) * k / count for k in range(count + 1)]
     poses = [stepper.pose(start)]
@@ -338,7 +345,7 @@ def withdrawn(stepper: SpaceStepper, start: FloatArray, deadline: Deadline) -> l
 
 
 def _led_back(stepper: SpaceStepper, pose: Pose, deadline: Deadline) -> list[Pose]:
-    """Return the poses from the given one back as far as the steps lead."""
+    """Return the poses from the given one back along its own shape, as far as steps lead."""
     arm = stepper.space.arm
     left = float(pose.q[-1]) - arm.base_range[0]
     shape = ArmTrack.behind(pose.points, np.zeros((0, 3)))

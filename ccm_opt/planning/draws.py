@@ -1,6 +1,6 @@
-"""RRT-Connect in the link headings, and the poses that it draws at the goal and elsewhere.
+"""RRT-Connect in the link headings, and the random poses that it samples at the goal and elsewhere.
 
-A straight motion in the coordinates of the curve is one in the link headings too.
+A straight motion in the coordinates of the curve is also one in the link headings.
 """
 
 from collections.abc import Callable, Iterator
@@ -22,40 +22,42 @@ from ccm_opt.planning.shortcuts import Shortcuts, dense
 from ccm_opt.robot.arm import Arm
 
 _GOAL_DRAWS = 64
-"""Random poses that Newton's method brings onto the goal, each time. Taste."""
+"""Random poses that Newton's method moves onto the goal at a time. Taste."""
 _NEWTON_STEPS = 15
-"""Of Newton's method. Measured: what has not arrived by then seldom does."""
+"""Steps of Newton's method. Measured: poses that have not arrived by then seldom do."""
 _NEWTON_TURN = 0.5
-"""Most that a link turns in one of its steps [rad]. Taste."""
+"""Largest turn of a link in one of its steps [rad]. Taste."""
 _ARRIVED = 1e-06
-"""Tip's distance [arm lengths] or turn [rad] that counts as arrived. Derived: well inside what the polish takes on."""
+"""Tip's distance [arm lengths] or turn [rad] that counts as arrived. Derived: well inside what the polish can
+correct."""
 _APART = 0.1
-"""Root mean square of the turns of all links by which two poses at the goal differ at least [rad]. Taste."""
+"""Least root mean square of the turns of all links between two poses at the goal that count as different [rad].
+Taste."""
 
 _RANGE = 1.5
-"""Longest extension of arms of few links, the mean turn of the links [rad]. Measured: on scenes of 4 to 8 links half as
-much takes half as long again."""
+"""Longest extension of arms of few links, as the mean turn of the links [rad]. Measured: on scenes of 4 to 8 links half
+as much takes half as long again."""
 _WINDING = 2.0 * np.pi
-"""How far the base turns beyond its directions at the ends at most [rad]. Taste: a whole turn leaves both ways
-round."""
+"""How far the base may turn beyond its directions at the ends [rad]. Taste: a whole turn leaves both ways round."""
 _KNOTS = 12
-"""Curvature of a smooth target is linear between so many knots at most. Measured on the hardest of these scenes: 12
-finds a way in 6 of 6 searches of 60 000 extensions, 9 in 5, at 6 they are half as long again."""
+"""Number of knots between which the curvature of a smooth target is linear. Measured on the hardest of these scenes: 12
+finds a path in 6 of 6 searches of 60 000 extensions, 9 in 5, and with 6 searches are half as long again."""
 _TURNING = 25.0
-"""Most that a smooth target turns along the arm [rad]. Measured: past two posts 12 and 25 take 0.3 s, 5 takes 5 s, for
-an arm that curls up gets out from behind them."""
+"""Largest turn of a smooth target along the arm [rad]. Measured: past two posts 12 and 25 take 0.3 s, 5 takes 5 s,
+because an arm that curls up gets out from behind them."""
 _BUMP_WIDTHS = (0.05, 0.3)
-"""Least and greatest width of a turn aside, as shares of the arm's length. Taste."""
+"""Least and greatest width of a bump, a stretch that is turned aside, as shares of the arm's length. Taste."""
 
 _SMOOTH_RANGE = 0.4
-"""The same for arms of more links. Measured on four hard scenes of 24 links among 30 polygons: 0.4 solves them in 16 of
-16 searches, by 1000 to 60 000 extensions each; 1.5 finds nothing in two of them by 60 000."""
+"""Longest extension of arms of more links, as the mean turn of the links [rad]. Measured on four hard scenes of 24
+links among 30 polygons: 0.4 solves them in 16 of 16 searches, by 1000 to 60 000 extensions each; 1.5 finds nothing in
+two of them by 60 000."""
 _BUMPED = 0.2
-"""Share of targets that are poses of the tree with a part of the arm turned aside. Taste."""
+"""Share of targets that are poses of the tree with part of the arm turned aside. Taste."""
 _ATTRACTED = 0.1
 """Share of targets that are poses of the other tree. Taste."""
 _BUMP = 0.8
-"""Standard deviation of a turn aside [rad]. Taste."""
+"""Standard deviation of the turn of a bump [rad]. Taste."""
 
 
 _RANK = 1e-6
@@ -63,25 +65,24 @@ _RANK = 1e-6
 
 
 _BATCH = (4, 32)
-"""Targets that are drawn at once, at least and at most. Taste: a plain scene is solved by a few extensions, a hard one
-by tens of thousands, which NumPy does together."""
+"""Least and greatest number of targets sampled at once. Taste: a plain scene is solved by a few extensions, a hard one
+by tens of thousands, which NumPy processes together."""
 _KEYFRAME_TURN = 0.15
-"""Most that a link turns between two keyframes [rad]. Derived: that of a step of the continuation."""
+"""Largest turn of a link between two keyframes [rad]. Derived: that of a step of the continuation."""
 
 
 @dataclass(frozen=True)
 class TargetDraws:
-    """Draws targets in the link space of a motion.
+    """Samples targets in the link space of a motion.
 
     Attributes:
         arm: the arm.
         projector: takes changes of link headings to those that the coordinates can make, shape (links, links).
         offsets: link headings of the space where all coordinates but the blended one are 0, at the start and at a goal
             of the whole arm, each of shape (links,) [rad].
-        limits: bounds of the bends that are drawn, shape (links,) [rad].
-        base: least and greatest bend of the first joint that is drawn [rad].
-        settings: numbers.
-        batch: targets that are drawn at once, at least and at most.
+        limits: bounds of the sampled bends, shape (links,) [rad].
+        base: least and greatest sampled bend of the first joint [rad].
+        batch: least and greatest number of targets sampled at once.
     """
 
     arm: Arm
@@ -93,19 +94,19 @@ class TargetDraws:
 
     @property
     def longest(self) -> float:
-        """Longest extension, the mean turn of the links [rad]."""
+        """Longest extension, as the mean turn of the links [rad]."""
         few = self.arm.links <= FEW_LINKS
         return _RANGE if few else _SMOOTH_RANGE
 
     @classmethod
     def within(cls, space: LinkSpace, ends: list[FloatArray], curve_columns: int, share: float) -> "TargetDraws":
-        """Return the draws between known ends.
+        """Return the sampler of targets between known ends.
 
         Args:
             space: the link space, perhaps with a coordinate that blends a goal in.
-            ends: configurations of the start and, of a goal for the whole arm, of the goal, each of shape (links,).
-            curve_columns: coordinates of the curve alone.
-            share: of the joint limits that is used; a bend that an end has is allowed in any case.
+            ends: configurations, each of shape (links,) [rad], of the start and, for a whole-arm goal, of the goal.
+            curve_columns: number of coordinates of the curve alone.
+            share: share of the joint limits that is used; a bend that an end has is allowed in any case.
         """
         arm = space.arm
         curve = space.turns[:, :curve_columns]
@@ -115,7 +116,7 @@ class TargetDraws:
 
         bends = np.array(ends)
         limits = np.maximum(share * arm.bend_limits, np.abs(bends).max(axis=0))
-        # A base that turns further winds the arm round itself.
+        # A base that turns further would wind the arm around itself.
         low = max(-limits[0], float(bends[:, 0].min()) - _WINDING)
         high = min(limits[0], float(bends[:, 0].max()) + _WINDING)
         return cls(arm, projector, (offset, blended), limits, (low, high))
@@ -123,7 +124,7 @@ class TargetDraws:
     def draw(self, rng: np.random.Generator, count: int, tree: PointTree, other: PointTree) -> FloatArray:
         """Return the link headings of targets for the extension of a tree, shape (count, links) [rad].
 
-        The other attracts.
+        Some of them are poses of the other tree, which attract this one to it.
         """
         targets = self.shapes(rng, count)
         kind = rng.random(count)
@@ -135,12 +136,12 @@ class TargetDraws:
         return targets
 
     def travel(self, start: FloatArray, end: FloatArray) -> FloatArray:
-        """Bound on how far the tip moves, in arm lengths, shape (m,)."""
+        """Return a bound on how far the tip moves along each edge, in arm lengths, shape (m,)."""
         travel: FloatArray = np.abs(end - start).mean(axis=-1)
         return travel
 
     def within_limits(self, start: FloatArray, end: FloatArray) -> FloatArray:
-        """Return how far straight motions stay within the limits of the bends, as shares of the whole, shape (m,)."""
+        """Return how far straight motions keep the limits of the bends, as shares of the whole, shape (m,)."""
         bends = self.arm.bends(start)
         change = self.arm.bends(end) - bends
         bound = np.where(change > 0.0, self.limits, -self.limits)
@@ -155,7 +156,7 @@ class TargetDraws:
         if arm.links <= FEW_LINKS:
             bends = rng.uniform(-self.limits, self.limits, (count, arm.links))
         else:
-            # Independent bends of many links would crumple the arm; smooth ones stretch through the room.
+            # Independent bends of many links would crumple the arm; smooth ones stretch through the scene.
             most = np.minimum(self.limits, _TURNING / arm.links)
             knots = rng.uniform(-1.0, 1.0, (count, _KNOTS))
             at = np.linspace(0.0, _KNOTS - 1.0, arm.links)
@@ -165,7 +166,10 @@ class TargetDraws:
         return self._in_space(rng, arm.headings(bends))
 
     def _bumped(self, rng: np.random.Generator, headings: FloatArray) -> FloatArray:
-        """Return the poses with the bend of one joint changed, or of many links a stretch of the arm turned aside."""
+        """Return poses with a part of the arm turned aside, shape (m, links) [rad].
+
+        Of an arm of few links the bend of one joint is changed, of one of many links the headings of a stretch.
+        """
         arm = self.arm
         count = len(headings)
         turn = rng.normal(0.0, _BUMP, (count, 1))
@@ -189,20 +193,21 @@ class TargetDraws:
 
 
 _RIDGE = 1e-9
-"""Added to the diagonal of Newton's equations in squared arm lengths: at full stretch they have no solution."""
+"""Added to the diagonal of Newton's equations, in squared arm lengths: at full stretch they are singular."""
 
 _INSIDE = 0.99
-"""Share of the goal's room from which members are drawn: Newton's rounding takes none out of it."""
+"""Share of the goal's tolerance in which members are sampled, so that the rounding of Newton's method leaves none
+outside."""
 
 
 @dataclass(frozen=True)
 class GoalDraws:
-    """Draws poses at a goal for the tip.
+    """Samples poses at a goal for the tip.
 
     Attributes:
-        draws: random poses of the link space.
-        goal: where the tip has to be.
-        check: the cheap one.
+        draws: sampler of random poses of the link space.
+        goal: goal for the tip.
+        check: the sampled, cheap check of poses.
     """
 
     draws: TargetDraws
@@ -210,7 +215,10 @@ class GoalDraws:
     check: SampledCheck
 
     def poses(self, rng: np.random.Generator) -> Iterator[FloatArray]:
-        """Link headings of poses at the goal that nothing refutes, none twice, shape (m, links) [rad] at a time."""
+        """Yield batches of link headings of distinct poses at the goal that the check does not refute.
+
+        Each batch has shape (m, links) [rad] and may be empty.
+        """
         known = np.zeros((0, self.draws.arm.links))
         while True:
             drawn = self._brought(self.draws.shapes(rng, _GOAL_DRAWS), self._members(rng, _GOAL_DRAWS))
@@ -224,9 +232,9 @@ class GoalDraws:
             yield np.array(new).reshape(-1, self.draws.arm.links)
 
     def _members(self, rng: np.random.Generator, count: int) -> FloatArray:
-        """Return the places and headings of the tip that meet the goal, shape (count, 3) [m, rad].
+        """Return positions and headings of the tip that meet the goal, shape (count, 3) [m, rad].
 
-        Evenly spread where many do.
+        Of a goal set, uniformly distributed over it.
         """
         distance, turn = self.goal.room
         away = rng.uniform(0.0, 2.0 * np.pi, count)
@@ -236,7 +244,10 @@ class GoalDraws:
         return np.column_stack((places, middle + _INSIDE * rng.uniform(-turn, turn, count)))
 
     def _brought(self, headings: FloatArray, members: FloatArray) -> FloatArray:
-        """Return those poses that Newton's method of least turns brings onto members of the goal, within the limits."""
+        """Return the poses that Newton's method with least turns moves onto members of the goal.
+
+        Poses that do not converge, or exceed the limits of the bends, are left out.
+        """
         arm = self.draws.arm
         projector = self.draws.projector
         for _ in range(_NEWTON_STEPS):
@@ -253,7 +264,7 @@ class GoalDraws:
         return brought
 
     def _equations(self, headings: FloatArray, members: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the derivatives of the tip by the link headings, in arm lengths and radians, and what is missed.
+        """Return the derivatives of the tip by the link headings, in arm lengths and radians, and its errors.
 
         Returns:
             Shapes (m, 2 or 3, links) and (m, 2 or 3).
@@ -272,14 +283,14 @@ class GoalDraws:
 
 @dataclass(frozen=True)
 class Connecting:
-    """What one search by RRT-Connect is given.
+    """The inputs of a search by RRT-Connect.
 
     Attributes:
-        task: what is looked for.
+        task: task of the search.
         space: link space of the motion.
         start: pose at the start.
-        goal: with the coordinates of a goal for the whole arm.
-        known_goals: makes poses at a goal for the tip that are known otherwise, each when it is asked for.
+        goal: goal, with the coordinates of a whole-arm goal.
+        known_goals: makes poses at a goal for the tip that other methods find, each when it is asked for.
     """
 
     task: MotionTask
@@ -289,15 +300,15 @@ class Connecting:
     known_goals: Callable[[], Iterator[Pose]]
 
     def find(self, budgets: tuple[int, ...], seed: tuple[int, ...]) -> Motion | None:
-        """Return a certified motion; None when several searches, or the time, do not suffice.
+        """Return a certified motion; None when all searches, or the time, do not suffice.
 
         Args:
-            budgets: extensions that one search after the other may take.
-            seed: of every random choice.
+            budgets: most extensions of each search in turn.
+            seed: seed of every random choice.
         """
         task = self.task
         check = SampledCheck.of(task.arm, task.workspace)
-        # Most searches end soon or never: each begins anew.
+        # Most searches end soon or never, so each starts afresh.
         for number, budget in enumerate(budgets):
             rng = np.random.default_rng((*seed, number))
             way = self._search(check, rng).run(budget)
@@ -309,16 +320,16 @@ class Connecting:
         return None
 
     def _motion(self, way: FloatArray) -> Motion | None:
-        """Return a way in the coordinates of the curve, certified once more; None when that fails."""
+        """Return a path of link headings in the coordinates of the curve, certified once more; None when that fails."""
         coordinates = self._coordinates(dense(way, _KEYFRAME_TURN))
         q = self.space.configurations(coordinates)
-        # The same motion but for rounding, and for the last bit of the way onto the goal.
+        # This is the searched motion up to rounding and the last correction onto the goal.
         if not self._on_goal(coordinates[-1]) or len(self.task.certificate.failures(q)):
             return None
         return Motion(self.space, coordinates, q, CONNECT)
 
     def _search(self, check: SampledCheck, rng: np.random.Generator) -> ConnectSearch:
-        """Return the trees with nothing but the start."""
+        """Return a search whose first tree holds the start alone."""
         task = self.task
         ends = [self.start.q]
         if self.goal.coordinates is not None:
@@ -332,14 +343,14 @@ class Connecting:
         return ConnectSearch(check.free_shares, draws, unproved, goals, task.deadline.passed, rng, trees)
 
     def _goals(self, draws: TargetDraws, check: SampledCheck, rng: np.random.Generator) -> Iterator[FloatArray]:
-        """Link headings at the goal, shape (m, links): of the goal of the whole arm, or with the tip there."""
+        """Yield link headings at the goal, shape (m, links) [rad]: of a whole-arm goal, or with the tip at the goal."""
         arm = self.task.arm
         if self.goal.coordinates is not None:
             yield arm.headings(self.space.configurations(self.goal.coordinates))[None]
             return
         drawn = GoalDraws(draws, self.goal, check).poses(rng)
         yield next(drawn)
-        # Poses drawn at random seldom fit where it is narrow; those of the NLP are costlier.
+        # Random poses seldom fit where it is narrow; those of the NLP are costlier.
         for pose in self.known_goals():
             yield arm.headings(pose.q)[None]
             yield next(drawn)
@@ -357,10 +368,10 @@ class Connecting:
         return np.stack((start, *(self._fitted(*pair) for pair in zip(way[1:-1], line[1:-1], strict=True)), end))
 
     def _fitted(self, headings: FloatArray, near: FloatArray) -> FloatArray:
-        """Return the coordinates near given ones with given link headings."""
+        """Return the coordinates, near given ones, that have given link headings."""
         space = self.space
         missed = headings - space.arm.headings(space.configurations(near))
-        # Few links leave many curves with the same headings: the smoothest, and then what it misses.
+        # Few links leave many curves with the same headings: take the smoothest, then correct what it misses.
         change = fit_coordinates(space.turns, missed, space.arm.length)
         rest = missed - space.turns @ change
         return near + change + np.linalg.lstsq(space.turns, rest, rcond=None)[0]

@@ -1,16 +1,16 @@
 """Ends a motion in the pose of the goal-pose program.
 
-A motion lasts as long as its busiest joint needs, while the sum of squared turns counts all joints alike. Weighed by a
-power of how much each turns at most, in a motion that is nearly optimal, the sum comes near the largest of them
+A motion lasts as long as its busiest joint needs, while the sum of squared turns counts all joints alike. Weighted by a
+power of each joint's largest turn, in a motion that is nearly optimal, the sum approaches the largest of them
 (iteratively reweighted least squares for a higher norm).
 
 In the plane the first optimisation finds the end that costs the motion least; the goal pose is asked for near it, so
-that what room, bending and torque are worth is weighed against the way there, and the motion has little left to change.
+that gaps, bending and torque are weighed against the motion there, and little of the motion is left to change.
 
-In space the program is asked first. It, and the optimisation, keep every link on its side of planes that stand still
-while they are solved. A link that ends at the goal and lies along a wall has before such a plane only the room of its
-tip, which cannot move: no change of the pose makes the gap wider, as long as the plane does not turn. A step sees the
-nearest place of the link instead, which does move away when the link turns about the goal.
+In space the program is asked first. The program and the optimisation keep every link on its side of planes that are
+fixed while they are solved. For a link that ends at the goal and lies along a wall, the gap before such a plane is that
+of its tip, which cannot move: no change of the pose widens it as long as the plane does not turn. A step uses the
+nearest point of the link instead, which does move away when the link turns about the goal.
 """
 
 from collections.abc import Sequence
@@ -39,45 +39,46 @@ from ccm_opt.problem.solution import GoalPoseRecord
 from ccm_opt.robot.biarc import straight_at_exit
 
 _LEAST_KEYFRAMES = 4
-"""A motion of fewer keyframes has no second differences to speak of. Derived."""
+"""Least keyframes of a motion that is weighed by its busiest joints. Derived: fewer have no meaningful second
+differences."""
 _BOTTLENECK_SHARE = 0.9
-"""Share of the weight of the path's length that goes to the joints by how busy they are. Measured: with 0.9 and a power
-of a half, 13 motions last 2.6 % less in the median, at best 15 % less and at worst 0.5 % longer."""
+"""Share of the weight of the path's length that is moved to the joints by how busy they are. Measured: with 0.9 and a
+power of a half, 13 motions last 2.6 % less in the median, at best 15 % less and at worst 0.5 % longer."""
 _BOTTLENECK_POWER = 0.5
-"""Of a joint's largest turn from keyframe to keyframe over the root mean square of all joints'. Measured: with 1 the
-same motions last 1 % longer in the median."""
+"""Power of the ratio between a joint's largest turn from keyframe to keyframe and the root mean square over all joints.
+Measured: with 1 the same motions last 1 % longer in the median."""
 _LEAST_BUSY = 0.2
-"""That ratio counts as at least this much. Taste."""
+"""Lower bound on that ratio. Taste."""
 _KEYFRAMES_A_LINK = 2.0
-"""Of the optimisation, to a link length that a motion's feed carries the arm. Taste: at fewer, joints bend late behind
-the hole."""
+"""Keyframes of the optimisation per link length of feed. Taste: with fewer, joints bend late behind the hole."""
 _MOST_KEYFRAMES = 48
-"""Of the optimisation of a fed arm. Taste: its cost grows with them and with the cube of the links."""
+"""Most keyframes of the optimisation of a fed arm. Taste: its cost grows with them and with the cube of the links."""
 _FED_SHARE = 0.1
-"""Share of the time left that it may use. Taste: what is not finished then is certified all the same."""
+"""Share of the time left that the optimisation of a fed arm may use. Taste: what is unfinished by then is certified all
+the same."""
 _OPENING = 1.05
-"""Gap that steps at the goal make room for before the NLP is asked, as a multiple of the wanted one; a little more, so
-that the planes of the NLP leave all that is wanted (taste)."""
+"""Gap that steps at the goal aim for before the NLP is asked, as a multiple of the wanted one. Taste: slightly more
+than 1, so that the fixed planes of the NLP leave the whole wanted gap."""
 _OPENING_STEPS = 20
-"""Most of these; five bring nearly all that there is."""
+"""Most steps that open gaps at the goal; five bring nearly all that can be gained."""
 _OPENING_WEIGHT = 10.0
-"""Of the goal in them, beside the pull of walls that are too near."""
+"""Weight of the goal in those steps, relative to the push away from obstacles that are too near."""
 _ENOUGH = 0.9
-"""Share of the wanted gap that its pose has to have for the end to be settled."""
+"""Share of the wanted gap at which the end pose is accepted as settled."""
 _ROOM_SHARE = 1.6
-"""Room that the NLP makes at the end, where there is so much, as a multiple of the wanted gap. An arm that follows its
-tip lies all the way near where it ends, and strays from that by some of it: with 1.6 fed arms keep 0.82 to 1.2 of the
-wanted gap all the way among bays, blades and pipes, with 1 they keep 0.6 to 1."""
+"""Gap that the NLP aims for at the end, where possible, as a multiple of the wanted gap. An arm that follows its tip
+lies all the way near where it ends, and strays from there by part of the gap. Measured: with 1.6 fed arms keep 0.82 to
+1.2 of the wanted gap all the way among bays, blades and pipes, with 1 they keep 0.6 to 1."""
 _OPENED = 0.02
-"""Steps that make room end when no joint moves farther than this [u]."""
+"""Displacement of the joints below which the steps that open gaps end [u]."""
 
 
 def weighing_bottlenecks(motion: Motion, task: MotionTask) -> MotionTask:
     """Return the task with most of the weight of the path's length put on the joints that a motion turns most.
 
     Args:
-        motion: nearly optimal, with keyframes at nearly even steps.
-        task: with the user's weights and what the joints can do.
+        motion: nearly optimal motion with keyframes at nearly even steps.
+        task: task with the user's weights and the speeds of the joints.
     """
     weights = task.weights
     bends = motion.curve.drives(motion.configurations)
@@ -94,7 +95,7 @@ def weighing_bottlenecks(motion: Motion, task: MotionTask) -> MotionTask:
 
 
 def _busyness(differences: FloatArray) -> FloatArray:
-    """Return a factor for each joint by the largest of its differences, shape (m, links) to (links,)."""
+    """Return a weight factor for each joint by the largest of its differences, shape (m, links) to (links,)."""
     most = np.abs(differences).max(axis=0)
     mean = np.sqrt(np.mean(most**2))
     factors: FloatArray = np.clip(most / max(mean, TINY), _LEAST_BUSY, None) ** _BOTTLENECK_POWER
@@ -102,16 +103,17 @@ def _busyness(differences: FloatArray) -> FloatArray:
 
 
 def optimised_to_end_pose(motion: Motion, task: MotionTask, margin: float | None = None) -> Motion:
-    """Return a certified motion, optimised, that ends in the pose which the task prefers at the goal.
+    """Return the motion optimised, ending in the pose that the task prefers at the goal.
 
     Args:
-        motion: certified, with the tip at the goal.
-        task: it was found for.
-        margin: that rows of the optimisation ask for, see ``optimise``.
+        motion: certified motion with the tip at the goal.
+        task: task that it was found for.
+        margin: margin that rows of the optimisation ask for, see ``optimise``.
 
     Returns:
-        Certified. Where the task offers no other end, or that end cannot be reached, the motion ends where its
-        optimisation with a free end liked best.
+        Certified. Where the task offers no other end, or none that can be reached, the motion ends where the
+        optimisation
+        with a free end put it.
     """
     if task.arm.base_axes:
         task = _with_dense_keyframes(motion, task)
@@ -119,7 +121,7 @@ def optimised_to_end_pose(motion: Motion, task: MotionTask, margin: float | None
     if task.wanted_gap == 0.0:
         return optimise(motion, task, margin)
     free = optimise(motion, task, margin, settings.free_rounds)
-    # The best first: the first that can be reached wins.
+    # Best first: the first end that can be reached is taken.
     offered = task.end_poses(task.arm, free.configurations[-1]) if task.goal_pose is None else ()
     for wanted in offered:
         bent = bent_to(free, wanted, task)
@@ -133,8 +135,8 @@ def optimised_to_end_pose(motion: Motion, task: MotionTask, margin: float | None
 
 
 def _with_dense_keyframes(motion: Motion, task: MotionTask) -> MotionTask:
-    """The task of optimising the motion of a fed arm: keyframes as dense as its feed needs, and a share of the time."""
-    # Joints come out of the tube one after the other: keyframes have to be near enough to tell them apart.
+    """Return the task with keyframes as dense as the feed of a motion needs, and a share of the time left."""
+    # Joints come out of the tube one after the other: keyframes have to be dense enough to separate them.
     links_fed = float(np.abs(np.diff(motion.configurations[:, task.arm.links :], axis=0)).sum())
     dense = round(min(_KEYFRAMES_A_LINK * links_fed, _MOST_KEYFRAMES))
     plain = task.settings.optimisation
@@ -145,24 +147,24 @@ def _with_dense_keyframes(motion: Motion, task: MotionTask) -> MotionTask:
 
 
 def _with_room(motion: Motion, task: MotionTask, margin: float | None) -> Motion:
-    """Return an optimised motion with the room that its end and more keyframes leave of what is wanted."""
+    """Return an optimised motion with its gaps widened towards the wanted one, its end unchanged."""
     weighed = weighing_bottlenecks(motion, task).with_goal_pose(motion.unknowns[-1], motion.configurations[-1])
     return with_more_room(motion, motion, weighed, margin)
 
 
 def bent_to(motion: Motion, wanted: FloatArray, task: MotionTask) -> Motion | None:
-    """Return a certified motion with another end.
+    """Return a certified motion with another end, or None.
 
-    The difference between the ends is added to the motion, more and more towards its end; where that is not certified
-    on any stretch, the motion is led on from its end to the other.
+    The difference between the ends is added to the motion, increasingly towards its end; where that is not certified on
+    any stretch, the motion is led on from its end to the other.
 
     Args:
-        motion: certified.
-        wanted: configuration of the other end, shape (c,); at the same goal.
-        task: arm, room and limits.
+        motion: certified motion.
+        wanted: configuration of the other end, at the same goal, shape (c,).
+        task: task with the arm and its limits.
     """
     curve, end = motion.curve.blended_to(wanted)
-    # A coordinate that the space has besides says how much of what the curve cannot show is added.
+    # An additional coordinate of the space blends in the part of the difference that the curve cannot reproduce.
     return led_to(replace(motion.without_blending(curve), end_pose=wanted), end, task, MARGINS)
 
 
@@ -172,20 +174,20 @@ def led_to(
     """Return a certified motion with another end.
 
     Args:
-        motion: certified.
-        end: its unknowns there, shape (p,).
-        task: arm, room and limits.
-        margins: of steps that lead it on, each tried in turn.
+        motion: certified motion.
+        end: unknowns of the other end, shape (p,).
+        task: task with the arm and its limits.
+        margins: margins of the steps that lead the motion on, each tried in turn.
 
     Returns:
-        None where no certified way leads there.
+        None where no certified motion to that end is found.
     """
-    # A motion that passes places is tied to where the tip is: nothing can be added to it.
+    # A motion through given tip positions is tied to them: nothing can be added to it.
     for bent in () if task.via else motion.bent_to(end):
         if len(task.failures(bent.curve, bent.unknowns)) == 0:
             return bent
     if motion.u is not None:
-        return None  # whose limits depend on where along the motion they are
+        return None  # its limits depend on the path parameter
     for margin in margins:
         stepper = task.stepper(motion.curve, margin)
         first = stepper.pose(motion.unknowns[-1])
@@ -206,11 +208,11 @@ def opened(task: SpaceTask, motion: SpaceMotion) -> list[Pose]:
     """Return the poses from the end of a motion to one at the goal with as much of the wanted gap as steps find.
 
     Args:
-        task: with a goal for the tip.
-        motion: to the goal.
+        task: task with a goal for the tip.
+        motion: motion to the goal.
 
     Returns:
-        The first is the motion's end; there are no others where steps do not lead back onto the goal.
+        The first pose is the motion's end; it is the only one where steps do not lead back onto the goal.
     """
     stepper = task.stepper(motion.curve, _OPENING * task.wanted_gap / task.margin)
     pose = stepper.pose(motion.unknowns[-1])
@@ -232,17 +234,17 @@ def opened(task: SpaceTask, motion: SpaceMotion) -> list[Pose]:
 
 
 IN_NLP_POSE = "ending in the pose of the NLP"
-"""What is added to the name of a motion that does."""
+"""Suffix of the name of a motion that ends in the pose of the NLP."""
 
 
 @dataclass(frozen=True, eq=False)
 class Ending:
-    """Where a motion ends, and what the NLP said of it.
+    """A motion to the goal, with the NLP's answer about its end.
 
     Attributes:
-        task: whose goal is the pose of the end where that is settled, or as it was.
-        motion: to the goal.
-        record: the NLP's answer; None where it was not asked.
+        task: task whose goal is the pose of the end where that is settled; else the original task.
+        motion: motion to the goal.
+        record: the NLP's answer; None where the NLP was not asked.
     """
 
     task: SpaceTask
@@ -251,14 +253,14 @@ class Ending:
 
 
 def ended_by_nlp(problem: Problem, task: SpaceTask, motion: SpaceMotion) -> Ending:
-    """Return the motion, moved on to the best pose at its goal.
+    """Return the motion, continued to the best pose at its goal.
 
-    As it is where no better pose is found, or none is reached.
+    The motion is unchanged where no better pose is found or can be reached.
 
     Args:
-        problem: what is asked.
-        task: the same as the search is asked.
-        motion: to the goal.
+        problem: the problem.
+        task: the problem as a task of the search.
+        motion: motion to the goal.
     """
     goal = task.limited_goal
     if task.goal_pose is not None or task.deadline.passed():
@@ -275,12 +277,12 @@ def ended_by_nlp(problem: Problem, task: SpaceTask, motion: SpaceMotion) -> Endi
     again = _solve_goal_pose(asked, task, goal, opened_up)
     if asked.gap(again.motion.configurations[-1]) <= room:
         return ending
-    # The optimisation, whose planes stand still too, would only move what was opened back.
+    # The optimisation, whose planes are fixed too, would only undo the opening.
     return replace(again, task=replace(task, goal_pose=again.motion.configurations[-1]))
 
 
 def _solve_goal_pose(asked: GoalPoses, task: SpaceTask, goal: GoalPose, motion: SpaceMotion) -> Ending:
-    """Return what the NLP says from where a motion ends, and the motion moved on to its pose where that can be."""
+    """Return the NLP's answer from the end of a motion, and the motion continued to its pose where possible."""
     wanted = asked.problem.wanted_gap
     answers = asked.improved(motion.configurations[-1], task.deadline)
     feasible = [pose for pose in answers if asked.feasible(pose)]
@@ -290,8 +292,8 @@ def _solve_goal_pose(asked: GoalPoses, task: SpaceTask, goal: GoalPose, motion: 
         return Ending(task, motion, pose_record(wanted, worst, len(answers), reason))
     best = min(feasible, key=lambda pose: pose.answer.cost)
     refused = partial(pose_record, wanted, best, len(answers))
-    # What the motion's own curve cannot show of the pose is one more unknown of it, which is 0 as far as the motion
-    # goes and 1 in the pose.
+    # The part of the pose that the motion's own curve cannot reproduce becomes one more unknown, 0 over the motion and
+    # 1 in the pose.
     curve, end = motion.curve.blended_to(straight_at_exit(task.arm, best.q))
     begun = motion.without_blending(curve)
     stepper = task.stepper(curve, 0.0)
@@ -309,7 +311,7 @@ def _solve_goal_pose(asked: GoalPoses, task: SpaceTask, goal: GoalPose, motion: 
 
 
 def _opened_motion(asked: GoalPoses, task: SpaceTask, motion: SpaceMotion) -> SpaceMotion:
-    """Return the motion, moved on at its goal to where there is more room, if it ends with less than is wanted."""
+    """Return the motion, continued at its goal to a pose with wider gaps if it ends with less than wanted."""
     before = asked.gap(motion.configurations[-1])
     if before >= _ENOUGH * task.wanted_gap:
         return motion
