@@ -1,4 +1,4 @@
-"""The ends of a motion: what they are, and which are refused."""
+"""Start and goal of a motion as planning uses them, the checks that refuse them, and gaps at poses, in words."""
 
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
@@ -23,33 +23,33 @@ if TYPE_CHECKING:
     from ccm_opt.planning.space_task import SpaceTask
 
 _STRAIGHTENING = 5e-4
-"""Distance that the tip may move when what the mapping of a curve bends inside the guide tube is straightened [m].
+"""Distance that the tip may move when bends inside the guide tube, left by the mapping of a curve, are set to 0 [m].
 Taste."""
 _ROOM_SHARE = 0.05
-"""Share of that tolerance that is left as room beside a wall that is too near to the goal. Taste."""
+"""Share of that slack that is kept as clearance from an obstacle that is too near to the goal. Taste."""
 
 _TOLERANCE_SHARE = 0.5
 """Share of the goal's tolerances that planning uses where the goal cannot be met exactly. Taste."""
 _PRECISE_PLACE = 5e-3
-"""Position tolerances up to this share of the arm's length say how exactly a place is to be met; wider ones make the
-goal a set. Taste."""
+"""Position tolerances up to this share of the arm's length are precisions: the position is met exactly. Wider ones make
+the goal a set. Taste."""
 _PRECISE_TURN = 0.03490658503988659
-"""The same for heading tolerances [rad]. Taste: 2°, twice what is allowed by default."""
+"""Heading tolerances up to this are precisions [rad]. Taste: 2°, twice the default tolerance."""
 _ROOM_USED = 0.95
 """Share of the tolerances of such a set that planning uses; the rest is left to rounding and smoothing. Taste."""
 _AIM_SHARE = 0.9
-"""Share of the position tolerance by which planning may aim beside a goal that the tip cannot take. Taste."""
+"""Share of the position tolerance by which planning may deviate from a goal that the tip cannot take. Taste."""
 _UPRIGHT = 0.1
 """Sine of the angle between a flush mount and its wall's normal above which a turn of the base leaves the wall.
 Taste."""
 _STRETCH = 2e-3
-"""Share of its length by which an arm is kept from full stretch where a goal out of reach is aimed at. Taste: there the
-tip cannot move along the arm."""
+"""Share of its length by which an arm is kept from full stretch where it aims at a goal out of reach. Taste: at full
+stretch the tip cannot move along the arm."""
 _FLUSH = 1e-5
-"""A mount whose end is as near as this to its wall's clearance, as a share of the arm's length, stands flush on it.
+"""Distance from its wall's clearance, as a share of the arm's length, within which the end of a mount stands flush.
 Taste."""
 _REACH = 0.02
-"""Gaps that are looked at, as a share of the arm's length. Taste."""
+"""Gaps up to this share of the arm's length are checked. Taste."""
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ class Ends:
 
     Attributes:
         start: configuration, shape (c,) [rad, m].
-        goal: where the tip has to be.
+        goal: goal for the tip.
         goal_pose: configuration of a whole-arm goal, shape (c,), or None.
         clamped: whether the base stands flush on a wall, so that its joint cannot turn.
     """
@@ -70,10 +70,10 @@ class Ends:
 
 
 def resolve_ends(problem: Problem) -> Ends:
-    """Start and goal of a problem on the links.
+    """Return start and goal of a problem, as configurations of the arm's links, once they are checked.
 
     Args:
-        problem: whose ends they are.
+        problem: the problem.
 
     Raises:
         UnreachableGoal: naming link and obstacle with the depth, or joint and angle.
@@ -87,7 +87,7 @@ def resolve_ends(problem: Problem) -> Ends:
         refuse_blocked_tip(problem, goal.for_tip)
         return Ends(start, tip_goal(problem, goal.for_tip), None, clamped)
     q = _within_limits(problem, goal.for_joints)
-    # A base that is clamped at the start is so at the goal only if it has not turned.
+    # A base that is clamped at the start is clamped at the goal only if it has not turned.
     at_goal = arm if q[0] == start[0] else problem.arm
     refuse_bad_pose(at_goal, problem.workspace, q, "goal", _REACH)
     tip = GoalPose(arm.joint_positions_at(q)[-1], arm.link_rotations(q)[-1, :, 0])
@@ -95,10 +95,10 @@ def resolve_ends(problem: Problem) -> Ends:
 
 
 def _configuration(problem: Problem, pose: JointPose, which: str) -> FloatArray:
-    """Return the configuration of a pose, shape (c,), bends exactly 0 where a guide tube holds a joint.
+    """Return the configuration of a pose, shape (c,), with bends of exactly 0 where the guide tube holds a joint.
 
     Raises:
-        UnreachableGoal: a joint that it holds is bent; ``which`` names the pose.
+        UnreachableGoal: a joint that the tube holds is bent; ``which`` names the pose.
     """
     arm = problem.arm
     if not arm.base_axes:
@@ -116,36 +116,37 @@ def _configuration(problem: Problem, pose: JointPose, which: str) -> FloatArray:
 
 
 def tip_goal(problem: Problem, goal: TipGoal) -> GoalPose:
-    """A goal for the tip as planning takes it: a place and a heading to be met exactly, or a set with room in it.
+    """Return a goal for the tip as planning uses it: a pose to be met exactly, or a set.
 
-    A tolerance as small as a precision leaves the goal a point, which is met exactly where that can be; a wider one
-    makes it a set, of which any member will do.
+    A tolerance as small as a precision leaves the goal a point, which is met exactly where possible; a wider one makes
+    it a set, of which any member is acceptable.
     """
     allowed = problem.tolerances
-    # Whoever may turn by half a turn either way may point anywhere.
+    # With half a turn of tolerance either way every direction is acceptable.
     direction = None if allowed.heading >= np.pi else goal.direction
     wide = allowed.position > _PRECISE_PLACE * problem.arm.length
     turning = direction is not None and allowed.heading > _PRECISE_TURN
     room = (_ROOM_USED * allowed.position * wide, _ROOM_USED * allowed.heading * turning)
     spare = (_TOLERANCE_SHARE * allowed.position, _TOLERANCE_SHARE * allowed.heading)
     position = goal.position if wide else aim(problem, goal)
-    # An aim beside the goal has used some of the tolerance up.
+    # An aim next to the goal has used up some of the tolerance.
     left = _ROOM_USED * allowed.position - float(np.hypot(*(position - goal.position)))
     near_enough = (0.0 if wide else float(np.clip(left, 0.0, spare[0])), 0.0 if turning else spare[1])
     return GoalPose(position, direction, room=room, near_enough=near_enough)
 
 
 def aim(problem: Problem, goal: TipGoal) -> FloatArray:
-    """Where planning leads the tip, shape (2,) [m]: to the goal, or where that cannot be, to a place near enough.
+    """Return the position to which planning leads the tip, shape (2,) [m].
 
-    A goal out of reach is drawn towards the base, one too near to a wall to the nearest place with room.
+    It is the goal where the tip can take it. A goal out of reach is moved towards the base, one too near to an obstacle
+    to the nearest position with clearance, both within the tolerance.
     """
     arm = problem.arm
     slack = _AIM_SHARE * problem.tolerances.position
     offset = goal.position - arm.base
 
-    # At full stretch the tip cannot move along the arm and Newton would stop; an aim a little nearer keeps the arm
-    # bent, as far as the tolerance allows.
+    # At full stretch the tip cannot move along the arm and Newton's method would stall; an aim slightly nearer keeps
+    # the arm bent, as far as the tolerance allows.
     beyond = float(np.hypot(*offset)) - (1.0 - _STRETCH) * arm.length
     if beyond > _STRETCH * arm.length and not arm.base_axes:
         return np.asarray(goal.position - min(beyond, slack) * offset / np.hypot(*offset))
@@ -156,7 +157,7 @@ def aim(problem: Problem, goal: TipGoal) -> FloatArray:
     if room_there >= need:
         return goal.position
 
-    # A little more room than need be: at the very edge of free space no step has a choice.
+    # Slightly more clearance than needed: at the very edge of free space no step has a choice.
     need += _ROOM_SHARE * slack
     room = problem.workspace.boundary.buffer(-need)
     bodies = [shapely.buffer(wall.core, wall.rounding + need) for wall in problem.workspace.obstacles]
@@ -169,7 +170,10 @@ def aim(problem: Problem, goal: TipGoal) -> FloatArray:
 
 
 def stands_flush(problem: Problem, q: FloatArray) -> bool:
-    """Whether the arm leaves a wall so that the end of its mount just clears it, and no turn of the base would."""
+    """Return whether the arm leaves a wall so that the end of its mount just clears the wall.
+
+    Turning the base would then close the gap, whichever way it turns.
+    """
     arm = problem.arm
     # The whole first link belongs to the mount already.
     if arm.mount_length >= arm.link_length:
@@ -181,19 +185,22 @@ def stands_flush(problem: Problem, q: FloatArray) -> bool:
     at_mount = (contacts.first == 0) & np.isclose(contacts.first_at * arm.link_length, arm.mount_length)
     flush = at_mount & (contacts.second == WALL) & (np.abs(contacts.gap) <= _FLUSH * arm.length)
 
-    # Turning the base by dφ moves the mount's end sideways by mount · dφ. With the wall square to the link the gap only
-    # falls, by the square of dφ: no turn of the base is free, in either direction.
+    # Turning the base by dφ moves the mount's end sideways by mount · dφ. With the wall square to the link the gap can
+    # only shrink, by the square of dφ: the base cannot turn in either direction.
     sideways = contacts.normal @ arm.link_rotations(q)[0, :, 1]
     return bool(np.any(flush & (np.abs(sideways) < _UPRIGHT)))
 
 
 def clamped_arm(arm: Arm) -> Arm:
-    """Return the arm for planning when its base is clamped: the first link, which cannot move, belongs to the mount."""
+    """Return the arm for planning with a clamped base: its first link, which cannot move, belongs to the mount."""
     return replace(arm, mount_length=arm.link_length)
 
 
 def _within_limits(problem: Problem, pose: JointPose) -> FloatArray:
-    """A whole-arm goal whose joints lie beyond their limits by less than its tolerance, turned back onto them."""
+    """Return the configuration of a whole-arm goal, its joints turned back within their limits.
+
+    That is done only where they exceed the limits by less than the goal's tolerance.
+    """
     arm = problem.arm
     q = _configuration(problem, pose, "goal")
     bends = q[: arm.links]
@@ -204,7 +211,11 @@ def _within_limits(problem: Problem, pose: JointPose) -> FloatArray:
 
 
 def refuse_blocked_tip(problem: Problem, goal: TipGoal) -> None:
-    """Refuse a goal at which the tip, or with a heading the last link, is deeper in a wall than tolerances allow."""
+    """Raise where the tip at a goal, or with a heading the last link, is deeper in an obstacle than tolerances allow.
+
+    Raises:
+        UnreachableGoal: naming the obstacle and the depth.
+    """
     arm = problem.arm
     tolerances = problem.tolerances
     play = tolerances.position
@@ -227,10 +238,10 @@ def refuse_blocked_tip(problem: Problem, goal: TipGoal) -> None:
 
 
 def refuse_ends(problem: Problem, task: "SpaceTask") -> None:
-    """Refuse a start, or a goal of the whole arm, in contact, and a goal that is out of reach.
+    """Raise where the start or a whole-arm goal is in contact, or the goal is out of reach.
 
     Raises:
-        ProblemError: the start touches something, or breaks a constraint of the user.
+        ProblemError: the start touches something, or violates a constraint of the user.
         UnreachableGoal: the goal does, or is too far away.
     """
     for limit in task.user_limits:
@@ -247,7 +258,7 @@ def refuse_ends(problem: Problem, task: "SpaceTask") -> None:
 
 
 def refuse_goal(problem: Problem, task: "SpaceTask", goal: GoalPose) -> None:
-    """Refuse a goal for the tip that leaves it no room, or that is out of reach.
+    """Raise where a goal for the tip leaves it no clearance, or is out of reach.
 
     Raises:
         UnreachableGoal: saying which, and by how much.
@@ -258,7 +269,7 @@ def refuse_goal(problem: Problem, task: "SpaceTask", goal: GoalPose) -> None:
         ways = ways_out(problem.workspace, found.name, "the goal") if found.name else ("move the goal into it",)
         raise UnreachableGoal(Diagnosis(reason, "necessary checks", ways))
     kept = task.kept
-    # Any place within the tolerance will do for a goal.
+    # Any position within the tolerance is an acceptable goal.
     least = kept - problem.tolerances.position
     near = task.tree.nearest(np.stack((goal.position, goal.position))[None], kept)
     if near.owner[0] >= 0 and near.gap[0] < least:
@@ -280,7 +291,7 @@ def refuse_goal(problem: Problem, task: "SpaceTask", goal: GoalPose) -> None:
 
 
 def _what_is_bad(problem: Problem, task: "SpaceTask", q: FloatArray, motion: str) -> str:
-    """Return whether an end is in contact or has no room for a motion, in words; empty where neither."""
+    """Return in words whether an end is in contact or too tight to certify a motion; empty where neither."""
     contact = contact_words(problem, task, q)
     if contact:
         return f"is in contact: {contact}"
@@ -289,11 +300,12 @@ def _what_is_bad(problem: Problem, task: "SpaceTask", q: FloatArray, motion: str
 
 
 def contact_words(problem: Problem, task: "SpaceTask", q: FloatArray) -> str:
-    """Return what a configuration touches and how deep it is inside of bodies, in words; empty where it is free."""
+    """Return in words what a configuration touches and how deep it is inside bodies; empty where it is free."""
     contact = describe_contact(task, q)
     joints = task.arm.joint_positions_at(q)
     _, exposed = task.arm.exposed_links(joints)
-    # An arm that touches nothing is inside of a closed body as a whole; of an open one both its ends tell.
+    # An arm that touches nothing lies inside a closed body as a whole; for an open body both ends of the arm are
+    # tested.
     first = int(np.ceil(task.arm.mount_length / task.arm.link_length)) if contact else task.arm.links
     found = deepest_enclosure(problem.workspace, np.concatenate((joints[first:], exposed[:1, 0])))
     if found is None:
@@ -312,9 +324,9 @@ def _depth_words(found: Enclosure) -> str:
 
 
 def describe_contact(task: "SpaceTask", q: FloatArray, beyond: float = 0.0) -> str:
-    """Return what a configuration touches, or is nearer to than so much beyond contact [m], in words.
+    """Return in words the contact of a configuration, or what is within ``beyond`` [m] of contact.
 
-    Empty where nothing.
+    Empty where there is none.
     """
     arm = task.arm
     points = arm.joint_positions_at(q)
@@ -339,12 +351,12 @@ def describe_contact(task: "SpaceTask", q: FloatArray, beyond: float = 0.0) -> s
 
 @dataclass(frozen=True, eq=False)
 class NearestOfSamples:
-    """The least gap of every sample, and where it is.
+    """The least gap of every sample, and between which bodies it is.
 
     Attributes:
-        gap: between the surfaces; the reach where nothing is nearer, shape (T,) [m].
-        link: from 1; 0 where nothing is near, shape (T,).
-        other: number of the surface's owner, or of the other link from 1, shape (T,).
+        gap: gap between the surfaces; the reach where nothing is nearer, shape (T,) [m].
+        link: number of the link from 1; 0 where nothing is near, shape (T,).
+        other: index of the surface's owner, or number of the other link from 1, shape (T,).
     """
 
     gap: FloatArray
@@ -357,10 +369,10 @@ class GapsAtSamples:
     """Gaps between bare surfaces, without clearance.
 
     Attributes:
-        walls: to the nearest surface of the scene.
-        itself: between links that may not meet.
-        names: of the owners of surfaces.
-        reach: beyond which gaps to walls are not told apart [m].
+        walls: gaps to the nearest surface of the scene.
+        itself: gaps between links that must not meet.
+        names: names of the owners of surfaces.
+        reach: distance beyond which gaps to walls are not resolved [m].
     """
 
     walls: NearestOfSamples
@@ -375,10 +387,10 @@ class GapsAtSamples:
         """Return the gaps of poses.
 
         Args:
-            problem: surfaces and arm.
+            problem: the problem with its surfaces and arm.
             points: joints and tip of every pose, shape (T, links + 1, d) [m].
-            reach: how far is looked; a link's length when None [m].
-            own_reach: how far is looked for other links; as far as for walls when None [m].
+            reach: distance up to which gaps to walls are resolved; a link's length when None [m].
+            own_reach: distance up to which gaps between links are resolved; as for walls when None [m].
         """
         arm = problem.arm
         soup = problem.workspace.soup
@@ -388,7 +400,7 @@ class GapsAtSamples:
 
     @classmethod
     def nearest_words(cls, problem: Problem, q: FloatArray) -> str:
-        """Return what is nearest to what in a configuration, in words; empty where nothing is near."""
+        """Return in words what is nearest to what in a configuration; empty where nothing is near."""
         gaps = cls.of(problem, problem.arm.joint_positions_at(q)[None])
         to_walls = float(gaps.walls.gap[0]) - problem.workspace.clearance
         to_itself = float(gaps.itself.gap[0])
@@ -398,7 +410,7 @@ class GapsAtSamples:
         return f"link {near.link[0]} and {gaps.other(near, 0)}, gap {short_length(min(to_walls, to_itself))}"
 
     def other(self, near: NearestOfSamples, sample: int) -> str:
-        """Return what a link is near to in a sample, in words."""
+        """Return the name of the body that a link is near to in a sample."""
         number = int(near.other[sample])
         return f"'{self.names[number]}'" if near is self.walls else f"link {number}"
 

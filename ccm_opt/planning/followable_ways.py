@@ -1,18 +1,18 @@
-"""Ways that an arm can follow, and how it slides along them.
+"""Paths that an arm can follow, and how it slides along them.
 
 The search itself is compiled C (followable_ways.c).
 
 The search is hybrid A* (D. Dolgov et al., Path planning for autonomous vehicles in unknown semi-structured
 environments, 2010), in space: a state is a place and a direction, from which short arcs towards some azimuths lead on;
-states in one bin of places and directions count as one. What is left is estimated by the cheapest way through the grid,
-whatever its bends. As soon as two arcs lead to the goal with room beside them the way ends with these.
+states in one bin of places and directions count as one. The cost to go is estimated by the cheapest path through the
+grid, whatever its bends. As soon as two arcs lead to the goal with clearance around them, the path ends with these.
 
 Links are chords of the track, so the arm stays on it however few links it has. Joints that are about to leave the tube,
 or have just left it, bend little, as everywhere in planning: they stay near the line of the tube a little longer.
 
-Where no joint is, the joints of one configuration say nothing of the curve. If every configuration were fitted by
-itself it would swing there as the joints slide by, which the optimisation would have to take back first. So the curve
-is asked to lie still from one configuration to the next beside showing the joints.
+Between its joints a configuration does not determine the curve. If every configuration were fitted by itself, the curve
+would swing there as the joints slide by, and the optimisation would have to undo that first. So the fit also penalises
+changes of the curve from one configuration to the next.
 """
 
 from collections.abc import Sequence
@@ -36,36 +36,36 @@ from ccm_opt.robot.inverse_kinematics import configuration_from_positions
 from ccm_opt.robot.rigid_motions import turn_towards
 
 _STEP = 1.0
-"""Length of the arcs of which a way is made [u]."""
+"""Length of the arcs of which a path is composed [u]."""
 _BENDS = (0.5, 1.0)
-"""Of the arcs, as shares of the tightest one; straight ones come first."""
+"""Curvatures of the arcs as shares of the tightest one; the straight arc comes first."""
 PLACE_BIN = 0.5
-"""States in one bin count as one: size of its places [u]."""
+"""Size of a bin of places [u]; states in one bin count as one."""
 DIRECTION_BINS = 2
-"""Half the number of bins along each side of the six faces of directions."""
+"""Half the number of bins along each side of the six faces of the cube of directions."""
 MOST_STATES = 20_000
-"""That are looked at."""
+"""Most states that are expanded."""
 _AZIMUTHS = 8
-"""Towards which arcs bend."""
+"""Number of azimuths towards which arcs bend."""
 _LANDING = 6.0
-"""From how near two arcs to the goal are tried [u]."""
+"""Distance from the goal within which two arcs to it are tried [u]."""
 
 _BEND_PRICE = 1.0
-"""What the tightest bend costs more than a straight way, as a multiple."""
+"""Extra cost of the tightest bend relative to a straight path."""
 _LONGEST_LANDING = 1.6
-"""These two may be longer than the straight line by this multiple."""
+"""Longest landing of two arcs, as a multiple of the straight distance."""
 
 _BINS = 7
-"""Numbers that states are told apart by in followable_ways.c."""
+"""Number of integers that identify the bin of a state in followable_ways.c."""
 
 
 @dataclass(frozen=True, eq=False)
 class WayEnd:
-    """A place with a direction, at which a way begins or ends.
+    """A place with a direction, at which a path begins or ends.
 
     Attributes:
-        place: shape (3,) [m].
-        direction: unit vector, shape (3,); None where any will do.
+        place: position, shape (3,) [m].
+        direction: unit vector, shape (3,); None where any direction is acceptable.
     """
 
     place: FloatArray
@@ -77,10 +77,10 @@ class WayArcs:
     """Arcs that lead on from a state.
 
     Attributes:
-        places: on each arc in the frame at its beginning, the end included, shape (a, m, 3) [m].
-        turns: of the frame along each, shape (a, 3, 3).
-        dear: what each costs, as a multiple of its length, shape (a,).
-        length: of each [m].
+        places: places on each arc in the frame at its beginning, the end included, shape (a, m, 3) [m].
+        turns: rotation of the frame along each arc, shape (a, 3, 3).
+        dear: cost of each arc per length, shape (a,).
+        length: length of each arc [m].
     """
 
     places: FloatArray
@@ -90,12 +90,12 @@ class WayArcs:
 
     @classmethod
     def of(cls, unit: float, radius: float, cell: float) -> "WayArcs":
-        """Return a straight one, and bent ones towards all azimuths.
+        """Return a straight arc, and bent ones towards all azimuths.
 
         Args:
             unit: length of a nominal link [m].
-            radius: of the tightest bend [m].
-            cell: of the grid; places on an arc lie half of it apart [m].
+            radius: radius of the tightest bend [m].
+            cell: cell size of the grid; places on an arc are about half of it apart [m].
         """
         step = _STEP * unit
         samples = step * np.arange(1, 1 + max(2, int(np.ceil(2.0 * step / cell))))
@@ -118,18 +118,17 @@ class WayArcs:
 
 @dataclass(frozen=True, eq=False)
 class FollowSearch:
-    """What is searched.
+    """A search for a path that the arm can follow.
 
     Attributes:
         low: centre of the grid's first cell, shape (3,) [m].
         cell: size of the cells [m].
-        price: of a way through a cell as a multiple of its length, shape (nx, ny, nz); not positive where it is
-            blocked.
-        left: cost of the cheapest way from each cell to the goal, of the same shape, inf where there is none [m].
-        arcs: that lead on.
-        radius: of the tightest bend [m].
+        price: cost of a path through a cell per length, shape (nx, ny, nz); not positive where the cell is blocked.
+        left: cost of the cheapest path from each cell to the goal, of the same shape, inf where there is none [m].
+        arcs: arcs that lead on from a state.
+        radius: radius of the tightest bend [m].
         unit: length of a nominal link [m].
-        most: length of the longest way that makes sense [m].
+        most: length of the longest path that is considered [m].
     """
 
     low: FloatArray
@@ -142,24 +141,26 @@ class FollowSearch:
     most: float
 
     def cells(self, places: FloatArray) -> tuple[IntArray, IntArray, IntArray]:
-        """Return the cells of places, shape (..., 3); the nearest one where a place lies outside."""
+        """Return the cells of places, shape (..., 3); the nearest cell where a place lies outside."""
         found = np.rint((places - self.low) / self.cell).astype(np.intp)
         found = np.clip(found, 0, np.array(self.price.shape) - 1)
         return found[..., 0], found[..., 1], found[..., 2]
 
     def connecting_arc_indices(self, place: FloatArray, frame: FloatArray, goal: WayEnd) -> list[int] | None:
-        """Return the numbers of the arcs of a way to where two more lead to the goal; None where none is found.
+        """Return the indices of the arcs of a path up to where two more arcs lead to the goal.
+
+        None where no path is found.
 
         Args:
-            place: where it begins, shape (3,) [m].
-            frame: (t, n1, n2) there as columns, shape (3, 3).
-            goal: where the way ends.
+            place: where the path begins, shape (3,) [m].
+            frame: frame (t, n1, n2) there as columns, shape (3, 3).
+            goal: where the path ends.
         """
         choices, samples, _ = self.arcs.places.shape
         capacity = MOST_STATES * choices + 1
         table = 1 << (2 * MOST_STATES).bit_length()
         nx, ny, nz = self.price.shape
-        # Memory that is not written to is not taken either.
+        # Memory that is never written to is not allocated either.
         states = np.empty(capacity, dtype=element_type("followable_way", "states"))
         states[0] = (place, frame.ravel(), 0.0, 0.0, -1, -1)
         call = NativeCall(
@@ -185,12 +186,14 @@ class FollowSearch:
         return found[::-1]
 
     def landing(self, place: FloatArray, frame: FloatArray, goal: WayEnd) -> FloatArray | None:
-        """Return places on two arcs from a state to the goal, shape (m, 3) [m]; None where they are too long or bent.
+        """Return places on two arcs from a state to the goal, shape (m, 3) [m].
+
+        None where the arcs are too long or too tightly bent.
 
         Args:
-            place: of the state, shape (3,) [m].
-            frame: (t, n1, n2) there as columns, shape (3, 3).
-            goal: where the way ends.
+            place: position of the state, shape (3,) [m].
+            frame: frame (t, n1, n2) there as columns, shape (3, 3).
+            goal: where the path ends.
         """
         away = float(np.linalg.norm(goal.place - place))
         if away > _LANDING * self.unit:
@@ -199,7 +202,7 @@ class FollowSearch:
             return goal.place[None]
         direction = goal.direction
         if direction is None:
-            # One arc ends so: the direction is mirrored at the chord.
+            # A single arc ends in this direction: the start direction mirrored at the chord.
             chord = (goal.place - place) / away
             direction = 2.0 * (chord @ frame[:, 0]) * chord - frame[:, 0]
         arcs = biarc(place, frame, goal.place, direction)
@@ -211,7 +214,7 @@ class FollowSearch:
 
 
 def _along(frame: FloatArray, start: FloatArray, arcs: Sequence[SpaceArc], spacing: float) -> FloatArray:
-    """Return the places along arcs, the first not among them, shape (m, 3) [m]."""
+    """Return the places along consecutive arcs, without the first, shape (m, 3) [m]."""
     places = []
     for arc in arcs:
         count = max(2, int(np.ceil(arc.length / spacing)))
@@ -229,14 +232,15 @@ def _along(frame: FloatArray, start: FloatArray, arcs: Sequence[SpaceArc], spaci
 
 @dataclass(frozen=True, eq=False)
 class FollowableWays:
-    """Finds ways through a grid.
+    """Finds paths through a grid that the arm can follow.
 
     Attributes:
-        grid: of places with room.
-        price: of a way through a cell as a multiple of its length, shape of the grid; not positive where it is blocked.
-        radius: of the tightest bend [m].
+        grid: grid of places with clearance for the tip.
+        price: cost of a path through a cell per length, of the shape of the grid; not positive where the cell is
+            blocked.
+        radius: radius of the tightest bend [m].
         unit: length of a nominal link [m].
-        deadline: when to stop.
+        deadline: time limit.
     """
 
     grid: TipGrid
@@ -246,12 +250,12 @@ class FollowableWays:
     deadline: Deadline = field(default_factory=Deadline.never)
 
     def between(self, start: WayEnd, goal: WayEnd, most: float) -> FloatArray | None:
-        """Return the places on a way, shape (m, 3) [m]; None where none is found.
+        """Return the places on a path, shape (m, 3) [m]; None where none is found.
 
         Args:
-            start: where it begins; its direction counts.
-            goal: where it ends.
-            most: length of the longest way that makes sense [m].
+            start: where the path begins; its direction counts.
+            goal: where the path ends.
+            most: length of the longest path that is considered [m].
         """
         if self.grid.joined(start.place, goal.place) is None:
             return None
@@ -277,7 +281,7 @@ class FollowableWays:
 
 
 def _frame(direction: FloatArray) -> FloatArray:
-    """Return a frame whose first axis is a direction, as columns, shape (3, 3)."""
+    """Return a frame whose first axis is a given direction, as columns, shape (3, 3)."""
     helper = np.eye(3)[int(np.argmin(np.abs(direction)))]
     second = np.cross(direction, helper)
     second /= np.linalg.norm(second)
@@ -285,19 +289,21 @@ def _frame(direction: FloatArray) -> FloatArray:
 
 
 _FINE = 0.02
-"""Spacing of places at which the track is looked at for the next joint, in links."""
+"""Spacing of the places at which the track is sampled to find the next joint, in links."""
 _AHEAD = 100
-"""So many of them are looked at, which is two links: a half circle that a link spans has π / 2."""
+"""Number of these places that are searched: two links, which suffices because a half circle that a link spans has
+length π / 2."""
 _BACK = 40
-"""From so many before where a joint would lie on a straight track: in bends links leave out a part of it."""
+"""Number of places by which the search begins before the joint's place on a straight track: in bends links skip part of
+the track."""
 
 
 def slid_along(arm: Arm, track: ArmTrack, feeds: FloatArray) -> FloatArray:
     """Return the configurations of an arm that is fed along a track, shape (k, c) [rad, m].
 
     Args:
-        arm: on a feed axis, with all joints on the track where its base is at the first of the feeds.
-        track: of its tip; it begins at the base there.
+        arm: arm on a feed axis, with all joints on the track where its base is at the first of the feeds.
+        track: track of the tip; it begins at the base there.
         feeds: positions of the base, increasing, shape (k,) [m].
     """
     link = arm.link_length
@@ -307,7 +313,7 @@ def slid_along(arm: Arm, track: ArmTrack, feeds: FloatArray) -> FloatArray:
     tube = arm.direction
     points = [arm.base + feeds[:, None] * tube]
     directions = np.broadcast_to(tube, (len(feeds), 3))
-    # Where on the track, in places, each joint is at the least.
+    # Least index on the track of each joint's place.
     first = np.round((feeds - feeds[0]) / spacing).astype(np.intp)
     per_link = round(1.0 / _FINE)
     for joint in range(arm.links):
@@ -323,15 +329,17 @@ def slid_along(arm: Arm, track: ArmTrack, feeds: FloatArray) -> FloatArray:
 
 
 def feeds_to_end(arm: Arm, track: ArmTrack, start: float, step: float) -> FloatArray:
-    """Positions of the base from the start of a motion to where the tip is nearest to the end of its track, shape (k,).
+    """Return evenly spaced positions of the base, shape (k,) [m].
+
+    They lead from the start of a motion to where the tip is nearest to the end of its track.
 
     Args:
-        arm: on a feed axis.
-        track: of its tip.
-        start: where the base is at first [m].
-        step: about how far apart they are [m].
+        arm: arm on a feed axis.
+        track: track of the tip.
+        start: position of the base at the start [m].
+        step: largest spacing of the positions [m].
     """
-    # Links leave out a part of bends, so the tip is at the end before the base has come as far as the track is long.
+    # Links cut bends short, so the tip is at the end before the base has advanced by the track's length.
     farthest = max(min(start + track.length - track.start, arm.base_range[1]), start)
     before = np.linspace(max(start, farthest - 2.0 * arm.link_length), farthest, 41)
     feeds = np.concatenate(([start], before))
@@ -341,11 +349,13 @@ def feeds_to_end(arm: Arm, track: ArmTrack, start: float, step: float) -> FloatA
 
 
 def _chord(window: FloatArray, joints: FloatArray, link: float) -> tuple[FloatArray, FloatArray]:
-    """The number of the place nearest to each joint, and the direction to where the track is a link away from it.
+    """Return the index of the place nearest to each joint, and the direction of its next link.
+
+    The link points to where the track is a link length away from the joint.
 
     Args:
-        window: places of the track in their order, shape (k, m, 3) [m].
-        joints: shape (k, 3) [m].
+        window: consecutive places of the track, shape (k, m, 3) [m].
+        joints: positions of the joints, shape (k, 3) [m].
         link: length of a link [m].
     """
     away = np.linalg.norm(window - joints[:, None], axis=2)
@@ -353,7 +363,7 @@ def _chord(window: FloatArray, joints: FloatArray, link: float) -> tuple[FloatAr
     nearest = np.argmin(away[:, :_AHEAD], axis=1)
     behind = np.arange(window.shape[1]) <= nearest[:, None]
     beyond = np.argmax((away >= link) & ~behind, axis=1)
-    # Where the track ends too soon, towards its end.
+    # Where the track ends too soon, aim at its end.
     beyond = np.where(beyond == 0, window.shape[1] - 1, beyond)
     before = beyond - 1
     grown = away[rows, beyond] - away[rows, before]
@@ -370,18 +380,18 @@ def _prolonged(track: ArmTrack, arcs: FloatArray) -> FloatArray:
 
 
 STILL = 1e-3
-"""Weight on the squares of changes of the curve's bends, beside those of the joints' turns. Measured on bent ways with
-8 to 36 links: the squares of these changes are mostly less than a twentieth of those of fits of each configuration by
-itself, and joints are shown as well, to 0.01 rad."""
+"""Weight on the squared changes of the curve's bends, relative to errors of the joints' turns. Measured on bent paths
+with 8 to 36 links: the squares of these changes are mostly less than a twentieth of those of separate fits of each
+configuration, and joints are reproduced as well, to 0.01 rad."""
 
 
 def fitted_slide(curve: CurveMap, start: FloatArray, configurations: FloatArray) -> FloatArray:
-    """Return the unknowns at configurations of an arm on a feed axis, shape (k, p).
+    """Return the unknowns of configurations of an arm on a feed axis, shape (k, p).
 
     Args:
-        curve: which holds the first of them exactly.
-        start: unknowns there, shape (p,).
-        configurations: at even steps of the feed, shape (k, c) [rad, m].
+        curve: map that reproduces the first configuration exactly.
+        start: unknowns of the first configuration, shape (p,).
+        configurations: configurations at even steps of the feed, shape (k, c) [rad, m].
     """
     links = curve.arm.links
     shown = 2 * curve.knots
@@ -393,7 +403,7 @@ def fitted_slide(curve: CurveMap, start: FloatArray, configurations: FloatArray)
     blocks = []
     targets = []
     for v, q in zip(unknowns[1:], configurations[1:], strict=True):
-        # About both axes knots turn the joints alike.
+        # Knots turn the joints alike about both axes.
         rows = curve.slopes(v)[0 : 2 * links : 2, : curve.knots]
         turns = q[: 2 * links].reshape(links, 2) - curve.offsets(curve.places(float(q[-1])), v)
         blocks.append(rows.T @ rows + ties.T @ ties)

@@ -1,4 +1,4 @@
-"""Where the tip has to be, what draws it there, and Newton's method onto the place."""
+"""The goal of the tip, the terms that pull the tip to it, and Newton's method onto it."""
 
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -13,23 +13,23 @@ from ccm_opt.planning.settings import GoalSettings
 _POLISH_STEPS = 12
 """Most steps of Newton's method. Taste: it converges in four or never."""
 _INWARDS = 0.1
-"""Share of the room about a goal's position, and about its direction, by which a tip outside is led in beyond the edge.
+"""Share of the tolerance of a goal's position, and of its direction, by which a tip outside is led in beyond the edge.
 Taste."""
 
 
 @dataclass(frozen=True, eq=False)
 class GoalPose:
-    """Where the tip, or the whole arm, has to be.
+    """A goal for the tip, or for the whole arm.
 
     Attributes:
-        position: of the tip, shape (d,) [m].
-        direction: of the last link, a unit vector of shape (d,), or None where any will do.
-        coordinates: of a whole-arm goal in the unknowns of the curve, or None.
-        room: distance [m] and turn [rad] by which every pose may miss the position and the direction: then the goal is
-            a set, and any member of it will do. Nothing for a goal that is to be met exactly.
-        near_enough: distance [m] and turn [rad] that still count where no pose meets the goal exactly.
-        limits: what else has to be met at the goal; usually nothing.
-        settings: numbers.
+        position: position of the tip, shape (d,) [m].
+        direction: direction of the last link, a unit vector of shape (d,), or None where any is acceptable.
+        coordinates: unknowns of the curve of a whole-arm goal, or None.
+        room: distance [m] and turn [rad] by which a pose may deviate from the position and the direction: the goal is
+            then a set, and any member of it is acceptable. Zeros for a goal that is to be met exactly.
+        near_enough: distance [m] and turn [rad] that are still accepted where no pose meets the goal exactly.
+        limits: further limits that apply at the goal; usually none.
+        settings: settings of the pull and of Newton's method.
     """
 
     position: FloatArray
@@ -42,16 +42,21 @@ class GoalPose:
 
     @property
     def heading(self) -> float | None:
-        """The direction as an angle in the plane [rad]."""
+        """The direction as an angle in the plane [rad], or None."""
         return None if self.direction is None else float(np.arctan2(self.direction[1], self.direction[0]))
 
     @property
     def is_set(self) -> bool:
-        """Whether there is more than one place or direction that will do."""
+        """Whether more than one position or direction is acceptable."""
         return self.room[0] > 0.0 or (self.direction is not None and self.room[1] > 0.0)
 
     def nearest_member(self, tip: FloatArray, direction: FloatArray) -> "GoalPose":
-        """The goal less its room: of a set the member nearest to a tip, shape (d,) [m], and its direction, (d,)."""
+        """Return the member of a goal set nearest to a tip, as a goal without tolerance.
+
+        Args:
+            tip: position of the tip, shape (d,) [m].
+            direction: direction of the tip, shape (d,).
+        """
         if not self.is_set:
             return self
         towards = self.direction
@@ -63,7 +68,7 @@ class GoalPose:
         return replace(self, position=tip + self._offset_to_room(tip), direction=towards, room=(0.0, 0.0))
 
     def offset(self, pose: Pose) -> FloatArray:
-        """From the tip to the nearest place that will do, shape (d,) [m]; zero within the room about the position."""
+        """Return the vector from the tip to the nearest acceptable position, shape (d,) [m]; 0 within the tolerance."""
         return self._offset_to_room(pose.tip)
 
     def _offset_to_room(self, tip: FloatArray) -> FloatArray:
@@ -74,7 +79,10 @@ class GoalPose:
         return np.asarray(towards * (1.0 - self.room[0] / distance))
 
     def turn(self, pose: Pose) -> FloatArray:
-        """Turn of the last link to the nearest direction that will do, towards its other axes, shape (d − 1,) [rad]."""
+        """Return the turn of the last link to the nearest acceptable direction, shape (d − 1,) [rad].
+
+        Its components are towards the link's other axes.
+        """
         if self.direction is None:
             return np.zeros(len(pose.tip) - 1)
         along, *aside = self.direction @ pose.frames[-1]
@@ -83,37 +91,37 @@ class GoalPose:
         return np.asarray(max(float(np.arctan2(sine, along)) - self.room[1], 0.0) * axis)
 
     def errors(self, pose: Pose) -> tuple[float, float]:
-        """Return the distance [m] and turn [rad] still to go."""
+        """Return the remaining distance [m] and turn [rad] to the goal."""
         return float(np.linalg.norm(self.offset(pose))), float(np.linalg.norm(self.turn(pose)))
 
     def met(self, pose: Pose) -> bool:
-        """Return whether a pose is near enough."""
+        """Return whether a pose is near enough to the goal, and meets the limits there."""
         distance, turn = self.errors(pose)
         return distance <= self.near_enough[0] and turn <= self.near_enough[1] and self.limits_met(pose)
 
     def on_goal(self, pose: Pose) -> bool:
-        """Return whether a pose is on the goal but for rounding."""
+        """Return whether a pose is on the goal up to rounding."""
         distance, turn = self.errors(pose)
         return max(distance / pose.length, turn) <= self.settings.on_goal
 
     def limits_met(self, pose: Pose) -> bool:
-        """Return whether a pose meets all that has to be met at the goal beside the tip."""
+        """Return whether a pose meets the further limits that apply at the goal."""
         return all(limit.miss(pose.q) <= 0.0 for limit in self.limits)
 
     def describe_limits(self, pose: Pose) -> str:
-        """Return what of the limits at the goal is missed or at its bound, in words; empty when nothing is."""
+        """Return in words which limits at the goal are violated or at their bound; empty when none is."""
         return "; ".join(words for limit in self.limits if (words := limit.describe(pose.q)))
 
     def terms(self, space: CurveUnknowns, pose: Pose, weight: float) -> list[Term]:
-        """Return what draws the tip onto the goal."""
+        """Return the terms that pull the tip onto the goal, weighted by ``weight``."""
         settings = self.settings
         unit = space.nominal_length
         terms = []
         error = self.offset(pose)
         distance = float(np.linalg.norm(error))
         if self.room[0] == 0.0 or distance > 0.0:
-            # Some way into the room, or the tip would only creep up to its edge. A far goal is asked for a stretch at a
-            # time: beyond that the linearised tip says nothing of use.
+            # Some way into the set, or the tip would only creep up to its edge. A far goal is approached in stretches:
+            # beyond that the linearised tip is useless.
             asked = min(distance + _INWARDS * self.room[0], settings.distance_step * unit)
             terms.append(Term(pose.moving[-1] / unit, asked / max(distance, TINY) * error / unit, weight))
         turn = self.turn(pose)
@@ -128,14 +136,17 @@ class GoalPose:
         return terms
 
     def rows(self, pose: Pose, unit: float) -> FloatArray:
-        """Derivatives of the tip's place in units of length, and of its direction where one is asked, shape (k, p)."""
+        """Return the derivatives of the tip's position and direction by the unknowns, shape (k, p).
+
+        The position is in multiples of ``unit`` [m]; the direction has rows only where one is asked for.
+        """
         place = pose.moving[-1] / unit
         return place if self.direction is None else np.concatenate((place, pose.tip_turning))
 
     def equations(self, pose: Pose, unit: float) -> tuple[FloatArray, FloatArray]:
-        """Rows of the tip that Newton's method solves, shape (k, p), and by how much they have to change, shape (k,).
+        """Return the rows of the tip for Newton's method, shape (k, p), and the change each needs, shape (k,).
 
-        A place and a direction within the room ask for nothing: they have no rows.
+        A position or direction that is within the tolerance has no rows.
         """
         offset = self.offset(pose) / unit
         turn = self.turn(pose)
@@ -146,16 +157,16 @@ class GoalPose:
 
 
 def moved_onto(space: CurveUnknowns, goal: GoalPose, pose: Pose, largest_turn: float = np.inf) -> Pose:
-    """Return a pose moved onto the goal by Newton's method of least change of the links, whatever is in the way.
+    """Return a pose moved onto the goal by Newton's method with least change of the links, ignoring obstacles.
 
     Args:
-        space: the map of the unknowns.
-        goal: where the tip has to be.
-        pose: to begin at.
-        largest_turn: of a link in one step of the method [rad].
+        space: the map from the unknowns to configurations.
+        goal: goal of the tip.
+        pose: pose to begin at.
+        largest_turn: largest turn of a link in one step of the method [rad].
 
     Returns:
-        The last iterate, whose errors the caller checks.
+        The last iterate, whose errors the caller has to check.
     """
     for _ in range(_POLISH_STEPS):
         rows, error = goal.equations(pose, space.arm.length)

@@ -1,12 +1,12 @@
 """Members of a goal set.
 
-What a wide tolerance leaves open is closed again by a few members that differ: at least one in every piece of the set
-that the tip can get to, those first onto which the arm can run in straight, and far apart otherwise. The search takes
-any other member that it comes by.
+A wide tolerance makes the goal a set; planning leads routes to a few distinct members of it: at least one in every
+piece of the set that the tip can get to, preferably those onto which the arm can run in straight, and far apart
+otherwise. The search also accepts any other member that it comes by.
 
-Where no pose with less bent joints reaches a goal, those that do are known but for what the limits leave. A curve of
-bounded curvature that reaches as far as such a curve can is made of arcs that are bent all they may be (Dubins, 1957),
-so the arm's are looked for among arcs of at most three parts.
+Goals that only a pose with joints at their limits can reach need few candidates. A curve of bounded curvature that
+reaches as far as such a curve can is made of arcs of maximal curvature (Dubins, 1957), so the arm's poses are sought
+among arcs of at most three parts.
 """
 
 from dataclasses import dataclass
@@ -22,41 +22,41 @@ from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
 from ccm_opt.scene.free_space import FreeSpace
 
 _MOST = 5
-"""Members that are chosen, but for one in every piece. Taste: each is worth routes of its own."""
+"""Most members that are chosen, except that every piece has one. Taste: each gets routes of its own."""
 _PIECES = 4
-"""Pieces of the set that are looked at, the largest first. Taste."""
+"""Pieces of the set that are considered, the largest first. Taste."""
 _GRID = 9
 """Places across the set, in both directions. Taste."""
 _TURN_STEP = 0.08726646259971647
-"""Between headings that are looked at [rad], at most. Taste: 5°."""
+"""Largest step between the headings that are considered [rad]. Taste: 5°."""
 _TURN_SHARE = 0.1
-"""Of the arm's length that a turn of one radian counts for. Taste."""
+"""Share of the arm's length that a turn of one radian counts for. Taste."""
 _DIFFERENT = 0.04
 """Members that differ by less than this share of the arm's length count as one. Taste: a nominal link."""
 _EDGE = 0.02
 """Distance of places from the edge of free space, as a share of the set's radius. Taste."""
 _REACH = 0.99
-"""Share of its length to which the arm can be expected to stretch. Taste: at full stretch no step has a choice."""
+"""Share of its length to which the arm is expected to stretch. Taste: at full stretch no step has a choice."""
 _RUNS = (0.5, 1.0, 2.0)
-"""Straight runs onto a member that are told apart, in nominal links. Taste."""
+"""Lengths of straight runs onto a member that are distinguished, in nominal links. Taste."""
 _RUN_SAMPLES = 9
-"""Places of a run that have to be free. Taste."""
+"""Number of places on a run that are checked for being free. Taste."""
 
 
 _ARC_PLACES = 24
-"""Joints at which the side to which an arc bends may change. Taste."""
+"""Number of joints at which an arc may change the side to which it bends. Taste."""
 _MOST_TURN = 7.0
-"""Arcs that turn by more than this begin bent less, so that they do not coil up [rad]. Taste."""
+"""Arcs that would turn by more than this start with smaller bends, so that they do not coil up [rad]. Taste."""
 _ARCS_TRIED = 16
-"""Arcs that Newton's method begins from. Taste."""
+"""Number of arcs from which Newton's method begins. Taste."""
 _ARCS_KEPT = 4
-"""Poses at the goal that motions are looked for to. Taste."""
+"""Number of poses at the goal to which motions are sought. Taste."""
 _ALIKE = 0.3
 """Poses of which no joint differs by more than this share of its limit are one. Taste."""
 _ARC_STEPS = 30
-"""Of Newton's method. Taste."""
+"""Most steps of Newton's method. Taste."""
 _ARC_TURN = 0.3
-"""Most that a joint turns in one of them [rad]. Taste."""
+"""Largest turn of a joint in one of them [rad]. Taste."""
 _ARC_RIDGE = 1e-13
 """Added to the diagonal of its equations, in squared arm lengths. Derived: some thousand roundings."""
 _ARC_ARRIVED = 1e-11
@@ -64,22 +64,22 @@ _ARC_ARRIVED = 1e-11
 motion's end."""
 
 _AMPLE = 0.9
-"""Share of the joints' limits with which guides get to a goal if an arc does. Measured: at 0.98, what steps use unless
-an end asks for more, guides do not reach in 13 s goals for which an arc needs 0.96 of them."""
+"""Share of the joints' limits with which guides reach a goal if an arc does. Measured: at 0.98, which steps use unless
+an end asks for more, guides fail within 13 s at goals for which an arc needs 0.96 of the limits."""
 _HEADING_LENGTH = 0.25
 """Distance of the tip, in arm lengths, that counts as much as a radian of its heading when the arcs that come nearest
 to the goal are chosen. Taste."""
 _RELEASES = 8
-"""Joints beyond their limits are held, and the step taken anew, up to so often. Taste."""
+"""Most times that joints beyond their limits are held and the step is computed anew. Taste."""
 
 
 @dataclass(frozen=True)
 class GoalMember:
-    """One place and heading of a goal.
+    """One position and heading of a goal.
 
     Attributes:
-        position: of the tip, shape (2,) [m].
-        heading: of the tip [rad], or None where any will do.
+        position: position of the tip, shape (2,) [m].
+        heading: heading of the tip [rad], or None where any is acceptable.
     """
 
     position: FloatArray
@@ -91,10 +91,10 @@ class _Choice:
     """Members to choose from.
 
     Attributes:
-        places: shape (m, 2) [m].
-        headings: shape (m,) [rad]; zeros where any will do.
-        runs: nominal links that run straight onto each without meeting a wall, shape (m,).
-        pieces: number of the piece of the set that each place belongs to, shape (m,).
+        places: positions, shape (m, 2) [m].
+        headings: headings, shape (m,) [rad]; zeros where any is acceptable.
+        runs: length of the free straight run onto each member, in nominal links, shape (m,).
+        pieces: index of the piece of the set that each position belongs to, shape (m,).
     """
 
     places: FloatArray
@@ -104,16 +104,17 @@ class _Choice:
 
 
 def goal_members(arm: Arm, goal: GoalPose, room: FreeSpace, fed: float = 0.0) -> tuple[GoalMember, ...]:
-    """Return the members of a goal to lead routes to; the goal itself alone when it is no set.
+    """Return the members of a goal to lead routes to; the goal itself alone when it is not a set.
 
     Args:
-        arm: that is to get there.
-        goal: of the tip.
+        arm: the arm.
+        goal: goal of the tip.
         room: free space of the arm's axis.
-        fed: how far the base can be fed in beyond where it stands [m].
+        fed: distance by which the base can still be fed in [m].
 
     Returns:
-        At least one unless the whole set is closed to the tip; the one nearest to the middle of the set first.
+        At least one unless the whole set is closed to the tip; first those chosen for each piece, then the additional
+        ones.
     """
     if not goal.is_set:
         return (GoalMember(goal.position, goal.heading),)
@@ -124,7 +125,7 @@ def goal_members(arm: Arm, goal: GoalPose, room: FreeSpace, fed: float = 0.0) ->
 
 
 def _choice(arm: Arm, goal: GoalPose, room: FreeSpace, fed: float) -> _Choice:
-    """Return all places and headings that are looked at."""
+    """Return all positions and headings that are considered."""
     places, pieces = _places(arm, goal, room, fed)
     headings = _headings(goal)
     each = np.repeat(np.arange(len(places)), len(headings))
@@ -139,9 +140,13 @@ def _choice(arm: Arm, goal: GoalPose, room: FreeSpace, fed: float) -> _Choice:
 
 
 def _runs_in(room: FreeSpace, places: FloatArray, headings: FloatArray, length: float) -> BoolArray:
-    """Return the onto which places (m, 2) [m] with headings (m,) [rad] a straight run of some length [m] is free.
+    """Return onto which positions with headings a straight run is free, shape (m,).
 
-    Shape (m,).
+    Args:
+        room: free space.
+        places: positions, shape (m, 2) [m].
+        headings: headings, shape (m,) [rad].
+        length: length of the run [m].
     """
     back = -np.linspace(0.0, length, _RUN_SAMPLES)
     samples = places[:, None] + back[:, None] * unit_vector(headings).reshape(-1, 2)[:, None]
@@ -149,7 +154,7 @@ def _runs_in(room: FreeSpace, places: FloatArray, headings: FloatArray, length: 
 
 
 def _headings(goal: GoalPose) -> FloatArray:
-    """Return the headings within the range, evenly, the middle one among them; shape (h,) [rad]."""
+    """Return evenly spaced headings within the tolerance, including the middle one, shape (h,) [rad]."""
     if goal.heading is None:
         return np.zeros(1)
     steps = int(np.ceil(goal.room[1] / _TURN_STEP))
@@ -157,7 +162,10 @@ def _headings(goal: GoalPose) -> FloatArray:
 
 
 def _places(arm: Arm, goal: GoalPose, room: FreeSpace, fed: float) -> tuple[FloatArray, IntArray]:
-    """Places of the set that are connected with the base and within the arm's length of it, with their pieces."""
+    """Return positions of the set, shape (m, 2) [m], with the index of the piece of each, shape (m,).
+
+    Only positions that are connected with the base and within the arm's reach count.
+    """
     if goal.room[0] == 0.0:
         return goal.position[None], np.zeros(1, dtype=np.intp)
     parts = shapely.get_parts(room.polygons)
@@ -179,12 +187,12 @@ def _places(arm: Arm, goal: GoalPose, room: FreeSpace, fed: float) -> tuple[Floa
 
 
 def _places_in(piece: shapely.Polygon, middle: shapely.Point, base: shapely.Point, width: float) -> FloatArray:
-    """Return the places of one piece: a grid, its roomiest place, and those nearest to the middle and to the base.
+    """Return positions in one piece of the set, shape (m, 2) [m].
 
-    (m, 2) [m].
+    The points nearest to the middle and to the base, the one with the widest clearance, and a grid.
     """
     roomiest = shapely.get_coordinates(shapely.maximum_inscribed_circle(piece))[:1]
-    # A little inside: at the very edge of free space no step has a choice.
+    # Slightly inside: at the very edge of free space no step has a choice.
     inside = piece.buffer(-_EDGE * width)
     inside = piece if inside.is_empty else inside
     ends = [shapely.get_coordinates(shapely.shortest_line(inside, end))[:1] for end in (middle, base)]
@@ -194,12 +202,15 @@ def _places_in(piece: shapely.Polygon, middle: shapely.Point, base: shapely.Poin
 
 
 def _far_apart(arm: Arm, goal: GoalPose, choice: _Choice) -> list[int]:
-    """Return which members are taken: the nearest to the middle of every piece, then the farthest from those taken."""
+    """Return the indices of the members that are taken.
+
+    First the best of every piece, then repeatedly the one farthest from those taken.
+    """
     if len(choice.places) == 0:
         return []
     off = np.linalg.norm(choice.places - goal.position, axis=1) / arm.length
     turned = np.abs(choice.headings - (goal.heading or 0.0)) * _TURN_SHARE
-    # What can be run onto straight is better than what can not, whatever else.
+    # A member with a longer straight run is preferred before anything else.
     short = choice.runs.max() - choice.runs
     chosen: list[int] = []
     for piece in range(int(choice.pieces.max()) + 1):
@@ -217,7 +228,7 @@ def _far_apart(arm: Arm, goal: GoalPose, choice: _Choice) -> list[int]:
 
 
 def _apart(arm: Arm, choice: _Choice, k: int) -> FloatArray:
-    """Return how much all members differ from one of them, shape (m,): in arm lengths, turns by their share."""
+    """Return how much all members differ from member k, in arm lengths, shape (m,)."""
     off = np.linalg.norm(choice.places - choice.places[k], axis=1) / arm.length
     turned = np.abs(wrap(choice.headings - choice.headings[k])) * _TURN_SHARE
     return np.asarray(off + turned)
@@ -228,32 +239,32 @@ class ArcsAtLimits:
     """Finds arcs that reach a goal.
 
     Attributes:
-        arm: on a fixed base.
-        goal: for the tip.
+        arm: arm on a fixed base.
+        goal: goal for the tip.
     """
 
     arm: Arm
     goal: GoalPose
 
     def where_needed(self, full: float) -> tuple[FloatArray, ...]:
-        """Return the poses that use the limits in full, none where an arc reaches the goal with less of them.
+        """Return poses that use the limits in full; none where an arc reaches the goal with smaller bends.
 
         Args:
             full: share of the joints' limits that may be used.
 
         Returns:
-            Configurations that may touch something, each of shape (links,) [rad].
+            Configurations, not checked for contact, each of shape (links,) [rad].
         """
         if self.poses(_AMPLE, 1):
             return ()
         return self.poses(full, _ARCS_KEPT)
 
     def poses(self, share: float, most: int) -> tuple[FloatArray, ...]:
-        """Return the different poses at the goal that use a share of the limits, those of the nearest arcs first.
+        """Return distinct poses at the goal within a share of the limits, those of the nearest arcs first.
 
         Args:
-            share: of the joints' limits; the base turns as far as it can.
-            most: number of poses.
+            share: share of the joints' limits; the base turns as far as it can.
+            most: most poses.
 
         Returns:
             Configurations, each of shape (links,) [rad].
@@ -271,7 +282,10 @@ class ArcsAtLimits:
         return tuple(found)
 
     def _nearest(self, bounds: FloatArray) -> FloatArray:
-        """Bends of the arcs whose tip comes nearest to the goal, the base turned towards it, shape (m, links) [rad]."""
+        """Return the bends of the arcs whose tip comes nearest to the goal, shape (m, links) [rad].
+
+        The base is turned so that the tip lies in the direction of the goal.
+        """
         arm = self.arm
         bends = np.minimum(bounds, _MOST_TURN / arm.links) * self._sides()
         bends[:, 0] = 0.0
@@ -288,7 +302,10 @@ class ArcsAtLimits:
         return nearest
 
     def _sides(self) -> FloatArray:
-        """To which side the joints of each arc bend, ±1, shape (m, links): to one but for a stretch of them."""
+        """Return to which side the joints of each arc bend, ±1, shape (m, links).
+
+        All to one side, except for one stretch of joints.
+        """
         links = self.arm.links
         places = np.unique(np.linspace(1, links, min(links, _ARC_PLACES)).astype(int))
         first, last = (np.ravel(each) for each in np.meshgrid(places, places))
@@ -299,9 +316,9 @@ class ArcsAtLimits:
         return np.vstack((sides, -sides))
 
     def _onto_goal(self, bends: FloatArray, bounds: FloatArray) -> FloatArray | None:
-        """Return the bends within bounds that put the tip onto the goal, by Newton's method from given ones.
+        """Return bends within bounds that put the tip onto the goal, shape (links,) [rad].
 
-        None in vain.
+        Newton's method from given bends; None where it fails.
         """
         arm = self.arm
         for _ in range(_ARC_STEPS):
@@ -321,7 +338,7 @@ class ArcsAtLimits:
         return None
 
     def _step(self, rows: FloatArray, error: FloatArray, bends: FloatArray, bounds: FloatArray) -> FloatArray:
-        """Return the least change of the joints that are not held by their limits, shape (links,) [rad]."""
+        """Return the least change of the joints that their limits do not hold, shape (links,) [rad]."""
         free = np.ones(len(bends), dtype=bool)
         ridge = _ARC_RIDGE * np.eye(len(error))
         step = np.zeros(len(bends))
@@ -329,7 +346,7 @@ class ArcsAtLimits:
             moving = rows * free
             step = moving.T @ np.linalg.solve(moving @ moving.T + ridge, error)
             step *= min(1.0, _ARC_TURN / max(float(np.abs(step).max()), TINY))
-            # A joint at its limit is held if it would go beyond; one that is on its way there is cut short.
+            # A joint at its limit is held if it would go beyond; one on its way there is clipped.
             held = free & (bends * np.sign(step) >= bounds * (1.0 - _ARC_RIDGE)) & (step != 0.0)
             if not held.any():
                 break

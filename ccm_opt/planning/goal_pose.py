@@ -1,4 +1,4 @@
-"""The best pose of the arm at a goal, from a pose there: what the goal-pose NLP is asked, and its record."""
+"""The goal-pose NLP in the plane: its task, the better poses that it offers, and the record of its answer."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
@@ -25,14 +25,14 @@ def poses_at_goal(
     terms: UserTerms | None = None,
     settings: PoseSettings = DEFAULT_POSES,
 ) -> GoalPoses:
-    """Return what the NLP is asked in the plane.
+    """Return the task of the goal-pose NLP in the plane.
 
     Args:
-        problem: with a goal for the tip.
-        ends: its ends as planning takes them.
+        problem: problem with a goal for the tip.
+        ends: ends of the problem as planning uses them.
         near: configuration to stay near, shape (c,) [rad]: where the motion would end by itself, or where it starts.
         terms: the user's constraints and costs, or None.
-        settings: of the NLP.
+        settings: settings of the NLP.
     """
     tree = SurfaceTree.of(problem.workspace.soup)
     aim = TipGoal(ends.goal.position, ends.goal.direction)
@@ -41,15 +41,15 @@ def poses_at_goal(
 
 @dataclass
 class EndPoses:
-    """Offers the search better poses at the goal than those in which its motions arrive; they are ``EndPosesOffered``.
+    """Offers the search better poses at the goal than those in which its motions arrive; an ``EndPosesOffered``.
 
     Attributes:
-        problem: whose goal it is.
-        ends: its ends as planning takes them.
+        problem: the problem.
+        ends: ends of the problem as planning uses them.
         stages: names and times the stage.
         terms: the user's constraints and costs, or None.
-        settings: of the NLP.
-        said: every pose that was asked for, with what was asked, in the order of asking.
+        settings: settings of the NLP.
+        said: every task of the NLP with the pose it answered, in order.
     """
 
     problem: Problem
@@ -60,11 +60,13 @@ class EndPoses:
     said: list[tuple[GoalPoses, ArmPose]] = field(default_factory=list)
 
     def __call__(self, arm: Arm, q: FloatArray) -> Iterator[FloatArray]:
-        """Yield the configuration of a better pose than the one in which a motion ends; none without need.
+        """Yield the configuration of a better pose than the one in which a motion ends, if there is one.
+
+        None are sought where no gap is wanted, or for a whole-arm goal.
 
         Args:
             arm: the arm, or one as long with fewer links.
-            q: its configuration at the end of the motion, shape (c,) [rad].
+            q: configuration of the arm at the end of the motion, shape (c,) [rad].
         """
         if self.problem.wanted_gap == 0.0 or self.ends.goal_pose is not None:
             return
@@ -77,7 +79,7 @@ class EndPoses:
             yield best.q
 
     def record(self, reached: FloatArray | None) -> GoalPoseRecord | None:
-        """Return what was said of the pose in which the motion ends, or of the last that was asked for.
+        """Return the NLP's answer about the pose in which the motion ends, else its last answer; None without any.
 
         Args:
             reached: configuration of the offered pose that the motion ends in, shape (c,); None where it ends
@@ -91,7 +93,7 @@ class EndPoses:
 
 
 def _why_not(asked: GoalPoses, pose: ArmPose) -> str:
-    """Return why a motion does not end in the pose that was asked for last."""
+    """Return in words why a motion does not end in the pose of the NLP's last answer."""
     if not asked.feasible(pose):
         return (
             f"the nonlinear program ended with {pose.answer.status}, its row '{pose.answer.worst_row}' off by "
@@ -101,13 +103,13 @@ def _why_not(asked: GoalPoses, pose: ArmPose) -> str:
 
 
 def pose_record(wanted_gap: float, pose: ArmPose, tried: int, reason: str = "") -> GoalPoseRecord:
-    """Return what is kept of a pose of the NLP.
+    """Return the record of a pose of the NLP.
 
     Args:
-        wanted_gap: room beyond radius and clearance that was asked for [m].
+        wanted_gap: gap beyond radius and clearance that was asked for [m].
         pose: the pose.
-        tried: how many poses were asked for, this one among them.
-        reason: why the motion does not end in it; empty when it does, or when there is none.
+        tried: number of poses that were asked for, this one included.
+        reason: why the motion does not end in the pose; empty when it does.
     """
     return GoalPoseRecord(
         reached=not reason,
@@ -126,12 +128,12 @@ def pose_record(wanted_gap: float, pose: ArmPose, tried: int, reason: str = "") 
 
 
 def for_arm(problem: Problem, arm: Arm) -> Problem:
-    """Return the problem for an arm in place of its own: the same one clamped, or one as long with fewer links."""
+    """Return the problem for another arm in place of its own: the same arm clamped, or one as long with fewer links."""
     if arm.links == problem.arm.links:
         return replace(problem, arm=arm)
     fewer = arm.links
     limits = problem.limits
-    # Of the limits the pose needs torques alone: a joint bears what the joint at its place on the real arm bears.
+    # The pose needs only the torque limits: each joint has those of the joint at its place on the real arm.
     places = np.minimum(np.arange(3 * fewer) // 3 * problem.arm.links // fewer, problem.arm.links - 1)
     at = 3 * places + np.arange(3 * fewer) % 3
     resampled = replace(
