@@ -1,13 +1,13 @@
-"""What a controller makes of the samples that it is sent, and how far from the proved motion that leads it.
+"""Checks of the motion that a controller interpolates from the points of a message.
 
-``joint_trajectory_controller`` of ROS joins two points by a cubic where both have velocities, by a quintic where both
-have accelerations too. Such a curve is looked at in short steps. In a step of length h a function f lies within
-h² / 8 · max|f''| of its chord, so the greatest |f| is that at the ends and this much more, unless f' keeps its sign;
-bounds on derivatives of a polynomial follow one from the other, and end with the last (``docs/guarantees.md``,
-theorem 10).
+ROS's ``joint_trajectory_controller`` joins two points by a cubic if both have velocities, and by a quintic if both also
+have accelerations. Such a curve is checked in short steps. In a step of length h, a function f lies within
+h² / 8 · max|f''| of its chord, so |f| is at most its value at the ends plus this amount, or without it if f' keeps its
+sign. Bounds on the derivatives of a polynomial follow from those on higher derivatives, of which the last is constant
+or linear (``docs/guarantees.md``, theorem 10).
 
-Proved is the motion whose coordinates are linear between samples. Whatever such a curve adds *along* the straight piece
-is another time on the same way; what it adds across it is bounded (likewise).
+The verified motion is the one whose coordinates are linear between samples. A deviation of the curve *along* the
+straight piece only changes the timing on the same path; the deviation across it is bounded here (same theorem).
 """
 
 from collections.abc import Callable, Sequence
@@ -29,13 +29,16 @@ from ccm_opt.verification.start_and_goal import check_pauses
 from ccm_opt.verification.verification_settings import VerificationSettings
 
 LONGEST_STEP = 1e-3
-"""Curves are looked at in steps of no more [s]. Taste: what is added for the time between is some 1e-5 of a limit."""
+"""Longest step in which curves are checked [s]. Taste: adds about 1e-5 of a limit for the time between step ends."""
 MOST_STEPS = 50_000
-"""Steps of a motion at most, unless it has more points; longer ones only make bounds less sharp. Taste."""
+"""Largest number of steps, unless the message has more points; longer steps only loosen the bounds. Taste."""
 MOST_PIECES = 32
-"""Into how many pieces a step of the proved motion is cut to bound the deviation. Taste."""
+"""Number of pieces into which a step of the verified motion is cut to bound the deviation. Taste."""
 _SAMPLE_PIECES = 3
-"""The same where every sample is a point. Measured: 8 give a bound up to a tenth less, in three times the time."""
+"""The same if every sample is a point of the message.
+
+Measured: 8 pieces tighten the bound by up to a tenth and take three times as long.
+"""
 
 
 @dataclass(frozen=True)
@@ -43,11 +46,11 @@ class Message:
     """Points that a controller interpolates.
 
     Attributes:
-        time: increasing from 0, shape (P,) [s].
-        positions: of all coordinates of the arm, shape (P, c) [rad, m].
-        velocities: shape (P, c) [rad/s, m/s].
-        accelerations: shape (P, c) [rad/s², m/s²]; None where the message has none.
-        coordinates: what the columns are.
+        time: times increasing from 0, shape (P,) [s].
+        positions: coordinates of the arm, shape (P, c) [rad, m].
+        velocities: velocities of the coordinates, shape (P, c) [rad/s, m/s].
+        accelerations: accelerations of the coordinates, shape (P, c) [rad/s², m/s²]; None if the message has none.
+        coordinates: layout of the columns.
     """
 
     time: FloatArray
@@ -58,10 +61,10 @@ class Message:
 
     @cached_property
     def coefficients(self) -> FloatArray:
-        """Of the polynomial between each two points in the time from the first, shape (4 or 6, P − 1, c)."""
+        """Polynomial coefficients between consecutive points, in the time since the first, (4 or 6, P − 1, c)."""
         h = np.diff(self.time)[:, None]
         v, w = self.velocities[:-1], self.velocities[1:]
-        # What is left of the way, in means over the step, once the first velocity is taken off.
+        # Mean velocity over the step, with the initial velocity subtracted.
         rest = np.diff(self.positions, axis=0) / h - v
         if self.accelerations is None:
             parts = [self.positions[:-1], v, (3.0 * rest - (w - v)) / h, (w - v - 2.0 * rest) / h**2]
@@ -79,7 +82,7 @@ class Message:
         return np.array(parts)
 
     def at(self, segments: IntArray, since: FloatArray, order: int = 0) -> FloatArray:
-        """Return a derivative at times since the first points of segments, shape (N, c)."""
+        """Return the derivative of a given order at times since the first points of segments, shape (N, c)."""
         found = np.zeros((len(since), self.positions.shape[1]))
         for power in range(len(self.coefficients) - 1, order - 1, -1):
             factor = np.prod(np.arange(power - order + 1, power + 1), dtype=np.float64)
@@ -87,20 +90,20 @@ class Message:
         return found
 
     def at_times(self, times: FloatArray, order: int = 0) -> FloatArray:
-        """Return a derivative at some times of the motion, shape (N, c)."""
+        """Return the derivative of a given order at times of the motion, shape (N, c)."""
         segments = np.clip(np.searchsorted(self.time, times, side="right") - 1, 0, len(self.time) - 2)
         return self.at(segments, times - self.time[segments], order)
 
 
 @dataclass(frozen=True)
 class _Steps:
-    """A motion between points in short steps.
+    """The interpolated motion, divided into short steps.
 
     Attributes:
         message: the points.
-        segments: between which points a step lies, shape (n,).
-        since: time from the first of these to the step, shape (n,) [s].
-        length: of the steps, shape (n,) [s].
+        segments: index of the segment between points in which each step lies, shape (n,).
+        since: time from the first point of the segment to the start of each step, shape (n,) [s].
+        length: durations of the steps, shape (n,) [s].
     """
 
     message: Message
@@ -119,13 +122,13 @@ class _Steps:
 
     @cached_property
     def ends(self) -> tuple[FloatArray, ...]:
-        """Every derivative at both ends of the steps, each of shape (2, n, c)."""
+        """Derivatives of all orders at both ends of the steps, each of shape (2, n, c)."""
         both = (self.since, self.since + self.length)
         orders = range(len(self.message.coefficients))
         return tuple(np.array([self.message.at(self.segments, time, order) for time in both]) for order in orders)
 
     def greatest(self, order: int) -> FloatArray:
-        """Return a bound on the size of a derivative in every step, shape (n, c)."""
+        """Return a bound on the magnitude of the derivative of a given order in every step, shape (n, c)."""
         if order >= len(self.ends):
             return np.zeros(self.ends[0].shape[1:])
         at_ends = np.asarray(np.max(np.abs(self.ends[order]), axis=0))
@@ -135,13 +138,16 @@ class _Steps:
         return np.asarray(at_ends + np.where(self._keeps_sign(order + 1), 0.0, beyond))
 
     def _keeps_sign(self, order: int) -> BoolArray:
-        """Return where f has one sign: with b = h² max|f''| it is at least (1 − s) f₀ + s f₁ − ½ s (1 − s) b."""
+        """Return a mask of the steps in which the derivative f of a given order keeps its sign, shape (n, c).
+
+        With b = h² max|f''|, f is at least (1 − s) f₀ + s f₁ − ½ s (1 − s) b.
+        """
         first, last = self.ends[order]
         bow = 0.5 * self.length[:, None] ** 2 * self.greatest(order + 2)
         return np.asarray((first * last >= 0.0) & (np.maximum(np.abs(first), np.abs(last)) >= bow))
 
     def trajectory(self, stops: Sequence[int]) -> JointTrajectory:
-        """Return the states at the ends of all steps; stops are numbers of points."""
+        """Return the states at the ends of all steps as a trajectory; `stops` are indices of points."""
         q, v, a = (np.concatenate((self.ends[order][0], self.ends[order][1, -1:])) for order in range(3))
         time = np.append(self.message.time[self.segments] + self.since, self.message.time[-1])
         first = np.searchsorted(self.segments, np.asarray(stops, dtype=np.intp))
@@ -154,16 +160,16 @@ def check_message_limits(
     stops: Sequence[int],
     settings: VerificationSettings,
 ) -> Check:
-    """Check that a controller that joins the points of a message keeps every limit at all times.
+    """Check that the motion interpolated from a message keeps every limit at all times.
 
     Args:
-        problem: what was asked.
+        problem: the problem that the motion is to solve.
         message: the points.
-        stops: numbers of the points at which the arm rests at its goals on the way.
+        stops: indices of the points at which the arm rests at its intermediate goals.
         settings: tolerances, with lengths in metres.
 
     Returns:
-        The check for the greatest share of a limit that is used.
+        The check, whose worst value is the greatest share of any limit that is used.
     """
     steps = _Steps.of(message)
     found = _rate_shares(problem, steps) + _effort_shares(problem, steps)
@@ -186,7 +192,7 @@ def check_message_limits(
 
 
 def _rate_shares(problem: Problem, steps: _Steps) -> list[tuple[float, str]]:
-    """The greatest share of every limit on positions, velocities, accelerations and jerks, and where it is used."""
+    """Return the greatest share of the limits on positions, velocities, accelerations and jerks, and where each is."""
     layout = steps.message.coordinates
     limits = problem.limits
     bends = bend_revolutes(layout)
@@ -208,7 +214,7 @@ def _rate_shares(problem: Problem, steps: _Steps) -> list[tuple[float, str]]:
     names = (*describe_bend_joints(layout), *layout.base_names)
     for order, (kind, bound) in enumerate(bounds.items()):
         share = steps.greatest(order) / bound
-        # Where accelerations jump at the points nothing bounds the jerk.
+        # Cubics have jumps of acceleration at the points, so the jerk is unbounded.
         if kind == "jerk" and steps.message.accelerations is None:
             share = np.where(np.isfinite(bound) & (share > 0.0), np.inf, share)
         k, j = np.unravel_index(np.argmax(share), share.shape)
@@ -221,7 +227,10 @@ def _time(steps: _Steps, k: int) -> str:
 
 
 def _effort_shares(problem: Problem, steps: _Steps) -> list[tuple[float, str]]:
-    """The same of torques and of the force on the base's axes, with what they can do between the ends of a step."""
+    """Return the greatest share of the limits on torques and base force, and where each is.
+
+    The shares include what efforts can gain between the ends of a step.
+    """
     limits = problem.limits
     bounds = [np.inf if limits.torque is None else limits.torque, limits.feed_force or np.inf]
     if limits.torque is None and limits.feed_force is None:
@@ -239,17 +248,18 @@ def _effort_shares(problem: Problem, steps: _Steps) -> list[tuple[float, str]]:
 
 
 def _effort_bow(problem: Problem, steps: _Steps) -> FloatArray:
-    """A bound on the second derivative of every torque, and of the force, in every step, shape (n,) [N m/s², N/s²].
+    """Return a bound on the second time derivative of every torque and of the force, shape (n,) [N m/s², N/s²].
 
-    No link turns at more than the sum of all rates of the bends, and so on for their derivatives. A vector of constant
-    length that turns at ω has derivatives of at most ω, ω' + ω², ω'' + 3 ω ω' + ω³ and so on times its length, the axes
-    of the joints among them. A link counts as its mass at its farther end and its radius of gyration beyond.
+    No link turns faster than the sum of the magnitudes of all bend rates; the same applies to higher derivatives. A
+    vector of constant length that turns at ω has derivatives of at most ω, ω' + ω², ω'' + 3 ω ω' + ω³, and so on, times
+    its length; this includes the joint axes. A link counts as its mass, placed its radius of gyration beyond its distal
+    end.
     """
     arm = problem.arm
     joints = steps.message.coordinates.joints
     w, w1, w2, w3 = (np.sum(steps.greatest(order)[:, :joints], axis=1) for order in range(1, 5))
     carried = [np.sum(steps.greatest(order)[:, joints:], axis=1) for order in range(2, 5)]
-    # Bounds of angular acceleration and its derivatives, in which the axes of the joints turn too, and of unit vectors.
+    # a: angular acceleration and its derivatives, including the rotation of the joint axes; e: those of unit vectors.
     a1 = w1 + w * w
     e1, e2 = w, a1 + w * w
     a2 = w2 + 2.0 * e1 * w1 + e2 * w
@@ -263,7 +273,7 @@ def _effort_bow(problem: Problem, steps: _Steps) -> FloatArray:
     bow = np.zeros(len(w))
     for mass, lever in zip(masses, reach, strict=True):
         pull, pull1, pull2 = lever * e2 + carried[0] + gravity, lever * e3 + carried[1], lever * e4 + carried[2]
-        # A moment r × m (a − g) about an axis that turns: three factors, differentiated twice; a force has no lever.
+        # A moment r × m (a − g) about a rotating axis has three factors, differentiated twice; a force has no lever.
         moment = lever * pull
         moment1 = lever * (e1 * pull + pull1)
         moment2 = lever * (e2 * pull + 2.0 * e1 * pull1 + pull2)
@@ -281,20 +291,20 @@ def check_message_deviation(
     spare: float,
     gaps: Callable[[FloatArray], Sequence[Check]],
 ) -> Check:
-    """Check that a controller that joins the points of a message stays as near to the proved motion as that spares.
+    """Check that the motion interpolated from a message stays close enough to the verified one to avoid contact.
 
     Args:
         arm: the arm.
-        proved: the motion whose coordinates are linear between samples.
+        proved: the verified motion, whose coordinates are linear between samples.
         message: the points.
-        factor: by which the message takes longer.
-        spare: how far any point of the arm may be from the proved motion at any time [m].
-        gaps: checks of the gaps of links that may be off the proved motion by so much in each of its intervals, shape
-            (T − 1, links) [m]; asked where links or times matter, as where an arm touches something.
+        factor: factor by which the message takes longer than the verified motion.
+        spare: allowed distance of any point of the arm from the verified motion at any time [m].
+        gaps: checks the gaps of links that deviate from the verified motion by given distances in each interval, shape
+            (T − 1, links) [m]; called only if the deviation exceeds `spare`.
 
     Returns:
-        The check; its worst value is a distance that no point of the arm passes from where it is at some time of the
-        proved motion [m].
+        The check; its worst value is a bound on the distance of any point of the arm from its position at some time of
+        the verified motion [m].
     """
     found = _deviation(arm, proved, message, factor, 1)
     if np.max(found) > 0.5 * spare:
@@ -310,16 +320,17 @@ def check_message_deviation(
 
 
 def _deviation(arm: Arm, proved: JointTrajectory, message: Message, factor: float, pieces: int) -> FloatArray:
-    """Return the bounds on the deviation of links in every step of the proved motion, shape (T − 1, links) [m].
+    """Return bounds on the deviation of each link in every step of the verified motion, shape (T − 1, links) [m].
 
-    Every place on the straight piece between two poses is held against the place of the curve as far between the two
-    times at which it is nearest to these poses; its chord between them it leaves by its acceleration.
+    Every point of the straight piece between two poses is compared with the curve at the same share of the time between
+    the two moments at which the curve is nearest to these poses. The curve's chord deviation between these moments is
+    bounded by its acceleration.
     """
     numbers = np.arange(pieces * (len(proved.time) - 1) + 1) / pieces
     samples = np.arange(len(proved.time))
     straight = np.column_stack([np.interp(numbers, samples, column) for column in proved.positions.T])
     times = factor * np.interp(numbers, samples, proved.time)
-    # What is nearest counts by how far a coordinate moves the tip.
+    # Nearness is measured with each coordinate weighted by how far it moves the tip.
     joints = message.coordinates.joints
     beyond = arm.links - np.arange(joints) // bends_a_ball(message.coordinates)
     weights = np.append(arm.link_length * beyond, np.ones(len(arm.base_axes))) ** 2
@@ -331,7 +342,7 @@ def _deviation(arm: Arm, proved: JointTrajectory, message: Message, factor: floa
         nearest = np.clip(nearest - late, times[0], times[-1])
     nearest[[0, -1]] = times[[0, -1]]
     away = _travel(arm, message.coordinates, message.at_times(nearest) - straight)
-    # The curve is a mean of its Bernstein coefficients, so the greatest travel is that of one of them.
+    # The acceleration is a convex combination of its Bernstein coefficients, so one of them has the greatest travel.
     growth = np.max([_travel(arm, message.coordinates, each) for each in _controls(message)], axis=0)
     growth = np.concatenate((growth, np.zeros((1, arm.links))))
     early, late = np.minimum(nearest[:-1], nearest[1:]), np.maximum(nearest[:-1], nearest[1:])
@@ -343,7 +354,7 @@ def _deviation(arm: Arm, proved: JointTrajectory, message: Message, factor: floa
 
 
 def _controls(message: Message) -> list[FloatArray]:
-    """Return the Bernstein coefficients of the acceleration between each two points, each of shape (P − 1, c)."""
+    """Return the Bernstein coefficients of the acceleration between consecutive points, each of shape (P − 1, c)."""
     h = np.diff(message.time)[:, None]
     powers = [k * (k - 1) * part * h ** (k - 2) for k, part in enumerate(message.coefficients) if k > 1]
     if len(powers) == 2:
@@ -353,7 +364,7 @@ def _controls(message: Message) -> list[FloatArray]:
 
 
 def _travel(arm: Arm, layout: Coordinates, change: FloatArray) -> FloatArray:
-    """Return how far any point of each link moves at most when coordinates change, shape (N, c) to (N, links) [m]."""
+    """Return bounds on how far each link moves for changes of coordinates (N, c), shape (N, links) [m]."""
     bends = change[:, : layout.joints]
     if bends_a_ball(layout) > 1:
         bends = np.linalg.norm(bends.reshape(len(bends), arm.links, -1), axis=2)
@@ -362,16 +373,14 @@ def _travel(arm: Arm, layout: Coordinates, change: FloatArray) -> FloatArray:
 
 
 def interpolation_deviation(arm: Arm, trajectory: JointTrajectory) -> float:
-    """Return a distance that no point of the arm passes from where it is at some time of the proved motion.
+    """Return a bound on the deviation of an interpolating controller from the verified motion [m].
 
-    It is that of controllers which are sent all samples, and join them by cubics or by quintics.
+    The controller is sent all samples and joins them by cubics or quintics. No point of the arm is then farther than
+    the bound from its position at some time of the verified motion.
 
     Args:
         arm: the arm.
-        trajectory: the motion, at least two samples.
-
-    Returns:
-        The distance [m].
+        trajectory: the verified motion, with at least two samples.
     """
     points = (trajectory.time, trajectory.positions, trajectory.velocities)
     messages = [Message(*points, gains, trajectory.coordinates) for gains in (None, trajectory.accelerations)]

@@ -1,4 +1,4 @@
-"""Clearance of the links from each other, at all times."""
+"""Checks that the links of an arm stay clear of each other at all times."""
 
 import numpy as np
 
@@ -22,16 +22,17 @@ from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, Ver
 def segment_distances(a: FloatArray, b: FloatArray, c: FloatArray, d: FloatArray) -> FloatArray:
     """Return the distances between segments ab and cd; a segment may be a single point.
 
-    The squared distance is convex in both shares: either it is least inside of both, or on an end of one of them.
+    The squared distance is convex in the positions along both segments, so its minimum is either inside both segments
+    or at an end of one of them.
 
     Args:
-        a: shape (N, 2) or (N, 3) [m]; likewise b, c, d.
-        b: other end of the first segments.
-        c: one end of the second segments.
-        d: other end of the second segments.
+        a: starts of the first segments, shape (N, 2) or (N, 3) [m].
+        b: ends of the first segments, of the same shape [m].
+        c: starts of the second segments, of the same shape [m].
+        d: ends of the second segments, of the same shape [m].
 
     Returns:
-        Shape (N,) [m]; 0 where they cross in the plane.
+        The distances, shape (N,) [m]; 0 for segments that cross in the plane.
     """
     ends = ((a, c, d), (b, c, d), (c, a, b), (d, a, b))
     least = np.min([_from_segment(point, start, end) for point, start, end in ends], axis=0)
@@ -45,7 +46,7 @@ def segment_distances(a: FloatArray, b: FloatArray, c: FloatArray, d: FloatArray
     at = -_dot(_normal(offset, line), normal) / safe
     meet = (square > 0.0) & (share >= 0.0) & (share <= 1.0) & (at >= 0.0) & (at <= 1.0)
     if a.shape[1] == 2:
-        # They cross where their boxes meet too; of those in line, which are but near each other, these do not.
+        # Crossing segments also have overlapping bounding boxes, unlike collinear ones that are merely close.
         low = np.maximum(np.minimum(a, b), np.minimum(c, d))
         high = np.minimum(np.maximum(a, b), np.maximum(c, d))
         least[meet & np.all(low <= high, axis=1)] = 0.0
@@ -70,19 +71,19 @@ def _dot(first: FloatArray, second: FloatArray) -> FloatArray:
 
 
 def _normal(first: FloatArray, second: FloatArray) -> FloatArray:
-    """Return the cross products; in the plane their one component that is not zero, shape (N, 1)."""
+    """Return the cross products, shape (N, 3); in the plane, their only nonzero component, shape (N, 1)."""
     if first.shape[1] == 2:
         return (first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0])[:, None]
     return np.cross(first, second)
 
 
 def first_distant(arm: Arm) -> int:
-    """Return the least j − i of links that must keep apart: the least d with (d − 1) l ≥ max(2 l, π r).
+    """Return the least index difference of links that must stay apart: the least d with (d − 1) l ≥ max(2 l, π r).
 
-    ``Arm.first_self_pair`` says the same; the verifier counts for itself, on purpose.
+    ``Arm.first_self_pair`` implements the same rule; the verifier deliberately does not use it.
     """
-    # Links this near along the arm cannot help being near in space: two lengths of a link, or π r, the tightest half
-    # turn that an arm of radius r can make.
+    # Links closer along the arm than two link lengths, or than π r, the tightest half turn of an arm of radius r, are
+    # unavoidably close in space.
     reach = max(2.0 * arm.link_length, np.pi * arm.radius)
     apart = 1
     # The factor keeps rounding from counting one link too many.
@@ -92,11 +93,11 @@ def first_distant(arm: Arm) -> int:
 
 
 def check_self_collision(motion: ChainMotion, settings: VerificationSettings = DEFAULT_VERIFICATION) -> Check:
-    """Check that links far apart along the arm never touch, and in space that nearer ones do not cross.
+    """Check that links far apart along the arm never touch and, in space, that nearer ones do not cross.
 
-    The gap is between their surfaces.
+    The worst value is the least gap between the surfaces of distant links [m].
     """
-    # Links of an arm in the plane that are near each other may fold past each other in depth.
+    # In the plane, neighbouring links may fold past each other in depth.
     crossing = "" if motion.arm.dimension == 2 else crossing_near_links(motion, settings)
     verdict = nearest_links(motion, settings)
     if verdict is None:
@@ -112,10 +113,7 @@ def check_self_collision(motion: ChainMotion, settings: VerificationSettings = D
 
 
 def nearest_links(motion: ChainMotion, settings: VerificationSettings = DEFAULT_VERIFICATION) -> Verdict | None:
-    """Return whether distant links keep apart, with their nearest approach.
-
-    None for an arm too short to meet itself.
-    """
+    """Return the verdict on whether distant links stay apart; None for an arm too short to touch itself."""
     arm = motion.arm
     if first_distant(arm) >= arm.links:
         return None
@@ -124,21 +122,21 @@ def nearest_links(motion: ChainMotion, settings: VerificationSettings = DEFAULT_
 
 
 class LinkProof:
-    """Proves that the axes of pairs of links keep a gap beyond a thickness.
+    """Proves that pairs of links stay apart, for links of a given thickness.
 
     Args:
-        motion: of the arm.
-        thickness: distance of axes that counts as no gap [m].
+        motion: motion of the arm.
+        thickness: distance of two link axes at which the gap is zero [m].
     """
 
     def __init__(self, motion: ChainMotion, thickness: float) -> None:
         self.motion = motion
         self.thickness = thickness
-        # Both links are off by what their places are.
+        # The positions of both links are subject to rounding.
         self._lost = 2.0 * motion.rounding + distance_rounding(motion.size)
 
     def prove(self, least: float, settings: VerificationSettings, nearest: Nearest | None = None) -> Verdict:
-        """Prove that all distant links keep a gap; arguments as for ``prove_stretches``."""
+        """Prove that all distant links keep a gap of at least ``least``; arguments as for ``prove_stretches``."""
         first, second = np.triu_indices(self.motion.arm.links, first_distant(self.motion.arm))
         blocks = TimeStretches.blocks(len(self.motion.time), BLOCK)
         pairs = Pairs.in_all(len(blocks), first, second)
@@ -147,15 +145,15 @@ class LinkProof:
     def measure(
         self, stretches: TimeStretches, poses: FloatArray, pairs: Pairs, cutoff: FloatArray | float
     ) -> Measured:
-        """Return what is known of the gaps of pairs.
+        """Return bounds on the gaps of pairs of links.
 
-        Beyond the cutoff, one number or of shape (P,) [m], not exactly.
+        Gaps above the cutoff, a number or of shape (P,) [m], are bounded only roughly.
         """
         motion = self.motion
         k, i, j = pairs.stretch, pairs.link, pairs.other
         travels = motion.travels(stretches)
         travel = np.maximum(travels[k, i], travels[k, i + 1]) + np.maximum(travels[k, j], travels[k, j + 1])
-        # Middles of links are at most half a link each from the places where the links are nearest.
+        # The nearest points of two links are each at most half a link from the midpoint.
         middles = 0.5 * (poses[:, 1:] + poses[:, :-1])
         most = lengths_of(middles[k, i] - middles[k, j])
         taken = self.thickness + self._lost + motion.off(stretches, k, i) + motion.off(stretches, k, j)
@@ -169,16 +167,16 @@ class LinkProof:
 
 
 def relative_travels(motion: ChainMotion, stretches: TimeStretches, travels: FloatArray, pairs: Pairs) -> FloatArray:
-    """Return how much nearer two links may come than they are at the middle, shape (P,) [m].
+    """Return bounds on how much closer two links may come than at mid-stretch, shape (P,) [m].
 
-    Within an interval what both do alike does not count. Seen in the frame of the first link, which leaves distances
-    as they are, a joint k between turns what is beyond it by its own turn ψ_k alone: l Σ (j − k + 1) ψ_k.
+    Within an interval, motion common to both links does not count. In the frame of the first link, which preserves
+    distances, each joint k between the links only adds its own rotation ψ_k: l Σ (j − k + 1) ψ_k in total.
 
     Args:
-        motion: of the arm.
-        stretches: of time.
-        travels: how far each joint goes from the middle of each, shape (S, links + 1) [m].
-        pairs: of links.
+        motion: motion of the arm.
+        stretches: stretches of time.
+        travels: bounds on each joint's distance from its position at mid-stretch, shape (S, links + 1) [m].
+        pairs: pairs of links.
     """
     k, i, j = pairs.stretch, pairs.link, pairs.other
     relative = np.full(len(k), np.inf)
@@ -199,14 +197,14 @@ def relative_travels(motion: ChainMotion, stretches: TimeStretches, travels: Flo
 def travels_in_frame(
     motion: ChainMotion, stretches: TimeStretches, k: IntArray, i: IntArray, j: IntArray
 ) -> FloatArray:
-    """How far links go from where they are at the middle as links nearer to the base see them at most, shape (P,) [m].
+    """Return bounds on the travel of links from mid-stretch, in the frames of links nearer to the base, (P,) [m].
 
     Args:
-        motion: of the arm.
-        stretches: of time.
-        k: numbers of the stretches, shape (P,).
-        i: of the links nearer to the base.
-        j: of the others.
+        motion: motion of the arm.
+        stretches: stretches of time.
+        k: indices of the stretches, shape (P,).
+        i: indices of the links nearer to the base, shape (P,).
+        j: indices of the moving links, shape (P,).
     """
     arm = motion.arm
     turns = [motion.turned(at) for at in (stretches.low, stretches.middle, stretches.high)]
@@ -214,22 +212,22 @@ def travels_in_frame(
     number = np.arange(1.0, arm.links + 1.0)
     plain = np.cumsum(turned, axis=1)
     weighted = np.cumsum(number * turned, axis=1)
-    # Running sums lose digits when they are subtracted; what they can have lost is added to the bound.
+    # Subtracting cumulative sums loses digits, so the bound includes the possible rounding error.
     rounding = 8.0 * (arm.links + len(motion.time)) * UNIT * arm.links * turns[2].sum(axis=1)
     between = (j + 2.0) * (plain[k, j] - plain[k, i]) - (weighted[k, j] - weighted[k, i])
     return np.asarray(arm.link_length * (between + rounding[k]))
 
 
 def link_gaps(arm: Arm, poses: FloatArray, reach: float) -> tuple[Pairs, FloatArray]:
-    """Return the pairs of distant links that may have their surfaces within a reach of each other, and few others.
+    """Return all pairs of distant links whose gap is within a reach, and few others, with their gaps.
 
     Args:
         arm: the arm.
-        poses: joint and tip positions, shape (N, links + 1, d) [m].
-        reach: [m].
+        poses: positions of all joints and the tip, shape (N, links + 1, d) [m].
+        reach: largest gap of interest [m].
 
     Returns:
-        The pairs, their stretches being the numbers of the poses, and the gaps between their surfaces, shape (P,) [m].
+        The pairs, whose stretches are indices of poses, and the gaps between their surfaces, shape (P,) [m].
     """
     first, second = np.triu_indices(arm.links, first_distant(arm))
     middles = 0.5 * (poses[:, 1:] + poses[:, :-1])
@@ -242,19 +240,18 @@ def link_gaps(arm: Arm, poses: FloatArray, reach: float) -> tuple[Pairs, FloatAr
 
 
 def crossing_near_links(motion: ChainMotion, settings: VerificationSettings = DEFAULT_VERIFICATION) -> str:
-    """Return where two links cross that share no joint and are too near along the arm to be kept apart.
+    """Return a description of two near links that cross, or an empty string if none do.
 
-    Empty if none do.
-
-    Axes that meet close a polygon, which turns by 2 π at least (Fenchel), of which the bends between them are all but
-    half a turn: where these add up to less than π nothing is to be proved. That is how it is almost always.
+    Near links share no joint but are too close along the arm to be checked for distance. If their axes meet, they close
+    a polygon, whose total turning is at least 2 π (Fenchel); all but π of it comes from the bends between them. Where
+    these bends sum to less than π, which is almost always, nothing needs to be proved.
 
     Args:
-        motion: of the arm.
-        settings: with lengths in metres.
+        motion: motion of the arm.
+        settings: settings of the verifier, with lengths in metres.
 
     Returns:
-        The links and the time in words; where the proof is given up, that they may cross.
+        The links and the time in words, or that the links may cross if the proof was given up.
     """
     links = motion.arm.links
     bends = np.abs(motion.positions[:, motion.arm.coordinates.bends]).reshape(len(motion.time), links, -1).sum(axis=2)
@@ -262,7 +259,7 @@ def crossing_near_links(motion: ChainMotion, settings: VerificationSettings = DE
     found = [np.zeros((3, 0), dtype=np.intp)]
     for apart in range(2, min(first_distant(motion.arm), links)):
         between = total[:, 1 + apart :] - total[:, 1:-apart]
-        # Sizes of bends are convex in time between samples, so that they are greatest at one of these.
+        # Magnitudes of bends are convex in time between samples, so their maximum is at a sample.
         interval, link = np.nonzero(np.maximum(between[:-1], between[1:]) >= np.pi - settings.half_turn_rounding)
         found.append(np.stack((interval, link, link + apart)))
     interval, first, second = np.concatenate(found, axis=1)

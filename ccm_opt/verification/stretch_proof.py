@@ -1,13 +1,13 @@
-"""Proofs at all times by bisection.
+"""Proofs by bisection that gaps hold at all times.
 
-In a stretch of time around its middle pose the distance of a pair changes by at most the distance its points can
-travel, so a pair is *proved* apart when its distance at the middle, less that travel, is still enough; it is
-*refuted* when the distance at the middle itself is too small. Neither: halve the stretch. Stretches begin as many
-samples long, and surfaces as boxes of many; what is larger than what moves is opened before stretches are halved. What
-is still undecided when the travel is below ``settings.resolution`` or the work is used up is refused, so the proof is
-sound.
+Over a stretch of time, the distance of a pair of bodies changes from its value at mid-stretch by at most the distance
+that their points travel. A pair is therefore *proved* apart if its distance at mid-stretch, less that travel, is large
+enough, and *refuted* if the distance at mid-stretch itself is too small. Otherwise the stretch is halved. Stretches
+start with a length of many samples, and surfaces as boxes of many triangles; boxes larger than the travel are opened
+before stretches are halved. Pairs that are still undecided when the travel is below ``settings.resolution``, or when
+the allowed work is used up, are rejected, so the proof is sound.
 
-The same halving finds the least gap over all times to within ``settings.report_resolution``, for the report.
+The same bisection finds the least gap over all times to within ``settings.report_resolution`` for the report.
 """
 
 from collections.abc import Callable
@@ -20,18 +20,21 @@ from ccm_opt.verification.chain_motion import ChainMotion, TimeStretches
 from ccm_opt.verification.verification_settings import VerificationSettings
 
 BLOCK = 32
-"""Intervals between samples that make the first stretches. Measured on three jobs in space: with half as many pairs
-must be told apart from many more boxes, with twice as many from many more triangles."""
+"""Number of sample intervals in the initial stretches.
+
+Measured on three problems in space: half as many compare links with many more boxes, twice as many with many more
+triangles.
+"""
 
 
 @dataclass(frozen=True)
 class Pairs:
-    """Pairs of bodies in stretches of time: a link, and another link or a box of surfaces.
+    """Pairs of bodies in stretches of time: a link, and either another link or a box of surfaces.
 
     Attributes:
-        stretch: number of the stretch, shape (P,).
-        link: number of the link from 0, shape (P,).
-        other: number of the other link, or of a box of surfaces, shape (P,).
+        stretch: indices of the stretches, shape (P,).
+        link: indices of the links, from 0, shape (P,).
+        other: indices of the other links or of the boxes, shape (P,).
     """
 
     stretch: IntArray
@@ -43,16 +46,16 @@ class Pairs:
 
     @classmethod
     def in_all(cls, stretches: int, link: IntArray, other: IntArray) -> "Pairs":
-        """Return the same pairs in each of some stretches."""
+        """Repeat pairs of links and others in each of a number of stretches."""
         stretch = np.repeat(np.arange(stretches), len(link))
         return cls(stretch, np.tile(link, stretches), np.tile(other, stretches))
 
     def where(self, chosen: BoolArray | IntArray) -> "Pairs":
-        """Return the pairs that a mask of shape (P,), or numbers, keep."""
+        """Return the pairs selected by a mask of shape (P,) or by indices."""
         return Pairs(self.stretch[chosen], self.link[chosen], self.other[chosen])
 
     def and_also(self, others: "Pairs", shift: int = 0) -> "Pairs":
-        """Return the these, and others whose stretches are numbered from a shift."""
+        """Return these pairs followed by others, whose stretch indices are shifted by `shift`."""
         return Pairs(
             np.concatenate((self.stretch, others.stretch + shift)),
             np.concatenate((self.link, others.link)),
@@ -62,13 +65,13 @@ class Pairs:
 
 @dataclass(frozen=True)
 class Nearest:
-    """The least gap met.
+    """The least gap found, and where and when it occurs.
 
     Attributes:
-        gap: between the two surfaces [m]; inf when no pair was near.
-        link: number of the link from 0.
-        other: number of the other link, or of the box of one surface.
-        time: when [s].
+        gap: gap between the two surfaces [m]; inf if no pair was near.
+        link: index of the link, from 0.
+        other: index of the other link, or of the box of a single surface.
+        time: time at which the gap occurs [s].
     """
 
     gap: float = np.inf
@@ -79,13 +82,13 @@ class Nearest:
 
 @dataclass(frozen=True)
 class Verdict:
-    """What a proof has come to.
+    """The result of a proof.
 
     Attributes:
         proved: whether every pair is proved apart.
-        nearest: the least gap met.
-        remark: why not, where that needs words.
-        kept: gap that every pair is proved to keep [m], not less than was to be proved; -inf where that is not.
+        nearest: the least gap found.
+        remark: reason why the proof failed, if it needs explaining.
+        kept: gap that every pair is proved to keep [m], at least the required one; -inf if the proof failed.
     """
 
     proved: bool
@@ -96,13 +99,13 @@ class Verdict:
 
 @dataclass(frozen=True)
 class Measured:
-    """What is known of pairs, each array of shape (P,) [m].
+    """Bounds on the gaps of pairs, each array of shape (P,) [m].
 
     Attributes:
-        least: gap that is kept throughout the stretch.
-        most: gap at the middle of the stretch, or more.
-        travel: how much of a gap may be lost from the middle on.
-        exact: whether the pair is one of two bodies, and was measured as such.
+        least: lower bound on the gap throughout the stretch.
+        most: upper bound on the gap at mid-stretch.
+        travel: largest loss of gap between mid-stretch and any other time of the stretch.
+        exact: mask of the pairs of two single bodies whose distance was computed.
     """
 
     least: FloatArray
@@ -112,25 +115,27 @@ class Measured:
 
 
 Measure = Callable[[TimeStretches, FloatArray, Pairs, float], Measured]
-"""Stretches, the poses at their middles, shape (S, links + 1, d) [m], pairs, and the gap [m] beyond which it is enough
-to know that they keep it, to what is known of the pairs."""
+"""Function from stretches, their poses at mid-stretch (S, links + 1, d) [m], pairs and a cutoff [m] to gap bounds.
+
+Gaps above the cutoff need not be bounded tightly.
+"""
 Opened = Callable[[Pairs, FloatArray], tuple[Pairs, BoolArray]]
-"""Pairs and their travels, to those that take the place of boxes, and which were boxes to be opened."""
+"""Function from pairs and their travels to pairs with the contents of opened boxes, and a mask of the boxes opened."""
 
 
 def open_none(pairs: Pairs, travel: FloatArray) -> tuple[Pairs, BoolArray]:
-    """For pairs that are none of boxes."""
+    """Open no boxes, for pairs without boxes."""
     none = np.zeros(len(travel), dtype=bool)
     return pairs.where(none), none
 
 
 def least_allowed_gap(limit: float, thickness: float, settings: VerificationSettings) -> float:
-    """Return the gap a pair must have: the limit less the contact tolerance, but never axes that touch.
+    """Return the gap that a pair must keep: the limit less the contact tolerance, but never so little that axes touch.
 
     Args:
-        limit: gap asked for [m].
+        limit: required gap [m].
         thickness: distance of the axes at which the surfaces touch [m].
-        settings: the contact tolerance.
+        settings: settings with the contact tolerance.
     """
     return max(limit - settings.contact_tolerance, settings.touch - thickness)
 
@@ -148,14 +153,14 @@ def prove_stretches(
     """Prove that every pair keeps a gap of at least ``least`` during its stretch.
 
     Args:
-        motion: of the arm.
-        stretches: of time.
-        pairs: in them.
-        measure: what is known of pairs.
+        motion: motion of the arm.
+        stretches: stretches of time.
+        pairs: pairs in these stretches.
+        measure: function that bounds the gaps of pairs.
         least: gap that every pair must keep [m].
-        settings: resolutions, and how much work may be done.
-        opened: parts of boxes.
-        nearest: the least gap that is known to be met; none by default.
+        settings: resolutions and limits on the work.
+        opened: function that opens boxes.
+        nearest: the least gap already found; none by default.
     """
     nearest = Nearest() if nearest is None else nearest
     ceiling = nearest.gap
@@ -165,17 +170,17 @@ def prove_stretches(
         cutoff = max(least, _told(ceiling, settings))
         known = measure(stretches, motion.poses(stretches.middle), pairs, cutoff)
         nearest = _nearer(motion, stretches, pairs, known, nearest)
-        # A pose of the motion itself is too near: a counterexample, so that no halving can help.
+        # A pose of the motion itself is a counterexample, so no halving can help.
         if nearest.gap < least:
             return Verdict(proved=False, nearest=nearest)
         undecided = known.least < least
         if np.any(undecided & known.exact & (known.travel < settings.resolution)):
             return Verdict(proved=False, nearest=nearest, remark="touches within the resolution of the proof")
-        # Halving doubles the pairs; a motion that would need more memory than that is refused, never waved through.
+        # Halving doubles the pairs; a motion that would exceed the allowed memory is rejected, never accepted unproved.
         if 2 * np.count_nonzero(undecided) > settings.most_pairs:
             return Verdict(proved=False, nearest=nearest, remark="so close for so long that the proof was given up")
 
-        # What is proved may still hold the least gap, which the report wants more exactly.
+        # Pairs that are proved may still contain the least gap, which the report needs more precisely.
         ceiling = min(ceiling, nearest.gap, float(np.min(known.most)))
         vague = known.least < _told(ceiling, settings)
         vague &= ~known.exact | (known.travel > 0.0)
@@ -187,7 +192,7 @@ def prove_stretches(
 
 
 def _told(ceiling: float, settings: VerificationSettings) -> float:
-    """Return the gaps from which on nothing is told more exactly, where a known one is met [m]."""
+    """Return the gap above which pairs need no further refinement for the report, given an upper bound [m]."""
     return min(ceiling - settings.report_resolution, (1.0 - settings.report_share) * ceiling)
 
 
@@ -201,10 +206,10 @@ def _nearer(motion: ChainMotion, stretches: TimeStretches, pairs: Pairs, known: 
 
 
 def _divided(stretches: TimeStretches, pairs: Pairs, travel: FloatArray, opened: Opened) -> tuple[TimeStretches, Pairs]:
-    """Return the boxes that are larger than what moves are opened, and the stretches of the other pairs halved."""
+    """Refine pairs: open boxes larger than the travel, and halve the stretches of all other pairs."""
     parts, boxes = opened(pairs, travel)
     whole = pairs.where(~boxes)
-    # Stretches without a pair are dropped, so pairs are numbered anew among those that are left.
+    # Stretches without pairs are dropped, so the remaining stretches are renumbered.
     kept, renumbered = np.unique(parts.stretch, return_inverse=True)
     cut, numbers = np.unique(whole.stretch, return_inverse=True)
     first = replace(whole, stretch=numbers)

@@ -1,4 +1,4 @@
-"""Clearance of an arm from what stands around it at all times: from edges in the plane, from triangles in space."""
+"""Checks of an arm's clearance from obstacles at all times: from edges in the plane, from triangles in space."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -27,27 +27,29 @@ from ccm_opt.verification.stretch_proof import (
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
 
 TOUCHING = 1e-4
-"""Share of the radius by which a gap may differ from none that is told as a touch."""
+"""Gap, as a share of the radius, up to which a report speaks of touching."""
 _PROBES = 8
-"""Moments at which the nearest surface is looked for first. Taste."""
+"""Number of moments at which the nearest surface is searched for first. Taste."""
 _FAN = 8
-"""Boxes in a box."""
+"""Number of boxes in a box."""
 _ALONG = 0.01
-"""Share of its way by which a link may go aside and still count as one that slides along itself. Taste."""
+"""Sideways share of a link's travel up to which the link counts as sliding along its own axis. Taste."""
 
 
 @dataclass(frozen=True, eq=False)
 class CheckedSurfaces:
-    """Boxes level by level from the top, of which the last are those of single edges or triangles.
+    """A bounding-box tree of edges or triangles, stored level by level from the top.
+
+    Each box of the last level holds a single edge or triangle (a part).
 
     Attributes:
         low: lower corners of the boxes, shape (nodes, d) [m].
-        high: upper corners, likewise.
-        rounding: the largest radius of what is about the parts in a box, shape (nodes,) [m].
-        offsets: number of the first box of every level, then that of all boxes, shape (levels + 1,).
-        parts: corners of edges or triangles in the order of the last level, shape (m, d, d) [m].
-        owner: number of the parts' owners, likewise, shape (m,).
-        names: of the owners.
+        high: upper corners of the boxes, shape (nodes, d) [m].
+        rounding: largest radius by which the parts in each box are inflated, shape (nodes,) [m].
+        offsets: index of the first box of every level, followed by the number of boxes, shape (levels + 1,).
+        parts: corners of the parts in the order of the last level, shape (m, d, d) [m].
+        owner: index of the obstacle that each part belongs to, in the same order, shape (m,).
+        names: names of the obstacles.
     """
 
     low: FloatArray
@@ -60,7 +62,7 @@ class CheckedSurfaces:
 
     @classmethod
     def of(cls, workspace: Workspace) -> "CheckedSurfaces":
-        """Return the boxes over at least one part: of about one size and place in the lower levels."""
+        """Build the tree for a workspace, grouping parts of similar size and position in the lower levels."""
         if workspace.dimension == 2:
             return cls._over(*edges_of(workspace))
         soup = workspace.soup
@@ -85,19 +87,22 @@ class CheckedSurfaces:
 
     @cached_property
     def size(self) -> float:
-        """What no coordinate exceeds [m]."""
+        """Greatest magnitude of any coordinate [m]."""
         return float(np.max(np.abs(self.parts)))
 
     def name_of(self, node: int) -> str:
-        """Return whose surface a box of one part is."""
+        """Return the name of the obstacle to which the part in a box of the last level belongs."""
         return str(self.names[self.owner[node - self.offsets[-2]]])
 
     def is_single(self, node: IntArray) -> BoolArray:
-        """Return which nodes are single edges or triangles, shape (P,)."""
+        """Return a mask of the boxes that hold a single edge or triangle, shape (P,)."""
         return np.asarray(node >= self.offsets[-2])
 
     def children(self, node: IntArray) -> tuple[IntArray, IntArray]:
-        """Return the places in the list of nodes, and the children of these, each of shape (Q,)."""
+        """Return the children of boxes, and for each child the position of its parent in `node`, each of shape (Q,).
+
+        The positions come first.
+        """
         level = np.searchsorted(self.offsets, node, side="right") - 1
         first = self.offsets[level + 1] + _FAN * (node - self.offsets[level])
         count = np.minimum(self.offsets[level + 2] - first, _FAN)
@@ -106,8 +111,11 @@ class CheckedSurfaces:
         return place, first[place] + within
 
     def bounds(self, node: IntArray, start: FloatArray, end: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """How far segments (P, d) are from what is in boxes, at least and at most, without rounding, each (P,) [m]."""
-        # Numpy takes rows in a quarter of the time in which it indexes them.
+        """Return lower and upper bounds on the distances of segments (P, d) from the parts in boxes, each (P,) [m].
+
+        The inflation of the parts is not subtracted.
+        """
+        # `take` is four times as fast as indexing rows.
         low = self.low.take(node, axis=0)
         high = self.high.take(node, axis=0)
         beyond = np.maximum(low - np.maximum(start, end), np.minimum(start, end) - high)
@@ -121,7 +129,7 @@ class CheckedSurfaces:
         return np.maximum(apart, from_centre - half), from_centre + half
 
     def separations(self, node: IntArray, start: FloatArray, end: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the same of single edges or triangles, as exactly as they are known."""
+        """Return tight bounds on the distances of segments from single parts, as for ``bounds``."""
         return self.between(start, end, self.edge_parts(node))
 
     def edge_parts(self, node: IntArray) -> FloatArray:
@@ -130,7 +138,7 @@ class CheckedSurfaces:
 
     @staticmethod
     def between(start: FloatArray, end: FloatArray, parts: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return how far segments (P, d) are from edges or triangles (P, d, d), at least and at most, each (P,) [m]."""
+        """Return lower and upper bounds on the distances of segments (P, d) from parts (P, d, d), each (P,) [m]."""
         if parts.shape[1] == 2:
             distance = segment_distances(start, end, parts[:, 0], parts[:, 1])
             return distance, distance
@@ -138,12 +146,12 @@ class CheckedSurfaces:
 
     @cached_property
     def diagonals(self) -> FloatArray:
-        """Of all boxes, shape (nodes,) [m]."""
+        """Diagonals of all boxes, shape (nodes,) [m]."""
         return lengths_of(self.high - self.low)
 
 
 def edges_of(workspace: Workspace) -> tuple[FloatArray, FloatArray, IntArray, tuple[str, ...]]:
-    """Return edges of all walls, shape (E, 2, 2) [m], with their roundings and owners, and the names of the walls."""
+    """Return the edges of all walls, shape (E, 2, 2) [m], their radii and owners, and the names of the walls."""
     walls = workspace.walls
     pieces = [np.concatenate([_part_edges(part) for part in shapely.get_parts(wall.core)]) for wall in walls]
     counts = [len(piece) for piece in pieces]
@@ -153,7 +161,7 @@ def edges_of(workspace: Workspace) -> tuple[FloatArray, FloatArray, IntArray, tu
 
 
 def _part_edges(part: shapely.Geometry) -> FloatArray:
-    """Return the edges of a polygon, line or point, shape (E, 2, 2) [m]; the centre of a circle is one of no length."""
+    """Return the edges of a polygon, line or point, shape (E, 2, 2) [m]; a point is an edge of zero length."""
     if isinstance(part, shapely.Polygon):
         return np.concatenate([_part_edges(ring) for ring in (part.exterior, *part.interiors)])
     points = shapely.get_coordinates(part)
@@ -163,12 +171,12 @@ def _part_edges(part: shapely.Geometry) -> FloatArray:
 
 
 def _by_size_and_place(parts: FloatArray) -> IntArray:
-    """Return an order in which neighbours are alike in size and near each other, shape (m,)."""
+    """Return an order in which consecutive parts have similar sizes and positions, shape (m,)."""
     low = parts.min(axis=1)
     high = parts.max(axis=1)
     extent = high.max(axis=0) - low.min(axis=0)
     span = max(float(extent.max()), np.finfo(np.float64).tiny)
-    # Walls of few large triangles would blow up the boxes of fine meshes beside them.
+    # Large triangles would enlarge the boxes of nearby fine meshes, so parts are grouped by size first.
     size = lengths_of(high - low) / span
     kind = np.floor(np.log2(np.maximum(size, 1e-6)) / 3.0)
     cells = ((0.5 * (low + high) - low.min(axis=0)) / span * 1023.0).astype(np.int64)
@@ -194,7 +202,7 @@ def check_walls(
     verdict, wall = found
     near = verdict.nearest
     remark = verdict.remark or touch_beside_mount(motion.arm, near.link, near.gap)
-    # What a flush mount touches hides all that comes near the links beyond.
+    # Contact at a flush mount hides the clearance of the links beyond it, so the remark adds it.
     if not verdict.remark and remark and (beyond := nearest_wall(motion, workspace, settings, near.link + 1)):
         remark += f"; links beyond it keep {short_length(beyond[0].nearest.gap)} from {beyond[1]!r}"
     where = f"link {near.link + 1} to {wall!r} at t = {near.time:.4f} s"
@@ -215,10 +223,15 @@ def nearest_wall(
     settings: VerificationSettings = DEFAULT_VERIFICATION,
     first: int = 0,
 ) -> tuple[Verdict, str] | None:
-    """Return whether the arm keeps the clearance from every wall, with the nearest approach and the name of its wall.
+    """Return the verdict on the arm's clearance from walls, and the name of the nearest wall.
 
-    None where there is nothing to keep away, as when the whole arm counts as its mount. Links before the first,
-    counted from 0, are not looked at.
+    None is returned where there is nothing to check, as when the whole arm counts as its mount.
+
+    Args:
+        motion: motion of the arm.
+        workspace: the walls.
+        settings: settings of the verifier.
+        first: index of the first link to check, from 0.
     """
     exposed = exposed_starts(motion.arm)
     exposed[:first] = 1.0
@@ -231,26 +244,26 @@ def nearest_wall(
 
 
 def exposed_starts(arm: Arm) -> FloatArray:
-    """Share of each link that belongs to the mount and may touch walls, shape (links,); 1 for a whole link.
+    """Return the share of each link that belongs to the mount and may touch walls, shape (links,); 1 for a whole link.
 
-    ``Arm.mount_end`` says where it ends; the verifier reckons for itself, on purpose.
+    ``Arm.mount_end`` gives the end of the mount; the verifier deliberately does not use it.
     """
     return np.clip(arm.mount_length / arm.link_length - np.arange(arm.links), 0.0, 1.0)
 
 
 def touch_beside_mount(arm: Arm, link: int, gap: float) -> str:
-    """Say of a link that touches a wall [m] that it is the one that leaves the mount; empty where it is not."""
+    """Return a remark if a link with a given gap [m] touches a wall where it leaves the mount, else an empty string."""
     leaves = link == int(arm.mount_length // arm.link_length)
     return "touches it where it leaves the mount" if leaves and abs(gap) <= TOUCHING * arm.radius else ""
 
 
 def is_empty(workspace: Workspace) -> bool:
-    """Return whether there is nothing that an arm might touch."""
+    """Return whether a workspace contains nothing that an arm could touch."""
     return workspace.dimension == 3 and len(workspace.soup) == 0
 
 
 def link_axes(poses: FloatArray, pairs: Pairs, exposed: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the ends of the exposed part of the links' axes, each shape (P, d) [m]."""
+    """Return the starts and ends of the parts of link axes outside the mount, each of shape (P, d) [m]."""
     points = poses.reshape(-1, poses.shape[2])
     joint = pairs.stretch * poses.shape[1] + pairs.link
     end = points.take(joint + 1, axis=0)
@@ -260,12 +273,12 @@ def link_axes(poses: FloatArray, pairs: Pairs, exposed: FloatArray) -> tuple[Flo
 
 
 class WallProof:
-    """Proves that links keep a gap to the surfaces of a scene, by measuring them against boxes of these.
+    """Proves that links keep a gap to the surfaces of a scene, using a bounding-box tree.
 
     Args:
-        motion: of the arm.
-        surfaces: of the scene.
-        exposed: share of each link that may touch walls.
+        motion: motion of the arm.
+        surfaces: surfaces of the scene.
+        exposed: share of each link that may touch walls, shape (links,).
     """
 
     def __init__(self, motion: ChainMotion, surfaces: CheckedSurfaces, exposed: FloatArray) -> None:
@@ -275,9 +288,9 @@ class WallProof:
         self._lost = motion.rounding + distance_rounding(max(surfaces.size, motion.size))
 
     def prove(self, least: float, settings: VerificationSettings, nearest: Nearest | None = None) -> Verdict:
-        """Prove that all links keep a gap; arguments as for ``prove_stretches``."""
+        """Prove that all links keep a gap of at least ``least``; arguments as for ``prove_stretches``."""
         samples = len(self.motion.time)
-        # At a few moments the nearest surface is looked for alone, to know how far the search must look.
+        # The least gap at a few moments bounds how far the full search must look.
         moments = self._all_link_pairs(TimeStretches.moments(samples, _PROBES), least, settings, nearest)
         if moments.nearest.gap < least:
             return moments
@@ -293,9 +306,9 @@ class WallProof:
     def measure(
         self, stretches: TimeStretches, poses: FloatArray, pairs: Pairs, cutoff: FloatArray | float
     ) -> Measured:
-        """Return what is known of the gaps of pairs.
+        """Return bounds on the gaps of links to boxes or parts.
 
-        Beyond the cutoff, one number or of shape (P,) [m], not exactly.
+        Gaps above the cutoff, a number or of shape (P,) [m], are bounded only roughly.
         """
         arm = self.motion.arm
         travels = self.motion.travels(stretches).ravel()
@@ -305,10 +318,10 @@ class WallProof:
         low, high = self.surfaces.bounds(pairs.other, start, end)
         thick = arm.radius + self.surfaces.rounding.take(pairs.other)
         taken = thick + self._lost + self.motion.off(stretches, pairs.stretch, pairs.link)
-        # Parts whose boxes are far enough need not be measured.
+        # Parts whose boxes are far enough away need no exact distance.
         exact = self.surfaces.is_single(pairs.other) & (low - taken - travel < cutoff)
         low[exact], high[exact] = self.surfaces.separations(pairs.other[exact], start[exact], end[exact])
-        # A box may hold parts of less rounding than the largest, which are farther.
+        # A box may hold parts with a smaller radius than the largest, which are farther away.
         most = high - np.where(exact, thick, arm.radius)
         low -= taken
         if arm.base_axes:
@@ -327,9 +340,10 @@ class WallProof:
         low: FloatArray,
         travel: FloatArray,
     ) -> None:
-        """Put what a longer link keeps, and how far it goes aside, in the place of ``low`` and ``travel``.
+        """Tighten ``low`` and ``travel`` in place for links that slide along their own axis.
 
-        A link that slides along itself, as in a guide tube, sweeps a longer one, and goes aside by next to nothing.
+        Such a link, as in a guide tube, sweeps a longer link and hardly moves sideways: its gap is that of the longer
+        link, and its travel is the sideways part alone.
         """
         stretch, link = pairs.stretch[close], pairs.link[close]
         within = (stretches.high - stretches.low)[stretch] <= 1.0
@@ -339,7 +353,7 @@ class WallProof:
         chords = self.motion.poses(stretches.high) - self.motion.poses(stretches.low)
         line = end[close] - start[close]
         ahead = line / np.maximum(lengths_of(line), np.finfo(np.float64).tiny)[:, None]
-        # Of its way a joint has half from the middle to either end; all but what is along the link is aside.
+        # From mid-stretch to either end a joint moves half its chord; the component along the link is not sideways.
         aside = np.zeros(len(close))
         for joint in (link, link + 1):
             chord = chords[stretch, joint]
@@ -353,7 +367,7 @@ class WallProof:
         travel[close] = aside[slides]
 
     def opened(self, pairs: Pairs, travel: FloatArray) -> tuple[Pairs, BoolArray]:
-        """Return the children of boxes that are larger than what moves, and which pairs these were."""
+        """Open boxes larger than the travel of their link; return pairs with their children and a mask of the boxes."""
         surfaces = self.surfaces
         size = surfaces.diagonals.take(pairs.other)
         boxes = ~surfaces.is_single(pairs.other) & ((size > travel) | (size == 0.0))
@@ -363,15 +377,16 @@ class WallProof:
 
 
 def check_free_side(motion: ChainMotion, workspace: Workspace) -> Check:
-    """Check that the arm lies inside the room and outside of all solid obstacles.
+    """Check that the arm lies inside the room and outside all solid obstacles.
 
-    One point decides: an arm that never meets a closed surface cannot change sides, neither along itself nor over time.
+    Testing one point is enough: an arm that never meets a closed surface cannot change sides along its length or over
+    time.
 
     Returns:
-        The check, its worst value the depth of that point in forbidden space, negated [m].
+        The check; its worst value is the negated depth of that point in forbidden space [m].
     """
     arm = motion.arm
-    # The point where the mount ends: what lies before it may be inside a wall.
+    # The point is where the mount ends, since the mount itself may be inside a wall.
     k = min(int(arm.mount_length // arm.link_length), arm.links - 1)
     share = min(arm.mount_length / arm.link_length - k, 1.0)
     joints = motion.points[0]
@@ -384,7 +399,7 @@ def check_free_side(motion: ChainMotion, workspace: Workspace) -> Check:
 
 def _depths(workspace: Workspace, point: FloatArray) -> list[tuple[float, str]]:
     place = shapely.points(point)
-    # On the boundary itself the depth is 0, which is allowed: the clearance is checked elsewhere.
+    # A point on the boundary has depth 0, which is allowed here; the clearance is checked elsewhere.
     depths = [
         (float(shapely.distance(shapely.boundary(each.core), place)), each.name)
         for each in workspace.obstacles
