@@ -1,19 +1,18 @@
-"""What samples ask of the drives, and the share of it that a plan leaves the controller.
+"""Checks of the efforts that the positions and times of the samples alone require, whatever happens between them.
 
-The share σ holds for velocities, accelerations, jerks and efforts of all drives. Where holding the arm still takes the
-share h of an effort's limit, the effort may take max(σ, h + ½ σ (1 − h)) of it. The rule stands in
-``robot.coordinates`` too; the verifier reckons for itself, on purpose.
+The share σ applies to velocities, accelerations, jerks and efforts of all drives. Where holding the arm still takes the
+share h of an effort limit, the effort may take max(σ, h + ½ σ (1 − h)) of it. ``robot.coordinates`` implements the same
+rule; the verifier deliberately does not use that code.
 
-Second difference quotients of a place are means of its acceleration over the two steps beside a sample, weighted by the
-hat w that is highest at the sample and 0 at its neighbours. A moment is a product of a lever and a force, so that its
-mean differs from the product of the means; by how much at most is reckoned here. What is left over after that is a mean
-of efforts that *every* motion through the samples has to bear, so that some effort of it is at least as great.
+The second difference quotient of a position is the mean of its acceleration over the two steps around a sample,
+weighted by the hat function w that peaks at the sample and vanishes at its neighbours. A moment is a product of a lever
+and a force, so its mean differs from the product of the means; that difference is bounded here. What exceeds the bound
+is a mean effort that *every* motion through the samples requires, so its peak effort is at least as great.
 
-The theorems, their assumptions and their proofs stand in ``docs/guarantees.md``: theorem 9 for the plane, where the
-axes of all joints are one direction, and theorem 16 for space, where a torque is a product of three: axis, lever and
-force.
-Everything is bounded by the samples beside it and by the limits on accelerations. Vectors leave what is linear between
-samples by at most an eighth of the square of the step times their second derivative.
+Theorems, assumptions and proofs are in ``docs/guarantees.md``: theorem 9 for the plane, where all joint axes are
+parallel, and theorem 16 for space, where a torque is a product of axis, lever and force. All bounds follow from the
+neighbouring samples and the acceleration limits. Vectors deviate from linear interpolation between samples by at most
+an eighth of the square of the step times their second derivative.
 """
 
 from dataclasses import dataclass
@@ -31,27 +30,27 @@ from ccm_opt.verification.newton_euler import from_tip
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
 
 _REFINEMENTS = 2
-"""How often a bound on how fast links turn is put into itself: each makes it smaller, and the third by little."""
+"""Number of times that the bound on link rates is fed back into itself; a third time would hardly tighten it."""
 
 
 @dataclass(frozen=True)
 class HatMeans:
-    """What values at samples say of the means around the inner ones, T − 2 of them; values have any further shape.
+    """Hat-weighted means around the T − 2 inner samples, computed from values at all samples, shape (T, …).
 
     Attributes:
-        time: of the samples, shape (T,) [s].
+        time: times of the samples, shape (T,) [s].
     """
 
     time: FloatArray
 
     @property
     def steps(self) -> tuple[FloatArray, FloatArray]:
-        """Steps before and after the inner samples, each of shape (T − 2,) [s]."""
+        """Time steps before and after the inner samples, each of shape (T − 2,) [s]."""
         step = np.diff(self.time)
         return step[:-1], step[1:]
 
     def mean(self, values: FloatArray) -> FloatArray:
-        """Return the means of what is linear between samples, shape (T − 2, …)."""
+        """Return the means of values that are linear between samples, shape (T − 2, …)."""
         before, after = self._beside(values)
         change = after * (values[2:] - values[1:-1]) + before * (values[:-2] - values[1:-1])
         return np.asarray(values[1:-1] + change / (3.0 * (before + after)))
@@ -62,19 +61,22 @@ class HatMeans:
         return np.asarray((values[2:] - values[:-2]) / (before + after))
 
     def second(self, values: FloatArray) -> FloatArray:
-        """Return the second difference quotients: exactly the means of second derivatives, shape (T − 2, …)."""
+        """Return the second difference quotients, which are exactly the means of second derivatives, (T − 2, …)."""
         before, after = self._beside(values)
         rates = np.diff(values, axis=0)
         return np.asarray(2.0 * (rates[1:] / after - rates[:-1] / before) / (before + after))
 
     def at(self, sample: int) -> "HatMeans":
-        """Of one inner sample, counted from 0, alone."""
+        """Return the means around a single inner sample, counted from 0."""
         return HatMeans(self.time[sample : sample + 3])
 
     def variance(self, values: FloatArray) -> FloatArray:
-        """Bound on the mean square of how far vectors (3, …, d) at the samples of one are from their mean, (…)."""
+        """Return a bound on the mean square deviation of vectors from their mean, shape (3, …, d) to (…).
+
+        For the means around a single inner sample only.
+        """
         before, after = (float(step[0]) for step in self.steps)
-        # A square is convex, so that between samples it is below what is linear.
+        # The square is convex, so linear interpolation between samples is an upper bound.
         weights = np.array([before, 2.0 * (before + after), after]) / (3.0 * (before + after))
         away = np.sum((values - self.mean(values)) ** 2, axis=-1)
         return np.asarray(np.tensordot(weights, away, axes=1))
@@ -91,10 +93,17 @@ def check_sample_efforts(
     holding: FloatArray,
     settings: VerificationSettings = DEFAULT_VERIFICATION,
 ) -> list[Check]:
-    """Check the torques of the bends, and the force on a feed axis, that the samples take by themselves.
+    """Check the bend torques and feed forces that the samples require by themselves.
 
-    A check holds unless every motion through the samples, with accelerations within their limits, passes the limit of
-    an effort. ``worst`` is the effort by differences, ``limit`` the limit with what differences may be off.
+    A check fails only if every motion through the samples, with accelerations within their limits, exceeds the limit
+    of an effort. The worst value is the effort from difference quotients; the limit includes their possible error.
+
+    Args:
+        problem: the problem that the motion is to solve.
+        motion: the motion, linear between samples.
+        trajectory: the motion, with the layout of its coordinates.
+        holding: efforts of all drives that hold the arm still at the samples, shape (T, drives) [N m, N].
+        settings: the tolerance of limits.
     """
     limits = problem.limits
     time = trajectory.time
@@ -108,7 +117,7 @@ def check_sample_efforts(
         allowed = _allowed_beside(holding[:, bending], limits.torque[bending], problem)
         efforts = np.abs(means.torques)
         limit = allowed * (1.0 + settings.limit_tolerance)
-        # The bound is worth its price only where the effort by differences passes the limit.
+        # The error bound is costly, so it is computed only where the effort exceeds the limit.
         for sample, bend in np.argwhere(efforts > limit):
             limit[sample, bend] += means.torque_error(int(sample), int(bend))
         where = sample_words(time[1:], describe_bend_joints(layout))
@@ -122,12 +131,12 @@ def check_sample_efforts(
 
 
 def _allowed_beside(held: FloatArray, limit: FloatArray, problem: Problem) -> FloatArray:
-    """Return the greatest effort that is allowed anywhere in the two steps beside each inner sample, shape (T − 2, N).
+    """Return the greatest effort allowed anywhere in the two steps around each inner sample, shape (T − 2, N).
 
     Args:
-        held: what holds the arm still at the samples, shape (T, N).
-        limit: of each drive, shape (N,), or of all.
-        problem: whose plans use a share of the limits.
+        held: efforts that hold the arm still at the samples, shape (T, N).
+        limit: effort limit of each drive, shape (N,), or of all drives.
+        problem: the problem, which sets the share of the limits that plans may use.
     """
     allowed = limit * allowed_share(np.minimum(np.abs(held) / limit, 1.0), problem.planner.effort_share)
     return np.asarray(np.maximum(np.maximum(allowed[:-2], allowed[1:-1]), allowed[2:]))
@@ -135,11 +144,11 @@ def _allowed_beside(held: FloatArray, limit: FloatArray, problem: Problem) -> Fl
 
 @dataclass(frozen=True)
 class SampleMeans:
-    """Means of efforts around the inner samples, T − 2 of them, by the samples' places and times alone.
+    """Mean efforts around the T − 2 inner samples, from the positions and times of the samples alone.
 
     Attributes:
-        problem: arm, gravity, and the limits on accelerations.
-        motion: the motion, of at least three samples.
+        problem: the problem, with arm, gravity and acceleration limits.
+        motion: the motion, with at least three samples.
     """
 
     problem: Problem
@@ -162,21 +171,21 @@ class SampleMeans:
 
     @property
     def force(self) -> FloatArray:
-        """Mean force along the base's direction, shape (T − 2,) [N]; no lever is in it, so that it is exact."""
+        """Mean force along the base's direction, shape (T − 2,) [N]; exact, since no lever is involved."""
         return np.asarray(np.sum(self._forces, axis=1) @ self.problem.arm.base_rotation[:, 0])
 
     @property
     def force_errors(self) -> FloatArray:
-        """What rounding can have added to the mean force, shape (T − 2,) [N]."""
+        """Bound on the rounding error of the mean force, shape (T − 2,) [N]."""
         before, after = self._hat.steps
         return np.asarray(4.0 * self.motion.rounding / (before * after) * np.sum(self._masses))
 
     def torque_error(self, sample: int, bend: int) -> float:
-        """Return how far a mean torque may be from the mean that every motion through the samples has [N m].
+        """Return a bound on the error of a mean torque against the true mean of any motion through the samples [N m].
 
         Args:
-            sample: number of an inner sample, from 0.
-            bend: number of a bend, from 0.
+            sample: index of an inner sample, from 0.
+            bend: index of a bend, from 0.
         """
         joint, revolute = divmod(int(bend_revolutes(self.problem.arm.coordinates)[bend]), 3)
         axes = (self._frames.first_axes, self._frames.second_axes)[revolute]
@@ -186,17 +195,17 @@ class SampleMeans:
 
     @cached_property
     def _moments(self) -> FloatArray:
-        """Mean moments about the joints, without what links take to spin about themselves, (T − 2, links, 3) [N m]."""
+        """Mean moments about the joints, without those for links spinning about their axes, (T − 2, links, 3) [N m]."""
         hat = self._hat
         arm = self.problem.arm
         forces = self._forces
-        # Σ over the masses beyond joint i of (lever × force), the lever r − pᵢ, in two sums from the tip.
+        # Σ over the masses beyond joint i of lever × force, with lever r − pᵢ, as two sums from the tip.
         own = from_tip(np.cross(hat.mean(self._bodies), forces))[:, : arm.links]
         beyond = from_tip(forces)[:, : arm.links]
         joints = arm.embedded(self.motion.points[:, :-1])
         moments = own - np.cross(hat.mean(joints), beyond)
         if arm.dimension == 2:
-            # All links turn about one direction, so that their spins are exact means.
+            # All links turn about one direction, so their mean angular accelerations are exact.
             turned = np.cumsum(bend_pairs(arm, self.motion.positions)[..., 1], axis=1)
             turning = hat.second(turned)[..., None] * arm.base_rotation[:, 1]
         else:
@@ -205,18 +214,18 @@ class SampleMeans:
 
     @cached_property
     def _forces(self) -> FloatArray:
-        """Mean forces that the masses need, shape (T − 2, links + 1, 3) [N]."""
+        """Mean forces that accelerate and carry the masses, shape (T − 2, links + 1, 3) [N]."""
         gains = self._hat.second(self._bodies) - self.problem.simulation.gravity
         return np.asarray(self._masses[:, None] * gains)
 
     @property
     def _masses(self) -> FloatArray:
-        """Of the links, and the payload, shape (links + 1,) [kg]."""
+        """Masses of the links and the payload, shape (links + 1,) [kg]."""
         return np.append(self.problem.arm.masses, self.problem.arm.payload)
 
     @cached_property
     def _bodies(self) -> FloatArray:
-        """Where the masses are: the middles of the links, and the tip, shape (T, links + 1, 3) [m]."""
+        """Positions of the masses: the midpoints of the links and the tip, shape (T, links + 1, 3) [m]."""
         points = self.motion.points
         bodies = np.concatenate((0.5 * (points[:, :-1] + points[:, 1:]), points[:, -1:]), axis=1)
         return self.problem.arm.embedded(bodies)
@@ -231,21 +240,21 @@ class SampleMeans:
 
 
 def _of_bends(drives: FloatArray | float, links: int) -> FloatArray:
-    """Return a property of the drives for the first two revolutes of every ball, shape (links, 2)."""
+    """Return a property of the drives for the first two revolutes of each ball joint, shape (links, 2)."""
     return np.broadcast_to(np.asarray(drives, dtype=np.float64), (3 * links,)).reshape(-1, 3)[:, :2]
 
 
 @dataclass(frozen=True)
 class Factors:
-    """Bounds on products lever × force, each array of shape (n,), the force without its mass.
+    """Bounds on n products lever × force, each array of shape (n,), with forces per unit of mass or inertia.
 
     Attributes:
-        shares: of the products: masses, or moments of inertia.
-        longest: greatest lengths of the levers.
-        bows: how far levers leave what is linear between samples.
-        spread: root mean square of how far levers are from their means.
-        mean: sizes of the mean forces.
-        unsteady: root mean square of how far forces are from their means.
+        shares: weights of the products: masses, or moments of inertia.
+        longest: bounds on the lengths of the levers.
+        bows: bounds on the deviation of the levers from linear interpolation between samples.
+        spread: bounds on the root mean square deviation of the levers from their means.
+        mean: magnitudes of the mean forces.
+        unsteady: bounds on the root mean square deviation of the forces from their means.
     """
 
     shares: FloatArray
@@ -257,25 +266,25 @@ class Factors:
 
     @property
     def error(self) -> float:
-        """How far the mean of the products may be from the product of the means."""
+        """Bound on the difference between the mean of the products and the product of the means."""
         return float(self.shares @ (self.spread * self.unsteady + self.bows * self.mean))
 
     @property
     def own_spread(self) -> float:
-        """Root mean square of how far the sum of the products is from its mean."""
+        """Bound on the root mean square deviation of the sum of the products from its mean."""
         return float(self.shares @ (self.longest * self.unsteady + self.spread * self.mean))
 
 
 @dataclass(frozen=True)
 class SampleBounds:
-    """Bounds around one inner sample.
+    """Error bounds of the mean torques around one inner sample.
 
     Attributes:
-        problem: arm, gravity, and the limits on accelerations.
+        problem: the problem, with arm, gravity and acceleration limits.
         motion: the motion.
-        frames: of its samples.
-        bodies: where the masses are at the samples, shape (T, links + 1, 3) [m].
-        sample: number of the inner sample, from 0.
+        frames: link frames at the samples.
+        bodies: positions of the masses at the samples, shape (T, links + 1, 3) [m].
+        sample: index of the inner sample, from 0.
     """
 
     problem: Problem
@@ -285,25 +294,25 @@ class SampleBounds:
     sample: int
 
     def of_torque(self, joint: int, revolute: int, axis: FloatArray, moment: float) -> float:
-        """Return how far the mean torque of a revolute may be from the one by means [N m].
+        """Return a bound on the error of a revolute's mean torque computed from means [N m].
 
         Args:
-            joint: number of the joint, from 0.
-            revolute: its first or its second, from 0.
-            axis: about which it turns, at the three samples, shape (3, 3).
-            moment: size of the mean moment about the joint [N m].
+            joint: index of the joint, from 0.
+            revolute: index of the joint's first or second revolute, from 0.
+            axis: axis of the revolute at the three samples, shape (3, 3).
+            moment: magnitude of the mean moment about the joint [N m].
         """
         arm = self.problem.arm
         masses = self._masses_beyond(joint)
         error = masses.error
         bow = 0.0
         turned = 0.0
-        # In the plane axes stand still, and the spins of links are exact means.
+        # In the plane the axes are fixed, and the mean angular accelerations of the links are exact.
         if arm.dimension == 3:
             turning = self._turning_beyond(joint)
             error += turning.error
-            # The first turns about an axis of the link before, which at the base stands still; the second about one of
-            # its own link.
+            # The first axis belongs to the preceding link, or to the base, which is fixed; the second to the joint's
+            # own link.
             carrier = joint if revolute else joint - 1
             bow = self._eighth * float(self._curving[carrier]) if carrier >= 0 else 0.0
             stray = float(np.sqrt(self._hat.variance(axis))) + bow
@@ -331,7 +340,10 @@ class SampleBounds:
         )
 
     def _turning_beyond(self, joint: int) -> Factors:
-        """Return the links that are turned: their directions stand for levers, how these are bent for forces."""
+        """Return the factors of the links' rotational inertia.
+
+        Directions of links take the place of levers, their second derivatives that of forces.
+        """
         along = self.frames.along[self._within, joint:]
         bow = self._eighth * self._curving[joint:]
         gain = self._hat.second(along)[0]
@@ -345,9 +357,9 @@ class SampleBounds:
         )
 
     def _held(self, joint: int, axis: FloatArray, bow: float) -> float:
-        """Return by how much what holds the arm still can be more between samples than at them [N m].
+        """Return a bound on how much the holding torque between samples can exceed that at the samples [N m].
 
-        The share of a limit that a plan may use grows with it.
+        The effort that a plan may use grows with the holding torque.
         """
         arm = self.problem.arm
         masses = np.append(arm.masses, arm.payload)[joint:]
@@ -364,26 +376,26 @@ class SampleBounds:
         rotor = float(_of_bends(arm.rotor_inertia, arm.links)[joint, revolute])
         turning = float(np.sum(arm.inertia_transverse[joint:])) + rotor
         noise = 4.0 * place / (before * after) * (float(masses.shares @ masses.longest) + turning / arm.link_length)
-        # Directions are off by less than places by a link's length.
+        # The error of a direction is less than that of positions divided by a link's length.
         return noise + 2.0 * place * float(masses.shares @ masses.mean) + place / arm.link_length * moment
 
     def _levers(self, joint: int) -> FloatArray:
-        """From a joint to the masses beyond it, at the three samples, shape (3, n, 3) [m]."""
+        """Return the vectors from a joint to the masses beyond it at the three samples, shape (3, n, 3) [m]."""
         joints = self.motion.points[self._within, joint : joint + 1]
         return np.asarray(self.bodies[self._within, joint:] - self.problem.arm.embedded(joints))
 
     def _bounds_beyond(self, joint: int) -> FloatArray:
-        """Return the bounds on the second derivatives of those levers, shape (n,) [m/s²]."""
+        """Return bounds on the second derivatives of the levers beyond a joint, shape (n,) [m/s²]."""
         arm = self.problem.arm
         beyond = np.where(np.arange(arm.links) >= joint, arm.link_length * self._curving, 0.0)
         return _body_bounds(beyond)[joint:]
 
     @cached_property
     def _curving(self) -> FloatArray:
-        """Bound on second derivatives of the axes of each link, which turn with it, shape (links,) [1/s²].
+        """Bounds on the second derivatives of each link's axes, shape (links,) [1/s²].
 
-        ω̇ × e + ω × (ω × e) is at most |ω̇| + |ω|². How fast links turn is known by how far their axes go from sample to
-        sample, but for a step times that bound, which a bound that only adds up the joints begins with.
+        ω̇ × e + ω × (ω × e) is at most |ω̇| + |ω|². The rates of links follow from the distance that their axes move
+        between samples, up to a step times the bound itself; iteration starts from the sum of the joint rates.
         """
         if self.problem.arm.dimension == 2:
             turned = np.cumsum(bend_pairs(self.problem.arm, self.motion.positions[self._within])[..., 1], axis=1)
@@ -405,10 +417,10 @@ class SampleBounds:
         return np.asarray(curving)
 
     def _growth(self, turn: FloatArray) -> FloatArray:
-        """Bound on angular accelerations of the links, from one on how fast they turn, shape (links,) [rad/s²]."""
+        """Return bounds on the angular accelerations of links, given bounds on their rates, shape (links,) [rad/s²]."""
         first, second = self._rates.T
         before = np.concatenate(([0.0], turn[:-1]))
-        # The two axes of a joint are across each other, and turn with what carries them.
+        # The two axes of a joint are perpendicular and move with the preceding parts of the arm.
         gains = np.hypot(self._accelerations[:, 0], self._accelerations[:, 1])
         return np.cumsum(gains + first * before + second * (before + first))
 
@@ -421,7 +433,7 @@ class SampleBounds:
 
     @property
     def _accelerations(self) -> FloatArray:
-        """Limits of the bends, shape (links, 2) [rad/s²]."""
+        """Acceleration limits of the bends, shape (links, 2) [rad/s²]."""
         return self.problem.limits.acceleration.reshape(-1, 3)[:, :2]
 
     @property
@@ -442,10 +454,10 @@ class SampleBounds:
 
 
 def _unsteady(at_all: FloatArray, mean: FloatArray) -> FloatArray:
-    """Return the root mean square of how far vectors of bounded size are from their means (n, 3)."""
+    """Return bounds on the root mean square deviation of bounded vectors from their means (n, 3), shape (n,)."""
     return np.asarray(np.sqrt(np.maximum(at_all**2 - np.sum(mean**2, axis=1), 0.0)))
 
 
 def _body_bounds(of_links: FloatArray) -> FloatArray:
-    """Return the bounds on the middles of the links and the tip, from those that each link adds, shape (links + 1,)."""
+    """Return bounds for the link midpoints and the tip from the contributions of the links, shape (links + 1,)."""
     return np.append(np.cumsum(of_links) - 0.5 * of_links, np.sum(of_links))

@@ -1,1 +1,1 @@
-"""What a verified motion survives: the largest errors of joints, links, base and scene with which it stays clear."""
+"""Error tolerance of a verified motion: the largest errors of joints, links, base and scene that cause no contact."""

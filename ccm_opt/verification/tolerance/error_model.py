@@ -1,19 +1,19 @@
-"""Errors of joints, links, base, walls and loads, and their numbers.
+"""Models of errors of joints, links, base and walls, and bounds on the displacements that they cause.
 
-Errors are made one joint after the other, the first one first: what is beyond a joint is turned about it as a whole, in
-the shape that it has without errors. So a point P moves by at most Σ ψ_i |P − P_i| over the joints i before it, with
-the turns ψ_i of the joints. In the plane ψ is the error δ of the bend. In space a joint whose two bends are off by at
-most δ turns by ψ = 2 acos(cos² ½ δ) ≤ √2 δ about some axis, for its two axes are at right angles. The sum is convex in
-P, and so greatest at an end of a link.
+Errors are applied joint by joint from the base: the part of the arm beyond a joint is rotated about it as a whole, in
+its error-free shape. A point P thus moves by at most Σ ψ_i |P − P_i| over the joints i before it, where ψ_i is the
+rotation of joint i. In the plane, ψ is the error δ of the bend. In space, a joint whose two bends are off by at most δ
+rotates by ψ = 2 acos(cos² ½ δ) ≤ √2 δ about some axis, since its two axes are perpendicular. The sum is convex in P, so
+its maximum over a link is at one of the link's ends.
 
-Along a direction n a point moves by less. A product of turns differs from one plus their sum by at most half the square
-of the sum of their sizes, so that with the links t_k, which the joints up to k turn,
+Along a single direction n, a point moves less. A product of rotations differs from the identity plus their sum by at
+most half the square of the sum of their angles, so with the link vectors t_k, which joints up to k rotate,
 
     n · (P' − P)  ≤  Σ ψ_i |n × (P − P_i)|  +  ½ Σ_k |t_k| (Σ_{i ≤ k} ψ_i)².
 
-A link and an edge, a triangle or another link are parted by a plane with any normal n, on one side of which the ends of
-the one stay, and on the other the corners of the other. Either of them may be taken to be the one that moves: errors
-leave it to the observer whether they move the arm against what stands still, or that against a link.
+A link is separated from an edge, a triangle or another link by a plane with any normal n if the ends of the link stay
+on one side and the corners of the other body on the other. Either body may be regarded as the one that errors move,
+since only relative motion matters.
 """
 
 from dataclasses import dataclass
@@ -32,15 +32,15 @@ ErrorName = Literal["joints", "base heading", "link lengths", "base position", "
 
 @dataclass(frozen=True)
 class ErrorModel:
-    """How much everything may be off when the error is one unit.
+    """Largest errors of each part of the arm when the error under study is one unit.
 
     Attributes:
-        name: what is wrong.
-        unit: of the error, "rad" or "m".
-        turns: of the base's heading and of every joint, shape (links + 1,) [rad a unit].
-        stretch: of the length of every link [m a unit].
-        shift: of the whole arm against the walls, in any direction [m a unit].
-        feed: of the base along its feed axis [m a unit].
+        name: kind of the error.
+        unit: unit of the error, "rad" or "m".
+        turns: errors of the base heading and of every joint, shape (links + 1,) [rad per unit].
+        stretch: error of the length of every link [m per unit].
+        shift: displacement of the whole arm relative to the walls, in any direction [m per unit].
+        feed: displacement of the base along its feed axis [m per unit].
         with_itself: whether distances within the arm change.
     """
 
@@ -54,22 +54,23 @@ class ErrorModel:
 
     @property
     def moves_base(self) -> float:
-        """How far the base is off at most [m a unit]."""
+        """Largest displacement of the base [m per unit]."""
         return self.shift + self.feed
 
 
 def joint_errors(arm: Arm) -> ErrorModel:
-    """Return every joint is off by as much as the unit, and the base on a feed axis by a link's length times that."""
+    """Return the model in which every joint is off by one unit, and a fed base by a link's length times that."""
     turns = np.append(0.0, np.ones(arm.links))
     feed = arm.link_length * len(arm.base_axes)
     return ErrorModel("joints", "rad", turns, feed=feed)
 
 
 def error_models(arm: Arm) -> dict[ErrorName, ErrorModel]:
-    """Return the everything that may be wrong with the geometry, by its name.
+    """Return the models of all geometric errors, by name.
 
-    They are the joints; every link longer or shorter by as much as the unit, each by itself; the arm turned about its
-    base, or beside its place in any direction; and every wall nearer to the arm by as much, the certified least gap.
+    They are errors of the joints; of the lengths of the links, each independently; of the base heading; of the base
+    position in any direction; and of the walls, each nearer to the arm by the error, which gives the certified least
+    gap.
     """
     still = np.zeros(arm.links + 1)
     models = (
@@ -84,17 +85,17 @@ def error_models(arm: Arm) -> dict[ErrorName, ErrorModel]:
 
 @dataclass(frozen=True)
 class ToleranceSettings:
-    """Numbers of the search for the largest errors that a motion survives.
+    """Settings of the search for the largest errors that a motion tolerates.
 
     Attributes:
-        precision: share by which the certified error may stay below the least one that the bound refuses at some
+        precision: share by which the certified error may stay below the least error that violates the bound at some
             pose. Taste.
-        least: errors below this count as none [rad, m]. Derived: far below what the verifier tells apart.
-        largest_turn: errors of angles that may turn the tip by more than this, all together, are not looked at [rad].
-            Taste: bounds are tight up to some 0.2 rad, and an arm so far off follows no plan.
-        largest_length: the same of lengths, as a share of the arm's length. Taste.
-        time_share: share of the time left that a search with such room may take. Taste.
-        least_time: that a search is given in any case [s]. Taste.
+        least: errors below this count as none [rad, m]. Derived: far below the verifier's resolution.
+        largest_turn: largest total rotation of the tip by angular errors that is studied [rad]. Taste: the bounds are
+            tight up to about 0.2 rad, and an arm with larger errors follows no plan.
+        largest_length: largest error of lengths that is studied, as a share of the arm's length. Taste.
+        time_share: share of the remaining time that planning for error tolerance may take. Taste.
+        least_time: time that such a search always gets [s]. Taste.
     """
 
     precision: float = 2e-3
@@ -106,41 +107,41 @@ class ToleranceSettings:
 
 
 DEFAULT_TOLERANCE = ToleranceSettings()
-"""What is used unless others are given."""
+"""Default settings of the search for tolerated errors."""
 
 
 def largest_error(arm: Arm, model: ErrorModel, settings: ToleranceSettings = DEFAULT_TOLERANCE) -> float:
-    """Return the errors above this are not looked at [unit]."""
+    """Return the largest error of a model that is studied [unit]."""
     turned = float(np.sum(model.turns))
     return settings.largest_turn / turned if turned > 0.0 else settings.largest_length * arm.length
 
 
 NAME = "survived joint error"
-"""Of the check."""
+"""Name of the check."""
 
 
 def check_of(asked: float, survived: SurvivedError) -> Check:
-    """Return the check of an error that is known already, against the one asked for [rad]."""
-    # What lies beyond is not looked at, so a problem that asks for more is refused.
+    """Return the check of a known tolerated error against the required one [rad]."""
+    # Errors above the largest studied one are not certified, so a problem that requires more is rejected.
     passed = survived.size >= asked
     return Check(NAME, survived.size, asked, "rad", survived.where, passed=passed)
 
 
 _TURNS = {1: 1.0, 2: float(np.sqrt(2.0))}
-"""Turn of a joint for errors of one unit of all of its bends, by how many it has."""
+"""Bound on the rotation of a joint if all its bends have errors of one unit, by the number of its bends."""
 _MOST_NUMBERS = 2_000_000
-"""Of an array of distances between joints; more poses than have so many are looked at in parts."""
+"""Largest size of an array of distances between joints; larger sets of poses are processed in batches."""
 
 
 @dataclass(frozen=True, eq=False)
 class Chains:
-    """Stretches of the arm between what is looked at and what stands still, of pairs.
+    """For each pair, the joints between the moving body and the body that is taken to be fixed.
 
     Attributes:
-        stretch: numbers of the stretches of time, shape (P,).
-        first: numbers of the first joints that move anything, shape (P,).
-        last: numbers of the last joints, shape (P,).
-        fixed: whether what stands still is the world, so that the base may be off, too.
+        stretch: indices of the stretches of time, shape (P,).
+        first: indices of the first joints in between, shape (P,).
+        last: indices of the last joints in between, shape (P,).
+        fixed: whether the fixed body is the world, so that the base may be off, too.
     """
 
     stretch: IntArray
@@ -151,12 +152,12 @@ class Chains:
 
 @dataclass(frozen=True, eq=False)
 class Reaches:
-    """How far errors move points along directions at most, each array of shape (P, e).
+    """Bounds on how far errors move points along directions, each array of shape (P, e).
 
     Attributes:
-        middle: in proportion to the error, at the middle of a stretch of time [m a unit].
-        during: the same throughout the stretch [m a unit].
-        bow: in proportion to its square [m a unit²].
+        middle: coefficient of the error at mid-stretch [m per unit].
+        during: coefficient of the error throughout the stretch [m per unit].
+        bow: coefficient of the square of the error [m per unit²].
     """
 
     middle: FloatArray
@@ -165,19 +166,19 @@ class Reaches:
 
 
 def survived(gap: FloatArray, lever: FloatArray, bow: FloatArray | float = 0.0) -> FloatArray:
-    """Return the error e at which lever e + bow e² is the gap [unit]; negative where the gap is [m]."""
+    """Return the error e at which lever e + bow e² equals the gap [unit]; negative for negative gaps."""
     root = np.sqrt(lever**2 + 4.0 * bow * np.maximum(gap, 0.0))
     return np.asarray(2.0 * gap / np.maximum(lever + root, np.finfo(np.float64).tiny ** 0.5))
 
 
 @dataclass(frozen=True, eq=False)
 class ErrorLevers:
-    """Levers of errors in stretches of time.
+    """Displacements per unit of error (levers) in stretches of time.
 
     Attributes:
         arm: the arm.
-        model: what may be wrong.
-        inside: a joint has no error where it is farther than this inside the guide tube [m].
+        model: the error model.
+        inside: depth in the guide tube beyond which a joint has no error [m].
     """
 
     arm: Arm
@@ -185,13 +186,13 @@ class ErrorLevers:
     inside: float
 
     def of_pairs(self, poses: FloatArray, travels: FloatArray, pairs: Pairs, *, of_links: bool) -> FloatArray:
-        """How far the links of pairs move at most, against the scene or the links nearer to the base, (P,) [m a unit].
+        """Return bounds on how far links move relative to the scene or to links nearer the base, (P,) [m per unit].
 
         Args:
-            poses: base, joints and tip, shape (S, links + 1, d) [m].
-            travels: how far each of them goes from there at most, shape (S, links + 1) [m]; zero for the poses alone.
-            pairs: whose stretches are numbers of poses.
-            of_links: whether they are pairs of links, of which the second moves against the first.
+            poses: positions of all joints and the tip, base first, shape (S, links + 1, d) [m].
+            travels: bounds on their distances from these positions, shape (S, links + 1) [m]; zero for single poses.
+            pairs: pairs whose stretches are indices of poses.
+            of_links: whether they are pairs of links, of which the second moves relative to the first.
         """
         levers = np.empty(len(pairs))
         for begin, which in self._parts(len(poses), pairs):
@@ -210,7 +211,7 @@ class ErrorLevers:
 
     @property
     def greatest(self) -> float:
-        """The greatest lever that any pose of the arm may have [m a unit]."""
+        """Bound on the lever of any pose of the arm [m per unit]."""
         arm = self.arm
         model = self.model
         turned = arm.link_length * float(np.sum(self._turns * np.arange(arm.links, 0, -1)))
@@ -219,7 +220,7 @@ class ErrorLevers:
 
     @property
     def _turns(self) -> FloatArray:
-        """Turns of the joints, shape (links,) [rad a unit]."""
+        """Bounds on the rotations of the joints, shape (links,) [rad per unit]."""
         return _TURNS[self.arm.coordinates.bends_a_joint] * self.model.turns[1:]
 
     def _parts(self, poses: int, pairs: Pairs) -> list[tuple[slice, IntArray]]:
@@ -230,11 +231,11 @@ class ErrorLevers:
         ]
 
     def _sums(self, poses: FloatArray, travels: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Σ ψ_i |P_p − P_i| over the joints i before m that may be off, (S, p, m), and |P_p − base|, (S, p) [m]."""
+        """Return Σ ψ_i |P_p − P_i| over joints i before m that may be off, (S, p, m), and |P_p − base|, (S, p) [m]."""
         arm = self.arm
         apart = np.linalg.norm(poses[:, :, None] - poses[:, None, :-1], axis=3)
         apart += travels[:, :, None] + travels[:, None, :-1]
-        # No two joints are farther apart than the arm between them is long.
+        # The distance of two joints is at most the length of the arm between them.
         number = np.arange(arm.links + 1)
         apart = np.minimum(apart, arm.link_length * np.abs(number[:, None] - number[:-1]))
         apart *= (self._turns * self._free(poses, travels))[:, None]
@@ -242,7 +243,7 @@ class ErrorLevers:
         return sums, np.linalg.norm(poses - arm.base, axis=2) + travels
 
     def _free(self, poses: FloatArray, travels: FloatArray) -> FloatArray:
-        """Return the 1 for joints that no guide tube holds, 0 for the others, shape (S, links)."""
+        """Return 1 for joints outside the guide tube and 0 for joints that it holds straight, shape (S, links)."""
         arm = self.arm
         if not arm.base_axes:
             return np.ones((len(poses), arm.links))
@@ -261,17 +262,17 @@ class ErrorLevers:
         *,
         outwards: bool,
     ) -> Reaches:
-        """Return how far errors move points along directions.
+        """Return bounds on how far errors move points along directions.
 
         Args:
-            poses: as for ``of_pairs``.
-            travels: likewise.
-            chains: the joints between the points and what stands still.
-            points: at the middles of the stretches, shape (P, e, d) [m].
-            moved: how far they go from there, shape (P,) [m].
-            normals: unit vectors, shape (P, d).
-            outwards: whether the points are those of the last links; else they are seen from these, and stand still or
-                are those of the first.
+            poses: positions of all joints and the tip, as for ``of_pairs``.
+            travels: bounds on their travel, as for ``of_pairs``.
+            chains: the joints between the points and the body that is taken to be fixed.
+            points: points at mid-stretch, shape (P, e, d) [m].
+            moved: bounds on the distances of the points from there during the stretch, shape (P,) [m].
+            normals: directions as unit vectors, shape (P, d).
+            outwards: whether the points belong to the last links; if not, the last links are taken to be fixed, and the
+                points belong to the scene or to the first links.
         """
         arm, model = self.arm, self.model
         pose = poses[chains.stretch]
@@ -285,7 +286,7 @@ class ErrorLevers:
         if model.stretch:
             lies = np.abs(np.einsum("pnd,pd->pn", np.diff(pose, axis=1), normals)) / arm.link_length
             turning = (joint_travels[:, 1:] + joint_travels[:, :-1]) / arm.link_length
-            # The length of the first link moves its own ends against each other.
+            # An error of the first link's length moves its own ends relative to each other.
             own = number == chains.first[:, None] - 1
             grows = model.stretch * (on if chains.fixed else on | own)
             middle = middle + np.sum(grows * lies, axis=1)[:, None]
@@ -309,20 +310,20 @@ class ErrorLevers:
 
 
 def _off(vectors: FloatArray, normals: FloatArray) -> FloatArray:
-    """Return the lengths of what vectors (P, …, d) have across directions (P, d), shape (P, …)."""
+    """Return the lengths of the components of vectors (P, …, d) perpendicular to directions (P, d), shape (P, …)."""
     along = normals.reshape(len(normals), *(1 for _ in vectors.shape[1:-1]), normals.shape[-1])
     heights = np.sum(vectors * along, axis=-1, keepdims=True)
     return lengths_of(vectors - heights * along)
 
 
 def moved_by_joint_errors(arm: Arm, points: FloatArray, size: float, inside: float = 0.0) -> FloatArray:
-    """Return how far errors of the joints move each link of a pose at most, shape (links,) [m].
+    """Return bounds on how far joint errors move each link of a pose, shape (links,) [m].
 
     Args:
         arm: the arm.
-        points: base, joints and tip, shape (links + 1, d) [m].
-        size: of the error of every bend [rad].
-        inside: as for ``ErrorLevers``.
+        points: positions of all joints and the tip, base first, shape (links + 1, d) [m].
+        size: error of every bend [rad].
+        inside: depth in the guide tube beyond which a joint has no error, as for ``ErrorLevers`` [m].
     """
     links = np.arange(arm.links)
     pairs = Pairs(np.zeros_like(links), links, links)

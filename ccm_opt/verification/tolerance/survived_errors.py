@@ -1,8 +1,8 @@
-"""Errors that a plan survives.
+"""The largest errors that a plan tolerates without contact, certified at all times.
 
-The proof is that of the gap, with every gap told as the error that it survives: that which all pairs are proved to keep
-at all times is certified. The least that was met, at a known place and time, says that this bound could not certify
-more.
+The proof is that of the gaps, with every gap converted to the error that it tolerates. The error that all pairs are
+proved to tolerate at all times is certified. The least tolerated error found at a known place and time shows that this
+bound could not certify more.
 """
 
 from collections.abc import Callable
@@ -34,17 +34,17 @@ from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION
 from ccm_opt.verification.wall_clearance import CheckedSurfaces, WallProof, exposed_starts, is_empty, link_axes
 
 _AT_ONCE = 4096
-"""Pairs whose levers along directions are looked at together. Taste: some 10 MB."""
+"""Number of pairs per batch in the computation of levers along directions. Taste: about 10 MB."""
 _STEP = 1e-6
-"""Turn of a joint by which slopes are taken [rad]."""
+"""Change of a bend for finite differences of gaps [rad]."""
 _PLACES = 65
-"""Along a link, at which its nearest place is looked for."""
+"""Number of points along a link among which the nearest to the other body is searched for."""
 
 
 def survived_errors(
     problem: Problem, trajectory: JointTrajectory, settings: ToleranceSettings = DEFAULT_TOLERANCE
 ) -> tuple[SurvivedError, ...]:
-    """Return the largest errors of every kind, one kind at a time; arguments as for ``survived_error``."""
+    """Return the largest tolerated error of every kind, one kind at a time; arguments as for ``survived_error``."""
     return tuple(survived_error(problem, trajectory, model, settings) for model in error_models(problem.arm).values())
 
 
@@ -55,18 +55,18 @@ def survived_error(
     settings: ToleranceSettings = DEFAULT_TOLERANCE,
     most: float = np.inf,
 ) -> SurvivedError:
-    """Return the largest error of one kind with which every motion keeps clear, certified at all times.
+    """Return the largest error of one kind with which every motion stays clear, certified at all times.
 
-    Every motion whose coordinates are within the error of the planned ones at all times keeps the clearance from every
-    wall, beyond the mount, and two radii between distant links where the arm has to. Joints that a guide tube holds
-    straight have no error.
+    Every motion within the error of the planned one at all times keeps the clearance from every wall, beyond the mount,
+    and, if the arm must avoid itself, a distance of two radii between the axes of distant links. Joints that a guide
+    tube holds straight have no error.
 
     Args:
-        problem: with the arm, its scene and the clearance.
+        problem: the problem, with the arm, its scene and the clearance.
         trajectory: the plan, linear between its samples, which keeps the clearance.
-        model: what may be wrong.
-        settings: largest errors that are looked at.
-        most: larger errors are not looked at [unit]; what is survived is told as this.
+        model: the error model.
+        settings: settings of the search.
+        most: largest error that is studied [unit]; a larger tolerated error is reported as this value.
     """
     motion = ChainMotion(problem.arm, trajectory.time, trajectory.positions)
     finely = replace(
@@ -80,7 +80,7 @@ def survived_error(
     proofs = _proofs(motion, problem.workspace, levers)
     largest = min(most, largest_error(problem.arm, model, settings))
     kept = largest * levers.greatest
-    # What is told less exactly than this is nowhere less than the largest.
+    # Values that are not refined below this starting value are at least the largest error studied.
     nearest = Nearest(kept / (1.0 - settings.precision))
     limiting: _SurfacesWithErrors | _LinksWithErrors | None = None
     for proof in proofs:
@@ -97,12 +97,12 @@ def survived_error(
 
 
 class _SurfacesWithErrors(WallProof):
-    """Gaps to surfaces, as errors that they survive, times the greatest lever.
+    """Proves how large an error the gaps to surfaces tolerate, in units of the error times the greatest lever.
 
     Args:
-        motion: of the arm.
-        workspace: its scene.
-        levers: of the errors.
+        motion: motion of the arm.
+        workspace: the scene.
+        levers: levers of the errors.
     """
 
     def __init__(self, motion: ChainMotion, workspace: Workspace, levers: ErrorLevers) -> None:
@@ -115,13 +115,13 @@ class _SurfacesWithErrors(WallProof):
     def measure(
         self, stretches: TimeStretches, poses: FloatArray, pairs: Pairs, cutoff: FloatArray | float
     ) -> Measured:
-        """Return what is known of the errors that the gaps of pairs survive."""
+        """Return bounds on the errors that the gaps of links to surfaces tolerate."""
         return _in_errors(self, super().measure, stretches, poses, pairs, cutoff)
 
     def along_lines(
         self, stretches: TimeStretches, poses: FloatArray, travels: FloatArray, pairs: Pairs, travel: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Errors that are survived along the shortest lines: throughout stretches, and at their middles, (P,) each."""
+        """Return the errors tolerated along the shortest lines: throughout stretches and at mid-stretch, each (P,)."""
         del travel
         k, link = pairs.stretch, pairs.link
         ends = np.stack(link_axes(poses, pairs, self._exposed), axis=1)
@@ -138,7 +138,10 @@ class _SurfacesWithErrors(WallProof):
     def _travel_along(
         self, stretches: TimeStretches, travels: FloatArray, pairs: Pairs, normals: FloatArray
     ) -> FloatArray:
-        """Return how far ends of links go along directions (P, d), shape (P,) [m]: of their chords that part alone."""
+        """Return bounds on how far the ends of links travel along directions (P, d), shape (P,) [m].
+
+        Within an interval, only the components of their chords along the directions count.
+        """
         k = pairs.stretch
         within = ((stretches.high - stretches.low) <= 1.0)[k]
         chords = self.motion.poses(stretches.high) - self.motion.poses(stretches.low)
@@ -150,12 +153,17 @@ class _SurfacesWithErrors(WallProof):
         return gone
 
     def where(self, near: Nearest) -> tuple[str, FloatArray]:
-        """Return what limits the error, in words, and its edge or triangle."""
+        """Return the name of the obstacle that limits the error, and its edge or triangle."""
         return repr(self.surfaces.name_of(near.other)), self.surfaces.edge_parts(np.array([near.other]))[0]
 
 
 class _LinksWithErrors(LinkProof):
-    """Gaps between links, likewise; arguments as above."""
+    """Proves how large an error the gaps between links tolerate, in units of the error times the greatest lever.
+
+    Args:
+        motion: motion of the arm.
+        levers: levers of the errors.
+    """
 
     def __init__(self, motion: ChainMotion, levers: ErrorLevers) -> None:
         super().__init__(motion, 2.0 * motion.arm.radius)
@@ -167,19 +175,22 @@ class _LinksWithErrors(LinkProof):
     def measure(
         self, stretches: TimeStretches, poses: FloatArray, pairs: Pairs, cutoff: FloatArray | float
     ) -> Measured:
-        """Return what is known of the errors that the gaps of pairs survive."""
+        """Return bounds on the errors that the gaps between links tolerate."""
         return _in_errors(self, super().measure, stretches, poses, pairs, cutoff)
 
     def along_lines(
         self, stretches: TimeStretches, poses: FloatArray, travels: FloatArray, pairs: Pairs, travel: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Return as for surfaces; what the gaps may lose by motion is known already, shape (P,) [m]."""
+        """Return the errors tolerated along the shortest lines: throughout stretches and at mid-stretch, each (P,).
+
+        `travel` is the loss of gap by motion, shape (P,) [m].
+        """
         k, i, j = pairs.stretch, pairs.link, pairs.other
         first = np.stack((poses[k, i], poses[k, i + 1]), axis=1)
         second = np.stack((poses[k, j], poses[k, j + 1]), axis=1)
         normals = _lines(second, first)
         chains = Chains(k, i + 1, j, fixed=False)
-        # Directions are those of the world, or turn with either link; levers grow by this and what their joints travel.
+        # Directions may be fixed in the world or turn with either link; levers grow by that and by the joints' travel.
         turning = 2.0 * travels_in_frame(self.motion, stretches, k, i, j)
         moved = [np.maximum(np.maximum(travels[k, link], travels[k, link + 1]), turning) for link in (j, i)]
         of_second = self.levers.along(poses, travels, chains, second, moved[0], normals, outwards=True)
@@ -190,7 +201,7 @@ class _LinksWithErrors(LinkProof):
 
     @staticmethod
     def where(near: Nearest) -> tuple[str, None]:
-        """Return what limits the error, in words; it is no part of a surface."""
+        """Return the name of the link that limits the error; it has no edge or triangle."""
         return f"link {near.other + 1}", None
 
 
@@ -202,15 +213,15 @@ def _in_errors(
     pairs: Pairs,
     cutoff: FloatArray | float,
 ) -> Measured:
-    """Return what is known of errors by levers alone, and where that is not enough along the shortest lines.
+    """Return bounds on tolerated errors, from levers alone or, where these do not suffice, along the shortest lines.
 
     Args:
-        proof: of gaps, as errors that they survive.
-        measure: what is known of the gaps themselves; this and what follows as for ``prove_stretches``.
-        stretches: of time.
-        poses: at their middles.
-        pairs: in them.
-        cutoff: error beyond which it is enough to know that it is survived, times the greatest lever.
+        proof: the proof that the bounds are for.
+        measure: function that bounds the gaps themselves, as for ``prove_stretches``.
+        stretches: stretches of time.
+        poses: poses at mid-stretch.
+        pairs: pairs in the stretches.
+        cutoff: tolerated error, times the greatest lever, above which no tight bound is needed.
     """
     travels = proof.motion.travels(stretches)
     during, middle = (
@@ -219,7 +230,7 @@ def _in_errors(
     )
     known = measure(stretches, poses, pairs, cutoff * during + proof.clearance)
     least = survived(known.least - proof.clearance, during)
-    # Along lines more is survived than by levers, which count for boxes at moments alone, as a first guess.
+    # Bounds along lines are better than those by levers; for boxes, levers only serve as a first guess at moments.
     counts = np.where(known.exact, least < cutoff, known.travel == 0.0)
     most = np.where(counts, survived(known.most - proof.clearance, middle), np.inf)
     close = np.flatnonzero(known.exact & (least < cutoff))
@@ -231,10 +242,10 @@ def _in_errors(
 
 
 def _lines(ends: FloatArray, parts: FloatArray) -> FloatArray:
-    """Return the directions from edges or triangles (P, 2 or 3, d) to segments (P, 2, d), shape (P, d)."""
+    """Return unit vectors along the shortest lines from parts (P, 2 or 3, d) to segments (P, 2, d), shape (P, d)."""
     dimension = ends.shape[2]
     flat = [(0, 0), (0, 0), (0, 3 - dimension)]
-    # An edge is a triangle without area.
+    # An edge is treated as a triangle of zero area.
     corners = np.pad(parts, flat)[:, [0, 1, -1]]
     both = np.pad(ends, flat)
     return nearest_lines(both[:, 0], both[:, 1], corners)[0][:, :dimension]
@@ -249,23 +260,23 @@ def _survived_between(
     of_ends: Reaches,
     of_parts: Reaches,
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the errors with which planes across directions part segments from what they are near to, shape (P,) each.
+    """Return the largest errors for which a plane with a given normal separates segments from other bodies.
 
-    Either the one or the other is taken to be moved by errors; the better of both counts.
+    Either the segment or the other body is taken to be moved by errors; the better bound counts.
 
     Args:
-        ends: of the segments, shape (P, 2, d) [m].
-        parts: corners of what they are near to, shape (P, e, d) [m].
-        normals: directions, shape (P, d).
-        taken: gap that is no room for errors, shape (P,) [m].
-        lost: what is lost of the gap between the middle of a stretch and its ends, shape (P,) [m].
-        of_ends: how far errors move the ends.
-        of_parts: how far errors move the corners.
+        ends: ends of the segments, shape (P, 2, d) [m].
+        parts: corners of the other bodies, shape (P, e, d) [m].
+        normals: normals of the planes as unit vectors, shape (P, d).
+        taken: part of the distance that is not available for errors, shape (P,) [m].
+        lost: largest loss of gap between mid-stretch and any other time of the stretch, shape (P,) [m].
+        of_ends: bounds on how far errors move the ends.
+        of_parts: bounds on how far errors move the corners.
 
     Returns:
-        Errors throughout stretches, and at their middles [unit].
+        Errors tolerated throughout the stretches, and at mid-stretch, each of shape (P,) [unit].
     """
-    # Heights are taken from a corner, so that places far from the origin lose no digits.
+    # Projections are relative to a corner, so that points far from the origin lose no digits.
     origin = parts[:, :1]
     highs = np.einsum("ped,pd->pe", ends - origin, normals)
     lows = np.einsum("ped,pd->pe", parts - origin, normals)
@@ -283,7 +294,7 @@ def _survived_between(
 def _proofs(
     motion: ChainMotion, workspace: Workspace, levers: ErrorLevers
 ) -> list[_SurfacesWithErrors | _LinksWithErrors]:
-    """Return what has to be proved: that the arm keeps off the scene, and off itself."""
+    """Return the proofs that are needed: that the arm stays clear of the scene and, if required, of itself."""
     arm = motion.arm
     proofs: list[_SurfacesWithErrors | _LinksWithErrors] = []
     if not is_empty(workspace) and np.any(exposed_starts(arm) < 1.0):
@@ -296,20 +307,20 @@ def _proofs(
 def _named(
     model: ErrorModel, size: float, proof: _SurfacesWithErrors | _LinksWithErrors, near: Nearest
 ) -> SurvivedError:
-    """Return the error with what limits it: a link and an edge or a triangle, or two links."""
+    """Return a tolerated error with the place that limits it: a link and an edge or triangle, or two links."""
     motion = proof.motion
     link, other = near.link, near.other
     name, part = proof.where(near)
     q = np.array([np.interp(near.time, motion.time, column) for column in motion.positions.T])
 
     def away(points: FloatArray, start: FloatArray, end: FloatArray) -> FloatArray:
-        """Distances of segments from the other link of poses (N, links + 1, d), or from the surface, shape (N,) [m]."""
+        """Return the distances of segments from the other link in poses (N, links + 1, d) or from the surface, (N,)."""
         if part is None:
             return segment_distances(start, end, points[:, other], points[:, other + 1])
         return CheckedSurfaces.between(start, end, np.broadcast_to(part, (len(start), *part.shape)))[1]
 
     def gap(poses: FloatArray) -> FloatArray:
-        """Return the distances between both in configurations (N, c), shape (N,) [m]."""
+        """Return the distances of the link from the other body in configurations (N, c), shape (N,) [m]."""
         points = chain_points(motion.arm, poses)
         return away(points, points[:, link], points[:, link + 1])
 
@@ -331,18 +342,18 @@ def _named(
 
 
 def _worst_signs(arm: Arm, q: FloatArray, gap: Callable[[FloatArray], FloatArray]) -> tuple[float, ...]:
-    """Return the signs of the errors of all bends that lead to a touch soonest; 0 where they do not matter.
+    """Return the signs of the bend errors that reduce the gap fastest; 0 for bends that do not matter.
 
     Args:
         arm: the arm.
         q: the configuration, shape (c,) [rad, m].
-        gap: distances in configurations (N, c), shape (N,) [m].
+        gap: function that returns the distances in configurations (N, c), shape (N,) [m].
     """
     bends = arm.coordinates.joints
     distances = gap(np.vstack((q, q + _STEP * np.eye(bends, len(q)))))
     signs = -np.sign(distances[1:] - distances[0])
     out = float(carried(arm, q[None])[0]) + arm.link_length * np.arange(arm.links) - arm.hole
-    # A joint is held where it is inside the guide tube.
+    # A joint inside the guide tube is held straight and has no error.
     inside = DEFAULT_VERIFICATION.inside
     held = np.repeat(out < -inside, bends // arm.links) if arm.base_axes else np.zeros(bends, dtype=bool)
     return tuple(float(sign) + 0.0 for sign in np.where(held, 0.0, signs))
