@@ -1,12 +1,12 @@
-"""The walls that planning looks at.
+"""Reduces the workspace to the walls that planning has to consider.
 
-Douglas and Peucker's algorithm (1973) leaves out vertices that are no farther than an error from the edges that stay;
-the simpler outline swept by a disc of that radius contains the old one.
+Douglas and Peucker's algorithm (1973) omits vertices that are no farther than an error from the edges that stay; the
+simpler outline swept by a disc of that radius contains the old one.
 
 An arm on a fixed base never leaves the disc of its length about the base, and a pose with the tip at the goal never
-the ellipse of all points whose distances from base and goal add up to its length: walls farther away are left out.
-Outlines of very many vertices are simplified outwards. The verifier knows nothing of this: it sees the problem's own
-walls.
+leaves the ellipse of all points whose distances from base and goal add up to its length: walls farther away are left
+out. Outlines of very many vertices are simplified outwards. The verifier does not use this: it checks against the
+problem's own walls.
 """
 
 from dataclasses import replace
@@ -19,17 +19,17 @@ from ccm_opt.problem import Problem
 from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
 
 _NEIGHBOURHOOD = 0.1
-"""Walls are left out that are farther beyond the arm's reach than this share of its length. Taste: more than any row of
-the search or of the optimisation looks ahead."""
+"""Distance beyond the arm's reach above which walls are left out, as a share of its length. Taste: more than any row
+of the search or of the optimisation looks ahead."""
 _OUTLINE_ERROR = 5e-5
 """Distance by which outlines of many vertices may be simplified, as a share of the arm's length. Taste: less than a
-tenth of what the optimisation keeps off."""
+tenth of the clearance that the optimisation keeps."""
 _OUTLINE_GAP_SHARE = 0.02
-"""The same as a share of the least gap at the ends. Taste."""
+"""The same distance as a share of the least gap at the ends. Taste."""
 _MANY_VERTICES = 100
-"""Outlines of fewer vertices are not simplified. Taste."""
+"""Least number of vertices of an outline that is simplified. Taste."""
 _VERTICES_KEPT = 0.7
-"""Outlines of which more than this share of the vertices would stay are left as they are. Taste."""
+"""Share of the vertices kept above which an outline is left unchanged. Taste."""
 
 
 def simplified(obstacle: Obstacle, error: float) -> Obstacle:
@@ -41,8 +41,8 @@ def simplified(obstacle: Obstacle, error: float) -> Obstacle:
     before = shapely.get_num_coordinates(core)
     if not isinstance(core, shapely.Polygon) or error <= 0.0 or before < _MANY_VERTICES:
         return obstacle
-    # A ring that loses the vertex at which it begins may move by up to twice what it is allowed. Between vertices the
-    # old outline is no farther from a new edge than at its ends, for distance is convex.
+    # A ring that loses its first vertex may move by up to twice the tolerance. Between vertices the old outline is no
+    # farther from a new edge than at its ends, since distance is convex.
     simple = shapely.simplify(core, 0.5 * error, preserve_topology=True)
     alike = isinstance(simple, shapely.Polygon) and len(simple.interiors) == len(core.interiors)
     if not alike or shapely.get_num_coordinates(simple) > _VERTICES_KEPT * before:
@@ -51,7 +51,10 @@ def simplified(obstacle: Obstacle, error: float) -> Obstacle:
 
 
 def neighbourhood(problem: Problem, ends: Ends) -> Problem:
-    """The problem with the walls that the arm can come near to, outlines simplified within a share of its gap."""
+    """Return the problem with only the walls that the arm can come near to.
+
+    Their outlines are simplified within a share of the arm's gap.
+    """
     arm = problem.arm
     workspace = problem.workspace
     if arm.base_axes or not workspace.obstacles:
@@ -65,7 +68,7 @@ def neighbourhood(problem: Problem, ends: Ends) -> Problem:
 
 
 def _outline_error(problem: Problem, near: Workspace, ends: Ends) -> float:
-    """Return how far outlines may grow [m]: a small share of the arm's length, and of the gaps that the ends have."""
+    """Return how far outlines may grow [m]: a small share of the arm's length, and of the gaps at the ends."""
     arm = problem.arm
     shapes: list[shapely.Geometry] = [shapely.LineString(arm.joint_positions_at(ends.start))]
     if ends.goal_pose is None:
@@ -78,14 +81,14 @@ def _outline_error(problem: Problem, near: Workspace, ends: Ends) -> float:
 
 
 def route_workspace(problem: Problem, ends: Ends) -> Workspace:
-    """Return the room with those obstacles that poses at the goal can come near to."""
+    """Return the workspace with only the obstacles that poses at the goal can come near to."""
     arm = problem.arm
     workspace = problem.workspace
     if arm.base_axes or not workspace.obstacles:
         return workspace
     goal = ends.goal.position if ends.goal_pose is None else arm.joint_positions_at(ends.goal_pose)[-1]
-    # A disc about each obstacle: the sum of the distances of its points is that of its middle, less at most twice the
-    # disc's radius.
+    # Each obstacle is replaced by a disc: the sum of distances of any of its points is that of its middle, less at most
+    # twice the disc's radius.
     boxes = shapely.bounds([obstacle.core for obstacle in workspace.obstacles])
     middles = 0.5 * (boxes[:, :2] + boxes[:, 2:])
     radii = 0.5 * np.linalg.norm(boxes[:, 2:] - boxes[:, :2], axis=1)

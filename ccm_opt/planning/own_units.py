@@ -1,9 +1,9 @@
-"""Problems in units of their own arm, so that planning finds the same at every scale, and its results in metres again.
+"""Problems in units of their own arm, so that planning does not depend on scale, and results back in metres.
 
-Steps, solvers and tolerances of planning are made for an arm of about a metre. So every problem is planned with its
-arm's length as the unit of length; masses and times stay. Then an arm of a millimetre and one of a kilometre, in rooms
-that are alike, are one and the same problem, but for the rounding of the division; rounding every length to a grid far
-finer than any tolerance takes that away too, so that the plans are alike to the last bit.
+Steps, solvers and tolerances of planning are tuned for an arm of about a metre. So every problem is planned with its
+arm's length as the unit of length; masses and times stay. Then an arm of a millimetre and one of a kilometre, in
+similar workspaces, are the same problem, except for the rounding of the division; rounding every length to a grid far
+finer than any tolerance removes that difference too, so that the plans agree to the last bit.
 """
 
 from collections.abc import Iterator, Mapping
@@ -34,16 +34,16 @@ from ccm_opt.robot.configuration import Configuration
 from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
 
 GRID = 2.0**36
-"""Lengths are rounded to this part of a unit: 15 picometres on an arm of a metre, far below any tolerance. Derived: as
-coarse as that allows, so that hardly any length lies so near the middle between two places of the grid that the
-rounding of the division decides."""
+"""Number of grid steps to a unit, to which lengths are rounded: 15 picometres on an arm of a metre, far below any
+tolerance. Derived: as coarse as that allows, so that hardly any length lies so near the middle between two grid
+points that the rounding of the division decides."""
 LENGTHS = frozenset(
     (
         *("allowed", "arc", "arm_length", "distance", "gap", "outside"),
         *("place", "remaining", "route_length", "violation", "way_length"),
     )
 )
-"""Figures behind a reason that are lengths."""
+"""Figures behind a diagnosis that are lengths."""
 LENGTH_KEYS = frozenset(("arm.radius", "workspace.clearance", "arm.link_length", "arm.feed.range"))
 """Keys of the problem file that a finding may bound and that are lengths."""
 
@@ -53,13 +53,13 @@ class OwnUnits:
     """Units in which a problem's arm is one unit long.
 
     Attributes:
-        metres: to a unit of length.
+        metres: metres to a unit of length.
     """
 
     metres: float
 
     def scaled(self, problem: Problem) -> Problem:
-        """Return the problem in these units; bends, times and masses are as they were."""
+        """Return the problem in these units; bends, times and masses stay."""
         tolerances = self._tolerances(problem.tolerances)
         arm = self._arm(problem.arm)
         return replace(
@@ -80,7 +80,7 @@ class OwnUnits:
         )
 
     def path_in_metres(self, path: JointPath, arm: Arm) -> JointPath:
-        """Return a path that was planned in these units, for the arm as it is in metres."""
+        """Return a path that was planned in these units, in metres for the original arm."""
         spline = path.spline
         return replace(
             path,
@@ -92,7 +92,7 @@ class OwnUnits:
         )
 
     def diagnosis_in_metres(self, diagnosis: Diagnosis) -> Diagnosis:
-        """Return why there is no plan, the figures in metres; the words are in metres already."""
+        """Return a diagnosis with its figures in metres; its words are in metres already."""
         return replace(
             diagnosis,
             evidence={key: self._figure(key, value) for key, value in diagnosis.evidence.items()},
@@ -100,11 +100,11 @@ class OwnUnits:
         )
 
     def findings_in_metres(self, findings: tuple[Finding, ...]) -> tuple[Finding, ...]:
-        """Return what stands in the way, the figures in metres."""
+        """Return findings with their figures in metres."""
         return tuple(self._finding(finding) for finding in findings)
 
     def record_in_metres(self, record: GoalPoseRecord) -> GoalPoseRecord:
-        """Return what the goal-pose program said, in metres."""
+        """Return the record of the goal-pose program, in metres."""
         return replace(
             record,
             curve=self._in_metres(cast("Configuration", record.curve)),
@@ -190,7 +190,7 @@ class OwnUnits:
         return replace(options, wanted_gap=None if wanted is None else self._length(wanted))
 
     def _simulation(self, simulation: SimulationOptions) -> SimulationOptions:
-        """Of no matter to planners but for gravity, which decides what torques hold the arm."""
+        """Return the simulation options in units; only gravity, from which holding torques follow, affects plans."""
         return replace(simulation, gravity=_rounded(simulation.gravity / self.metres))
 
     def _in_units(self, curve: Configuration) -> Configuration:
@@ -211,10 +211,10 @@ class OwnUnits:
         return _stretched(curve, self.metres)
 
     def _coordinates(self, values: FloatArray, arm: Arm) -> FloatArray:
-        """Return the values of the coordinates, shape (m, c) [rad, units], as [rad, m]."""
+        """Return coordinates, shape (m, c), converted from [rad, units] to [rad, m]."""
         units = np.ones(values.shape[-1])
         units[arm.links :] = self.metres
-        # Ends of the axis stay what they are: the rounding to the grid may have moved them by a hair.
+        # Clip to the axis range: the rounding to the grid may have moved its ends slightly.
         inside: FloatArray = values * units
         for column, axis in enumerate(arm.base_axes, start=arm.links):
             inside[..., column] = np.clip(inside[..., column], axis.low, axis.high)
@@ -236,7 +236,7 @@ class OwnUnits:
         )
 
     def _figure(self, key: str, value: object) -> object:
-        """Return a figure behind a reason: by its name it is a length, a place, or something else."""
+        """Return a figure of a diagnosis in metres: its name tells if it is a length, a curvature or neither."""
         if isinstance(value, Mapping):
             return {name: self._figure(name, each) for name, each in value.items()}
         if isinstance(value, list | tuple):
@@ -251,13 +251,13 @@ def _rounded_length(length: float) -> float:
 
 
 def _rounded(values: FloatArray | float) -> FloatArray:
-    """Return the values to as many binary digits as lengths near one unit have on the grid."""
+    """Return the values with the number of binary digits that lengths near one unit have on the grid."""
     mantissa, exponent = np.frexp(values)
     return np.asarray(np.ldexp(np.round(mantissa * GRID) / GRID, exponent))
 
 
 def _stretched(curve: Configuration, factor: float) -> Configuration:
-    """Return a curve so many times as large."""
+    """Return a curve scaled by a factor."""
     segments = tuple(
         replace(
             segment,
@@ -272,10 +272,10 @@ def _stretched(curve: Configuration, factor: float) -> Configuration:
 
 @contextmanager
 def planning_units(problem: Problem) -> Iterator[OwnUnits]:
-    """Let what a block plans in units of a problem's arm be said in metres, also why it finds nothing.
+    """Provide units of a problem's arm for a block, with its words and failures reported in metres.
 
     Raises:
-        NoPlanFound: what the block raised, in metres.
+        NoPlanFound: raised by the block; converted to metres.
     """
     units = OwnUnits(problem.arm.length)
     try:

@@ -44,14 +44,14 @@ class StepperOf(Generic[AnyUnknowns]):
         return self.space.pose(v)
 
     def step(self, pose: Pose, terms: Sequence[Term], turn: float | None = None, *, checked: bool = True) -> Pose:
-        """Take the best step for some least-squares terms that keeps every limit; the same pose if none does.
+        """Return the pose after the best step for least-squares terms within all limits; the same pose if none.
 
         Args:
             pose: where to step from.
-            terms: what to draw the arm towards; with what limits draw it to, definite in every direction.
+            terms: terms that draw the arm; together with those of the limits, definite in every direction.
             turn: largest turn of a link [rad]; that of the settings when None.
-            checked: whether the limits have to hold after the step; a pose that is only looked for may pass through
-                walls.
+            checked: whether the limits have to hold after the step; intermediate poses of a pose search may pass
+                through walls.
         """
         settings = self.settings.step
         turn = settings.largest_turn if turn is None else turn

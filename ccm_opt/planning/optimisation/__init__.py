@@ -1,1 +1,1 @@
-"""Make a certified motion shorter, smoother and roomier, all keyframes at once."""
+"""Optimise a certified motion: shorter, smoother and with more clearance, all keyframes at once."""

@@ -1,11 +1,12 @@
 """Rows over the intervals of a motion, in the plane and in space.
 
-Every row has one form, for walls and for pairs of links, with points at one time of interval k:
+Every row has the same form, for walls and for pairs of links, with points at one time of interval k:
 
     n·(P_a − P_b) + deviation + c ≤ 0.
 
-At an end of the interval a point is where it is at that keyframe; in between it is the mean of both ends, weighed by
-the time. A wall has no moving P_b. The deviation is by how much the points may leave the chord, as the sweep knows it.
+At an end of the interval a point has its position in that keyframe; in between it has the mean of both ends, weighted
+by the time. A wall has no moving P_b. The deviation is a bound, from the sweep, on how far the points may leave the
+chord.
 """
 
 from dataclasses import dataclass, fields, replace
@@ -18,9 +19,9 @@ from ccm_opt.planning.pose import CurveUnknowns, Pose
 from ccm_opt.scene.distances.enclosures import segment_distances
 
 STILL = -1
-"""Number of the point that stands still: the last of all."""
+"""Index of the fixed point, the last of all."""
 _SECTORS = 12
-"""Directions in the plane that count as different when rows are thinned. Taste."""
+"""Number of directions in the plane that count as different when rows are thinned. Taste."""
 
 
 @dataclass(frozen=True)
@@ -28,8 +29,8 @@ class RowCurvature:
     """Convex part of the second derivatives of the weighted rows by the unknowns.
 
     Attributes:
-        diagonal: of each keyframe, shape (K + 1, p, p).
-        beside: of the difference between keyframes k and k + 1, shape (K, p, p).
+        diagonal: blocks of each keyframe, shape (K + 1, p, p).
+        beside: blocks of the difference between keyframes k and k + 1, shape (K, p, p).
     """
 
     diagonal: FloatArray
@@ -42,7 +43,7 @@ class Sweep:
 
     Attributes:
         space: the map of the unknowns.
-        unknowns: at the keyframes, shape (K + 1, p).
+        unknowns: unknowns at the keyframes, shape (K + 1, p).
     """
 
     space: CurveUnknowns
@@ -50,17 +51,17 @@ class Sweep:
 
     @property
     def intervals(self) -> int:
-        """K."""
+        """Number K of intervals."""
         return len(self.unknowns) - 1
 
     @cached_property
     def poses(self) -> tuple[Pose, ...]:
-        """At the keyframes."""
+        """Poses at the keyframes."""
         return self.space.poses(self.unknowns)
 
     @cached_property
     def configurations(self) -> FloatArray:
-        """At the keyframes, shape (K + 1, c) [rad, m]."""
+        """Configurations at the keyframes, shape (K + 1, c) [rad, m]."""
         return np.stack([pose.q for pose in self.poses])
 
     @cached_property
@@ -70,7 +71,7 @@ class Sweep:
 
     @cached_property
     def turn_metrics(self) -> FloatArray:
-        """Squared turns of the links by the unknowns, shape (K + 1, p, p)."""
+        """Matrices of the squared turns of the links by the unknowns, shape (K + 1, p, p)."""
         turning = np.stack([pose.turning for pose in self.poses]).reshape(len(self.poses), -1, self.unknowns.shape[1])
         return np.asarray(turning.transpose(0, 2, 1) @ turning)
 
@@ -81,7 +82,7 @@ class Sweep:
 
     @cached_property
     def points(self) -> FloatArray:
-        """The same, the mount's end, and last the origin, which stands still, shape (K + 1, n + 3, d) [m]."""
+        """Joints, tip, mount's end and, last, the fixed origin at the keyframes, shape (K + 1, n + 3, d) [m]."""
         return self._with_marks(self.joints)
 
     @cached_property
@@ -93,7 +94,7 @@ class Sweep:
         """Return the joints and tip when a share of each interval has passed, shape (K, n + 1, d) [m]."""
         if share == 1.0:
             return self.joints[1:]
-        # Of the mean bends, not the mean of the positions: links keep their length on the way.
+        # From the mean bends, not the mean of the positions: links keep their length during the motion.
         between = (1.0 - share) * self.unknowns[:-1] + share * self.unknowns[1:]
         return self.space.arm.joint_positions_at(self.space.configurations(between))
 
@@ -109,32 +110,35 @@ class Sweep:
 
     @cached_property
     def halfway_off(self) -> FloatArray:
-        """How far they are off the mean of the interval's ends there, shape (K, n + 3, d) [m]."""
+        """Offset of the half-way points from the mean of the interval's ends, shape (K, n + 3, d) [m]."""
         return np.asarray(self.half_way - 0.5 * (self.points[:-1] + self.points[1:]))
 
     def _with_marks(self, joints: FloatArray) -> FloatArray:
-        """Values at the joints, at the mount's end, linear between the joints of its link, and at what stands still."""
+        """Return values at the joints with two more appended: at the mount's end, and 0 for the fixed point.
+
+        The value at the mount's end is linear between the joints of its link.
+        """
         link, share = self.space.arm.mount_end
         at_mount = (1.0 - share) * joints[:, link : link + 1] + share * joints[:, link + 1 : link + 2]
         return np.concatenate((joints, at_mount, np.zeros_like(at_mount)), axis=1)
 
     def deviation(self, rows: "IntervalRows") -> FloatArray | float:
-        """Return how far the points of rows may leave their chord, shape (m,) [m].
+        """Return a bound on how far the points of rows may leave their chord, shape (m,) [m].
 
-        0 where rows reckon with it themselves.
+        0 where the rows account for it themselves.
         """
         del rows
         return 0.0
 
     def deviation_slopes(self, rows: "IntervalRows") -> FloatArray | float:
-        """Return the derivatives of that by the change of the unknowns over the interval, shape (m, p) [m]."""
+        """Return the derivatives of the deviation by the change of the unknowns over the interval, shape (m, p) [m]."""
         del rows
         return 0.0
 
     def lost(self, rows: "IntervalRows") -> FloatArray:
-        """Return by how much more of what rows bound there is half-way than at the mean of the ends, shape (m,) [m].
+        """Return the excess, at least 0, of n·(P_a − P_b) half-way over the mean of its ends, shape (m,) [m].
 
-        Nothing where the deviation bounds it.
+        0 where the deviation bounds it.
         """
         way = self.halfway_off[rows.interval, rows.plus] - self.halfway_off[rows.interval, rows.minus]
         return np.asarray(np.maximum(np.einsum("md,md->m", rows.normal, way), 0.0))
@@ -142,7 +146,7 @@ class Sweep:
     def curvature(self, rows: "IntervalRows", multipliers: FloatArray, pull: FloatArray) -> RowCurvature | None:
         """Return the second derivatives of Σ λ g + pull·tip for multipliers λ, shape (m,), and a pull, shape (d,).
 
-        None where they are not told: in space they tie all links to each other.
+        None where they are not computed: in space they couple all links to each other.
         """
         del rows, multipliers, pull
         return None
@@ -153,12 +157,12 @@ class IntervalRows:
     """Rows g ≤ 0 over a motion; all arrays have length m.
 
     Attributes:
-        interval: k.
-        share: of the interval that has passed: 0 at its start, 1 at its end.
+        interval: number k of the interval.
+        share: share of the interval that has passed: 0 at its start, 1 at its end.
         plus: number a of the point counted positively.
         minus: number b of the point counted negatively; ``STILL`` for a wall.
         high: joint up to which the deviation counts.
-        low: joint from which on it counts.
+        low: joint from which on the deviation counts.
         normal: n, shape (m, d).
         constant: c [m].
     """
@@ -181,31 +185,31 @@ class IntervalRows:
 
     @property
     def against_walls(self) -> BoolArray:
-        """Which rows keep from walls, shape (m,)."""
+        """Mask of the rows against walls, shape (m,)."""
         return np.asarray(self.minus == STILL)
 
     def values(self, sweep: Sweep) -> FloatArray:
-        """Return the values of every row, shape (m,) [m]."""
+        """Return the value of every row, shape (m,) [m]."""
         apart = (1.0 - self.share) * self._apart(sweep, 0) + self.share * self._apart(sweep, 1)
         return np.asarray(apart + sweep.deviation(self) + self.constant)
 
     def _apart(self, sweep: Sweep, side: int) -> FloatArray:
-        """Return the n·(P_a − P_b) at the start (0) or end (1) of the interval, shape (m,) [m]."""
+        """Return n·(P_a − P_b) at the start (0) or end (1) of the interval, shape (m,) [m]."""
         keyframe = self.interval + side
         apart = sweep.points[keyframe, self.plus] - sweep.points[keyframe, self.minus]
         return np.asarray(np.einsum("md,md->m", self.normal, apart))
 
     def slopes(self, sweep: Sweep) -> tuple[FloatArray, FloatArray]:
         """Return the derivatives by the unknowns at the start and at the end of the row's interval, each (m, p)."""
-        # A change at a keyframe moves the points there; a change at either alters the way over the interval, and so the
-        # deviation, with opposite signs.
+        # A change at a keyframe moves the points there; a change at either end alters the change over the interval, and
+        # so the deviation, with opposite signs.
         start = self._moved(sweep, 0)
         end = self._moved(sweep, 1)
         deviation = sweep.deviation_slopes(self)
         return np.asarray(start - deviation), np.asarray(end + deviation)
 
     def _moved(self, sweep: Sweep, side: int) -> FloatArray:
-        """Derivatives of n·(P_a − P_b) by the unknowns at the start (0) or end (1) of the interval, shape (m, p)."""
+        """Return the share-weighted derivatives of n·(P_a − P_b) at the interval's start (0) or end (1), (m, p)."""
         weight = self.share if side else 1.0 - self.share
         some = np.flatnonzero(weight)
         keyframe = self.interval[some] + side
@@ -218,18 +222,18 @@ class IntervalRows:
 
 
 def joined_rows(parts: list[IntervalRows]) -> IntervalRows:
-    """Return all rows of several lists."""
+    """Return the rows of several lists in one."""
     return IntervalRows(
         *(np.concatenate([getattr(part, each.name) for part in parts]) for each in fields(IntervalRows))
     )
 
 
 def pair_rows(sweep: Sweep, margin: float, reach: float) -> IntervalRows:
-    """Return the rows that keep distant links apart along the direction that is closest half-way through the interval.
+    """Return the rows that keep distant links apart, along the closest direction half-way through the interval.
 
     Args:
         sweep: the motion.
-        margin: gap to keep beyond two radii, where the links between leave that much [m].
+        margin: gap to keep beyond two radii, where the links in between leave that much [m].
         reach: pairs with a gap above this are left out [m].
     """
     arm = sweep.space.arm
@@ -237,7 +241,7 @@ def pair_rows(sweep: Sweep, margin: float, reach: float) -> IntervalRows:
     i, j = arm.self_pairs
     middles = sweep.middles
 
-    # A broad phase: two links are at most a link length nearer to each other than their middles.
+    # Broad phase: two links are at most a link length nearer to each other than their middles are.
     centres = 0.5 * (middles[:, :-1] + middles[:, 1:])
     interval, pair = np.nonzero(np.linalg.norm(centres[:, i] - centres[:, j], axis=2) < far + arm.link_length)
     i, j = i[pair], j[pair]
@@ -250,7 +254,7 @@ def pair_rows(sweep: Sweep, margin: float, reach: float) -> IntervalRows:
     need = 2.0 * arm.radius + arm.link_margins(i, j, margin)
 
     # Eight corner differences (two keyframes, two ends of each link) bound all points of the pair at all times. Only
-    # the links from i to j turn one against the other, so their part of the deviation is enough.
+    # the links from i to j turn relative to each other, so their part of the deviation is enough.
     rows = joined_rows(
         [
             IntervalRows(interval, np.full(len(i), float(side)), j + t, i + s, j + 1, i, normal, need)
@@ -287,7 +291,7 @@ def representatives(rows: IntervalRows, values: FloatArray, group: int) -> IntAr
 
 
 def _directions(normal: FloatArray) -> IntArray:
-    """Return a number for each direction that counts as different, shape (m,)."""
+    """Return the number of the direction class of each normal, shape (m,)."""
     if normal.shape[1] == 2:
         sector = np.floor(np.arctan2(normal[:, 1], normal[:, 0]) * _SECTORS / (2.0 * np.pi)).astype(np.intp)
         return np.asarray(sector % _SECTORS)

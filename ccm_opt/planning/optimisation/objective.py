@@ -3,8 +3,8 @@
 Nearness to walls, which is not quadratic, is ``WallNearness``.
 
 With K intervals of equal parameter length the squared length of a path q(u) is ∫|q'|² ≈ K Σ|q_{k+1} − q_k|², whose
-least value has evenly spaced keyframes, and ∫|q''|² ≈ K³ Σ|q_{k+1} − 2 q_k + q_{k−1}|². Bends q count, not headings:
-the joints' speed and acceleration limits decide the duration.
+minimum has evenly spaced keyframes, and ∫|q''|² ≈ K³ Σ|q_{k+1} − 2 q_k + q_{k−1}|². Bends q count, not headings: the
+joints' speed and acceleration limits determine the duration.
 
 Every wall row g ≤ 0 of the motion (``interval_rows``) with −g < D adds (1 + g/D)² to a mean over intervals and links.
 Its Hessian is the Gauss–Newton one, which is convex.
@@ -24,33 +24,33 @@ from ccm_opt.problem import Weights
 from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
 
 _RIDGE = 1e-8
-"""Weight on changes of all coordinates, so that the metric is definite. Taste."""
+"""Weight on changes of all unknowns, so that the metric is definite. Taste."""
 
 _SHAPE_CHANGE = 0.1
-"""Share of that weight on changes of the curvature from keyframe to keyframe. Taste."""
+"""Weight on changes of the curvature from keyframe to keyframe, as a share of ``_SHAPE``. Taste."""
 _SECOND_HEADING = 0.1
 """Weight of the turns of the links in ``∫|q''|²``. Taste."""
 _HEADING = 1e-3
-"""Weight of the turns of the links beside the turns of the joints. Taste."""
+"""Weight of the turns of the links relative to the turns of the joints. Taste."""
 _UNEVENNESS = 4e-3
 """Weight of ``∫|q''|²``; its root is the share of the motion over which corners are rounded. Taste."""
 _SHAPE = 1e-3
 """Weight of the curve's curvature and of its differences, in nominal links. Taste."""
 _BLEND = 1e-3
-"""Weight on changes of the coordinate that blends a whole-arm goal in. Taste."""
+"""Weight on changes of the unknown that blends in a whole-arm goal. Taste."""
 _FOLLOWING = 25.0
-"""Weight of changes of the curve on which a fed arm lies still, as bends of a nominal link; an arm whose curve does not
-change follows its tip. Measured on the disturbed jobs: a hundredth of their duration for half of the worst
+"""Weight of changes of the curve on which a fed arm lies, as bends of a nominal link; an arm whose curve does not
+change follows its tip. Measured on the disturbed jobs: it costs a hundredth of their duration and halves the worst
 deviation."""
 
 
 @dataclass(frozen=True)
 class JointSlowness:
-    """What joints can do less than the average joint, as factors.
+    """Slowness of joints relative to the average joint, as factors.
 
     Attributes:
         speed: mean of all speed limits over a joint's own, shape (links,).
-        acceleration: the same of the acceleration limits, shape (links,).
+        acceleration: mean of all acceleration limits over a joint's own, shape (links,).
     """
 
     speed: FloatArray
@@ -58,11 +58,11 @@ class JointSlowness:
 
     @classmethod
     def from_limits(cls, speeds: FloatArray, accelerations: FloatArray) -> "JointSlowness":
-        """From the limits of the joints, each of shape (links,)."""
+        """Return the slowness for the limits of the joints, each of shape (links,)."""
         return cls(speeds.mean() / speeds, accelerations.mean() / accelerations)
 
     def resampled(self, links: int) -> "JointSlowness":
-        """Return the same along an arm with another number of links."""
+        """Return the slowness along an arm with another number of links."""
         middles = (np.arange(len(self.speed)) + 0.5) / len(self.speed)
         wanted = (np.arange(links) + 0.5) / links
         return JointSlowness(np.interp(wanted, middles, self.speed), np.interp(wanted, middles, self.acceleration))
@@ -70,14 +70,14 @@ class JointSlowness:
 
 @dataclass(frozen=True)
 class Objective:
-    """½ Σ over unknowns of all keyframes; quadratic in the coordinates of the arm, and convex to first order of them.
+    """The objective ½ Σ over unknowns of all keyframes: quadratic in the coordinates, convex to first order.
 
     Attributes:
         curve: the map of the unknowns.
-        intervals: K.
-        weights: how much each part counts.
-        slowness: of the coordinates, for the weight of the duration; None when all are alike.
-        scale: how much a unit of each coordinate counts, shape (c,); None when all count alike.
+        intervals: number K of intervals.
+        weights: weights of the parts.
+        slowness: slowness of the coordinates, for the weight of the duration; None when all are alike.
+        scale: factor of each coordinate, shape (c,); None when all count alike.
     """
 
     curve: CurveUnknowns
@@ -138,13 +138,13 @@ class Objective:
 
     @cached_property
     def _first_weights(self) -> FloatArray:
-        """Of the squared ways of the coordinates, shape (c,) or ()."""
+        """Weights of the squared first differences of the coordinates, shape (c,) or ()."""
         slowness = None if self.slowness is None else self.slowness.speed
         return self._weighed(self.weights.path_length, slowness)
 
     @cached_property
     def _second_weights(self) -> FloatArray:
-        """Of their squared second differences, shape (c,) or ()."""
+        """Weights of the squared second differences of the coordinates, shape (c,) or ()."""
         slowness = None if self.slowness is None else self.slowness.acceleration
         return self._weighed(self.weights.smoothness, slowness)
 
@@ -159,17 +159,17 @@ class Objective:
 
     @cached_property
     def _ridge(self) -> FloatArray:
-        # Unknowns after those of the curve blend the goal in; they have another unit and a weight of their own.
+        # Unknowns after those of the curve blend in the goal; they have another unit and a weight of their own.
         return np.diag(np.where(self.curve.of_shape, _RIDGE, _BLEND))
 
     @cached_property
     def _curvature_rows(self) -> tuple[FloatArray, FloatArray]:
-        """Curvature values of the curve and their differences, in nominal links."""
+        """Rows of the curve's curvature and of its differences, in nominal links."""
         return self._unit * self.curve.curvature_rows, self._unit * self.curve.curvature_differences
 
     # ------------------------------------------------------------ of a motion
     def value(self, sweep: Sweep) -> float:
-        """Return the value of a motion."""
+        """Return the objective of a motion."""
         value = self._of_unknowns(sweep.unknowns)
         if not self.curve.affine:
             # Homogeneous of degree two: f = ½ x · ∇f (Euler).
@@ -177,7 +177,7 @@ class Objective:
         return value
 
     def foreseen(self, sweep: Sweep, change: FloatArray) -> float:
-        """Return the value after a change of the unknowns, shape (K + 1, p), the coordinates linearised."""
+        """Return the objective after a change of the unknowns, shape (K + 1, p), with linearised coordinates."""
         value = self._of_unknowns(sweep.unknowns + change)
         if not self.curve.affine:
             moved = sweep.configurations + np.einsum("kcp,kp->kc", sweep.slopes, change)
@@ -218,11 +218,11 @@ class Objective:
 
     @property
     def _coordinate_weights(self) -> tuple[tuple[int, FloatArray], ...]:
-        """Orders of differences of the coordinates, and their weights, each of shape (c,)."""
+        """Orders of differences of the coordinates, with their weights, each of shape (c,)."""
         return (1, self.intervals * self._first_weights), (2, self._second_factor * self._second_weights)
 
     def _ties(self, configurations: FloatArray) -> FloatArray:
-        """Return the derivative of the part that is quadratic in the coordinates by these, shape (K + 1, c)."""
+        """Return the derivative of the part quadratic in the coordinates, by these, shape (K + 1, c)."""
         return np.asarray(
             sum(
                 _normal(self.intervals, order) @ configurations * weights for order, weights in self._coordinate_weights
@@ -231,7 +231,7 @@ class Objective:
 
 
 def normalised(weights: Weights) -> Weights:
-    """Return the same weights in proportion, the largest of those on turns 1: prices and damping are made for that."""
+    """Return the weights scaled so that the largest of those on turns is 1: prices and damping are tuned for that."""
     largest = max(weights.path_length, weights.smoothness, weights.duration)
     scale = largest if largest > 0.0 else 1.0
     return Weights(**{name: value / scale for name, value in asdict(weights).items()})
@@ -250,17 +250,17 @@ def _normal(intervals: int, order: int) -> FloatArray:
 
 
 Failures = Callable[[FloatArray], IntArray]
-"""Intervals of a piecewise-linear motion in coordinates, shape (K, p), that are not certified."""
+"""Returns the intervals of a piecewise-linear motion in coordinates, shape (K, p), that are not certified."""
 Restored = Callable[[FloatArray], FloatArray]
-"""Puts keyframes, coordinates of shape (K, p), where limits want them; both ends stay."""
+"""Moves keyframes, coordinates of shape (K, p), onto the limits; both ends stay."""
 
 
 def decimated(coordinates: FloatArray, failures: Failures, first_stride: int) -> FloatArray:
-    """Return the fewer keyframes of a certified motion, every leg between them certified: legs that fail are halved.
+    """Return fewer keyframes of a certified motion, every leg between them certified; legs that fail are halved.
 
     Args:
-        coordinates: at the keyframes, shape (K, p).
-        failures: judges the legs.
+        coordinates: coordinates at the keyframes, shape (K, p).
+        failures: returns the legs that are not certified.
         first_stride: keyframes that a leg skips at first.
 
     Returns:
@@ -270,8 +270,8 @@ def decimated(coordinates: FloatArray, failures: Failures, first_stride: int) ->
     kept = np.unique(np.append(np.arange(0, last, first_stride), last))
     while True:
         legs = failures(coordinates[kept])
-        # A leg between neighbours of the certified motion cannot be split: it is certified, if with more bisections
-        # than were allowed here.
+        # A leg between neighbours of the certified motion cannot be split, but is certified with more bisections than
+        # are allowed here.
         splittable = legs[np.diff(kept)[legs] > 1]
         if len(splittable) == 0:
             thinned: FloatArray = coordinates[kept]
@@ -280,12 +280,12 @@ def decimated(coordinates: FloatArray, failures: Failures, first_stride: int) ->
 
 
 def subdivided(coordinates: FloatArray, sizes: FloatArray, intervals: int) -> FloatArray:
-    """Return the same path with more keyframes: legs are cut into equal parts so that the longest part is shortest.
+    """Return the path with more keyframes: legs are cut into equal parts so that the longest part is shortest.
 
     Args:
-        coordinates: at the keyframes, shape (K, p).
-        sizes: how long each leg is, in any measure, shape (K - 1,).
-        intervals: number of intervals wanted; a path that has more already stays as it is.
+        coordinates: coordinates at the keyframes, shape (K, p).
+        sizes: length of each leg, in any measure, shape (K - 1,).
+        intervals: number of intervals wanted; a path that has more already stays unchanged.
     """
     parts = np.ones(len(sizes), dtype=np.intp)
     while parts.sum() < intervals:
@@ -302,18 +302,18 @@ def subdivided(coordinates: FloatArray, sizes: FloatArray, intervals: int) -> Fl
 def resampled(
     coordinates: FloatArray, u: FloatArray, intervals: int, failures: Failures, restored: Restored, rounds: int
 ) -> tuple[FloatArray, FloatArray] | None:
-    """Few keyframes of a path at nearly even steps of its parameter, put onto what limits want, legs certified.
+    """Return keyframes of a path at nearly even steps of its parameter, moved onto the limits, with certified legs.
 
     Args:
-        coordinates: at the path's keyframes, shape (K, p).
+        coordinates: coordinates at the path's keyframes, shape (K, p).
         u: their path parameters, increasing from 0 to 1, shape (K,).
         intervals: number of steps at first; legs that fail are halved.
-        failures: judges the legs.
-        restored: puts keyframes where limits want them.
-        rounds: times that legs may be halved.
+        failures: returns the legs that are not certified.
+        restored: moves keyframes onto the limits.
+        rounds: number of times that legs may be halved.
 
     Returns:
-        Coordinates and path parameters, or None when halving does not help.
+        Coordinates and path parameters, or None when halving does not suffice.
     """
     places = np.linspace(0.0, 1.0, intervals + 1)
     for _ in range(rounds + 1):
@@ -330,10 +330,10 @@ class WallNearness:
     """The cost of some wall rows; satisfies ``MotionCost``.
 
     Attributes:
-        rows: of one motion; they are held while its change is looked for.
-        weight: of the cost.
+        rows: rows of one motion, fixed while the motion's change is computed.
+        weight: weight of the cost.
         distance: D [m].
-        nominal_share: nominal links to a link of the arm.
+        nominal_share: number of nominal links to a link of the arm.
     """
 
     rows: IntervalRows
@@ -346,7 +346,7 @@ class WallNearness:
         return self._cost(self.rows.values(sweep), sweep)
 
     def foreseen(self, sweep: Sweep, change: FloatArray) -> float:
-        """Return the cost after a change of the coordinates, shape (K + 1, p), the rows linearised."""
+        """Return the cost after a change of the coordinates, shape (K + 1, p), with linearised rows."""
         start, end = self.rows.slopes(sweep)
         k = self.rows.interval
         moved = np.einsum("mp,mp->m", start, change[k]) + np.einsum("mp,mp->m", end, change[k + 1])
@@ -379,7 +379,7 @@ class WallNearness:
         return self.share(sweep.intervals) * float(np.sum(np.maximum(1.0 + values / self.distance, 0.0) ** 2))
 
     def share(self, intervals: int) -> float:
-        """Factor of the sum of squares."""
-        # A mean over intervals, and over links as if there were the nominal number of them: the weight means the same
-        # for any arm.
+        """Return the factor of the sum of squares."""
+        # A mean over intervals, and over links as if there were the nominal number of them, so that the weight has the
+        # same meaning for any arm.
         return self.weight * self.nominal_share / intervals

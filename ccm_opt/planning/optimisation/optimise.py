@@ -1,10 +1,10 @@
-"""Optimises a found motion: shorter first, then with more clearance.
+"""Optimises a found motion: shortens it first, then increases its clearance.
 
-A step that the certificate refuses is shortened, then damped, and what an interval lacks becomes dearer; so the motion
-stays in its homotopy class, and the last iterate is always fit for use.
+A step that the certificate refuses is shortened, then damped, and slack in intervals with violations becomes more
+costly; so the motion stays in its homotopy class, and every iterate is a usable motion.
 
-A row keeps both ends of a link, over a whole interval, behind one half-space. The farther the link goes in the
-interval, the more room that costs beside what there is; between near keyframes there is more to be had.
+A row keeps both ends of a link, over a whole interval, behind one half-space. The farther the link moves in the
+interval, the more of the available clearance that costs; keyframes closer together leave more.
 """
 
 from dataclasses import replace
@@ -22,34 +22,35 @@ from ccm_opt.planning.spline_path import at_least_four, clamped_spline, places_a
 from ccm_opt.problem import Weights
 
 _ROOM_SAMPLES = 5
-"""Places beside each leg between keyframes at which the room of a smooth path is measured. Taste."""
+"""Samples per leg between keyframes at which the clearance of a smooth path is measured. Taste."""
 
 _GATE_INTERVALS = (40, 60, 90, 135)
-"""The same in gates with hardly any play. Taste: the play of a hundredth of a radius asks for about sixty."""
+"""Numbers of intervals tried in gates with hardly any play. Taste: a play of a hundredth of a radius needs about
+sixty."""
 _GATE_HALVINGS = 3
-"""Times that legs which fail there may be halved. Taste."""
+"""Number of times that legs which fail in gates may be halved. Taste."""
 _WORTH_MANY = 0.05
-"""Share of the way by which steps at many keyframes have to shorten it for more of them. Taste."""
+"""Share of its length by which steps with many keyframes have to shorten a motion for more such steps. Taste."""
 _COUNTED_ROUNDS = 2
-"""As how many of the rounds these count. Measured: with 5, six crooked motions among clutter lasted 2 % longer in the
-median."""
+"""Number of rounds that these steps count as. Measured: with 5, six crooked motions among clutter lasted 2 % longer
+in the median."""
 _KEPT_SHARE = 0.8
 """Share of its gap that a motion keeps when it is thinned. Taste."""
 _FINER_LACK = 0.1
-"""A motion that lacks more than this share of the wanted gap is made again of more keyframes; in pipes and wing boxes
-with few links seven in ten of those come out with all the room that there is."""
+"""Share of the wanted gap above which a motion that lacks more is optimised again with more keyframes. Measured in
+pipes and wing boxes with few links: seven in ten of those reach all the clearance available."""
 _FINER_PRICE = 400.0
-"""First price of slack then."""
+"""Initial price of slack in that optimisation."""
 _MANY = 1.5
-"""Keyframes that are many, as a multiple of the intervals wanted. Taste."""
+"""Number of intervals that counts as many, as a multiple of the intervals wanted. Taste."""
 _FINER = 2.2
-"""As many times the keyframes where a motion lacks room. Measured: of 18 motions among clutter that lacked it, few
-gained much with as many as before, some with half as many more, most with this."""
+"""Factor of the number of intervals where a motion lacks clearance. Measured: of 18 motions among clutter that
+lacked it, few gained much with as many as before, some with half as many more, most with this."""
 
 _MOVED_ROUNDS = 24
 """Most steps where keyframes have to be moved onto limits. Taste."""
 _MOST_INTERVALS = 60
-"""Intervals of a motion beyond which none that lets nothing move is cut finer. Taste."""
+"""Number of intervals above which a motion that no step moves is not subdivided further. Taste."""
 
 
 def optimise(
@@ -59,13 +60,13 @@ def optimise(
 
     Args:
         motion: piecewise linear in its unknowns, certified; its keyframes meet all equations.
-        task: arm, room, goal, limits and deadline.
+        task: arm, workspace, goal, limits and deadline.
         margin: gap that rows ask for beyond contact, as a share of the arm's length; the usual one when None.
         rounds: most steps; those of the settings when None.
 
     Returns:
-        The last certified motion: with a shorter joint path (or whatever the task's weights ask for) and few
-        keyframes, with the same start; the given one when nothing shorter was found.
+        The last certified motion: with a shorter joint path (or better by the task's weights) and few keyframes, with
+        the same start; the given motion when nothing shorter was found.
     """
     if task.optimiser == "none" or len(motion.unknowns) < 2 or task.deadline.passed():
         return motion
@@ -77,8 +78,8 @@ def optimise(
             return motion
         in_between = motion.curve.configurations(motion.curve.in_pieces(optimised.unknowns))
         return replace(optimised, configurations=in_between)
-    # With default weights the objective is close to the length but not the same; with others a longer path may be
-    # what was asked for.
+    # With default weights the objective is close to the length but not equal to it; other weights may ask for a longer
+    # path.
     plain = task.weights == Weights() and task.wanted_gap == 0.0 and not task.user_limits
     return optimised if not plain or optimised.travel < motion.travel else motion
 
@@ -88,18 +89,18 @@ def _optimised_on_limits(
 ) -> CurveMotion[Any]:
     """Return the motion optimised through keyframes that limits have moved.
 
-    The given one when none can be certified.
+    The given motion when none can be certified.
     """
     settings = task.settings.optimisation
     taken = _MOVED_ROUNDS if rounds is None else _MOVED_ROUNDS * rounds // settings.rounds
-    # Between keyframes a motion leaves equations by the square of the step: where few keyframes fail, more may do.
+    # Between keyframes a motion leaves equations by the square of the step: where few keyframes fail, more may suffice.
     for intervals in settings.moved_intervals:
         keyframes, u = thinned(motion, task, intervals)
         program = replace(whole, u=u)
         start = program.restored(keyframes)
-        # Thinned keyframes are certified; those that a limit has moved have to be judged anew.
+        # Thinned keyframes are certified; those that a limit has moved have to be certified again.
         if start is keyframes or _certified(program, start):
-            # What is left is the best there is under the limits, even where the found motion was shorter.
+            # The result is the best known motion under the limits, even where the found motion was shorter.
             return replace(motion.through(sequential_convex(program, start, taken)), u=u)
     return motion
 
@@ -107,10 +108,10 @@ def _optimised_on_limits(
 def _optimised(
     motion: CurveMotion[Any], task: SearchTask, whole: MotionProgram[Any], rounds: int | None
 ) -> CurveMotion[Any]:
-    """Return the motion optimised at few keyframes.
+    """Return the motion optimised with few keyframes.
 
-    A crooked motion needs many keyframes to be certified, and fewer once it has been straightened: after some rounds
-    it is thinned again, if it can be.
+    A crooked motion needs many keyframes to be certified, and fewer once it has been straightened: after some rounds it
+    is thinned again, if possible.
     """
     settings = task.settings.optimisation
     left = settings.rounds if rounds is None else rounds
@@ -125,12 +126,12 @@ def _optimised(
         if not many:
             continue
         stuck = np.array_equal(motion.unknowns, before)
-        # A motion that keeps room already is not thinned into the walls again.
+        # Thinning must not bring a motion that has gained clearance back to the walls.
         keyframes, u = _few_keyframes(motion, task, whole, _KEPT_SHARE * task.least_gap(motion.configurations))
         if len(keyframes) - 1 <= _MANY * settings.intervals:
             continue
-        # Among many walls the half-planes of long intervals leave no way on, and those of shorter ones do: what cannot
-        # become few stays as it is, or is cut finer where nothing moves.
+        # Among many walls the half-planes of long intervals let nothing move, while those of shorter ones do: a motion
+        # that cannot have few keyframes keeps them, or is subdivided where no step moves it.
         slow = motion.travel > (1.0 - _WORTH_MANY) * length
         if slow and len(before) > (_MOST_INTERVALS if stuck else 0):
             break
@@ -139,7 +140,7 @@ def _optimised(
 
 
 def finer(motion: CurveMotion[Any], whole: MotionProgram[Any], times: float) -> tuple[FloatArray, FloatArray]:
-    """The unknowns of the same motion at as many times the intervals, as even as may be, and their parameters."""
+    """Return the unknowns of a motion with ``times`` as many, nearly even intervals, and their path parameters."""
     ways = whole.ways(motion.unknowns)
     labelled = np.column_stack((motion.unknowns, motion.path_parameters))
     keyframes = subdivided(labelled, ways, int(np.ceil(times * len(ways))))
@@ -149,7 +150,7 @@ def finer(motion: CurveMotion[Any], whole: MotionProgram[Any], times: float) -> 
 def _few_keyframes(
     motion: CurveMotion[Any], task: SearchTask, whole: MotionProgram[Any], gap: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Return those of the motion when they are few, else fewer with a certified gap [m]; and their path parameters."""
+    """Return keyframes and path parameters: the motion's own when few, else fewer with a certified gap [m]."""
     settings = task.settings.optimisation
     if settings.intervals <= len(motion.unknowns) - 1 <= _MANY * settings.intervals:
         return motion.unknowns, motion.path_parameters
@@ -159,11 +160,9 @@ def _few_keyframes(
 
 
 def _few_in_gates(motion: CurveMotion[Any], whole: MotionProgram[Any]) -> tuple[FloatArray, FloatArray]:
-    """Return the few keyframes that lie in the middle of gates, certified, and their path parameters.
+    """Return few certified keyframes in the middle of gates, and their path parameters; else the motion's own.
 
-    Those of the motion if none.
-
-    Straight legs between poses in a gate leave it by the square of their turn: what is thinned has to be put back.
+    Straight legs between poses in a gate leave its middle by the square of their turn: thinned keyframes are restored.
     """
     u = motion.path_parameters
     restored = replace(whole, u=u).restored
@@ -175,14 +174,14 @@ def _few_in_gates(motion: CurveMotion[Any], whole: MotionProgram[Any]) -> tuple[
 
 
 def keeps_limits(motion: CurveMotion[Any], task: SearchTask) -> bool:
-    """Return whether a motion's keyframes keep the limits that users set, and the motion is certified between them."""
+    """Return whether a motion's keyframes keep the user's limits, and the motion is certified between them."""
     if not task.user_limits:
-        return True  # every motion that is made here is certified
+        return True  # every motion in planning is certified
     return _certified(replace(task.program(motion), u=motion.path_parameters), motion.unknowns)
 
 
 def _certified(program: MotionProgram[Any], unknowns: FloatArray) -> bool:
-    """Return whether keyframes, shape (K + 1, p), keep every limit, and so does the motion between them."""
+    """Return whether keyframes, shape (K + 1, p), and the motion between them keep every limit."""
     sweep = program.sweep(unknowns)
     return program.feasible(sweep, sweep) and len(program.failures(unknowns)) == 0
 
@@ -193,21 +192,21 @@ def thinned(
     """Return unknowns at few keyframes on certified legs, shape (K + 1, p), and their path parameters, shape (K + 1,).
 
     Args:
-        motion: certified.
-        task: what it is for.
+        motion: certified motion.
+        task: its task.
         intervals: least number of intervals; that of the settings when None.
-        gap: beyond contact that legs have to keep, where that is more than they have to anyway [m].
+        gap: gap beyond contact that legs have to keep, where larger than the usual one [m].
     """
     settings = task.settings.optimisation
     intervals = settings.intervals if intervals is None else intervals
     labelled = np.column_stack((motion.unknowns, motion.path_parameters))
-    # Keyframes are put in where the task wants some.
+    # Insert keyframes where the task requires them.
     along = np.union1d(np.arange(len(labelled)), task.marks(motion))
     labelled = np.column_stack([np.interp(along, np.arange(len(labelled)), column) for column in labelled.T])
     ends = np.unique((0, *np.searchsorted(along, task.marks(motion)), len(along) - 1))
 
     def failing(some: FloatArray) -> IntArray:
-        # A shallow certificate: a leg that needs many bisections leaves the rows, which know none, no room.
+        # A shallow certificate: a leg that needs many bisections leaves the rows no clearance.
         return task.failures(motion.curve, some[:, :-1], settings.leg_depth, gap)
 
     def fewer(stride: int) -> FloatArray:
@@ -218,8 +217,8 @@ def thinned(
     whole = task.program(motion)
     keyframes = subdivided(few, whole.ways(few[:, :-1]), intervals)
     if not motion.curve.affine and len(whole.failures(keyframes[:, :-1])) > 0:
-        # The bends of a fed arm are not linear along an edge: what lies in between is beyond a limit, and the motion's
-        # own keyframes are not.
+        # The bends of a fed arm are not linear along an edge: a subdivided leg may exceed a limit, while the motion's
+        # own keyframes do not.
         keyframes = fewer(max(1, len(labelled) // intervals))
     return np.ascontiguousarray(keyframes[:, :-1]), keyframes[:, -1]
 
@@ -227,15 +226,17 @@ def thinned(
 def with_more_room(
     motion: CurveMotion[Any], begun: CurveMotion[Any], task: SearchTask, margin: float | None = None
 ) -> CurveMotion[Any]:
-    """Return an optimised motion; where it lacks room, the roomier of it and of one of more keyframes with dearer room.
+    """Return an optimised motion or, where it lacks clearance, the better of it and one with more keyframes.
+
+    The latter is optimised with a higher price of missing clearance.
 
     Args:
-        motion: certified.
-        begun: what the other is optimised from, certified.
-        task: what they are for.
-        margin: that rows of the optimisation ask for, see ``optimise``.
+        motion: optimised motion, certified.
+        begun: certified motion from which the other is optimised.
+        task: their task.
+        margin: gap that rows of the optimisation ask for, see ``optimise``.
     """
-    # In the middle of a gate with hardly any play there is all the room that there can be.
+    # In the middle of a gate with hardly any play, no more clearance is possible.
     if task.wanted_gap == 0.0 or task.optimiser == "none" or motion.u is not None or task.program(motion).yielding:
         return motion
     lacking = _lacking(motion, task)
@@ -250,7 +251,7 @@ def with_more_room(
 
 
 def _lacking(motion: CurveMotion[Any], task: SearchTask) -> float:
-    """By how much more of the wanted room the smooth path along a motion lacks on its way than at its ends [m]."""
+    """Return how much more of the wanted gap the smooth path along a motion lacks on its way than at its ends [m]."""
     control = at_least_four(motion.unknowns)
     unknowns = clamped_spline(control)(places_along(len(control), _ROOM_SAMPLES))
     lacking = task.room_lacking(motion.curve.configurations(unknowns))

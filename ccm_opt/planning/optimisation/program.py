@@ -1,7 +1,8 @@
 """One step of the sequential convex programming: a block-banded sparse QP over all keyframes, solved by PIQP.
 
-Unknowns are the changes of the unknowns of keyframes 1..K, and one slack for each interval. Rows are linearised; their
-curvature, weighted by the multipliers of the step before, is in the Hessian where the sweep knows it and it is convex.
+Its variables are the changes of the unknowns of keyframes 1..K, and one slack for each interval. Rows are linearised;
+their curvature, weighted by the multipliers of the previous step, is in the Hessian where the sweep provides it and it
+is convex.
 """
 
 from dataclasses import dataclass
@@ -18,16 +19,16 @@ from ccm_opt.planning.optimisation.interval_rows import IntervalRows, RowCurvatu
 from ccm_opt.planning.optimisation.objective import Objective
 
 _DAMPING_RIDGE = 1e-3
-"""Damping of unknowns beside that of the turns. Taste."""
+"""Damping of unknowns in addition to that of the turns. Taste."""
 _SLACK_CURVATURE = 1e-6
 """Curvature of slack, so that the Hessian is definite. Taste."""
 
 _QP_TOLERANCE = 1e-5
-"""Of the QP's solution. Taste."""
+"""Tolerance of the QP's solution. Taste."""
 _QP_GAP = 1e-3
-"""Duality gap of the QP's solution; a tenth of it relative. Taste."""
+"""Absolute duality gap of the QP's solution; the relative one is a tenth of it. Taste."""
 _QP_ITERATIONS = 60
-"""Of the QP. Taste."""
+"""Most iterations of the QP. Taste."""
 
 
 @dataclass(frozen=True)
@@ -35,9 +36,9 @@ class QuadraticStep:
     """The solution of the QP.
 
     Attributes:
-        change: of the unknowns of all keyframes, shape (K + 1, p); 0 for the first.
-        slack: of the intervals, in nominal links, shape (K,).
-        multipliers: of the rows, at least 0, shape (m,) [1/m].
+        change: change of the unknowns of all keyframes, shape (K + 1, p); 0 for the first.
+        slack: slack of the intervals, in nominal links, shape (K,).
+        multipliers: multipliers of the rows, at least 0, shape (m,) [1/m].
         pull: multipliers of the tip's position, shape (d,) [1/m]; 0 when the last keyframe is fixed.
     """
 
@@ -49,17 +50,17 @@ class QuadraticStep:
 
 @dataclass(frozen=True)
 class LinearMotion:
-    """What is known of a motion to first order.
+    """A motion linearised for one step.
 
     Attributes:
         sweep: the motion.
-        objective: what to make small.
-        costs: of a motion beside that.
-        rows: what to keep, all that there are.
-        active: those of them that a step may meet.
-        keyframe_rows: on single keyframes, that have to hold.
-        equations: likewise.
-        end_rows: that hold the last keyframe, or the tip in its goal, its position first, shape (r, p).
+        objective: the quadratic objective.
+        costs: further costs of the motion.
+        rows: all rows that the motion has to keep.
+        active: the rows that a step may reach.
+        keyframe_rows: rows on single keyframes, which have to hold.
+        equations: equations on single keyframes, which have to hold.
+        end_rows: rows that hold the last keyframe, or the tip in its goal, its position first, shape (r, p).
         end_fixed: whether the last keyframe is fixed.
         unit: length of a nominal link, by which rows are scaled [m].
     """
@@ -80,12 +81,12 @@ class LinearMotion:
         return self.objective.value(sweep) + sum(cost.value(sweep) for cost in self.costs)
 
     def foreseen_cost(self, change: FloatArray) -> float:
-        """Return the same after a change of the unknowns, shape (K + 1, p), as the QP sees it."""
+        """Return the QP's model of the cost after a change of the unknowns, shape (K + 1, p)."""
         value = self.objective.foreseen(self.sweep, change)
         return value + sum(cost.foreseen(self.sweep, change) for cost in self.costs)
 
     def worst_rows(self, sweep: Sweep) -> FloatArray:
-        """Return by how much the worst row of every interval of a motion is not kept, at least 0, shape (K,) [m]."""
+        """Return the largest row violation in every interval of a motion, at least 0, shape (K,) [m]."""
         # All rows count here, not only the thinned ones of the QP: a row that was left out may have become the worst.
         worst = np.zeros(sweep.intervals)
         np.maximum.at(worst, self.rows.interval, self.rows.values(sweep))
@@ -93,18 +94,18 @@ class LinearMotion:
 
     @cached_property
     def cost_models(self) -> tuple[Quadratic, ...]:
-        """Of the costs."""
+        """Quadratic models of the costs."""
         return tuple(cost.model(self.sweep) for cost in self.costs)
 
 
 @dataclass(frozen=True)
 class KeyframeProgram:
-    """What a step is asked for.
+    """The QP of one step.
 
     Attributes:
-        motion: to step from, to first order.
-        prices: of one nominal link of slack in each interval, shape (K,).
-        curvature: of the rows; None where it is not known.
+        motion: linearised motion to step from.
+        prices: price of one nominal link of slack in each interval, shape (K,).
+        curvature: curvature of the rows; None where it is not known.
         damping: weight on the squared turns of the links.
     """
 
@@ -119,7 +120,7 @@ class KeyframeProgram:
 
     @property
     def width(self) -> int:
-        """Unknowns of one stage: those of a keyframe and slack."""
+        """Number of variables of one stage: those of a keyframe, and slack."""
         return int(self.motion.sweep.unknowns.shape[1]) + 1
 
     def solve(self) -> QuadraticStep | None:
@@ -130,7 +131,7 @@ class KeyframeProgram:
         result = _solve(self.hessian(), self.gradient(), self.equations(), matrix, lower, upper, self.lower_bounds())
         if result is None or result.info.status != piqp.PIQP_SOLVED or not np.isfinite(result.x).all():
             return None
-        # Rows were divided by a nominal length; their multipliers have to be, too, to belong to rows in metres.
+        # Rows were divided by a nominal length; so are their multipliers, to belong to rows in metres.
         x = np.asarray(result.x).reshape(self._intervals, self.width)
         d = motion.rows.normal.shape[1]
         pull = np.zeros(d) if motion.end_fixed else np.asarray(result.y)[:d] / motion.unit
@@ -161,9 +162,8 @@ class KeyframeProgram:
         return sp.bsr_matrix((blocks, m - 1, starts), shape=(size, size)).tocsc()
 
     def _diagonal(self) -> FloatArray:
-        """Return the damping, curvature of the rows and of the costs: blocks on the diagonal, shape (K + 1, p, p)."""
-        # Levenberg–Marquardt damping, measured in turns of the links: it holds back what moves the arm, not whatever
-        # has a large unknown.
+        """Return the diagonal blocks of the damping and of the curvature of rows and costs, shape (K + 1, p, p)."""
+        # Levenberg–Marquardt damping, measured in turns of the links: it damps motion of the arm, not large unknowns.
         diagonal = self.damping * (self.motion.sweep.turn_metrics + _DAMPING_RIDGE * np.eye(self.width - 1))
         if self.curvature is not None:
             diagonal += self.curvature.diagonal
@@ -181,32 +181,32 @@ class KeyframeProgram:
         return np.column_stack((gradient[1:], self.prices)).ravel()
 
     def lower_bounds(self) -> FloatArray:
-        """Return the slack is at least 0, shape (K width,)."""
+        """Return the lower bounds, shape (K width,): 0 for slack, none for the unknowns."""
         bounds = np.full((self._intervals, self.width), -UNBOUNDED)
         bounds[:, -1] = 0.0
         return bounds.ravel()
 
     def equations(self) -> Any:
-        """Return the rows that hold the last keyframe, or its tip in the goal, and equations of other keyframes."""
-        # Right-hand sides are 0: the last keyframe has been put onto the goal, and a step only has to keep it there to
+        """Return the rows that hold the last keyframe, or its tip in the goal, and the equations of other keyframes."""
+        # Right-hand sides are 0: the last keyframe is already on the goal, and a step only has to keep it there to
         # first order.
         end = self.motion.end_rows
         parts = [self._at_keyframes(np.full(len(end), self._intervals), end)]
         for equations in self.motion.equations:
-            # A fixed end meets them already; the same row twice would make the equations dependent.
+            # A fixed end meets them already; duplicate rows would make the equations dependent.
             moves = (equations.keyframe < self._intervals) | (not self.motion.end_fixed)
             parts.append(self._at_keyframes(equations.keyframe[moves], equations.slopes[moves]))
         return sp.vstack(parts).tocsc()
 
     def _at_keyframes(self, keyframe: IntArray, slopes: FloatArray) -> Any:
-        """Return the rows of single keyframes after the first, each slope of shape (p,)."""
+        """Return the rows of single keyframes after the first as a sparse matrix, each slope of shape (p,)."""
         count, p = slopes.shape
         row = np.repeat(np.arange(count), p)
         column = ((keyframe - 1)[:, None] * self.width + np.arange(p)).ravel()
         return sp.csc_matrix((slopes.ravel(), (row, column)), shape=(count, self._intervals * self.width))
 
     def inequalities(self) -> tuple[Any, FloatArray, FloatArray]:
-        """Matrix, lower and upper bounds of the rows (less their interval's slack) and of those on keyframes."""
+        """Return the matrix and bounds of the interval rows, less their slack, and of the keyframe rows."""
         active = self.motion.active
         data, row, column = self._row_entries()
         m = len(active)
@@ -228,8 +228,8 @@ class KeyframeProgram:
         unit = self.motion.unit
         k = self.motion.active.interval
         start, end = self.motion.active.slopes(self.motion.sweep)
-        # Interval k: unknowns of keyframe k, then those of k + 1 and the slack of k, which stand side by side in one
-        # stage. One slack an interval keeps the QP small and is what the price is paid for.
+        # Interval k: unknowns of keyframe k, then those of k + 1 and the slack of k, which are adjacent in one stage.
+        # One slack per interval keeps the QP small; the price applies to it.
         data = np.column_stack((start / unit, end / unit, np.full(len(k), -1.0)))
         data[k == 0, :p] = 0.0
 
@@ -245,7 +245,7 @@ class KeyframeProgram:
 
 @lru_cache(maxsize=8)
 def _block_places(intervals: int) -> tuple[IntArray, IntArray]:
-    """Return rows and columns of the blocks, counted from 1: second differences tie a keyframe to the next but one."""
+    """Return rows and columns of the blocks, from 1: second differences couple a keyframe to the next but one."""
     row, column = np.indices((intervals, intervals)).reshape(2, -1) + 1
     near = np.abs(row - column) <= 2
     return row[near], column[near]
@@ -273,7 +273,7 @@ def _solve(
 
 
 def _set(settings: Any) -> None:
-    """Put our settings into the solver's."""
+    """Apply the tolerances and options of this module to the solver's settings."""
     settings.verbose = False
     # Factors the block-banded system stage by stage, in time linear in the number of keyframes.
     settings.kkt_solver = piqp.sparse_multistage

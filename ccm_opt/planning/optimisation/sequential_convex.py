@@ -1,7 +1,7 @@
-"""Sequential convex programming over all keyframes: linearised rows, regions free of walls renewed at every step.
+"""Sequential convex programming over all keyframes: linearised rows, with wall-free regions renewed at every step.
 
-Every iterate is certified: a step that the certificate refuses is shortened, then damped, and what an interval lacks
-becomes dearer. So the motion stays in its homotopy class, and what comes of it is always fit for use.
+Every iterate is certified: a step that the certificate refuses is shortened, then damped, and slack in intervals with
+violations becomes more costly. So the motion stays in its homotopy class, and every result is a usable motion.
 """
 
 from collections.abc import Callable
@@ -25,75 +25,77 @@ from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
 
 SweepType = TypeVar("SweepType", bound=Sweep)
-"""The kind of sweep of a program."""
+"""Type of a program's sweep."""
 
 _LACK = 0.03
-"""Share of the wanted gap that an interval may lack without its slack becoming dearer. Taste."""
+"""Share of the wanted gap that an interval may lack without its slack becoming more costly. Taste."""
 _LACK_RISE = 2.0
-"""Rise of the price of slack where an interval lacks room, step by step. Taste."""
+"""Factor of the price of slack per step where an interval lacks clearance. Taste."""
 _PRICE_RISE = 4.0
-"""Its rise where the certificate fails. Taste."""
+"""Factor of the price of slack where the certificate fails. Taste."""
 _FIRST_DAMPING = 0.3
 """Weight on the squared turns of the first step. Taste."""
 _REFUSED_GROWTH = 6.0
-"""Growth of the damping after a refused step. Taste."""
+"""Factor of the damping after a refused step. Taste."""
 _SHORTENED_GROWTH = 2.0
-"""Its growth after a shortened step. Taste."""
+"""Factor of the damping after a shortened step. Taste."""
 _TRIES = 6
-"""QPs of one round before it is given up. Taste."""
+"""QPs of one round before the round is given up. Taste."""
 _SHORTENINGS = (1.0, 0.5, 0.25, 0.1)
 """Shares of a step that are tried until one is certified. Taste."""
 _SUFFICIENT = 0.1
-"""Share of the foreseen gain at which a step is taken. Taste."""
+"""Share of the predicted gain above which a step is accepted. Taste."""
 _WORTH_AFRESH = 0.1
-"""Share of the objective that has to be gained for prices and damping that let nothing move to be put back to where
-they began. Taste."""
+"""Share of the objective that has to be gained before prices and damping that let nothing move are reset. Taste."""
 
 _SEEN_AT_MANY = 0.5
-"""Share of how near rows enter the QP at many keyframes. Measured: among 300 and 1000 polygons the same motions in
-three quarters of the time."""
+"""Factor, with many keyframes, of the distance from their bound within which rows enter the QP. Measured: among 300
+and 1000 polygons the same motions in three quarters of the time."""
 _WALL_DISTANCE = 0.03
-"""Walls farther than this beyond the planning margin cost nothing where clearance is weighed, as a share of the arm's
-length. Taste."""
+"""Distance beyond the planning margin above which walls cost nothing where clearance is weighted, as a share of the
+arm's length. Taste."""
 _YIELDINGS = 6
-"""Times that keyframes about intervals which are not certified take less of a step in gates. Taste."""
+"""Number of times that, in gates, keyframes near intervals that are not certified reduce their share of a step.
+Taste."""
 _YIELDING_REACH = 4.0
-"""Keyframes on either side that give way with it, less and less. Taste."""
+"""Number of keyframes on either side that reduce their share as well, less and less. Taste."""
 _YIELDING_SHARE = 0.4
 """Share of its part of the step that such a keyframe keeps each time. Taste."""
 _RAISED_DAMPING = 0.05
-"""Damping from which a refused step raises it. Taste."""
+"""Least damping to which the growth after a refused or shortened step is applied. Taste."""
 _GOOD_SHRINKAGE = 3.0
-"""Fall of the damping after a good step. Taste."""
+"""Divisor of the damping after a good step. Taste."""
 _LEAST_DAMPING = 1e-4
 """Least damping. Taste."""
 _GOOD = 0.6
-"""Share of the foreseen gain from which a step is good. Taste."""
+"""Share of the predicted gain above which a step is good. Taste."""
 
 
 @dataclass(frozen=True, eq=False)
 class MotionProgram(Generic[SweepType]):
-    """A motion to be optimised: it stacks what the limits contribute, and knows none of them.
+    """A motion to be optimised; the program stacks the contributions of the limits without knowing their kinds.
 
     Attributes:
         curve: the map of its unknowns.
-        sweep: makes the motion through keyframes, shape (K + 1, p).
-        limits: all that it has to keep.
-        failures: intervals of a motion that are not certified, by its keyframes, shape (K + 1, p).
-        goal: where the tip has to stay; None where the last keyframe is fixed.
-        end_fixed: whether it is.
+        sweep: builds the motion through keyframes, shape (K + 1, p).
+        limits: all limits that the motion has to keep.
+        failures: returns the intervals of a motion that are not certified, by its keyframes, shape (K + 1, p).
+        goal: goal of the tip; None where the last keyframe is fixed.
+        end_fixed: whether the last keyframe is fixed.
         u: path parameters of the keyframes, shape (K + 1,).
         deadline: when to stop.
-        weights: how much each part of the objective counts.
-        wanted_gap: room that rows ask for where there is so much [m].
-        seen: rows nearer to their bound than this enter the QP [m].
-        groups: arms with more links than this have rows for groups of neighbouring joints.
-        steps: numbers of the steps.
-        slowness: of the coordinates, for the weight of the duration; None when all are alike.
-        scale: how much a unit of each coordinate counts, shape (c,); None when all count alike.
-        many: intervals beyond which steps are as short as the rows are many, and see half as far.
-        lack: room that a motion lacks over all its intervals, in nominal links, where it counts in the merit.
-        yielding: whether keyframes may take less of a step where the motion would not be certified, the others all.
+        weights: weights of the parts of the objective.
+        wanted_gap: gap that rows ask for where possible [m].
+        seen: distance from their bound below which rows enter the QP [m].
+        groups: number of links above which rows are for groups of neighbouring joints.
+        steps: settings of the steps.
+        slowness: slowness of the coordinates, for the weight of the duration; None when all are alike.
+        scale: factor of each coordinate, shape (c,); None when all count alike.
+        many: number of intervals above which rows enter the QP within half the distance only.
+        lack: returns the clearance that a motion lacks over all its intervals, in nominal links, where it counts in the
+            merit.
+        yielding: whether keyframes may take a reduced share of a step where the motion would not be certified, while
+            the others take all of it.
     """
 
     curve: CurveUnknowns
@@ -122,26 +124,28 @@ class MotionProgram(Generic[SweepType]):
 
     @property
     def unit(self) -> float:
-        """Length of a nominal link, by which rows are scaled whatever curve the motion was planned in [m]."""
+        """Length of a nominal link, by which rows are scaled, whatever curve the motion was planned in [m]."""
         return self.arm.length / NOMINAL_LINKS
 
     def ways(self, unknowns: FloatArray) -> FloatArray:
-        """Return how far the drives move from keyframe to keyframe, shape (K + 1, p) to (K,)."""
+        """Return the distance that the drives move from keyframe to keyframe, shape (K + 1, p) to (K,)."""
         drives = self.curve.drives(self.curve.configurations(unknowns))
         steps = np.diff(drives if self.scale is None else drives * self.scale, axis=0)
         return np.asarray(np.linalg.norm(steps, axis=1))
 
     # ------------------------------------------------------------ a motion
     def objective(self, intervals: int) -> Objective:
-        """Return the quadratic part of what is made small, for a number of intervals."""
+        """Return the quadratic part of the objective for a number of intervals."""
         return Objective(self.curve, intervals, self.weights, self.slowness, self.scale)
 
     def rows(self, sweep: SweepType) -> IntervalRows:
-        """Return all rows over intervals about a motion."""
+        """Return all rows over the intervals of a motion."""
         return joined_rows([rows for limit in self.limits for rows in limit.interval_rows(sweep)])
 
     def end_rows(self, sweep: SweepType) -> FloatArray:
-        """Rows that hold the last keyframe, or the tip in its goal, its position in nominal links first, shape (r, p).
+        """Return the rows that hold the last keyframe, or the tip in its goal, shape (r, p).
+
+        For a goal of the tip, the rows of its position, in nominal links, come first.
 
         Args:
             sweep: the motion.
@@ -152,14 +156,14 @@ class MotionProgram(Generic[SweepType]):
 
     # ------------------------------------------------------------ what may become of it
     def restored(self, unknowns: FloatArray) -> FloatArray:
-        """Return the keyframes brought back onto the limits, shape (K + 1, p).
+        """Return the keyframes restored onto the limits, shape (K + 1, p).
 
         The same array where no limit moves them.
         """
         return restored_keyframes(self.limits, self.curve, unknowns, self.u)
 
     def ended(self, unknowns: FloatArray) -> FloatArray | None:
-        """Return the keyframes on the limits, the last one exactly on the goal; None where that fails."""
+        """Return the keyframes restored onto the limits, the last one exactly on the goal; None where that fails."""
         unknowns = self.restored(unknowns)
         if self.end_fixed or self.goal is None:
             return unknowns
@@ -170,14 +174,14 @@ class MotionProgram(Generic[SweepType]):
         return unknowns if self.goal.met(last) else None
 
     def feasible(self, sweep: SweepType, before: SweepType) -> bool:
-        """Return whether a motion's keyframes keep all limits, as well as those of another motion did or better."""
+        """Return whether a motion's keyframes keep all limits, or violate them no more than those of another motion."""
         return all(limit.holds(sweep, before, self.u) for limit in self.limits)
 
     # ------------------------------------------------------------ put together
     def nearness(self, rows: IntervalRows, sweep: SweepType) -> tuple[WallNearness, ...]:
-        """Return what nearness to walls costs by the tightest wall rows of a motion.
+        """Return the cost of nearness to walls from the tightest wall rows of a motion.
 
-        Nothing when it does not matter.
+        Empty where clearance has no weight.
         """
         if self.weights.clearance == 0.0:
             return ()
@@ -187,14 +191,14 @@ class MotionProgram(Generic[SweepType]):
         return (WallNearness(nearest, self.weights.clearance, distance, NOMINAL_LINKS / self.arm.links),)
 
     def active_rows(self, rows: IntervalRows, sweep: SweepType, within: float) -> IntervalRows:
-        """Return the rows that a step may meet, thinned to one for each joint, or group of joints, and direction."""
+        """Return the rows that a step may reach, thinned to one for each joint, or group of joints, and direction."""
         values = rows.values(sweep)
         near = np.flatnonzero(values > -within)
         near_rows = rows.take(near)
         return near_rows.take(representatives(near_rows, values[near], -(-self.arm.links // self.groups)))
 
     def linearised(self, sweep: SweepType) -> LinearMotion:
-        """Return a motion to first order."""
+        """Return a motion linearised for one step."""
         rows = self.rows(sweep)
         limits = self.limits
         return LinearMotion(
@@ -219,7 +223,7 @@ class _Certified(Generic[SweepType]):
     """A certified motion of a program.
 
     Attributes:
-        program: what is optimised.
+        program: program that is optimised.
         sweep: the motion.
     """
 
@@ -228,25 +232,25 @@ class _Certified(Generic[SweepType]):
 
     @cached_property
     def linear(self) -> LinearMotion:
-        """The motion to first order."""
+        """The motion linearised for one step."""
         return self.program.linearised(self.sweep)
 
     @cached_property
     def lack(self) -> float:
-        """Room that it lacks, where that counts."""
+        """Clearance that the motion lacks, where it counts in the merit."""
         return self.program.lack(self.sweep)
 
 
 @dataclass(frozen=True, eq=False)
 class _Iterate(Generic[SweepType]):
-    """Where the iteration is.
+    """State of the iteration.
 
     Attributes:
-        motion: where steps begin.
-        prices: of slack in each interval, shape (K,).
+        motion: motion from which the next step begins.
+        prices: prices of slack in each interval, shape (K,).
         damping: weight on the squared turns of the next step.
-        curvature: of the rows, by the last multipliers; None at first.
-        gained: by which the last step lowered the merit.
+        curvature: curvature of the rows, by the last multipliers; None at first.
+        gained: decrease of the merit in the last step.
     """
 
     motion: _Certified[SweepType]
@@ -256,7 +260,7 @@ class _Iterate(Generic[SweepType]):
     gained: float = 0.0
 
     def refused(self, damping: float, prices: FloatArray) -> "_Iterate[SweepType]":
-        """Return the same motion after a refused step, which was damped so much, with other prices."""
+        """Return the iterate with the same motion after a refused step with this damping, with other prices."""
         raised = _REFUSED_GROWTH * max(damping, _RAISED_DAMPING)
         return replace(self, damping=raised, prices=prices)
 
@@ -270,11 +274,10 @@ def sequential_convex(
     """Optimise a certified motion.
 
     Args:
-        program: what to keep.
-        unknowns: at the keyframes, shape (K + 1, p).
+        program: limits and objective of the motion.
+        unknowns: unknowns at the keyframes, shape (K + 1, p).
         rounds: most steps.
-        enough: whether a motion is what was asked for, so that no more steps are taken; when None, they end where they
-            gain little.
+        enough: whether a motion is good enough for the steps to end; when None, they end where they gain little.
 
     Returns:
         The last iterate's unknowns, shape (K + 1, p); certified.
@@ -291,19 +294,19 @@ def sequential_convex(
         before = objective.value(motion.sweep) + settings.price * motion.lack
         following = _round(iterate)
         if following is None:
-            # Prices and damping have risen so far that nothing moves; where the motion has moved much since they were
-            # low, they are out of date.
+            # Prices and damping have risen so far that nothing moves; where the motion has changed much since they were
+            # low, they are reset.
             if before > worth_afresh:
                 break
             worth_afresh = (1.0 - _WORTH_AFRESH) * before
             iterate = _Iterate(motion, prices)
             continue
-        # One meagre round often comes before good ones, while damping or prices find their size.
+        # One poor round often comes before good ones, while damping or prices adapt.
         idle = idle + 1 if following.gained < settings.worth * before else 0
         if following.gained > 0.0 or not settings.counts_room:
             iterate = following
         else:
-            # The rows did not foresee what came of the step: a shorter one.
+            # The rows did not predict the outcome of the step: try a shorter one.
             iterate = iterate.refused(following.damping, following.prices)
         patience = settings.patience if iterate.motion.lack <= 0.0 else settings.patience_in_want
         done = idle >= patience if enough is None else enough(iterate.motion.sweep)
@@ -313,9 +316,9 @@ def sequential_convex(
 
 
 def _round(iterate: _Iterate[SweepType]) -> _Iterate[SweepType] | None:
-    """Return one accepted step, or None when none is."""
+    """Return the iterate after one accepted step, or None when no step is accepted."""
     program = iterate.motion.program
-    # Rows are linearised once; what is tried again is the QP, with more damping and higher prices.
+    # Rows are linearised once; only the QP is solved again, with more damping and higher prices.
     for _ in range(_TRIES):
         problem = KeyframeProgram(iterate.motion.linear, iterate.prices, iterate.curvature, iterate.damping)
         step = problem.solve()
@@ -338,7 +341,10 @@ _NONE = np.zeros(0, dtype=np.intp)
 
 
 def _part_taken(iterate: _Iterate[SweepType], step: QuadraticStep) -> tuple[_Iterate[SweepType] | None, IntArray]:
-    """The longest part of a step that lowers the merit as foreseen and is certified, and where longer ones failed."""
+    """Return the iterate after the longest acceptable part of a step, and the intervals where longer parts failed.
+
+    A part is acceptable if it lowers the merit as predicted and is certified; None where no part is.
+    """
     program = iterate.motion.program
     settings = program.steps
     motion = iterate.motion.linear
@@ -348,7 +354,7 @@ def _part_taken(iterate: _Iterate[SweepType], step: QuadraticStep) -> tuple[_Ite
     if program.yielding:
         shares.insert(0, _yielding_shares(program, start, step.change))
 
-    # The merit is an exact l∞ penalty, an interval at a time: slack of the QP is what it foresees of the worst row.
+    # The merit is an exact l∞ penalty per interval: the slack of the QP predicts the worst row.
     cost = motion.cost(start)
     before = cost + float(iterate.prices @ motion.worst_rows(start)) / motion.unit
     foreseen = before - motion.foreseen_cost(step.change) - float(iterate.prices @ step.slack)
@@ -364,8 +370,8 @@ def _part_taken(iterate: _Iterate[SweepType], step: QuadraticStep) -> tuple[_Ite
         after = motion.cost(sweep)
         worst = motion.worst_rows(sweep)
         gain = (before - after - float(iterate.prices @ worst) / motion.unit) / max(share * foreseen, 1e-12)
-        # The certificate costs most and is asked last.
-        # Negated, so that a gain that is NaN, for a cost of the user that is not finite there, is refused.
+        # The certificate is the most costly and comes last.
+        # Negated, so that a NaN gain, from a user cost that is not finite there, is refused.
         if not gain > _SUFFICIENT or not program.feasible(sweep, start):
             continue
         failing = program.failures(sweep.unknowns)
@@ -388,9 +394,9 @@ def _part_taken(iterate: _Iterate[SweepType], step: QuadraticStep) -> tuple[_Ite
 
 
 def _yielding_shares(program: MotionProgram[SweepType], start: SweepType, change: FloatArray) -> FloatArray:
-    """Return shares of a step for each keyframe, shape (K + 1, 1): less about intervals that would not be certified.
+    """Return shares of a step for each keyframe, shape (K + 1, 1), reduced near intervals that would not be certified.
 
-    In a gate with hardly any play few intervals stand against a step that all others could take.
+    In a gate with hardly any play few intervals block a step that all others could take.
     """
     shares = np.ones(len(change))
     keyframes = np.arange(len(change))
@@ -399,14 +405,14 @@ def _yielding_shares(program: MotionProgram[SweepType], start: SweepType, change
         failing = _NONE if taken is None else program.failures(taken)
         if len(failing) == 0:
             break
-        # Keyframes beside those that give way follow them, or a kink would be left.
+        # Neighbouring keyframes reduce their share as well, to avoid a kink.
         apart = np.min(np.abs(keyframes[:, None] - (failing + 0.5)), axis=1) - 0.5
         shares *= np.minimum(1.0, _YIELDING_SHARE + (1.0 - _YIELDING_SHARE) * apart / _YIELDING_REACH)
     return shares[:, None]
 
 
 def _damping(damping: float, share: float, gain: float) -> float:
-    """Return more damping after a shortened step, less after a good one."""
+    """Return the next damping: more after a shortened step, less after a good one."""
     if share < 1.0:
         return max(damping, _RAISED_DAMPING) * _SHORTENED_GROWTH
     if gain > _GOOD:
