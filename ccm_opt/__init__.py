@@ -1,6 +1,6 @@
 """ccm_opt: certified, timed and simulated motions of highly redundant manipulators.
 
-The names below are loaded when they are first used, so that importing the package is cheap::
+Public names are imported on first use, which keeps ``import ccm_opt`` fast::
 
     problem = ccm_opt.load_problem("problems/swan-neck.toml")  # or ccm_opt.make_problem(...)
     solution = ccm_opt.solve(problem)
@@ -9,7 +9,7 @@ The names below are loaded when they are first used, so that importing the packa
 
 from importlib import import_module
 
-TYPE_CHECKING = False  # typing itself takes longer to load than all that is needed here
+TYPE_CHECKING = False  # importing typing would take longer than everything else in this module
 if TYPE_CHECKING:
     from ccm_opt import viz as plotting
     from ccm_opt.core import errors
@@ -120,7 +120,7 @@ _NAMES = {
     "ccm_opt.ik.quantities": ("Quantities",),
     "ccm_opt.ik.terms": ("Constraint", "Cost", "Interval", "constraint", "cost"),
 }
-"""Public names by the module that has them under the same name."""
+"""Public names grouped by the module that defines them under the same name."""
 _HOMES = {name: (module, name) for module, names in _NAMES.items() for name in names}
 _HOMES["check"] = ("ccm_opt.verification.verifier", "verify")
 """Module and name of each public object."""
@@ -129,17 +129,21 @@ _MODULES = {"errors": "ccm_opt.core.errors", "plotting": "ccm_opt.viz"}
 
 
 _MAKING_SOLUTIONS = frozenset(("LivePlan", "Solution", "pareto", "retarget", "solve"))
-"""Names by which one comes by solutions."""
+"""Names through which a caller can obtain a ``Solution``."""
 
 
 def __getattr__(name: str) -> object:
-    """Load a public name when it is first used."""
+    """Import a public name on first use.
+
+    Raises:
+        AttributeError: the package has no such name.
+    """
     if name in _MODULES:
         return import_module(_MODULES[name])
     if name not in _HOMES:
         raise AttributeError(f"module 'ccm_opt' has no attribute {name!r}; it has {', '.join(__all__)}")
     if name in _MAKING_SOLUTIONS:
-        import_module("ccm_opt.viz.saved_plans")  # which lets solutions draw and save themselves
+        import_module("ccm_opt.viz.saved_plans")  # registers the presenter behind Solution.plot, .animate and .save
     module, attribute = _HOMES[name]
     value = getattr(import_module(module), attribute)
     globals()[name] = value

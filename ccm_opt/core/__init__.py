@@ -1,1 +1,1 @@
-"""The ground that all else stands on: array types, plane geometry, rounding, the stage clock, calls of IPOPT."""
+"""Foundations used by every other package: errors, array types, plane geometry, lengths in words, executors, IPOPT."""

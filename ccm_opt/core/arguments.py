@@ -1,4 +1,4 @@
-"""What functions are given: what is wrong with it is told as bad input."""
+"""Checks of function arguments, which report defects as ``ProblemError``."""
 
 import math
 from collections.abc import Callable, Collection, Sequence
@@ -14,26 +14,32 @@ from ccm_opt.core.length_words import METRES
 
 
 def expect(value: object, kind: type | tuple[type, ...], what: str, hint: str = "") -> None:
-    """Refuse a value of another kind than a function is made for.
+    """Refuse a value of the wrong type.
 
     Args:
-        value: what it was given.
-        kind: of what it is made for.
-        what: that is, in words, with its article.
+        value: the value given.
+        kind: the allowed type or types.
+        what: what is expected, in words, with its article.
         hint: what to do instead, or empty.
 
     Raises:
-        ProblemError: it is of another kind.
+        ProblemError: the value has another type.
     """
     if not isinstance(value, kind):
         raise ProblemError(refusal(value, what, hint))
 
 
 def expect_that(fits: Callable[[], bool], value: object, what: str, hint: str = "") -> None:
-    """Refuse a value that does not pass a test; a test that cannot even look at it has not passed.
+    """Refuse a value that fails a test; a test that raises because the value does not suit it counts as failed.
+
+    Args:
+        fits: the test; TypeError, ValueError and AttributeError from it count as failure.
+        value: the value tested.
+        what: what is expected, in words, with its article.
+        hint: what to do instead, or empty.
 
     Raises:
-        ProblemError: it does not.
+        ProblemError: the value fails the test.
     """
     try:
         passed = fits()
@@ -44,10 +50,16 @@ def expect_that(fits: Callable[[], bool], value: object, what: str, hint: str = 
 
 
 def expect_method(value: object, methods: Sequence[str], what: str, hint: str = "") -> None:
-    """Refuse an object that lacks methods which are called of it; None may stand for such an object.
+    """Refuse an object that lacks required methods; None is accepted.
+
+    Args:
+        value: the object.
+        methods: names of the required methods.
+        what: what is expected, in words, with its article.
+        hint: what to do instead, or empty.
 
     Raises:
-        ProblemError: it lacks one, or is a class where an object of it is meant.
+        ProblemError: the object lacks a method, or is a class instead of an instance.
     """
     if value is None:
         return
@@ -58,23 +70,23 @@ def expect_method(value: object, methods: Sequence[str], what: str, hint: str = 
 
 
 def expect_callable(value: object, what: str, hint: str = "") -> None:
-    """Refuse what cannot be called; None may stand for nobody who is.
+    """Refuse a value that is not callable; None is accepted.
 
     Raises:
-        ProblemError: it cannot.
+        ProblemError: the value is not callable.
     """
     if value is not None and not callable(value):
         raise ProblemError(refusal(value, what, hint))
 
 
 def refusal(value: object, what: str, hint: str = "") -> str:
-    """Return the sentence that refuses a value."""
+    """Return the message that refuses a value: what was expected, what was given, and a hint."""
     advice = f"; {hint}" if hint else ""
     return f"expected {what}, got {in_words(value)}{advice}"
 
 
 def in_words(value: object) -> str:
-    """Return a value with its kind, in a few words."""
+    """Return the type of a value, with the value itself where that is short, in words."""
     if value is None:
         return "None"
     shown = repr(value)
@@ -82,22 +94,23 @@ def in_words(value: object) -> str:
 
 
 _LONG = 60
-"""Letters from which on a value itself says less than its kind."""
+"""Length of a value's text from which a message names only its type."""
 
 
 LARGEST = 1e15
-"""Places and angles beyond have no digits left for what moves, and areas of them none in single precision."""
+"""Largest coordinate or angle accepted: beyond it doubles have too few digits left for motions, and areas overflow
+single precision."""
 
 
 @dataclass
 class Arguments:
-    """Arguments that are looked at one after the other; what is wrong is collected, and refused in the end.
+    """Checks the arguments of a call one by one, collects the defects, and reports them all at once.
 
     Attributes:
-        of: what they make, in words.
-        unit: of the lengths among them: "m", "mm" or "in".
-        metres: in that unit.
-        wrong: what is wrong so far, a line each.
+        of: what the call makes, in words.
+        unit: unit of the lengths among the arguments: "m", "mm" or "in".
+        metres: metres per unit.
+        wrong: defects so far, a line each.
     """
 
     of: str
@@ -111,16 +124,16 @@ class Arguments:
             self.metres = METRES[str(self.unit)]
 
     def number(self, name: str, value: object, *, least: float = -math.inf, above: float = -math.inf) -> float:
-        """Return a finite number.
+        """Return an argument that must be a finite number.
 
         Args:
-            name: of the argument.
-            value: what was given.
-            least: that it may be.
-            above: what it must be greater than.
+            name: name of the argument.
+            value: value given.
+            least: least value allowed.
+            above: value that the argument must exceed.
 
         Returns:
-            The number; not a number where it is none.
+            The number; NaN, with the defect noted, where the value is not acceptable.
         """
         if is_number(value) and value >= least and value > above:
             return float(value)
@@ -129,18 +142,18 @@ class Arguments:
         return math.nan
 
     def length(self, name: str, value: object, *, least: float = -math.inf, above: float = -math.inf) -> float:
-        """Return a length that is given in the unit, in metres."""
+        """Return an argument that must be a length in ``unit``, converted to metres; otherwise as ``number``."""
         return self.metres * self.number(name, value, least=least, above=above)
 
     def whole(self, name: str, value: object, least: int) -> int:
-        """Return a whole number of at least so much; that where it is none."""
+        """Return an argument that must be a whole number of at least ``least``; ``least`` where it is not."""
         if is_whole(value) and value >= least:
             return int(value)
         self._refused(name, f"a whole number of at least {least}", value)
         return least
 
     def numbers(self, name: str, value: object, count: int, what: str = "numbers") -> FloatArray:
-        """Return the so many finite numbers, shape (count,); zeros where they are none."""
+        """Return an argument that must be ``count`` finite numbers, shape (count,); zeros where it is not."""
         found = finite_array(value)
         if found is None or found.shape != (count,):
             self._refused(name, f"{count} {what}", value)
@@ -148,7 +161,7 @@ class Arguments:
         return found
 
     def each(self, name: str, value: object, count: int, *, above: float = -math.inf) -> FloatArray:
-        """Return one number for all of ``count``, or one for each, shape (count,)."""
+        """Return an argument given as one number for all, or as one number each, shape (count,)."""
         if isinstance(value, (Sequence, np.ndarray)) and not isinstance(value, str):
             found = self.numbers(name, value, count)
             if np.any(found <= above) and np.any(found):
@@ -157,25 +170,25 @@ class Arguments:
         return np.full(count, self.number(name, value, above=above))
 
     def choice(self, name: str, value: object, choices: Collection[str]) -> None:
-        """One of some words."""
+        """Note a defect unless an argument is one of the given words."""
         if not isinstance(value, str) or value not in choices:
             self._refused(name, f"one of {', '.join(choices)}", value)
 
     def flag(self, name: str, value: object) -> None:
-        """True or false."""
+        """Note a defect unless an argument is True or False."""
         if not isinstance(value, bool):
             self._refused(name, "True or False", value)
 
     def must(self, holds: bool, line: str) -> None:
-        """A line about what is wrong unless something holds; what is no number is told already."""
+        """Note the defect ``line`` unless a condition holds."""
         if not holds:
             self.wrong.append(line)
 
     def refuse(self) -> None:
-        """Refuse them if anything is wrong.
+        """Refuse the call if any defect was noted.
 
         Raises:
-            ProblemError: with a line for each.
+            ProblemError: with a line for each defect.
         """
         if self.wrong:
             raise ProblemError(f"{self.of} cannot be made:\n" + "\n".join(f"  {line}" for line in self.wrong))
@@ -185,19 +198,19 @@ class Arguments:
 
 
 def is_number(value: object) -> TypeGuard[float]:
-    """Return whether a value is a finite number; true and false are none."""
+    """Return whether a value is a finite real number; booleans do not count."""
     if isinstance(value, (bool, np.bool_)):
         return False
     return isinstance(value, Real) and math.isfinite(value)
 
 
 def is_whole(value: object) -> TypeGuard[int]:
-    """Return whether a value is a whole number; true and false are none."""
+    """Return whether a value is a whole number; booleans do not count."""
     return isinstance(value, Integral) and not isinstance(value, (bool, np.bool_))
 
 
 def finite_array(value: object) -> FloatArray | None:
-    """Return a value as an array of numbers of at most ``LARGEST``, or None where it is none."""
+    """Return a value as an array of floats, or None where it is no array of numbers of at most ``LARGEST`` in size."""
     if isinstance(value, (str, bytes)):
         return None
     try:

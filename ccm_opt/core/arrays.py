@@ -1,4 +1,4 @@
-"""Array types, and the rounding of their numbers."""
+"""Array types and tolerances for rounding."""
 
 from typing import TypeAlias
 
@@ -11,13 +11,14 @@ BoolArray: TypeAlias = npt.NDArray[np.bool_]
 
 
 ROUNDING = 1e-9
-"""Lengths [m], angles [rad] and shares below this are rounding: a thousandth of what any check of a motion notices."""
+"""Lengths [m], angles [rad] and shares below this count as rounding: a thousandth of the finest tolerance of any check
+of a motion."""
 TINY = 1e-12
-"""Keeps divisions finite, and is nothing beside numbers round one: some thousand times the spacing of doubles there."""
+"""Guards divisions; negligible next to numbers near one: some thousand times the spacing of doubles there."""
 SHORTEST = 1e-6
-"""Shortest length [m], or share of one, that shapes are made of: what is shorter has no direction to be trusted."""
+"""Shortest length [m], or share of one, used in shapes: the direction of anything shorter is unreliable."""
 
 
 def in_space(places: FloatArray) -> FloatArray:
-    """Return places of the plane with a third coordinate of zero, others as they are, shape (..., d) to (..., 3)."""
+    """Return points padded with zeros to three coordinates, shape (..., d) to (..., 3); points in space unchanged."""
     return np.pad(places, [(0, 0)] * (places.ndim - 1) + [(0, 3 - places.shape[-1])])

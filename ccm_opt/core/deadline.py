@@ -1,21 +1,20 @@
-"""Time limits."""
+"""Time limits in CPU time, guarded by wall time."""
 
 import math
 import time
 from dataclasses import dataclass
 
 WALL_GUARD = 3.0
-"""Wall time that a second of CPU time may take before a search ends all the same. Taste: a machine with three times as
-many busy processes as cores still gives every search its whole time."""
+"""Wall time allowed per second of CPU time before a search is stopped regardless. Taste: on a machine with three times
+as many busy processes as cores, every search still gets its full CPU time."""
 
 
 @dataclass(frozen=True)
 class Deadline:
-    """A moment on the clock of the process's own work, and one on the wall clock that guards it.
+    """A deadline in CPU time of this process, with a generous one in wall time as a guard.
 
-    What is found in so much CPU time does not depend on what else the machine does. But a process that hardly gets any
-    must end too, so wall time counts as well, with room for a busy machine. CPU time is that of all threads of this
-    process, and of no other process: workers have clocks of their own.
+    CPU time makes results independent of other load on the machine; wall time also stops a process that hardly gets
+    any CPU. CPU time counts all threads of this process and no other process: workers have deadlines of their own.
 
     Attributes:
         cpu: CPU time of this process at which to stop [s].
@@ -27,31 +26,31 @@ class Deadline:
 
     @classmethod
     def after(cls, seconds: float) -> "Deadline":
-        """Return the moment after so much CPU time from now on."""
+        """Return the deadline ``seconds`` of CPU time from now."""
         return cls(time.process_time() + seconds, time.monotonic() + WALL_GUARD * seconds)
 
     @classmethod
     def never(cls) -> "Deadline":
-        """Return no end at all."""
+        """Return a deadline that never passes."""
         return cls(math.inf, math.inf)
 
     @property
     def left(self) -> float:
-        """CPU time that is left [s], negative once it has passed; less where wall time runs out before."""
+        """CPU time left [s], negative once the deadline has passed; less where wall time runs out first."""
         guarded = (self.wall - time.monotonic()) / WALL_GUARD
         return min(self.cpu - time.process_time(), guarded)
 
     def passed(self) -> bool:
-        """Return whether it is over."""
+        """Return whether the deadline has passed."""
         return self.left < 0.0
 
     def within(self, seconds: float) -> "Deadline":
-        """Return the this moment, or that after so much CPU time from now on, whichever is earlier."""
+        """Return the earlier of this deadline and one ``seconds`` of CPU time from now."""
         other = Deadline.after(seconds)
         return Deadline(min(self.cpu, other.cpu), min(self.wall, other.wall))
 
     def what_passed(self) -> str:
-        """In words, which of the two clocks has ended the work."""
+        """Return, in words, which of the two clocks stopped the work."""
         if time.process_time() > self.cpu:
             return "time limit reached"
         times = f"{WALL_GUARD:g} times planner.time_limit of wall time"

@@ -1,4 +1,4 @@
-"""Every error of the package, one tree; each carries the evidence of what went wrong.
+"""All exceptions of the package, in one hierarchy; each carries the evidence of what went wrong.
 
 ::
 
@@ -25,15 +25,15 @@ from typing import Any
 
 
 class CcmError(Exception):
-    """Root of all errors that this package raises on purpose."""
+    """Base class of all errors that this package raises deliberately."""
 
 
 class NativeLibraryError(CcmError):
-    """The compiled library is missing or an old one; the message says how to build it."""
+    """The compiled library is missing or out of date; the message says how to build it."""
 
 
 class ProblemError(CcmError):
-    """The problem is not usable as it stands: what was got, what was expected, what to try."""
+    """The problem cannot be used as given; the message says what was given, what was expected, and what to try."""
 
 
 @dataclass(frozen=True, order=True)
@@ -43,8 +43,8 @@ class FileIssue:
     Attributes:
         line: line in the file, counted from 1; 0 when the defect has no line.
         key: dotted key path, for example ``workspace.obstacles[2].polygon``.
-        message: what was got and what was expected.
-        setting: ``key.path=value`` from outside that the defect comes from; empty where it is the file's.
+        message: what was given and what was expected.
+        setting: the override ``key.path=value`` that causes the defect; empty where the file itself does.
     """
 
     line: int
@@ -60,11 +60,11 @@ class FileIssue:
 
 
 MOST_LISTED = 100
-"""Defects of one file that are listed."""
+"""Largest number of defects listed for one file."""
 
 
 class ProblemFileError(ProblemError):
-    """All defects of one problem file: the first hundred in the order of its lines, and the number of the rest."""
+    """All defects of one problem file: the first hundred in the order of their lines, and the number of the rest."""
 
     def __init__(self, path: str, issues: Sequence[FileIssue]) -> None:
         self.path = path
@@ -77,22 +77,24 @@ class ProblemFileError(ProblemError):
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing that stands in the way of a plan.
+    """One obstruction to a plan.
 
     Attributes:
         kind: "constraint", "contact", "joint limit", "too short", "too thick", "blocked", "hemmed in", "too stiff",
             "torque" or "curve".
-        reason: in the user's terms: what, where, and by how much; a short sentence, details behind semicolons.
-        proved: whether no planner could find a plan as long as this holds; else it is only likely to stand in the way.
-        key: the key of the problem file that it is about, or empty.
-        place: where, (x, y) or in space (x, y, z) [m], or None.
-        measured: what was found, in ``unit``, or None.
-        allowed: what it is compared with, in ``unit``, or None.
-        unit: of both.
-        obstacles: names of the walls that have to do with it, the most important first.
-        way: places along a way that is too long, or that is too narrow at the place, in order [m]; else empty.
-        bounds: for each parameter that may mend it (by its key in the problem file, SI units, radians) the value it
-            must reach at least to do so.
+        reason: the obstruction in the user's terms: what, where, and by how much; a short sentence, with details after
+            semicolons.
+        proved: whether no planner could find a plan while this obstruction remains; otherwise it is merely a likely
+            cause.
+        key: key of the problem file concerned, or empty.
+        place: location, (x, y) or in space (x, y, z) [m], or None.
+        measured: value found, in ``unit``, or None.
+        allowed: value that ``measured`` is compared with, in ``unit``, or None.
+        unit: unit of both.
+        obstacles: names of the walls involved, the most important first.
+        way: points, in order, along a route that is too long, or too narrow at ``place`` [m]; else empty.
+        bounds: for each parameter that may remove the obstruction (by its key in the problem file, SI units, radians)
+            the value that it must at least reach to do so.
     """
 
     kind: str
@@ -110,14 +112,14 @@ class Finding:
 
 @dataclass(frozen=True)
 class Relaxation:
-    """One change of the problem with which it was solved, the motion timed and verified.
+    """One change to the problem under which it was solved, with the motion timed and verified.
 
     Attributes:
         words: the change in words, for example "arm.radius ≤ 20.9 mm".
-        key: the key of the problem file that changes.
-        value: what it was solved with: SI units, radians; a factor where ``words`` say "times"; the name of an obstacle
-            left out; None for a key left out.
-        bound: the value that it must reach at least as far as is known, or None.
+        key: key of the problem file that changes.
+        value: value with which the problem was solved: SI units, radians; a factor where ``words`` say "times"; the
+            name of an obstacle left out; None for a key left out.
+        bound: value that the parameter must reach at least, as far as is known, or None.
         change: relative size of the change; 1 for something left out.
     """
 
@@ -133,12 +135,12 @@ class Diagnosis:
     """Why there is no plan, in the user's terms.
 
     Attributes:
-        reason: what stands in the way, where, and by how much: a short sentence, details behind semicolons.
-        stage: the stage of the pipeline that stopped.
-        advice: what would help, most promising first.
-        evidence: the figures behind the reason; JSON-serialisable values.
-        findings: what stands in the way, most important first.
-        relaxations: changes of one thing with which the problem was solved, the smallest first.
+        reason: the obstruction, its place and its size: a short sentence, with details after semicolons.
+        stage: stage of the pipeline that failed.
+        advice: possible remedies, most promising first.
+        evidence: figures behind the reason; JSON-serialisable values.
+        findings: obstructions found, most important first.
+        relaxations: single changes under which the problem was solved, the smallest first.
     """
 
     reason: str
@@ -150,7 +152,7 @@ class Diagnosis:
 
     @property
     def proved(self) -> bool:
-        """Whether it is proved that there is no plan; else none was found."""
+        """Whether it is proved that no plan exists, rather than that none was found."""
         return any(finding.proved for finding in self.findings)
 
     def __str__(self) -> str:
@@ -164,7 +166,7 @@ class Diagnosis:
 
 
 def sentences(reason: str) -> tuple[str, ...]:
-    """Return what a reason says, the most important first; semicolons stand between its sentences."""
+    """Return the parts of a reason, which semicolons separate; the first is the most important."""
     return tuple(reason.split("; "))
 
 
@@ -179,16 +181,16 @@ class NoPlanFound(CcmError):  # noqa: N818 - it names a result, not a defect
 
     @property
     def status(self) -> str:
-        """What is written to ``solution.json``: infeasible only where a finding proves it."""
+        """Status written to ``solution.json``: "infeasible" only where a finding proves it."""
         return "infeasible" if self.diagnosis.proved else self.unproved_status
 
 
 class UnreachableGoal(NoPlanFound):
-    """A necessary condition fails before any search: reach, contact at an end, no route."""
+    """A necessary condition fails before any search: out of reach, contact at start or goal, or no route."""
 
 
 class ConfigurationNotFound(NoPlanFound):
-    """No goal configuration was found in any corridor."""
+    """No goal configuration was found in any corridor tried."""
 
 
 class MotionNotFound(NoPlanFound):
@@ -210,7 +212,7 @@ class SimulationError(NoPlanFound):
 
 
 class VerificationError(CcmError):
-    """The independent verifier refuses a plan or a folder; ``failures`` lists why."""
+    """The independent verifier rejects a plan or an output folder; ``failures`` lists the reasons."""
 
     def __init__(self, failures: Sequence[str]) -> None:
         self.failures = tuple(failures)
@@ -218,7 +220,7 @@ class VerificationError(CcmError):
 
 
 class CancelledWithPlan(KeyboardInterrupt):
-    """Ctrl-C while a verified plan was being looked at; ``solution`` is the plan with what is known of it by then."""
+    """Ctrl-C after a plan was verified, during its analysis; ``solution`` is the plan with the results so far."""
 
     def __init__(self, solution: Any) -> None:
         self.solution = solution

@@ -1,9 +1,7 @@
-"""Work on several processes and on clusters.
+"""Parallel execution of tasks on processes of this machine or on a Dask cluster, by ``concurrent.futures`` executors.
 
-All are ``concurrent.futures`` executors.
-
-Only a few tasks are handed over at a time, so that ten thousand take no more memory than ten. Whatever happens to a
-worker, every task comes back exactly once: with its result or with the error that it ended with.
+Only a few tasks are in flight at a time, so that ten thousand take no more memory than ten. Whatever happens to a
+worker, every task is returned exactly once, with its result or with its error.
 """
 
 import ctypes
@@ -29,27 +27,27 @@ from ccm_opt.core.errors import ProblemError
 from ccm_opt.core.threads import in_background
 
 _TASKS_PER_PROCESS = 2
-"""Tasks handed over at a time for every process of this machine. Taste."""
+"""Tasks in flight per process of this machine. Taste."""
 _TASKS_PER_THREAD = 4
-"""The same for every thread of a cluster. Taste."""
+"""Tasks in flight per thread of a cluster. Taste."""
 _LEAST_ON_CLUSTER = 64
-"""Least number of tasks that a cluster has at a time: short ones must not wait for the network. Taste."""
+"""Least number of tasks in flight on a cluster, so that short tasks do not wait for the network. Taste."""
 _LOOK_EVERY = 0.5
-"""Time between two looks whether a cluster is still there, while nothing comes back [s]. Taste."""
+"""Interval at which the connection to a cluster is checked while no result arrives [s]. Taste."""
 _FAREWELL = 2.0
-"""Time that a cluster is given to be left in good order [s]. Taste."""
+"""Time allowed for closing the connection to a cluster [s]. Taste."""
 MESSAGES_KEPT = "distributed.admin.low-level-log-length"
-"""Key of Dask's configuration."""
+"""Key of Dask's configuration: number of recent messages that Dask retains for debugging."""
 RESULT = TypeVar("RESULT")
 
 
 @dataclass(frozen=True)
 class DaskWorkers:
-    """A Dask cluster; its workers must have this package, and the planners that are compared, in the same versions.
+    """A Dask cluster, whose workers must have the same versions of this package and of the planners compared.
 
     Attributes:
-        address: of the scheduler, for example ``tcp://host:8786``.
-        timeout: time to find the scheduler, and again to find its first worker [s].
+        address: address of the scheduler, for example ``tcp://host:8786``.
+        timeout: time allowed to reach the scheduler, and again to reach its first worker [s].
     """
 
     address: str
@@ -57,10 +55,12 @@ class DaskWorkers:
 
     @contextmanager
     def open(self) -> Iterator[tuple[Executor, int]]:
-        """Return an executor of the cluster; the scheduler repeats what a lost worker was at.
+        """Open an executor on the cluster, with the number of tasks to keep in flight.
+
+        The scheduler reruns the tasks of a lost worker.
 
         Raises:
-            ProblemError: when Dask is not installed or the cluster cannot be reached.
+            ProblemError: Dask is not installed or the cluster cannot be reached.
         """
         try:
             distributed: Any = import_module("distributed")  # an extra, and slow to load
@@ -69,31 +69,31 @@ class DaskWorkers:
                 "--dask needs Dask's package distributed; install it with: pip install distributed"
             ) from error
 
-        # Dask keeps its last messages for those who look for defects in it: a thousand, with all tasks in them; on a
-        # busy machine one message holds many. It asks how many whenever it connects, as after a machine stood still.
+        # For debugging, Dask retains its last thousand messages with the tasks in them, which costs memory. It reads
+        # this setting at every (re)connection, so the setting stays in force while the client is open.
         none_kept = import_module("dask").config.set({MESSAGES_KEPT: 0})
         with _unheard("distributed", "distributed.client", "tornado.application"), none_kept:
             client = self._connect_client(distributed)
             try:
                 yield self._make_executor(client)
             finally:
-                # A scheduler that is gone does not answer any more.
+                # A lost scheduler does not answer the request to close.
                 with suppress(OSError, TimeoutError, CancelledError):
                     client.close(timeout=_FAREWELL)
 
     def _connect_client(self, distributed: Any) -> Any:
-        """Return a client that is connected.
+        """Return a connected client.
 
         Raises:
-            ProblemError: when there is no scheduler, or the client's thread is given no time to run in.
+            ProblemError: no scheduler answers, or the machine is too busy for the client's thread to start.
         """
         limit = self.timeout
         connect = partial(distributed.Client, self.address, timeout=limit, set_as_default=False)
         for _ in range(2):
-            # Dask has no words for a thread of its own that did not start within ten seconds.
+            # Dask raises a bare AssertionError if its own thread does not start within ten seconds.
             with suppress(AssertionError):
                 try:
-                    # Dask's own limit ends with the connection: it waits for ever for the first word.
+                    # Dask's own timeout covers only the connection; it then waits for ever for the first message.
                     return in_background(connect).result(limit)
                 except (OSError, ValueError, TypeError, TimeoutError) as error:  # TypeError: no certificates are set up
                     reason = str(error) or f"nothing was heard within {limit:g} s"
@@ -111,7 +111,7 @@ class DaskWorkers:
 
 @contextmanager
 def _unheard(*loggers: str) -> Iterator[None]:
-    """Leave what Dask has to say of a cluster that comes and goes to us: its tracebacks would bury our sentence."""
+    """Silence loggers during the block: Dask's tracebacks about a lost cluster would bury this package's message."""
     found = [logging.getLogger(name) for name in loggers]
     levels = [logger.level for logger in found]
     for logger in found:
@@ -124,83 +124,83 @@ def _unheard(*loggers: str) -> Iterator[None]:
 
 
 class ClusterExecutor(Executor):
-    """Dask's executor, of which one can ask whether its cluster is still there."""
+    """Dask's executor, which can also report whether the cluster is still connected."""
 
     def __init__(self, client: Any) -> None:
         self._client = client
-        # Not pure: Dask must not take two runs of the same task for one.
+        # Not pure: Dask must not merge two runs of the same task into one.
         self._executor = client.get_executor(pure=False)
 
     def submit(self, fn: Callable[..., RESULT], /, *args: Any, **kwargs: Any) -> "Future[RESULT]":
-        """Hand a task to the cluster."""
+        """Submit a task to the cluster and return its future."""
         future: Future[RESULT] = self._executor.submit(fn, *args, **kwargs)
         return future
 
     @property
     def gone(self) -> bool:
-        """Whether the scheduler has been lost, be it for a moment: Dask forgets what it was at."""
+        """Whether the scheduler was lost, even for a moment: Dask drops pending tasks when that happens."""
         return bool(self._client.status != "running")
 
 
 CLUSTER_IS_GONE = frozenset(("ClosedClientError", "CommClosedError"))
-"""Names of Dask's errors, which is not loaded here, when nothing can be handed over any more."""
+"""Dask's errors when tasks can no longer be submitted, by name because Dask is not imported here."""
 TASK = TypeVar("TASK")
 
 
 class Workers(Protocol):
-    """Opens executors."""
+    """Interface of sources of executors."""
 
     def open(self) -> "Any":
-        """Return a context manager around (executor, number of tasks handed over at a time)."""
+        """Return a context manager around (executor, number of tasks to keep in flight)."""
         ...
 
 
 @dataclass(frozen=True)
 class ThisProcess:
-    """No workers at all: every task is run when it is handed over."""
+    """No workers: every task runs in this process when it is submitted."""
 
     @contextmanager
     def open(self) -> Iterator[tuple[Executor, int]]:
-        """Return an executor that runs tasks itself, one at a time."""
+        """Open an executor that runs each task in this process, one at a time."""
         yield _Immediate(), 1
 
 
 class _Immediate(Executor):
-    """Runs a task while it is submitted."""
+    """An executor that runs a task while it is submitted."""
 
     def submit(self, fn: Callable[..., RESULT], /, *args: Any, **kwargs: Any) -> "Future[RESULT]":
-        """Return the future of a task that is over; Ctrl-C ends the caller, not the task alone."""
+        """Run a task and return its completed future; Ctrl-C is raised in the caller, not kept in the future."""
         future: Future[RESULT] = Future()
         try:
             future.set_result(fn(*args, **kwargs))
-        except Exception as error:  # noqa: BLE001 - whatever it is belongs to the task
+        except Exception as error:  # noqa: BLE001 - any error is the task's result
             future.set_exception(error)
         return future
 
 
 @dataclass(frozen=True)
 class LocalWorkers:
-    """Processes of this machine.
+    """Worker processes on this machine.
 
     Attributes:
-        count: how many.
+        count: number of processes.
     """
 
     count: int
 
     @contextmanager
     def open(self) -> Iterator[tuple[Executor, int]]:
-        """Return an executor with fresh processes; they are ended at the exit, also when they are still at work.
+        """Open an executor on new processes, which end with the block; after an error they are terminated.
 
         Raises:
-            ProblemError: the system allows none.
+            ProblemError: the system cannot start the processes.
         """
-        # Not forked: locks and threads of numerical libraries do not survive that in a child.
+        # Not forked: locks and threads of numerical libraries do not survive a fork.
         context = multiprocessing.get_context("spawn")
-        # The executor does not publish its processes; those that are new from here on are its own.
+        # The executor does not expose its processes; children that are new from here on are its own.
         before = set(multiprocessing.active_children())
         try:
-            Path.cwd()  # processes begin there, and without it each task would fail by itself
+            Path.cwd()  # workers start there; without this check every single task would fail
         except OSError as error:
             raise ProblemError("processes for workers cannot be had: the working directory is gone") from error
         try:
@@ -213,7 +213,7 @@ class LocalWorkers:
         try:
             yield executor, _TASKS_PER_PROCESS * self.count
         except BaseException:
-            # After Ctrl-C, or when nobody takes the results any more, nobody waits for what is still running.
+            # After Ctrl-C, or when the results are no longer consumed, running tasks are abandoned.
             for process in set(multiprocessing.active_children()) - before:
                 process.terminate()
             raise
@@ -224,18 +224,18 @@ class LocalWorkers:
 def completed(
     workers: Workers, function: Callable[[TASK], RESULT], tasks: Iterable[TASK]
 ) -> Iterator[tuple[TASK, RESULT | BaseException]]:
-    """Run a function on every task, and give each back as soon as it is done, with its result or its error.
+    """Run a function on every task and yield each task when it is done, with its result or its error.
 
-    When processes of this machine die, nobody knows which task did it. All that were handed over are run again, one at
-    a time: the one that dies alone is given back with its error.
+    When a process of this machine dies, the task that killed it is unknown. All tasks in flight are then run again, one
+    at a time, and the one that kills its process is yielded with its error.
 
     Args:
-        workers: where to run.
-        function: of a task; it and the tasks are pickled.
-        tasks: taken one by one as there is room.
+        workers: where the tasks run.
+        function: function of one task; function and tasks are pickled.
+        tasks: the tasks, consumed one by one as workers become free.
 
     Raises:
-        ProblemError: when a cluster is not there, or is lost.
+        ProblemError: a cluster cannot be reached, or is lost.
     """
     source = iter(tasks)
     suspects: deque[TASK] = deque()
@@ -248,13 +248,13 @@ def completed(
 def _until_broken(
     executor: Executor, width: int, function: Callable[[TASK], RESULT], source: Iterator[TASK], suspects: deque[TASK]
 ) -> Generator[tuple[TASK, RESULT | BaseException], None, bool]:
-    """Yield results; return whether all tasks are done, or else the executor is broken.
+    """Yield tasks with their results until all are done or the executor breaks; return whether all are done.
 
-    When it breaks, the tasks that it had become suspects: the next executor runs them one at a time, so that the next
-    failure names its task.
+    The tasks in flight when it breaks become suspects: the next executor runs them one at a time, so that the next
+    failure identifies its task.
 
     Raises:
-        ProblemError: the cluster is gone.
+        ProblemError: the cluster is lost.
     """
     pending: dict[Future[RESULT], TASK] = {}
     while True:
@@ -274,15 +274,15 @@ def _until_broken(
             suspects.extend((task, *pending.values()))
             return False
         yield task, error if error is not None else over.result()
-        if broken:  # it was alone, so this task is the one that killed its process
+        if broken:  # the task ran alone, so it killed its process
             return False
 
 
 def _next_done(pending: Collection["Future[RESULT]"], executor: Executor) -> "Future[RESULT]":
-    """Return the next future that is over.
+    """Wait for the next completed future and return it.
 
     Raises:
-        ProblemError: the cluster is gone; Dask cancels its futures then, and leaves some of them open.
+        ProblemError: the cluster is lost; Dask then cancels some futures and leaves others pending for ever.
     """
     while not (over := futures.wait(pending, _LOOK_EVERY, futures.FIRST_COMPLETED).done):
         if isinstance(executor, ClusterExecutor) and executor.gone:
@@ -297,14 +297,14 @@ _LOST = "the cluster was lost; start it anew, and give the same command again"
 
 
 def _submitted(executor: Executor, function: Callable[[TASK], RESULT], task: TASK) -> "Future[RESULT]":
-    """Return the future of a task; when it cannot be handed over, one that says why.
+    """Submit a task and return its future; a task that cannot be submitted gets a future with the error.
 
     Raises:
-        ProblemError: the cluster is gone.
+        ProblemError: the cluster is lost.
     """
     try:
         return executor.submit(function, task)
-    except Exception as error:  # a task that cannot be pickled has itself to blame
+    except Exception as error:  # for example, the task cannot be pickled
         if type(error).__name__ in CLUSTER_IS_GONE:
             raise ProblemError(_LOST) from error
         future: Future[RESULT] = Future()
@@ -313,9 +313,9 @@ def _submitted(executor: Executor, function: Callable[[TASK], RESULT], task: TAS
 
 
 def _serve_parent() -> None:
-    """Leave Ctrl-C to the process that hands the tasks over, and end when that one does, however it ends.
+    """Prepare a worker process: ignore Ctrl-C, which the parent handles, and end when the parent ends, however it does.
 
-    A worker waits for tasks on a pipe whose other end it holds too, so that by itself it would wait for ever.
+    A worker waits for tasks on a pipe of which it also holds the other end, so it would not notice the parent's end.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     parent = multiprocessing.parent_process()
@@ -323,13 +323,13 @@ def _serve_parent() -> None:
         return
     Thread(target=_end_with, args=(parent.sentinel,), daemon=True).start()
     if sys.platform.startswith("linux"):
-        # Where a solver spins no thread of Python's gets a turn; there the system ends the worker.
+        # While a solver holds the interpreter lock the thread above cannot run; then the kernel kills the worker.
         with suppress(OSError, AttributeError):
             ctypes.CDLL(None).prctl(_SIGNAL_AT_PARENTS_END, signal.SIGKILL)
 
 
 def _end_with(sentinel: int) -> None:
-    """Wait until another process ends, and end this one."""
+    """Wait until the process behind a sentinel ends, then end this one."""
     wait([sentinel])
     os._exit(1)
 

@@ -1,4 +1,4 @@
-"""Files that are read whole and written whole, and the strict JSON text of records."""
+"""Reading and atomic writing of whole files, and strict JSON text of records."""
 
 import json
 import math
@@ -12,18 +12,18 @@ from pathlib import Path
 from ccm_opt.core.errors import ProblemError
 
 _AT_ONCE = getattr(os, "O_NONBLOCK", 0)
-"""Opening a pipe that nobody writes to would else wait for ever."""
+"""Flag without which opening a pipe that has no writer would block for ever."""
 
 
 def read_plain(path: Path, most_bytes: int) -> bytes:
     """Return the content of a regular file.
 
     Args:
-        path: of the file, or of a link to one.
-        most_bytes: files of more are refused unread.
+        path: path of the file, or of a link to one.
+        most_bytes: largest size; larger files are refused unread.
 
     Raises:
-        OSError: it cannot be read, is no regular file, or is larger.
+        OSError: the file cannot be read, is no regular file, or is too large.
     """
     handle = os.open(path, os.O_RDONLY | getattr(os, "O_BINARY", 0) | _AT_ONCE)
     try:
@@ -33,7 +33,7 @@ def read_plain(path: Path, most_bytes: int) -> bytes:
         if about.st_size > most_bytes:
             raise OSError(f"it has {about.st_size} bytes, at most {most_bytes} are read")
         with os.fdopen(handle, "rb", closefd=False) as file:
-            content = file.read(most_bytes + 1)  # some files of the system say that they have none
+            content = file.read(most_bytes + 1)  # some system files report a size of 0
     finally:
         os.close(handle)
     if len(content) > most_bytes:
@@ -42,14 +42,14 @@ def read_plain(path: Path, most_bytes: int) -> bytes:
 
 
 def put_file(place: Path, content: bytes) -> None:
-    """Write a file such that whoever reads it finds the old content or the new one, whole, also after a failure.
+    """Write a file atomically: readers find either the old or the new content, complete, even after a failure.
 
     Args:
-        place: of the file; what is no file, such as a pipe or ``/dev/null``, is written to as it is.
-        content: of the file.
+        place: path of the file; anything else, such as a pipe or ``/dev/null``, is written to directly.
+        content: new content.
 
     Raises:
-        OSError: it cannot be written; then it is as it was.
+        OSError: the file cannot be written; it is then unchanged.
     """
     true_place = place.resolve()
     if true_place.exists() and not true_place.is_file():
@@ -71,10 +71,10 @@ def put_file(place: Path, content: bytes) -> None:
 
 
 def put_file_or_refuse(place: Path, content: bytes, advice: str = "") -> None:
-    """Write a file as ``put_file`` does, in a folder that is made where there is none.
+    """Write a file as ``put_file`` does, creating its folder if needed.
 
     Raises:
-        ProblemError: it cannot be written; ``advice`` says what to do then.
+        ProblemError: the file cannot be written; the message ends with ``advice``.
     """
     try:
         place.parent.mkdir(parents=True, exist_ok=True)
@@ -85,19 +85,22 @@ def put_file_or_refuse(place: Path, content: bytes, advice: str = "") -> None:
 
 
 def _umask() -> int:
-    """Return what new files of this process are not allowed."""
+    """Return the process's umask, the permissions withheld from new files."""
     mask = os.umask(0)
     os.umask(mask)
     return mask
 
 
 def strict_text(record: Mapping[str, object]) -> str:
-    """Return the text of a record, numpy's numbers and arrays among its values; ends with a line break."""
+    """Return a record, which may contain NumPy values, as strict JSON text with a final line break.
+
+    Numbers that are not finite become null.
+    """
     return json.dumps(_strict(record), indent=2, ensure_ascii=False, allow_nan=False, default=_plain) + "\n"
 
 
 def _strict(value: object) -> object:
-    """Return the same value with null for every number that is not finite."""
+    """Return a value with None in place of every number that is not finite."""
     if isinstance(value, float):
         return float(value) if math.isfinite(value) else None
     if isinstance(value, Mapping):
@@ -108,6 +111,6 @@ def _strict(value: object) -> object:
 
 
 def _plain(value: object) -> object:
-    """Return the numpy scalars and arrays, and mappings that are not dictionaries, as JSON knows them."""
+    """Return a NumPy scalar or array as plain numbers and lists, any other object as its text, for the JSON encoder."""
     convert = getattr(value, "tolist", None)
     return _strict(convert()) if convert is not None else str(value)

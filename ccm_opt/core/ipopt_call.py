@@ -1,7 +1,7 @@
-"""Calls of IPOPT: one at a time, and Ctrl-C is kept.
+"""Calls of IPOPT: one at a time, and without losing Ctrl-C.
 
-The MUMPS that IPOPT calls keeps global state, so two threads inside it crash the process. CasADi looks at signals
-while IPOPT runs, but what the handler raises is lost there: IPOPT only stops early, as after a failure.
+MUMPS, the linear solver inside IPOPT, keeps global state, so two threads in it crash the process. CasADi checks for
+signals while IPOPT runs but discards what the handler raises: IPOPT just stops early, as after a failure.
 """
 
 import signal
@@ -21,18 +21,19 @@ _LOCK = threading.Lock()
 def ipopt_answer(
     solver: Callable[[], Any], start: FloatArray, **arguments: Any
 ) -> tuple[Mapping[str, Any], Mapping[str, Any]]:
-    """Ask IPOPT from a start; one that raises has found nothing, which is said like any other failure.
+    """Solve an NLP with IPOPT from an initial guess; an exception in the solver is reported like any other failure.
 
     Args:
-        solver: makes or finds CasADi's solver.
-        start: shape (variables,).
-        arguments: bounds and parameters by CasADi's names; ``lbg`` is needed.
+        solver: returns CasADi's solver, building it if necessary.
+        start: initial guess, shape (variables,).
+        arguments: bounds and parameters by CasADi's names; ``lbg`` is required.
 
     Returns:
-        The answer by CasADi's names, and the statistics; of a solver that raised the start, and NaN for every row.
+        The result by CasADi's names, and the statistics. If the solver raised, the result is the initial guess with NaN
+        for every constraint row.
 
     Raises:
-        KeyboardInterrupt: Ctrl-C was pressed meanwhile.
+        KeyboardInterrupt: Ctrl-C was pressed during the call.
     """
     with ipopt_call():
         try:
@@ -45,16 +46,16 @@ def ipopt_answer(
             answer = {"x": start, "f": np.nan, "g": unknown, "lam_g": np.zeros_like(unknown), "lam_x": 0.0 * start}
             statistics = {"return_status": f"raised an error: {words[0]}", "iter_count": 0}
     if statistics["return_status"] == "User_Requested_Stop":
-        raise KeyboardInterrupt  # no callback is set: only Ctrl-C asks for this
+        raise KeyboardInterrupt  # no callback is set, so only Ctrl-C causes this status
     return answer, statistics
 
 
 @contextmanager
 def ipopt_call() -> Iterator[None]:
-    """Keep other threads out of IPOPT during the block; it must not be entered again from inside.
+    """Lock IPOPT for this thread during the block, which must not be nested.
 
     Raises:
-        BaseException: what the handler of Ctrl-C raised during the block, usually ``KeyboardInterrupt``.
+        BaseException: whatever the handler of Ctrl-C raised during the block, usually ``KeyboardInterrupt``.
     """
     with _LOCK, _deferred_interrupt():
         yield
@@ -62,7 +63,7 @@ def ipopt_call() -> Iterator[None]:
 
 @contextmanager
 def _deferred_interrupt() -> Iterator[None]:
-    """Raise at the end of the block what the handler of SIGINT raised inside it."""
+    """Raise again, at the end of the block, whatever the handler of SIGINT raised inside it."""
     handler = signal.getsignal(signal.SIGINT)
     if threading.current_thread() is not threading.main_thread() or not callable(handler):
         yield  # handlers run in the main thread only

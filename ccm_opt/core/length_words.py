@@ -1,10 +1,10 @@
-"""Lengths in words, in the unit of the file.
+"""Lengths in messages, in the unit of the problem file.
 
-The words are made deep inside the planners, where nobody knows how long a unit is in metres, nor what the file counts
-in. So both are told to the words from outside, for as long as they hold, and to nothing else: the unit of the file at
-the border where a problem comes in, the length of a planner's unit where it begins to work in units of its own.
+Messages are composed deep inside the planners, where neither the unit of the file nor the planner's own unit of length
+is known. Both are therefore context variables: the unit of the file is set where a problem enters, the length of a
+planner's unit where the planner switches to it.
 
-People who count in metres still speak of gaps in millimetres; who counts in millimetres or inches does so throughout.
+In a problem in metres, gaps are still stated in millimetres; in millimetres or inches, all lengths use that unit.
 """
 
 from collections.abc import Iterator
@@ -16,22 +16,23 @@ from typing import Literal, TypeAlias
 from ccm_opt.core.arrays import FloatArray
 
 LengthUnit: TypeAlias = Literal["m", "mm", "in"]
-"""What lengths may be given in."""
+"""Units in which lengths may be given."""
 METRES = {"m": 1.0, "mm": 1e-3, "in": 0.0254}
-"""Metres in each of them."""
+"""Metres per unit."""
 _DIGITS = 15
-"""Digits that any double keeps through text; numbers that people wrote have no more."""
+"""Decimal digits that every double preserves; numbers written by hand have no more."""
 
 
 def in_unit(metres: float, unit: LengthUnit) -> float:
-    """Return a length in a unit, such that it becomes the same number of metres again if any number does.
+    """Return a length in a unit, chosen to convert back to exactly the same number of metres where possible.
 
     Args:
         metres: the length [m].
         unit: "m", "mm" or "in".
 
     Returns:
-        The number that a person would have written, where that gives the length to the last bit.
+        The number rounded to 15 digits, as a person would write it, if that gives the length to the last bit; otherwise
+        the plain quotient.
     """
     factor = METRES[unit]
     quotient = float(metres) / factor
@@ -41,14 +42,14 @@ def in_unit(metres: float, unit: LengthUnit) -> float:
 
 @dataclass(frozen=True)
 class _Rule:
-    """How many digits lengths of one kind have in one unit.
+    """How lengths of one kind are formatted in one unit.
 
     Attributes:
-        unit: that is said.
-        metres: in it.
-        decimals: as a rule.
-        enough: from here on [unit]; below, so many decimals would say nothing.
-        figures: below that.
+        unit: unit shown.
+        metres: metres per unit.
+        decimals: number of decimals, used from ``enough`` on.
+        enough: smallest length shown with ``decimals`` [unit].
+        figures: number of significant figures of smaller lengths.
     """
 
     unit: str
@@ -58,7 +59,7 @@ class _Rule:
     figures: int
 
     def number(self, value: float, size: float) -> str:
-        """Return a value [m] without its unit, with the digits that suit a size [m]."""
+        """Return a value [m] without its unit, with the digits appropriate to a length of ``size`` [m]."""
         enough = size / self.metres >= self.enough or size == 0.0
         return f"{value / self.metres:.{self.decimals}f}" if enough else f"{value / self.metres:.{self.figures}g}"
 
@@ -72,20 +73,25 @@ _LONG = {
     "mm": _Rule("mm", 1e-3, 0, 10.0, 3),
     "in": _Rule("in", METRES["in"], 2, 0.1, 3),
 }
-"""Lengths like those of arms and ways, to a millimetre or so."""
+"""Formats of long lengths, such as those of arms and paths: to about a millimetre."""
 _SHORT = {
     "m": _Rule("mm", 1e-3, 1, 1.0, 2),
     "mm": _Rule("mm", 1e-3, 1, 1.0, 2),
     "in": _Rule("in", METRES["in"], 3, 0.1, 2),
 }
-"""Lengths like those of gaps, to a tenth of a millimetre or so."""
+"""Formats of short lengths, such as gaps: to about a tenth of a millimetre."""
 _MANY = 10.0
-"""No gap is so long [m]: what is gets as few digits as a way."""
+"""Length from which a gap is formatted like a long length [m]; no real gap is this large."""
 
 
 @dataclass(frozen=True)
 class _Speech:
-    """What words make of a length: metres in the unit that is counted in, and the unit that is said."""
+    """How a number becomes a length in a message.
+
+    Attributes:
+        metres: metres per unit of the numbers.
+        unit: unit shown.
+    """
 
     metres: float = 1.0
     unit: LengthUnit = "m"
@@ -97,14 +103,18 @@ _SPEECH: ContextVar[_Speech] = ContextVar("how lengths are said", default=_IN_ME
 
 @contextmanager
 def words_in(unit: LengthUnit) -> Iterator[None]:
-    """Let lengths be said in the unit of a problem file until the block ends; in metres at first."""
+    """Show lengths in the unit of a problem file until the block ends; the default is metres."""
     with _said(replace(_SPEECH.get(), unit=unit)):
         yield
 
 
 @contextmanager
 def words_for_unit(metres: float) -> Iterator[None]:
-    """Let a unit of length mean so many of what it meant before, until the block ends; metres at first."""
+    """Rescale the unit of the numbers that become lengths, until the block ends.
+
+    Args:
+        metres: length of the new unit in the unit in force outside the block, which is the metre by default.
+    """
     speech = _SPEECH.get()
     with _said(replace(speech, metres=metres * speech.metres)):
         yield
@@ -120,38 +130,49 @@ def _said(speech: _Speech) -> Iterator[None]:
 
 
 def said_unit() -> LengthUnit:
-    """Return the unit in which lengths are said."""
+    """Return the unit in which messages currently show lengths."""
     return _SPEECH.get().unit
 
 
 def in_metres(length: float) -> float:
-    """Return a length in metres."""
+    """Return a length, given in the unit currently in force, in metres."""
     return length * _SPEECH.get().metres
 
 
 def long_length(length: float) -> str:
-    """A length like that of an arm or a way: to a millimetre as a rule, with three figures where that says nothing."""
+    """Return a long length, such as that of an arm or a path, with its unit.
+
+    It is rounded to about a millimetre, and small values to three significant figures.
+    """
     return _LONG[_SPEECH.get().unit].words(in_metres(length))
 
 
 def short_length(length: float) -> str:
-    """A length like that of a gap: to a tenth of a millimetre as a rule, with two figures where that says nothing."""
-    metres = in_metres(length) + 0.0  # zero without a sign
+    """Return a short length, such as that of a gap, with its unit.
+
+    It is rounded to about a tenth of a millimetre, and small values to two significant figures.
+    """
+    metres = in_metres(length) + 0.0  # turns -0.0 into 0.0
     rules = _LONG if abs(metres) >= _MANY else _SHORT
     return rules[_SPEECH.get().unit].words(metres)
 
 
 def file_length(length: float, figures: int = 4) -> str:
-    """Return a length as it stands in the problem file, for those who have to write it there."""
+    """Return a length in the unit of the problem file, for messages that tell the user what to write there.
+
+    Args:
+        length: the length, in the unit currently in force.
+        figures: number of significant figures.
+    """
     unit = _SPEECH.get().unit
     value = in_metres(length) / METRES[unit]
-    # What has more figures before the point is written with all of them: nobody reads powers of ten.
+    # Numbers with more digits before the point are written in full instead of with a power of ten.
     number = f"{value:.0f}" if abs(value) >= 10.0**figures else f"{value:.{figures}g}"
     return f"{number} {unit}"
 
 
 def place(point: FloatArray | tuple[float, ...]) -> str:
-    """Return a place (x, y), or (x, y, z) in space, with its unit."""
+    """Return the coordinates of a point, (x, y) or (x, y, z) in space, with their unit."""
     rule = _LONG[_SPEECH.get().unit]
     coordinates = [in_metres(float(coordinate)) for coordinate in point]
     size = max(map(abs, coordinates))
@@ -159,6 +180,6 @@ def place(point: FloatArray | tuple[float, ...]) -> str:
 
 
 def curvature(value: float) -> str:
-    """Return a curvature, with three figures."""
+    """Return a curvature with its unit, to three significant figures."""
     speech = _SPEECH.get()
     return f"{value / speech.metres * METRES[speech.unit]:.3g} 1/{speech.unit}"

@@ -1,7 +1,7 @@
-"""The package's compiled C: one library, made by the build hook, and calls of its functions.
+"""The package's compiled C library, made by the build hook, and calls of its functions.
 
-Every function takes the address of one struct. What the structs look like the build reads from the C source and keeps
-in the library (``hatch_build.py``), so that Python never repeats it and the two cannot differ.
+Every function takes the address of one struct. The build (``hatch_build.py``) reads the layouts of the structs from the
+C source and stores them in the library, so that Python does not repeat them and the two cannot differ.
 """
 
 import ctypes
@@ -23,7 +23,7 @@ LIBRARY = Path(
     os.environ.get("CCM_OPT_NATIVE")
     or Path(__file__).parents[1] / f"_native.{'dll' if sys.platform == 'win32' else 'so'}"
 )
-"""The library's file; ``CCM_OPT_NATIVE`` names another, as `tests.sanitizers` does."""
+"""File of the library; the environment variable ``CCM_OPT_NATIVE`` selects another, as `tests.sanitizers` does."""
 _HOW_TO_BUILD = "install ccm_opt anew (pip install .), or run 'python hatch_build.py' in its source folder"
 _NUMBERS: dict[str, Any] = {"int64_t": ctypes.c_int64, "int32_t": ctypes.c_int32, "double": ctypes.c_double,
                             "float": ctypes.c_float}  # fmt: skip
@@ -33,12 +33,12 @@ _BYTES = np.dtype(np.uint8)
 
 @dataclass(frozen=True, eq=False)
 class _Pointer:
-    """What a pointer in a struct points to.
+    """The target of a pointer in a struct.
 
     Attributes:
-        dtype: of the elements; None where C does not say.
-        struct: layout of the struct that they are; None for numbers.
-        read_only: whether C only reads them.
+        dtype: type of the elements; None for a pointer without element type.
+        struct: layout of the elements where they are structs; None for numbers.
+        read_only: whether C only reads the elements.
     """
 
     dtype: np.dtype[Any] | None
@@ -48,12 +48,12 @@ class _Pointer:
 
 @dataclass(frozen=True, eq=False)
 class _Layout:
-    """A struct of C.
+    """The layout of a C struct.
 
     Attributes:
-        type: the same for ctypes.
-        pointers: its fields that are pointers, by name.
-        structs: its fields that are structs themselves.
+        type: the struct as a ctypes type.
+        pointers: fields that are pointers, by name.
+        structs: fields that are structs themselves, by name.
     """
 
     type: type[ctypes.Structure]
@@ -63,10 +63,10 @@ class _Layout:
 
 @cache
 def native_library() -> ctypes.PyDLL:
-    """Load the library; it keeps the interpreter's lock while it runs, which makes short calls shorter.
+    """Load the library and return it; its functions hold the interpreter lock, which makes short calls faster.
 
     Raises:
-        NativeLibraryError: it is missing, or none for this machine.
+        NativeLibraryError: the library is missing, or cannot be loaded on this machine.
     """
     try:
         return ctypes.PyDLL(str(LIBRARY))
@@ -76,13 +76,13 @@ def native_library() -> ctypes.PyDLL:
 
 
 def native_constant(name: str) -> int:
-    """Return an int64_t that the library tells."""
+    """Return the value of an ``int64_t`` constant exported by the library."""
     return ctypes.c_int64.in_dll(native_library(), name).value
 
 
 @cache
 def _told() -> Mapping[str, Any]:
-    """Return the structs of the functions, as the build has read them from the source."""
+    """Return the fields of every function's struct, as the build stored them in the library."""
     text = ctypes.string_at(ctypes.addressof(ctypes.c_char.in_dll(native_library(), "native_layouts")))
     told: Mapping[str, Any] = json.loads(text)
     return told
@@ -104,7 +104,12 @@ def _struct_layout(function: str) -> _Layout:
 
 
 def _layout(fields: list[tuple[str, Any, str]]) -> _Layout:
-    """Translate a struct; a field is its name, its type (fields for a struct), and '', 'in', 'out' or a length."""
+    """Return the layout of a struct.
+
+    Args:
+        fields: of each field the name, the type (a list of fields for a struct), and its use: 'in' or 'out' for a
+            pointer that C reads or writes, a length for an array, '' otherwise.
+    """
     types: list[tuple[str, Any]] = []
     pointers: dict[str, _Pointer] = {}
     structs: dict[str, _Layout] = {}
@@ -124,26 +129,26 @@ def _layout(fields: list[tuple[str, Any, str]]) -> _Layout:
 
 
 def element_type(function: str, field: str) -> np.dtype[Any]:
-    """Return the type of the elements that a pointer of a function's struct points to, for arrays of structs."""
+    """Return the element type of a pointer field of a function's struct, needed to make arrays of structs."""
     dtype = _struct_layout(function).pointers[field].dtype
     return np.dtype(dtype)
 
 
 class NativeCall:
-    """A function of the compiled library with its struct, ready to be called any number of times.
+    """A function of the compiled library bound to its struct, callable any number of times.
 
-    Values are numbers, arrays for pointers, sequences for arrays within the struct, mappings for structs and for
-    pointers to one. Arrays that C only reads are converted to its type; what it writes into must have that type
-    already. All that C has the address of lives as long as the call. Not for use by two threads at once.
+    Field values are numbers, arrays for pointers, sequences for arrays within the struct, and mappings for structs and
+    for pointers to a struct. Arrays that C only reads are converted to its type; arrays that C writes must already have
+    it. This object keeps alive all memory whose address C gets. It must not be used by two threads at once.
 
     Attributes:
         fields: the struct, whose numbers can be read and set.
-        function: the C function, to be called with ``address`` where every nanosecond counts.
-        address: of the struct.
+        function: the C function, for direct calls with ``address`` in the innermost loops.
+        address: address of the struct.
 
     Args:
-        name: of the C function.
-        values: of the fields by their names in C; the others are zero or null.
+        name: name of the C function.
+        values: values of the fields by their names in C; other fields are zero or null.
 
     Raises:
         NativeLibraryError: the library is missing, or has no such function.
@@ -166,7 +171,7 @@ class NativeCall:
         _fill(self.fields, self._layout, values, self._kept)
 
     def __call__(self) -> None:
-        """Run the function."""
+        """Call the function on the struct."""
         self.function(self.address)
 
 
@@ -187,7 +192,16 @@ def _fill(struct: Any, layout: _Layout, values: Mapping[str, Any], kept: dict[st
 
 
 def _owner(pointer: _Pointer, value: Any, name: str) -> Any:
-    """Return what holds the memory that a pointer gets."""
+    """Return the object that owns the memory for a pointer: the value itself, a converted array, or a struct.
+
+    Args:
+        pointer: target of the pointer.
+        value: value for the field.
+        name: name of the field, for messages.
+
+    Raises:
+        TypeError: the array cannot be converted, because C writes into it or its elements are structs or bytes.
+    """
     if isinstance(value, np.ndarray) and value.dtype == pointer.dtype and pointer.struct is None:
         flags = value.flags
         if flags.c_contiguous and (pointer.read_only or flags.writeable):
@@ -206,7 +220,7 @@ def _owner(pointer: _Pointer, value: Any, name: str) -> Any:
 
 
 class _OwnedStruct:
-    """A struct that a pointer points to, with what its own pointers point to."""
+    """A struct that a pointer points to, together with the memory behind its own pointers."""
 
     def __init__(self, layout: _Layout, values: Mapping[str, Any]) -> None:
         self.struct = layout.type()

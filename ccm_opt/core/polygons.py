@@ -1,4 +1,4 @@
-"""Polygons of the plane."""
+"""Polygons in the plane."""
 
 import numpy as np
 import shapely
@@ -13,7 +13,7 @@ def cross(a: FloatArray, b: FloatArray) -> FloatArray:
 
 
 def after_each(vertices: FloatArray) -> FloatArray:
-    """Return the vertex after each vertex of a closed ring, shape (m, 2)."""
+    """Return the successor of each vertex of a closed ring, shape (m, 2)."""
     return np.concatenate((vertices[1:], vertices[:1]))
 
 
@@ -24,7 +24,7 @@ def signed_area(vertices: FloatArray) -> float:
 
 
 def counter_clockwise(vertices: FloatArray) -> FloatArray:
-    """Return the same polygon with its vertices (m, 2) running counter-clockwise."""
+    """Return the vertices of a polygon, shape (m, 2), in counter-clockwise order."""
     return vertices if signed_area(vertices) >= 0.0 else vertices[::-1]
 
 
@@ -33,7 +33,7 @@ def is_convex(vertices: FloatArray, tolerance: float = 1e-12) -> bool:
 
     Args:
         vertices: shape (m, 2) [m].
-        tolerance: the depth of dents that count as straight [m].
+        tolerance: depth of dents that still count as straight [m].
     """
     edges = after_each(vertices) - vertices
     following = after_each(edges)
@@ -82,7 +82,7 @@ def clip(vertices: FloatArray, normal: FloatArray, offset: float) -> FloatArray:
     for i, here in enumerate(excess):
         there = excess[i - 1]
         if (here < 0.0 < there) or (there < 0.0 < here):
-            # The edge from the vertex before crosses the line: keep the point where it does.
+            # The edge from the previous vertex crosses the line: keep the intersection.
             x, y = points[i]
             u, v = points[i - 1]
             fraction = here / (here - there)
@@ -102,20 +102,21 @@ def intersection(vertices: FloatArray, normals: FloatArray, offsets: FloatArray)
 
 
 def chords(normals: FloatArray, offsets: FloatArray, through: FloatArray, directions: FloatArray) -> FloatArray:
-    """Return the parts of lines inside a convex polygon that hold given points.
+    """Return the chords that a convex polygon cuts from lines through given points.
 
     Args:
-        normals: of the polygon's half-planes, shape (m, 2).
-        offsets: shape (m,) [m].
-        through: points inside, one on each line, shape (n, 2) [m].
-        directions: of the lines, unit, shape (n, 2).
+        normals: normals of the polygon's half-planes, shape (m, 2).
+        offsets: offsets of the half-planes, shape (m,) [m].
+        through: points inside the polygon, one on each line, shape (n, 2) [m].
+        directions: unit directions of the lines, shape (n, 2).
 
     Returns:
-        The two ends of each, the one behind first, shape (n, 2, 2) [m]; both are the point when a line only touches.
+        The two ends of each chord, the one behind the point first, shape (n, 2, 2) [m]; both equal the point when a
+        line only touches the polygon.
     """
     rate = directions @ normals.T
     slack = np.maximum(offsets - through @ normals.T, 0.0)
-    # Lines parallel to an edge, up to rounding of the cosine, never meet it.
+    # Lines parallel to an edge, up to rounding of the cosine, never intersect it.
     reach = slack / np.where(np.abs(rate) > TINY, rate, 1.0)
     ahead = np.min(np.where(rate > TINY, reach, np.inf), axis=1)[:, None]
     behind = np.max(np.where(rate < -TINY, reach, -np.inf), axis=1)[:, None]
@@ -123,7 +124,7 @@ def chords(normals: FloatArray, offsets: FloatArray, through: FloatArray, direct
 
 
 def nearest_on_segments(points: FloatArray, segments: FloatArray) -> FloatArray:
-    """Return the nearest points of segments (..., 2, 2) to points (..., 2), broadcast; shape (..., 2) [m]."""
+    """Return the point of each segment (..., 2, 2) nearest to each point (..., 2), broadcast; shape (..., 2) [m]."""
     tail = segments[..., 0, :]
     along = segments[..., 1, :] - tail
     fraction = np.sum((points - tail) * along, axis=-1) / np.maximum(np.sum(along * along, axis=-1), 1e-300)
@@ -131,20 +132,20 @@ def nearest_on_segments(points: FloatArray, segments: FloatArray) -> FloatArray:
 
 
 _NEEDLE = 1e-6
-"""Corners that turn back as nearly as this are needles [rad]."""
+"""Corners whose edges turn back on each other to within this angle are needles [rad]."""
 _ARC = 8
-"""Sides of a quarter of the circle about the tip of a needle."""
+"""Sides per quarter of the circle around the tip of a needle."""
 
 
 def mitred(shape: shapely.Geometry, distance: float, limit: float = 5.0) -> shapely.Geometry:
-    """Return a shape grown by a distance, its corners prolonged to points: all that is within the distance is inside.
+    """Return a shape offset by a distance with mitred corners; it contains every point within the distance.
 
     Args:
-        shape: polygons of the plane [m].
-        distance: by which it grows, or shrinks where it is negative [m].
-        limit: corners that would reach farther than so many times the distance are cut off.
+        shape: polygons in the plane [m].
+        distance: offset, negative to shrink [m].
+        limit: mitre limit; corners that would reach farther than this many times the distance are cut off.
     """
-    # About the tip of a needle without width GEOS divides by zero, shapely warns of it, and the tip does not grow.
+    # At the tip of a needle of zero width GEOS divides by zero, shapely warns, and the tip is not offset.
     with np.errstate(divide="ignore", invalid="ignore"):
         grown: shapely.Geometry = shapely.buffer(shape, distance, join_style="mitre", mitre_limit=limit)
         tips = _needle_tips(shape)
@@ -156,7 +157,7 @@ def mitred(shape: shapely.Geometry, distance: float, limit: float = 5.0) -> shap
 
 
 def _needle_tips(shape: shapely.Geometry) -> FloatArray:
-    """Return the corners at which an outline turns back on itself, shape (k, 2) [m]."""
+    """Return the corners at which the outlines of a shape turn back on themselves, shape (k, 2) [m]."""
     tips = [np.zeros((0, 2))]
     for ring in shapely.get_rings(shape):
         corners = shapely.get_coordinates(ring)[:-1]

@@ -1,6 +1,6 @@
 """Polylines and angles in the plane.
 
-Points may have any number of coordinates unless a function says ``(k, 2)``: a motion in joint space is a polyline too.
+Points may have any number of coordinates unless a docstring says ``(k, 2)``: a motion in joint space is a polyline too.
 """
 
 from typing import overload
@@ -10,7 +10,7 @@ import numpy as np
 from ccm_opt.core.arrays import FloatArray, IntArray
 
 WHOLE_TURN = 2.0 * np.pi
-"""One turn round the circle [rad]."""
+"""A full turn [rad]."""
 
 
 @overload
@@ -22,8 +22,8 @@ def wrap(angle: FloatArray) -> FloatArray: ...
 
 
 def wrap(angle: float | FloatArray) -> float | FloatArray:
-    """Return the same direction in [-π, π), of one angle or of an array of any shape [rad]."""
-    # The remainder of a positive divisor is never negative, so half a turn either way becomes -π.
+    """Return an angle, or each of an array of any shape, wrapped to [-π, π) [rad]."""
+    # The remainder by a positive divisor is never negative, so half a turn either way becomes -π.
     return (angle + np.pi) % WHOLE_TURN - np.pi
 
 
@@ -38,28 +38,28 @@ def whole_turns(angle: FloatArray) -> FloatArray: ...
 def whole_turns(angle: float | FloatArray) -> float | FloatArray:
     """Return the multiple of 2π nearest to an angle, or to each of an array of any shape [rad].
 
-    Added to a, the whole turns of b - a give the same direction as a, at most half a turn away from b.
+    For angles a and b, ``a + whole_turns(b - a)`` has the direction of a and is at most half a turn from b.
     """
     return WHOLE_TURN * np.round(angle / WHOLE_TURN)
 
 
 def sweep_on_side(angle: float, side: int) -> float:
-    """Return the same change of direction made by turning to one side only [rad].
+    """Return the change of direction equivalent to ``angle`` that turns to one side only [rad].
 
     Args:
-        angle: the change, up to whole turns [rad].
-        side: +1 for the left, with a result in [0, 2π); -1 for the right, with a result in (-2π, 0].
+        angle: change of direction, up to whole turns [rad].
+        side: +1 for left turns, with a result in [0, 2π); -1 for right turns, with a result in (-2π, 0].
     """
     return side * ((side * angle) % WHOLE_TURN)
 
 
 def vector_heading(vector: FloatArray) -> float:
-    """Return the direction of a vector, shape (2,), in [-π, π] [rad]; 0 for the zero vector."""
+    """Return the heading of a vector, shape (2,), in [-π, π] [rad]; 0 for the zero vector."""
     return float(np.arctan2(vector[1], vector[0]))
 
 
 def vector_headings(vectors: FloatArray) -> FloatArray:
-    """Return the direction of each vector, shape (..., 2) to (...), in [-π, π] [rad]."""
+    """Return the heading of each vector, shape (..., 2) to (...), in [-π, π] [rad]."""
     return np.asarray(np.arctan2(vectors[..., 1], vectors[..., 0]), dtype=np.float64)
 
 
@@ -74,9 +74,9 @@ def leg_lengths(points: FloatArray) -> FloatArray:
 
 
 def arc_lengths(points: FloatArray) -> FloatArray:
-    """Return the length of the polyline up to each vertex, shape (k, d) to (k,) [m].
+    """Return the arc length of a polyline up to each vertex, shape (k, d) to (k,) [m].
 
-    The first is 0, the last is the whole.
+    The first is 0, the last is the length of the whole polyline.
     """
     return np.concatenate(([0.0], np.cumsum(leg_lengths(points))))
 
@@ -87,24 +87,24 @@ def path_length(points: FloatArray) -> float:
 
 
 def points_at(points: FloatArray, arcs: FloatArray, places: FloatArray | float) -> FloatArray:
-    """Return the points at lengths along a polyline; its ends beyond them.
+    """Return the points at given arc lengths along a polyline, clamped to its ends.
 
     Args:
-        points: the vertices, shape (k, d) [m].
+        points: vertices, shape (k, d) [m].
         arcs: arc length of each vertex, from ``arc_lengths``, shape (k,) [m].
-        places: arc lengths, shape (...) [m].
+        places: arc lengths of the points, shape (...) [m].
 
     Returns:
-        Shape (..., d) [m].
+        The points, shape (..., d) [m].
     """
     return np.stack([np.interp(places, arcs, coordinate) for coordinate in points.T], axis=-1)
 
 
 def leg_indices(arcs: FloatArray, places: FloatArray) -> IntArray:
-    """Number of the leg that each place lies on, the later one at a vertex; the end legs beyond the ends.
+    """Return the index of the leg that holds each arc length: the later leg at a vertex, the end legs beyond the ends.
 
     Args:
-        arcs: arc length of each vertex, not decreasing, shape (k,) [m].
+        arcs: arc length of each vertex, non-decreasing, shape (k,) [m].
         places: arc lengths, any shape [m].
     """
     leg: IntArray = np.clip(np.searchsorted(arcs, places, side="right") - 1, 0, len(arcs) - 2)
@@ -112,23 +112,23 @@ def leg_indices(arcs: FloatArray, places: FloatArray) -> IntArray:
 
 
 def leg_headings(points: FloatArray) -> FloatArray:
-    """Heading of each leg, unwrapped: neighbours differ by half a turn at most, shape (k, 2) to (k - 1,) [rad]."""
+    """Return the unwrapped heading of each leg, shape (k, 2) to (k - 1,) [rad].
+
+    Neighbours differ by at most half a turn.
+    """
     return np.unwrap(vector_headings(np.diff(points, axis=0)))
 
 
 def without_repeats(points: FloatArray, apart: float) -> FloatArray:
-    """Return the vertices (k, d) less those that are no farther than ``apart`` [m] from the one before.
-
-    The first stays.
-    """
+    """Return the vertices (k, d) of a polyline without those at most ``apart`` [m] from the previous one."""
     return points[np.concatenate(([True], leg_lengths(points) > apart))]
 
 
 def nearest_place(points: FloatArray, arcs: FloatArray, target: FloatArray, candidates: FloatArray) -> float:
-    """Return the candidate arc length at which a polyline is nearest to a point.
+    """Return the candidate arc length [m] at which a polyline is nearest to a point.
 
     Args:
-        points: the vertices, shape (k, d) [m].
+        points: vertices, shape (k, d) [m].
         arcs: arc length of each vertex, shape (k,) [m].
         target: the point, shape (d,) [m].
         candidates: arc lengths to choose from, shape (m,) [m].

@@ -1,7 +1,7 @@
-"""Progress and the stages that it is told of.
+"""Progress reports and the timing of stages.
 
-What is worth telling is known deep inside the search, and who listens is known outside. Between them nobody else has to
-know: the listener is set for as long as the work lasts, and whoever has news tells it.
+Progress is made deep inside the search, while the listener is known only to the caller. A context variable connects the
+two, so that nothing in between has to pass the listener on.
 """
 
 import math
@@ -18,17 +18,17 @@ from ccm_opt.core.length_words import LengthUnit, in_metres, said_unit, short_le
 
 @dataclass(frozen=True)
 class Progress:
-    """How far a piece of work has come.
+    """A progress report.
 
     Attributes:
-        stage: what is being done.
-        elapsed: CPU time since the beginning [s].
-        limit: CPU time after which planning ends [s]; infinite where there is no such limit.
-        candidate: number of the candidate that is being tried, from 1; 0 where none is.
-        name: what that candidate is, or the change of a problem without a plan that is tried.
+        stage: name of the running stage.
+        elapsed: CPU time since the start [s].
+        limit: CPU time after which planning ends [s]; infinite without a limit.
+        candidate: number of the candidate being tried, from 1; 0 for none.
+        name: name of that candidate, or the change being tried on a problem without a plan.
         distance: least distance from the goal at which an earlier candidate ended [m]; infinite where there is none.
-        unit: in which lengths are said.
-        known: why there is no plan, told as soon as it is known, and again when more is; else None.
+        unit: unit in which lengths are shown.
+        known: why there is no plan, reported as soon as it is known and again when more is; else None.
     """
 
     stage: str
@@ -50,20 +50,20 @@ class Progress:
         elif self.name:
             words += f": {self.name}"
         if math.isfinite(self.distance):
-            # Who prints it may be in another thread, where nobody has said what the file counts in.
+            # The report may be printed in another thread, which does not inherit the unit of the file.
             with words_in(self.unit):
                 words += f", nearest so far {short_length(self.distance)} from the goal"
         return words
 
 
 Listener: TypeAlias = Callable[[int, str, float], None]
-"""Told of every candidate of the search that is about to be tried: number, name and distance as in ``Progress``."""
+"""Called before every candidate of the search with number, name and distance as in ``Progress``."""
 _LISTENER: ContextVar[Listener | None] = ContextVar("listener", default=None)
 
 
 @contextmanager
 def listening(listener: Listener | None) -> Iterator[None]:
-    """Let a listener be told of candidates until the block ends; nobody when it is None."""
+    """Report candidates to a listener until the block ends; None silences the reports."""
     token = _LISTENER.set(listener)
     try:
         yield
@@ -72,11 +72,11 @@ def listening(listener: Listener | None) -> Iterator[None]:
 
 
 def tell_candidate(candidate: int, name: str, distance: float) -> None:
-    """Tell that a candidate is about to be tried.
+    """Report to the listener, if any, that a candidate is about to be tried.
 
     Args:
-        candidate: its number, from 1.
-        name: what it is.
+        candidate: number of the candidate, from 1.
+        name: name of the candidate.
         distance: least distance from the goal at which an earlier one ended, in the planner's unit of length.
     """
     listener = _LISTENER.get()
@@ -86,12 +86,12 @@ def tell_candidate(candidate: int, name: str, distance: float) -> None:
 
 @dataclass
 class Stages:
-    """Announces each stage and records its CPU time.
+    """Reports each stage and records its CPU time.
 
     Attributes:
-        progress: called when a stage starts, and when a candidate of the search does, or None.
+        progress: called when a stage or a candidate of the search starts, or None.
         limit: CPU time after which planning ends [s].
-        timings: CPU time of this process by stage, without the stages inside it [s].
+        timings: CPU time of this process by stage, excluding nested stages [s].
     """
 
     progress: Callable[[Progress], None] | None = None
@@ -103,7 +103,7 @@ class Stages:
 
     @contextmanager
     def __call__(self, name: str) -> Iterator[None]:
-        """Run a block as the stage ``name``; repeated stages add up, also when the block fails."""
+        """Run a block as the stage ``name``; times of a repeated stage add up, even when the block fails."""
         self._account()
         self._running.append(name)
         self.tell()
@@ -116,23 +116,23 @@ class Stages:
             self.tell()
 
     def tell(self, **news: Any) -> None:
-        """Tell which stage is running, and more by the names of ``Progress``."""
+        """Report the running stage; ``news`` sets further fields of ``Progress``."""
         if self.progress is not None and self._running:
             elapsed = time.process_time() - self._beginning
             self.progress(replace(Progress(self._running[-1], elapsed, self.limit, unit=said_unit()), **news))
 
     def tell_change(self, words: str, spent: float, most: float) -> None:
-        """Tell which change of a problem without a plan is tried.
+        """Report which change is being tried on a problem without a plan.
 
         Args:
-            words: what is changed.
-            spent: CPU time that the search for changes has taken so far [s].
-            most: that it may take [s].
+            words: the change, in words.
+            spent: CPU time spent on the search for changes so far [s].
+            most: CPU time allowed for that search [s].
         """
         self.tell(elapsed=spent, limit=most, name=words)
 
     def _account(self) -> None:
-        """Note the time since the last change for the stage that is running."""
+        """Add the CPU time since the last change of stage to the running stage."""
         now = time.process_time()
         if self._running:
             self.timings[self._running[-1]] = self.timings.get(self._running[-1], 0.0) + now - self._since

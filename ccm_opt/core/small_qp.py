@@ -1,4 +1,4 @@
-"""Small dense quadratic programs, by DAQP: min ½ δᵀHδ + gᵀδ with bounds on rows."""
+"""Small dense quadratic programs, solved by DAQP: min ½ δᵀHδ + gᵀδ subject to bounds on rows."""
 
 import daqp
 import numpy as np
@@ -16,16 +16,18 @@ def solve_small_qp(
     sense: npt.NDArray[np.intc],
     most_iterations: int | None = None,
 ) -> FloatArray | None:
-    """Return the best δ, shape (p,); None where there is none, or the solver jams, runs out of iterations, or raises.
+    """Return the minimiser δ, shape (p,), or None when the problem is infeasible or the solver fails.
+
+    Failures are cycling, running out of iterations, and a raised error.
 
     Args:
-        hessian: positive definite, shape (p, p).
-        gradient: shape (p,).
-        matrix: rows, shape (m, p), contiguous; none where the bounds are those of δ itself.
-        upper: shape (m,), or (p,).
-        lower: likewise.
-        sense: what each row is, in DAQP's numbers; it writes there.
-        most_iterations: DAQP's own number when None.
+        hessian: H, positive definite, shape (p, p).
+        gradient: g, shape (p,).
+        matrix: constraint rows, shape (m, p), contiguous; no rows where the bounds are on δ itself.
+        upper: upper bounds of the rows, shape (m,), or of δ, shape (p,).
+        lower: lower bounds, likewise.
+        sense: kind of each row, in DAQP's codes; DAQP writes into this array.
+        most_iterations: limit on iterations; None for DAQP's default.
     """
     limits = {} if most_iterations is None else {"iter_limit": most_iterations}
     try:

@@ -1,7 +1,7 @@
-"""Linear algebra on one thread, and calls in threads of their own.
+"""Single-threaded linear algebra, and calls in background threads.
 
-BLAS adds up in an order that depends on how many threads share a sum, and a motion that differs by 1e-14 is another
-file. The matrices here are small, and faster on one thread besides.
+The order in which BLAS sums depends on its number of threads, and a motion that differs by 1e-14 gives a different
+output file. The matrices here are small, and faster on one thread anyway.
 """
 
 from collections.abc import Callable, Iterator
@@ -15,7 +15,7 @@ from threadpoolctl import threadpool_limits
 
 @contextmanager
 def on_one_thread() -> Iterator[None]:
-    """Keep BLAS on one thread until the block, or the function that this decorates, ends; then as before."""
+    """Restrict BLAS to one thread during the block, or during the decorated function."""
     with threadpool_limits(1, user_api="blas"):
         yield
 
@@ -24,17 +24,18 @@ ANSWER = TypeVar("ANSWER")
 
 
 def in_background(call: Callable[[], ANSWER]) -> Future[ANSWER]:
-    """Run a call in a thread that the process does not wait for at its end, and return its future.
+    """Run a call in a daemon thread, which does not delay the end of the process, and return its future.
 
-    Give `result` or `exception` of the future a timeout. What the call raises, an exit or an interrupt among it, comes
-    out of `exception` and so is told from Ctrl-C, which strikes the main thread.
+    Callers should pass a timeout to ``result`` or ``exception`` of the future. Anything the call raises, including
+    ``SystemExit`` and ``KeyboardInterrupt``, is kept in the future, which distinguishes it from a Ctrl-C in the main
+    thread.
     """
     answer: Future[ANSWER] = Future()
 
     def run() -> None:
         try:
             answer.set_result(call())
-        except BaseException as error:  # noqa: BLE001 - whoever waits decides what it means
+        except BaseException as error:  # noqa: BLE001 - the caller that waits on the future handles it
             answer.set_exception(error)
 
     Thread(target=run, daemon=True).start()

@@ -1,7 +1,7 @@
-"""Problems made in Python, part by part.
+"""Construction of problems in Python, part by part.
 
-Every part becomes the table of a problem file that says the same, in the unit of the call; the tables are checked as
-those of a file are. So whatever is wrong is told at once, under the key that the part would have in a file.
+Every part is converted to the equivalent table of a problem file, in the unit of the call, and goes through the same
+checks as a file. So all defects are reported at once, under the keys that the parts would have in a file.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -51,21 +51,21 @@ _WRITERS: Mapping[type, Callable[[Any, LengthUnit], Table]] = {
     PlannerOptions: lambda options, unit: PlannerTable.of(options).written(unit),
     VerificationOptions: lambda options, unit: VerificationTable.of(options).written(unit),
 }
-"""What makes a table of an object; what is no such object stays as it is, for the rules of files to refuse."""
+"""Converters to tables, by type of object. Objects of other types are passed on and refused by the checks of files."""
 
 
 def _workspace(
     room: object, shapes: object, clearance: object, unit: LengthUnit, issues: Issues, bodies: list[Obstacle] | None
 ) -> Table:
-    """Return the ``[workspace]`` from the room, what is in it, and the gap to keep.
+    """Return the table ``[workspace]`` made of the boundary, the obstacles and the required clearance.
 
     Args:
-        room: its table, its outline, or a workspace.
-        shapes: geometries, obstacles and tables.
-        clearance: None where it is that of the room.
-        unit: of the table.
-        issues: receives what is wrong with the shapes.
-        bodies: receives obstacles in space that are given as bodies, and stay themselves; None in the plane.
+        room: bounds, an outline, or a whole workspace.
+        shapes: obstacles as geometries, objects or tables.
+        clearance: required clearance; None leaves that of ``room``.
+        unit: unit of the lengths in the table.
+        issues: receives the defects of the obstacles.
+        bodies: receives obstacles in space that are given as bodies, which bypass the table; None in the plane.
     """
     table: Table = {"bounds": room, "obstacles": []}
     if isinstance(room, Workspace):
@@ -81,7 +81,7 @@ def _workspace(
             if isinstance(shape, Mapping):
                 inside.append({"name": name, **shape})
             elif bodies is None:
-                # Obstacles are in metres, geometries in the unit of the call.
+                # Obstacle objects are in metres and get converted; bare geometries are in the unit of the call already.
                 whole = [obstacle_table(shape, unit)] if isinstance(shape, Obstacle) else None
                 inside += whole or map(obstacle_table, edge_parts(name, shape))
             elif isinstance(shape, _BODIES):
@@ -96,14 +96,14 @@ def _workspace(
 
 
 def _goal(goal: object) -> object:
-    """Return the ``[goal]`` from a place or the name of a pose; what is neither stays as it is."""
+    """Return the table ``[goal]`` for a tip position or the name of a pose; anything else is returned unchanged."""
     if _is_place(goal):
         return {"position": goal}
     return {"shape": goal} if isinstance(goal, str) else goal
 
 
 def _is_place(value: object) -> bool:
-    """Return whether a value is a row of numbers."""
+    """Return whether a value is a one-dimensional, non-empty row of numbers."""
     if isinstance(value, (Mapping, str)):
         return False
     found = finite_array(value)
@@ -111,14 +111,14 @@ def _is_place(value: object) -> bool:
 
 
 def _plain(value: Any, writers: Mapping[type, Callable[[Any, LengthUnit], Table]], unit: LengthUnit) -> Any:
-    """Return the tables, lists, texts and numbers of Python, as a reader of TOML makes them.
+    """Return a value converted to plain tables, lists, texts and numbers, as a TOML parser would return them.
 
-    Keys without a value are left out.
+    Keys whose value is None are left out.
 
     Args:
-        value: which may hold objects.
-        writers: what makes tables of these, by their types.
-        unit: of the lengths in these tables.
+        value: the value, which may contain objects and arrays.
+        writers: converters to tables, by type of object.
+        unit: unit of the lengths in these tables.
     """
     if type(value) in writers:
         return writers[type(value)](value, unit)
@@ -156,10 +156,9 @@ def make_problem(
     verification: VerificationOptions | Given | None = None,
     folder: str | Path | None = None,
 ) -> Problem:
-    """Make a problem in Python, checked as closely as one from a file.
+    """Return a problem made in Python, checked as closely as one from a file.
 
-    Parts are objects, which are in metres and radians, or tables with the keys of a problem file, in ``unit`` and
-    degrees::
+    Parts are objects, in metres and radians, or tables with the keys of a problem file, in ``unit`` and degrees::
 
         problem = ccm_opt.make_problem(
             "behind the post",
@@ -172,7 +171,7 @@ def make_problem(
             goal={"position": (430, 230), "heading_deg": 60},
         )
 
-    An arm whose ``base`` is a table leaves the plane, and its obstacles are bodies, which are in metres, or tables::
+    An arm whose ``base`` is a table moves in space; its obstacles are bodies, in metres, or tables::
 
         problem = ccm_opt.make_problem(
             "beside the post",
@@ -184,27 +183,27 @@ def make_problem(
         )
 
     Args:
-        name: also names the output folder.
-        arm: as ``Arm.snake`` makes one, or ``[arm]``.
-        goal: a goal as an object, a place for the tip, or ``[goal]``; several of them are reached in sequence.
-        limits: of the joints, or ``[limits]``.
-        room: (x low, y low, x high, y high), or its outline, whose holes are obstacles, or a whole workspace; in space
-            its lower and upper corner, shape (2, 3), or None for no room.
-        obstacles: shapely's geometries, see ``obstacles_of``, in space bodies, or tables of
-            ``[[workspace.obstacles]]``; a list, or names with them.
-        clearance: least gap between the arm's surface and walls; none when None, or that of the workspace.
-        start: "straight", "folded", a pose, or ``[start]``.
-        unit: of all lengths that are no objects: "m", "mm" or "in". People are told lengths in it, too.
-        description: one line for people.
-        joint_error_deg: of every joint at any time, with which the motion has to touch nothing [deg].
-        planner: options, or ``[planner]``.
-        simulation: options, or ``[simulation]``.
-        verification: options, or ``[verification]``.
-        folder: where the paths of meshes begin; needed where an obstacle names a mesh.
+        name: name of the problem and of its output folder.
+        arm: an arm, for example from ``Arm.snake``, or a table ``[arm]``.
+        goal: a goal object, a tip position, or a table ``[goal]``; a list of goals is reached in sequence.
+        limits: joint limits, or a table ``[limits]``.
+        room: the workspace's bounds (x low, y low, x high, y high), its outline, whose holes become obstacles, or a
+            whole workspace; in space the lower and upper corners, shape (2, 3), or None for no bounds.
+        obstacles: shapely geometries, see ``obstacles_of``, in space bodies, or tables of
+            ``[[workspace.obstacles]]``; as a list, or as a mapping by name.
+        clearance: required clearance between the arm's surface and walls; None for that of ``room``, or none.
+        start: "straight", "folded", a pose, or a table ``[start]``.
+        unit: unit of all lengths not given in objects, and of lengths in messages: "m", "mm" or "in".
+        description: one line for human readers.
+        joint_error_deg: error of any joint at any time under which the motion must still be collision-free [deg].
+        planner: planner options, or a table ``[planner]``.
+        simulation: simulation options, or a table ``[simulation]``.
+        verification: verification options, or a table ``[verification]``.
+        folder: folder from which the paths of meshes start; required where an obstacle refers to a mesh.
 
     Raises:
-        ProblemFileError: with every defect, under the key that it has in a problem file.
-        ProblemError: the unit or the arm is none at all, or a body shares the name of another obstacle.
+        ProblemFileError: with every defect, under the key that it would have in a problem file.
+        ProblemError: ``unit`` is no unit, ``arm`` is no arm, or a body shares the name of another obstacle.
     """
     expect_that(lambda: unit in METRES, unit, f"one of {', '.join(METRES)} for unit=")
     expect(arm, (Arm, Mapping), "a ccm_opt.Arm or a table for arm=", "ccm_opt.Arm.snake(…) makes one")
@@ -236,7 +235,7 @@ def make_problem(
     problem = check_data(_plain(data, writers, unit), issues, "", None if folder is None else Path(folder))
     if problem is None:
         raise ProblemFileError(f"problem {name!r}", issues.located({}))
-    # What was given as an object stays that object, to the last bit.
+    # Parts given as objects replace what was built from their tables, so that no value changes by rounding.
     given = {"arm": arm, "limits": limits, "start": start, "goal": goal}
     objects: dict[str, Any] = {key: part for key, part in given.items() if type(part) in writers}
     if bodies:

@@ -1,4 +1,4 @@
-"""Reads problem files."""
+"""Reading of problem files: overrides of keys, bounds on the size of input, and errors with line numbers."""
 
 import re
 import sys
@@ -18,40 +18,40 @@ from ccm_opt.io.table_reading import check_data
 from ccm_opt.problem import Problem
 
 _PART = re.compile(r"\.?([A-Za-z0-9_-]+)|\[([^\]]+)\]")
-"""A key of a table, or an entry of a list: its number from 0, or the name of the table there."""
+"""One step of a key path: a key of a table, or an entry of a list by its number from 0 or by its ``name``."""
 
 
 @dataclass(frozen=True)
 class ChangedText:
-    """The text of a problem file with keys set to other values.
+    """The text of a problem file after overriding keys.
 
     Attributes:
         text: the changed text.
-        settings: what was set, ``key.path=value``, by the key path.
+        settings: the overrides, ``key.path=value``, by the key path that each one sets.
     """
 
     text: str
     settings: Mapping[KeyPath, str]
 
     def setting_source(self, path: KeyPath) -> str:
-        """Return the setting that a key path comes from; empty where it is the file's own."""
+        """Return the override that sets a key path or a table above it; empty where the value is the file's own."""
         return next((self.settings[path[:k]] for k in range(len(path), 0, -1) if path[:k] in self.settings), "")
 
 
 def with_keys_set(text: str, settings: Sequence[str]) -> ChangedText:
-    """Set keys of a problem file to other values.
+    """Return the text of a problem file with some keys overridden.
 
     Args:
-        text: of the file, valid TOML.
-        settings: each ``key.path=value``, the value as in a problem file; what is no TOML value is taken as a text.
-            Entries of lists are told by their number from 0 or by their name: ``goal[1].position=[1, 2]``,
+        text: text of the file, valid TOML.
+        settings: overrides ``key.path=value``, the value as in a problem file; anything that is not a TOML value is
+            taken as a text. Entries of lists are addressed by number from 0 or by name: ``goal[1].position=[1, 2]``,
             ``workspace.obstacles[post].circle.radius=0.1``.
 
     Returns:
-        The changed text, and what was set where; whether the values make sense is for the reader of the problem to say.
+        The changed text and the overrides; the values are not checked here but when the problem is read.
 
     Raises:
-        ProblemError: for a setting that has no such form, or that leads to no place.
+        ProblemError: an override has another form, or its key path leads nowhere.
     """
     document: tomlkit.TOMLDocument = tomlkit.parse(text)
     changed: dict[KeyPath, str] = {}
@@ -65,14 +65,18 @@ def with_keys_set(text: str, settings: Sequence[str]) -> ChangedText:
 
 
 def _parts(key: str, setting: str) -> tuple[str, ...]:
-    """Return the keys and entries of a key path."""
+    """Return the steps of a key path, as texts.
+
+    Raises:
+        ProblemError: ``key`` is not a key path.
+    """
     if not re.fullmatch(f"(?:{_PART.pattern})+", key):
         raise ProblemError(f"cannot set '{setting}': '{key}' is not a key path like goal[1].position")
     return tuple(name or entry.strip() for name, entry in _PART.findall(key))
 
 
 def _value(text: str) -> object:
-    """Return a value as TOML reads it, or the text itself."""
+    """Return a text parsed as a TOML value, or the text itself where it is none."""
     try:
         return tomlkit.value(text)
     except (TOMLKitError, ValueError):
@@ -80,7 +84,11 @@ def _value(text: str) -> object:
 
 
 def _set(document: tomlkit.TOMLDocument, parts: tuple[str, ...], value: object, setting: str) -> KeyPath:
-    """Set one value, and return where it stands."""
+    """Set one value, adding tables that are missing on the way, and return its key path.
+
+    Raises:
+        ProblemError: the key path leads through a value, or to a list entry that does not exist.
+    """
     here: object = document
     path: KeyPath = ()
     for part in parts[:-1]:
@@ -117,21 +125,21 @@ def _step(here: object, part: str, path: KeyPath, setting: str) -> str | int:
 
 
 _WORDS = re.compile(r"[=,{}\[\]\n#]+")
-"""What stands between keys and values."""
+"""Characters that separate keys and values in TOML."""
 
 
 @dataclass(frozen=True)
 class InputBounds:
-    """Bounds on problem files, far beyond any that was ever planned for; all of them are taste.
+    """Bounds on the size of problem files, far above any real one; all of them are taste.
 
     Attributes:
-        most_bytes: of the file.
-        longest_key: points in one word, such as those between the parts of a key: the parser takes a time that grows
-            with their square.
-        deepest: tables and lists within each other; the keys that there are need six.
-        most_keys: in all tables together.
-        most_points: lists of numbers, such as corners, in all lists together.
-        longest_list: numbers in one list.
+        most_bytes: largest size of the file.
+        longest_key: largest number of dots in one word, such as those between the parts of a key: the parser's time
+            grows with its square.
+        deepest: deepest nesting of tables and lists; the schema needs six levels.
+        most_keys: largest number of keys in all tables together.
+        most_points: largest number of lists, such as the corners of outlines, in the whole file.
+        longest_list: largest number of entries in one list.
     """
 
     most_bytes: int = 4 * 2**20
@@ -143,12 +151,12 @@ class InputBounds:
 
 
 BOUNDS = InputBounds()
-"""Used where no other bounds are given."""
+"""Bounds applied to every problem file."""
 
 
 def text_defect(text: str) -> str:
-    """Return a sentence about keys of so many parts that parsing them would take long; empty for others."""
-    # Several points side by side are in no key, but in prose and in comments.
+    """Return a sentence about a key with too many parts to be parsed in reasonable time; empty where there is none."""
+    # Words with consecutive dots are skipped: such an ellipsis occurs in prose and comments, never in a key.
     longest = max((word.count(".") for word in _WORDS.split(text) if ".." not in word), default=0)
     if longest < BOUNDS.longest_key:
         return ""
@@ -156,10 +164,12 @@ def text_defect(text: str) -> str:
 
 
 def content_defect(data: Mapping[str, object]) -> str:
-    """Return a sentence about data that are too deep or too many; empty for others.
+    """Return a sentence about parsed data that are too large or too deeply nested; empty for acceptable data.
+
+    The data are walked level by level, without recursion, so that no depth overflows the stack.
 
     Args:
-        data: the parsed file; it is walked level by level, so that no depth is too great.
+        data: the parsed file.
     """
     keys = 0
     points = 0
@@ -184,23 +194,23 @@ def content_defect(data: Mapping[str, object]) -> str:
 
 
 STANDARD_INPUT = "-"
-"""Stands for standard input in the place of a file."""
+"""Path that stands for standard input."""
 
 
 def load_problem(path: str | Path, *, changes: Sequence[str] = (), allow_outside: bool = False) -> Problem:
     """Read a problem from a TOML file.
 
     Args:
-        path: the file, or ``-`` for standard input; paths in that begin in the working folder.
-        changes: keys that are set to other values than the file's, each ``key.path=value``, see ``with_keys_set``.
+        path: the file, or ``-`` for standard input, in which relative paths start from the working directory.
+        changes: overrides of keys of the file, each ``key.path=value``, see ``with_keys_set``.
         allow_outside: whether ``workspace.file`` and meshes may lie outside the problem's folder.
 
     Returns:
-        The problem, in SI units and radians; a ``Problem`` where the file says ``space = 3``.
+        The problem, in SI units and radians; in space where the file says ``space = 3``.
 
     Raises:
-        ProblemFileError: with every defect of the file, its key path and its line.
-        ProblemError: for a change that leads to no place.
+        ProblemFileError: the file has defects; the message lists each with its key path and line.
+        ProblemError: an override's key path leads nowhere.
     """
     expect(path, (str, Path), "the path of a problem file", "parse_problem reads the text of one")
     texts = isinstance(changes, Sequence) and not isinstance(changes, str) and all(isinstance(c, str) for c in changes)
@@ -212,7 +222,7 @@ def load_problem(path: str | Path, *, changes: Sequence[str] = (), allow_outside
         path_name = str(path)
         text = _read_text(Path(path))
     if changes:
-        # What is no TOML is told with lines of the file as it is.
+        # Parse the unchanged text first, so that syntax errors are reported with the file's own lines.
         _parse_toml(text, path_name)
     changed = with_keys_set(text, changes) if changes else ChangedText(text, {})
     return _read(changed, text, path_name, Path(path).parent, allow_outside=allow_outside)
@@ -224,25 +234,25 @@ def parse_problem(
     """Read a problem from TOML text.
 
     Args:
-        text: the text of a problem file.
-        path_name: what messages call it.
-        folder: where the paths of ``workspace.file`` and of meshes begin; None refuses those keys.
+        text: text of a problem file.
+        path_name: name of the text in messages.
+        folder: folder from which the paths of ``workspace.file`` and meshes start; None refuses those keys.
         allow_outside: as for ``load_problem``.
 
     Returns:
-        The problem, in SI units and radians; a ``Problem`` where the text says ``space = 3``.
+        The problem, in SI units and radians; in space where the text says ``space = 3``.
 
     Raises:
-        ProblemFileError: with every defect of the text, its key path and its line.
+        ProblemFileError: the text has defects; the message lists each with its key path and line.
     """
     return _read(ChangedText(text, {}), text, path_name, folder, allow_outside=allow_outside)
 
 
 def _read(changed: ChangedText, original: str, path_name: str, folder: Path | None, *, allow_outside: bool) -> Problem:
-    """Read a text, perhaps with other values than the file's, whose lines are those of the file.
+    """Read a problem from a changed text, reporting defects with the lines of the original text.
 
     Raises:
-        ProblemFileError: with every defect, its key path, and its line or the setting that it comes from.
+        ProblemFileError: with every defect, its key path, and its line or the override that causes it.
     """
     data = _parse_toml(changed.text, path_name)
     issues = Issues()
@@ -256,15 +266,15 @@ def problem_from_mapping(data: Mapping[str, object], path_name: str = "problem",
     """Rebuild a problem from the data of a problem file, for example from the copy in ``solution.json``.
 
     Args:
-        data: what a TOML parser makes of a problem file.
-        path_name: what messages call it.
-        folder: where the paths of meshes begin; None refuses them.
+        data: a problem file as parsed from TOML.
+        path_name: name of the data in messages.
+        folder: folder from which the paths of meshes start; None refuses meshes.
 
     Returns:
         The problem, in SI units and radians; its ``source`` is TOML text with the same data.
 
     Raises:
-        ProblemFileError: with every defect and its key path.
+        ProblemFileError: the data have defects; the message lists each with its key path.
     """
     text = _to_toml(data, path_name)
     issues = Issues()
@@ -275,9 +285,13 @@ def problem_from_mapping(data: Mapping[str, object], path_name: str = "problem",
 
 
 def _read_text(path: Path) -> str:
-    """Return the text of a file, or one clear sentence why there is none."""
+    """Return the text of a file.
+
+    Raises:
+        ProblemFileError: the file cannot be read, is too large, is empty, or is not UTF-8.
+    """
     try:
-        # No more than is allowed is read, so that a device without an end does not fill the memory.
+        # Read at most one byte more than allowed, so that an endless device does not fill the memory.
         with path.open("rb") as file:
             raw = file.read(BOUNDS.most_bytes + 1)
     except FileNotFoundError:
@@ -291,7 +305,11 @@ def _read_text(path: Path) -> str:
 
 
 def _decoded(raw: bytes, path: str) -> str:
-    """Return the text of a file's bytes, or one clear sentence why there is none."""
+    """Return the text of a file's bytes, which must be UTF-8.
+
+    Raises:
+        ProblemFileError: there are too many bytes, none but blanks, or they are not UTF-8.
+    """
     if len(raw) > BOUNDS.most_bytes:
         too_large = f"the file has more than {BOUNDS.most_bytes} bytes, the most that is read"
         raise _refused(path, f"{too_large}; put obstacles into a drawing")
@@ -311,7 +329,7 @@ def _parse_toml(text: str, path_name: str) -> dict[str, object]:
     try:
         data = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
-        place = re.search(r"at line (\d+)", str(error))  # the last one where it says "at end of document"
+        place = re.search(r"at line (\d+)", str(error))  # absent for errors "at end of document": then the last line
         line = int(place[1]) if place else max(1, len(text.splitlines()))
         raise _refused(path_name, f"not valid TOML: {error}", line) from None
     except RecursionError:

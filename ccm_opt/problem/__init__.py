@@ -1,4 +1,4 @@
-"""A motion-planning problem: frozen data, SI units, radians. ``problem_file`` makes one from TOML."""
+"""A motion-planning problem as frozen data in SI units and radians; ``ccm_opt.load_problem`` reads one from TOML."""
 
 from ccm_opt.core.length_words import LengthUnit
 from ccm_opt.problem.definition import Problem

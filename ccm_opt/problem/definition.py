@@ -1,4 +1,4 @@
-"""A planning problem as data, and what makes one unusable."""
+"""The planning problem as data, and the checks that every problem must pass."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, field
@@ -29,14 +29,14 @@ from ccm_opt.scene.bodies import Body
 from ccm_opt.scene.workspace import PlaneShape, Workspace
 
 UNIT_ROUNDING = 1e-9
-"""By which the length of a unit vector, or a right angle's cosine, may be off."""
+"""Rounding allowed in the length of a unit vector, and in the cosine of a right angle."""
 _Array: TypeAlias = tuple[str, FloatArray, tuple[int, ...]]  # name, value, shape
 
 
 def defects(problem: "Problem") -> Iterator[str]:
-    """Yield what is wrong with the data of a problem, whoever made it.
+    """Yield a sentence for every defect in the values of a problem, however it was made.
 
-    Files are checked more closely by ``problem_file``.
+    Problem files are checked more closely when they are read, see ``ccm_opt.io``.
     """
     d = problem.workspace.dimension
     if d == 3 and problem.workspace.bounds is None and np.shape(problem.arm.base) == (2,):
@@ -62,7 +62,7 @@ _MOST_CONTACT_WORDS = "a thousandth of the arm's length"
 
 
 def _broken(*rules: tuple[bool | np.bool_, str]) -> Iterator[str]:
-    """Yield what the rules say that do not hold."""
+    """Yield the message of every rule that does not hold; a rule is (holds, message)."""
     yield from (line for holds, line in rules if not holds)
 
 
@@ -154,7 +154,7 @@ def _pose_defects(problem: "Problem", d: int) -> Iterator[str]:
 
 
 def drive_defects(arm: Arm, limits: Limits, planner: PlannerOptions, simulation: SimulationOptions) -> Iterator[str]:
-    """Yield what is wrong with masses, limits and options, which mean the same in the plane and in space."""
+    """Yield the defects of masses, limits and options, which have the same meaning in the plane and in space."""
     for name, value, shape in _positive_arrays(arm, limits):
         yield from array_defects(name, value, shape, positive=True)
     for key, name, names in (
@@ -199,12 +199,18 @@ def _point_defects(arm: Arm, limits: Limits) -> Iterator[str]:
 
 
 def _positive(name: str, value: float | None) -> tuple[bool, str]:
-    """Return the rule that a limit is positive."""
+    """Return the rule that a limit, where given, is positive, as (holds, message)."""
     return value is None or value > 0.0, f"{name} must be positive, or left out when it is not limited, got {value}"
 
 
 def feed_defects(arm: Arm, limits: Limits, placed: Sequence[tuple[str, float]]) -> Iterator[str]:
-    """Yield what is wrong with a feed axis, its limits, and the places on it of poses by their names [m]."""
+    """Yield the defects of a feed axis, its limits, and the feed positions of named poses.
+
+    Args:
+        arm: the arm; without a feed axis, every position but 0 is a defect.
+        limits: of the drives, the feed's among them.
+        placed: name and feed position [m] of each pose.
+    """
     if not arm.base_axes:
         yield from (f"{name}.feed is {value} m, but the arm has no feed axis" for name, value in placed if value)
     for axis in arm.base_axes:
@@ -239,7 +245,7 @@ def _positive_arrays(arm: Arm, limits: Limits) -> Iterator[_Array]:
 
 
 def array_defects(name: str, value: FloatArray, shape: tuple[int, ...], *, positive: bool) -> Iterator[str]:
-    """Yield what is wrong with an array, that has to be finite and of a shape, and perhaps positive."""
+    """Yield the first defect of an array that must have a given shape, be finite and, if asked, positive."""
     if not hasattr(value, "shape"):
         yield f"{name} must be an array of shape {shape}, got a {type(value).__name__}"
     elif value.shape != shape:
@@ -256,36 +262,37 @@ def _name_defects(key: str, value: str, names: tuple[str, ...]) -> Iterator[str]
 
 
 WANTED_SHARE_OF_LENGTH = 0.015
-"""Room that plans keep unless the problem says otherwise, as a share of the arm's length."""
+"""Clearance that plans aim for unless the problem sets one, as a share of the arm's length."""
 WANTED_SHARE_OF_RADIUS = 0.5
-"""The same as a share of its radius; the lesser room counts."""
+"""The same clearance as a share of the arm's radius; the smaller of the two applies."""
 
 
 @dataclass(frozen=True, repr=False)
 class Problem:
-    """One planning problem, in the plane or in space as its arm and its workspace are.
+    """One planning problem, planar or spatial according to its arm and workspace.
 
     Attributes:
-        name: also names the output folder.
-        description: one line for people.
-        workspace: room, obstacles, clearance.
+        name: name of the problem and of its output folder.
+        description: one line for human readers.
+        workspace: boundary, obstacles and required clearance.
         arm: the jointed arm.
         limits: bounds on joint speed, acceleration and torque.
-        start: where the motion begins.
-        goal: where it ends.
-        tolerances: how near the goal counts.
-        stops: goals on the way to the last, in order.
+        start: pose at which the motion begins.
+        goal: goal at which the motion ends.
+        tolerances: how close to the goal the motion must end.
+        stops: intermediate goals, in order.
         planner: planner options.
         simulation: simulation options.
-        joint_error: of every joint at any time, with which the motion has to touch nothing [rad]; 0 asks for none.
+        joint_error: error of any joint at any time under which the motion must still be collision-free [rad]; 0 asks
+            for no such margin.
         verification: how strictly plans are judged.
-        source: the text of the problem file, kept for the record; empty when built in Python or with a drawing.
-        length_unit: in which people are told lengths, that of the problem file: ``m``, ``mm`` or ``in``. All values
-            are in metres whatever it is.
-        drawing: what became of the drawing that some obstacles are from; None where there was none.
+        source: text of the problem file, kept for the record; empty for problems built in Python or with a drawing.
+        length_unit: unit in which messages state lengths, taken from the problem file: ``m``, ``mm`` or ``in``. All
+            values are in metres regardless.
+        drawing: report on the drawing from which obstacles were imported; None where there was none.
 
     Raises:
-        ProblemError: something in it is of another type or shape than it has to be, or out of bounds; all is named.
+        ProblemError: a field has the wrong type or shape, or is out of bounds; the message lists every such field.
     """
 
     name: str
@@ -312,20 +319,20 @@ class Problem:
 
     @property
     def via_reach(self) -> float:
-        """How near the tip has to come to a place of ``goal.via`` to pass it [m]: it names a bore or a gap."""
+        """Distance within which the tip must pass each place of ``goal.via``, which marks a bore or a gap [m]."""
         return max(self.tolerances.position, self.arm.link_length)
 
     @property
     def contact_tolerance(self) -> float:
-        """Gap that may be missing before a motion is refused, rounding as a rule [m]."""
+        """Shortfall in clearance that is accepted before a motion is refused, normally just rounding [m]."""
         asked = self.verification.contact_tolerance
         return CONTACT_SHARE_OF_LENGTH * self.arm.length if asked is None else asked
 
     @property
     def wanted_gap(self) -> float:
-        """Room beyond radius and clearance that planning keeps where there is so much [m].
+        """Clearance beyond radius and required clearance that planning aims for where the scene allows it [m].
 
-        The paper's planner knows no wanted gap, and so keeps none.
+        0 for the paper's planner (hill climbing), which has no notion of a wanted gap.
         """
         if self.planner.method != "nlp":
             return 0.0
@@ -333,10 +340,10 @@ class Problem:
 
     @property
     def default_gap(self) -> float:
-        """The wanted gap where the options name none, 1.5 % of the arm's length or half its radius [m].
+        """Wanted gap where the options set none: 1.5 % of the arm's length or half its radius, the smaller [m].
 
-        The lesser of the two, as much as one would leave beside a hose of that size. An arm without a radius gets the
-        former.
+        That is about the space one would leave around a hose of that size. An arm of zero radius gets 1.5 % of its
+        length.
         """
         share = WANTED_SHARE_OF_LENGTH * self.arm.length
         return share if self.arm.radius == 0.0 else min(share, WANTED_SHARE_OF_RADIUS * self.arm.radius)
@@ -351,20 +358,20 @@ class Problem:
 
     @property
     def goals(self) -> Sequence[Stop]:
-        """All goals in order, the last one with no pause."""
+        """All goals in order: the stops, then the final goal, which has no pause."""
         return (*self.stops, Stop(self.goal, self.tolerances))
 
     @staticmethod
     def expected(value: object) -> None:
-        """Refuse what is no problem where one is expected.
+        """Refuse a value that is not a problem.
 
         Raises:
-            ProblemError: with what was given, and how a problem is had.
+            ProblemError: the value is no ``Problem``; the message says what was given and how to load a problem.
         """
         expect(value, Problem, "a ccm_opt.Problem", "ccm_opt.load_problem reads one from a file")
 
     def __post_init__(self) -> None:
-        # What has the wrong type would only fail in some check of its values.
+        # Types first: a field of the wrong type would make the checks of values fail with an obscure error.
         found = tuple(wrong_types(self)) or tuple(defects(self))
         if found:
             raise ProblemError(f"problem '{self.name}' cannot be used:\n" + "\n".join(f"  {line}" for line in found))

@@ -1,4 +1,4 @@
-"""Types of the fields of problems."""
+"""Checks of the types of a problem's fields, and the record of an imported drawing."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -32,20 +32,20 @@ _PARTS: Mapping[str, tuple[type, ...]] = {
     "arm.feed": (Feed, type(None)),
     "planner.weights": (Weights,),
 }
-"""Types of the parts of a problem, by their dotted names."""
+"""Allowed types of the parts of a problem, by dotted name."""
 _NUMBERS = (
     *("joint_error", "workspace.clearance"),
     *(f"arm.{name}" for name in ("links", "link_length", "radius", "joint_limit", "base_limit")),
     *("arm.mount_length", "arm.payload", "arm.base_heading", "tolerances.position", "tolerances.heading"),
     *("planner.time_limit", "planner.effort_share", "simulation.step", "simulation.bandwidth"),
 )
-"""Its parts that are numbers."""
+"""Parts of a problem that must be finite numbers, by dotted name."""
 _ENTRIES: Mapping[str, type] = {"stops": Stop, "workspace.obstacles": Obstacle}
-"""Types of all entries of a part."""
+"""Type of every entry of a part that is a tuple."""
 
 
 def wrong_types(problem: object) -> Iterator[str]:
-    """Yield a line for every part of a problem that is of another type than it has to be."""
+    """Yield a line for every part of a problem that has the wrong type."""
     broken: set[str] = set()
     for name, kinds in _PARTS.items():
         value = _part(problem, name, broken)
@@ -64,11 +64,11 @@ def wrong_types(problem: object) -> Iterator[str]:
 
 
 _NOTHING = object()
-"""Stands for a part of something that is broken itself."""
+"""Value of a part whose parent already has the wrong type, so that one defect is not reported twice."""
 
 
 def _part(problem: object, name: str, broken: set[str]) -> object:
-    """Return a part of a problem by its dotted name."""
+    """Return a part of a problem by its dotted name; ``_NOTHING`` where a parent of that part is in ``broken``."""
     value: object = problem
     at = ""
     for key in name.split("."):
@@ -80,12 +80,16 @@ def _part(problem: object, name: str, broken: set[str]) -> object:
 
 
 ODD_RATIO = 100.0
-"""Drawings this much larger or smaller than the arm are taken for mistakes of scale. Derived: millimetres in place of
-metres are a factor of a thousand, and of drawings that fit their arm none is ten times smaller or larger than it."""
+"""Ratio of sizes from which a drawing is suspected of having the wrong scale. Derived: millimetres mistaken for metres
+give a factor of a thousand, and no drawing that fits its arm is ten times smaller or larger than the arm."""
 
 
 def odd_times(ratio: float) -> str | None:
-    """Return how many times larger or smaller than the arm something is, where its scale must be wrong; else None."""
+    """Return, in words, how many times larger or smaller than the arm a drawing is; None where the size is plausible.
+
+    Args:
+        ratio: size of the drawing divided by the length of the arm.
+    """
     if ODD_RATIO**-1 < ratio < ODD_RATIO:
         return None
     larger = ratio > 1.0
@@ -94,11 +98,11 @@ def odd_times(ratio: float) -> str | None:
 
 @dataclass(frozen=True)
 class LeftOut:
-    """Something in a drawing that became no obstacle.
+    """An element of a drawing that was not imported as an obstacle.
 
     Attributes:
-        what: its kind and, where it has one, its name, for example ``text 'title'``.
-        reason: why, for example ``texts are no obstacles``.
+        what: kind of the element and its name, where it has one, for example ``text 'title'``.
+        reason: why it was left out, for example ``texts are no obstacles``.
     """
 
     what: str
@@ -107,16 +111,18 @@ class LeftOut:
 
 @dataclass(frozen=True)
 class ImportedDrawing:
-    """What was read from a drawing.
+    """Report on the import of a drawing.
 
     Attributes:
-        file: its name.
-        obstacles: how many obstacles it gave.
-        box: least x and y and greatest x and y of them all, as they are placed in the workspace, shape (4,) [m].
+        file: name of the drawing's file.
+        obstacles: number of obstacles imported.
+        box: bounding box of these obstacles as placed in the workspace: least x and y, greatest x and y, shape (4,)
+            [m].
         layers: names of layers, or of the outermost named groups, with the number of obstacles on each; empty where
             the drawing has none.
-        left_out: everything that became no obstacle, in the order of the drawing.
-        unit: of length that the drawing names, which counts for nothing beside the scale; empty where it names none.
+        left_out: elements that were not imported, in the order of the drawing.
+        unit: unit of length stated in the drawing, for information only: the scale in the problem file decides; empty
+            where the drawing states none.
     """
 
     file: str
@@ -128,12 +134,12 @@ class ImportedDrawing:
 
     @property
     def extent(self) -> float:
-        """The longer side of the box [m]."""
+        """Longer side of the bounding box [m]."""
         xmin, ymin, xmax, ymax = self.box
         return max(xmax - xmin, ymax - ymin)
 
     def odd_size(self, arm_length: float) -> str | None:
-        """Return a warning where the drawing is so much larger or smaller than the arm that its scale must be wrong.
+        """Return a warning if the drawing's size, compared with the arm's, suggests a wrong scale; else None.
 
         Args:
             arm_length: length of the arm [m].

@@ -1,4 +1,4 @@
-"""What a problem says of planning, simulating and judging: which method, how long, how strictly."""
+"""Options of a problem for planning, simulation and verification."""
 
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass, field
@@ -10,10 +10,10 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.robot.arm import MappingName
 
 CONTACT_SHARE_OF_LENGTH = 1e-6
-"""Contact tolerance unless the problem says otherwise, as a share of the arm's length: far below what machines are made
-to, and above what the certificate and the chords between samples leave to rounding."""
+"""Default contact tolerance, as a share of the arm's length: far below manufacturing tolerances, and above the rounding
+left by the certificate and by the chords between samples."""
 MOST_CONTACT_SHARE_OF_LENGTH = 1e-3
-"""Greatest contact tolerance, as such a share: with more of it a plan may go through what it has to keep clear of."""
+"""Largest contact tolerance allowed, as a share of the arm's length: with more, a plan could pass through obstacles."""
 
 MethodName = Literal["nlp", "hill-climbing"]
 OptimiserName = Literal["sequential-convex", "none"]
@@ -23,16 +23,16 @@ ControllerName = Literal["computed-torque", "pd"]
 
 @dataclass(frozen=True)
 class Weights:
-    """How much each thing counts that planning makes small: 1 as usual, 0 not at all, 10 ten times as much.
+    """Weights of the planner's costs: 1 is the usual weight, 0 drops a cost, 10 makes it count ten times as much.
 
-    They weigh the optimisation of motions; bending and clearance weigh the goal configuration too.
+    All weigh the optimisation of motions; bending and clearance weigh the goal configuration too.
 
     Attributes:
-        path_length: turns of the joints along the motion.
-        smoothness: changes of these turns.
-        bending: the arm's curvature.
-        clearance: nearness to walls; by default only the clearance of the workspace is kept, and no more is asked for.
-        duration: a stand-in for the duration: turns, and changes of turns, of every joint against its own limits.
+        path_length: joint rotation along the motion.
+        smoothness: change of joint rotation from one step to the next.
+        bending: curvature of the arm.
+        clearance: closeness to obstacles; by default the motion only respects the workspace's required clearance.
+        duration: surrogate for the duration: each joint's rotation, and change of rotation, relative to its limits.
     """
 
     path_length: float = 1.0
@@ -44,23 +44,23 @@ class Weights:
 
 @dataclass(frozen=True)
 class PlannerOptions:
-    """Which planner, how long, and with what.
+    """Choice of planner and its settings.
 
     Attributes:
-        method: planner's name.
-        mapping: how a curve becomes joints.
-        time_limit: CPU time of this process after which the search stops [s]; three times as much wall time ends it
+        method: name of the planner.
+        mapping: how joints are fitted to a curve.
+        time_limit: CPU time of this process after which the search stops [s]; three times as much wall time stops it
             too.
-        routes: corridors tried, shortest first.
-        seed: of the order in which candidates are tried and of every random choice; 0 tries the most promising first.
-        tries: plans that are made, with this seed and those after it; the best is taken.
-        optimiser: how the motion that is found is optimised over all its keyframes; by "none" it stays long.
+        routes: number of corridors tried, shortest first.
+        seed: seed of every random choice and of the order of candidates; 0 tries the most promising first.
+        tries: number of plans made, with this seed and the ones after it; the best is kept.
+        optimiser: how the motion found is optimised over all its keyframes; "none" leaves it as found, with detours.
         retiming: how the path is timed: as fast as its limits allow, or by Paul's transitions between keyframes.
-        weights: what counts how much when configurations and motions are optimised.
-        wanted_gap: room beyond radius and clearance that the goal pose and the motion keep where there is so much [m];
-            0 asks for none, None for ``Problem.default_gap``.
-        effort_share: share of every drive's limits on velocity, acceleration, jerk and effort that plans use, above 0
-            and at most 1, so that feedback has something left; where gravity alone takes nearly so much, more.
+        weights: weights of the costs when configurations and motions are optimised.
+        wanted_gap: clearance beyond radius and required clearance that goal pose and motion aim for where the scene
+            allows it [m]; 0 asks for none, None for ``Problem.default_gap``.
+        effort_share: share of every drive's limits on velocity, acceleration, jerk and effort that plans may use, above
+            0 and at most 1, so that feedback has a reserve; larger where gravity alone takes nearly that share.
     """
 
     method: MethodName = "nlp"
@@ -88,19 +88,19 @@ _WITHOUT_EFFECT: tuple[tuple[str, object, Collection[str], str], ...] = (
         for name in ("optimiser", "weights", "wanted_gap")
     ),
 )
-"""Options that do nothing for a kind of problem: their names, the value that does nothing, or None for any but the
-default, where it does nothing, and why."""
+"""Options without effect for a kind of problem: (option, value without effect, kinds of problem, reason). None as the
+value stands for any value but the default."""
 
 
 def options_without_effect(options: PlannerOptions, *, in_space: bool) -> Iterator[tuple[str, str]]:
-    """Yield the planner options that were given and do nothing for a kind of problem.
+    """Yield the planner options that were set but have no effect on a kind of problem.
 
     Args:
-        options: of the problem; what has its default counts as not given.
-        in_space: whether the arm leaves the plane.
+        options: options of the problem; those at their defaults count as not set.
+        in_space: whether the arm moves in space rather than in the plane.
 
     Yields:
-        The name of an option, and why it does nothing.
+        The name of an option, and why it has no effect.
     """
     kinds = {options.method, *(("in space",) if in_space else ())}
     for name, idle, where, why in _WITHOUT_EFFECT:
@@ -112,16 +112,16 @@ def options_without_effect(options: PlannerOptions, *, in_space: bool) -> Iterat
 
 @dataclass(frozen=True)
 class Disturbances:
-    """What the simulated arm does otherwise than its controller believes.
+    """How the simulated arm differs from the model that its controller uses.
 
     Attributes:
-        mass_error: share by which the links are heavier, above -1.
-        payload: mass of a point at the tip that the controller does not know of [kg].
-        friction: viscous friction of every revolute that it does not know of [N m s/rad].
+        mass_error: share by which the links are heavier than modelled, above -1.
+        payload: unmodelled point mass at the tip [kg].
+        friction: unmodelled viscous friction of every revolute [N m s/rad].
         angle_noise: standard deviation of measured angles [rad]; of the bends alone while the arm stays in its plane.
-        velocity_noise: the same of measured joint speeds [rad/s].
-        start_delay: time for which brakes still hold the arm when the motion begins [s].
-        seed: of the noise.
+        velocity_noise: standard deviation of measured joint speeds, likewise [rad/s].
+        start_delay: time for which brakes still hold the arm after the motion begins [s].
+        seed: seed of the noise.
     """
 
     mass_error: float = 0.0
@@ -138,13 +138,13 @@ class SimulationOptions:
     """How the timed motion is simulated.
 
     Attributes:
-        gravity: shape (3,) [m/s²]; the plane of motion is x-z.
+        gravity: gravitational acceleration, shape (3,) [m/s²]; the plane of motion is x-z.
         step: integration step [s].
-        controller: the tracking law.
-        bandwidth: natural frequency ωn that both laws are tuned for [1/s].
-        proportional_gain: of the PD law for every joint [N m/rad]; None for what suits the arm at this bandwidth.
-        derivative_gain: of the PD law for every joint [N m s/rad]; likewise.
-        disturbances: what the controller does not know of.
+        controller: tracking law, computed torque or PD.
+        bandwidth: natural frequency ωn for which both laws are tuned [1/s].
+        proportional_gain: gain of the PD law for every joint [N m/rad]; None chooses one for this arm and bandwidth.
+        derivative_gain: damping gain of the PD law for every joint [N m s/rad]; None likewise.
+        disturbances: differences between the simulated arm and the controller's model.
     """
 
     gravity: FloatArray = field(default_factory=lambda: np.array([0.0, 0.0, -9.81]))
@@ -161,7 +161,8 @@ class VerificationOptions:
     """How strictly plans are judged.
 
     Attributes:
-        contact_tolerance: gap that may be missing before a motion is refused [m]; None for a millionth of the arm.
+        contact_tolerance: shortfall in clearance accepted before a motion is refused [m]; None for a millionth of the
+            arm's length.
     """
 
     contact_tolerance: float | None = None

@@ -1,4 +1,4 @@
-"""Where a motion begins, ends and stops on the way, and how near its goals count."""
+"""Start poses, goals and stops of a motion, with the tolerances on reaching them."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,14 +18,15 @@ from ccm_opt.robot.mapping import map_curve
 
 @dataclass(frozen=True)
 class JointPose:
-    """A whole-arm pose given by its joints; as a goal it asks nothing more of the tip.
+    """A whole-arm pose given by its joints; as a goal it makes no further demand on the tip.
 
     Attributes:
-        bends: shape (links,) [rad]; in space of each joint about its local z, then about the new y, shape (links, 2).
+        bends: joint angles, shape (links,) [rad]; in space each joint bends about its local z, then about the new y,
+            shape (links, 2).
         feed: position of the base on its feed axis [m]; 0 without one.
-        curve: that the arm is laid along, as it lies when the feed axis is at 0; None where there is none. A motion
-            counts as there when the arm lies along it, by whichever mapping.
-        mapping: how it is laid there.
+        curve: curve along which the arm is laid, placed for a feed of 0; None where the joints alone define the pose.
+            A motion has reached the pose when the arm lies along the curve, by whichever mapping.
+        mapping: how joints are fitted to the curve.
     """
 
     bends: FloatArray
@@ -39,21 +40,21 @@ class JointPose:
 
     @property
     def for_joints(self) -> "JointPose":
-        """A goal for all joints, which this pose is."""
+        """This pose, as a goal for all joints."""
         return self
 
     @classmethod
     def along(cls, arm: Arm, curve: Configuration, mapping: MappingName = "least-squares", feed: float = 0.0) -> Self:
-        """Lay an arm along a curve in the plane, by one of the mappings from curves to joints.
+        """Return the pose of an arm laid along a curve in the plane.
 
         Args:
             arm: the arm, as long as the curve.
-            curve: as it lies when the feed axis is at 0.
-            mapping: how the joints are placed.
+            curve: the curve, placed for a feed of 0.
+            mapping: how joints are fitted to the curve.
             feed: position of the base on its feed axis [m]; 0 without one.
 
         Raises:
-            ProblemError: the lengths differ, or the mapping does not exist for this curve.
+            ProblemError: arm and curve differ in length, or the mapping does not exist for this curve.
         """
         return cls(map_curve(arm, curve, mapping), feed, curve, mapping)
 
@@ -65,10 +66,15 @@ class JointPose:
         feed: float = 0.0,
         unit: LengthUnit = "m",
     ) -> "JointPose":
-        """Return a pose from bends in degrees, and the feed in the unit of length that suits.
+        """Return a pose from bends in degrees and a feed in a unit of choice.
+
+        Args:
+            bends_deg: bend of each joint, shape (links,), in space (links, 2) [deg].
+            feed: position of the base on its feed axis, in ``unit``; 0 without one.
+            unit: unit of the feed: "m", "mm" or "in".
 
         Raises:
-            ProblemError: with all that is wrong with them.
+            ProblemError: an argument cannot be used; the message lists every defect.
         """
         given = Arguments("this pose", unit)
         found = finite_array(bends_deg)
@@ -81,27 +87,27 @@ class JointPose:
         return cls(np.deg2rad(np.asarray(found)), carried)
 
     def headings(self, arm: Arm) -> FloatArray:
-        """Return the headings of the links in the plane, shape (links,) [rad]."""
+        """Return the headings of the links of a planar arm in this pose, shape (links,) [rad]."""
         return arm.headings(self.bends)
 
     @classmethod
     def from_configuration(cls, q: FloatArray, coordinates: Coordinates) -> "JointPose":
-        """Return the pose of a configuration, shape (c,) [rad, m]."""
+        """Return the pose of a configuration ``q``, shape (c,) [rad, m]."""
         bends = q[coordinates.bends]
         if coordinates.bends_a_joint > 1:
             bends = bends.reshape(-1, coordinates.bends_a_joint)
         return cls(bends.copy(), float(coordinates.advance(q)))
 
     def configuration(self, arm: Arm) -> FloatArray:
-        """Return the pose as a configuration of an arm, shape (c,) [rad, m]."""
+        """Return the pose as a configuration of ``arm``, shape (c,) [rad, m]."""
         return arm.configuration(self.bends, self.feed)
 
     def whole(self, arm: Arm) -> FloatArray | None:
-        """Return the configuration that a goal asks for, shape (c,) [rad, m]."""
+        """Return the configuration demanded of the whole arm, shape (c,) [rad, m]."""
         return self.configuration(arm)
 
     def tip(self, arm: Arm) -> FloatArray:
-        """Return where the tip is, shape (d,) [m]."""
+        """Return the position of the tip in this pose, shape (d,) [m]."""
         return np.asarray(arm.joint_positions_at(self.configuration(arm))[-1])
 
 
@@ -109,13 +115,13 @@ class JointPose:
 class TipGoal:
     """A goal for the tip alone.
 
-    In the plane ``heading`` is the angle of ``direction``: either may be given, and the heading counts where both are.
+    In the plane ``heading`` is the angle of ``direction``: either may be given, and the heading wins where both are.
 
     Attributes:
-        position: shape (d,) [m].
-        direction: where the last link points, a unit vector of shape (d,), or None when any direction will do.
-        via: places that the tip passes in this order on its way, each of shape (d,) [m]; none in the plane.
-        heading: of the last link in the plane [rad]; None in space, and when any heading will do.
+        position: position of the tip, shape (d,) [m].
+        direction: direction of the last link, a unit vector of shape (d,); None when any direction will do.
+        via: places that the tip passes on its way, in this order, each of shape (d,) [m]; none in the plane.
+        heading: heading of the last link in the plane [rad]; None in space, and when any heading will do.
     """
 
     position: FloatArray
@@ -126,22 +132,22 @@ class TipGoal:
 
     @property
     def for_tip(self) -> "TipGoal":
-        """A goal for the tip alone, which this is."""
+        """This goal, as a goal for the tip alone."""
         return self
 
     def __post_init__(self) -> None:
-        # What is no number or no vector is refused by the problem that the goal is given to.
+        # Values that are no number or no vector are left alone here: the problem that gets the goal refuses them.
         if is_number(self.heading):
             object.__setattr__(self, "direction", unit_vector(self.heading))
         elif self.direction is not None and np.shape(self.direction) == (2,):
             object.__setattr__(self, "heading", float(np.arctan2(self.direction[1], self.direction[0])))
 
     def whole(self, _arm: Arm) -> FloatArray | None:
-        """Return none: the tip alone has a goal."""
+        """Return None: this goal does not prescribe the whole arm."""
         return None
 
     def tip(self, _arm: Arm) -> FloatArray:
-        """Return where the tip is to be, shape (d,) [m]."""
+        """Return the position demanded of the tip, shape (d,) [m]."""
         return self.position
 
     @classmethod
@@ -153,16 +159,16 @@ class TipGoal:
         direction: Sequence[float] | FloatArray | None = None,
         unit: LengthUnit = "m",
     ) -> "TipGoal":
-        """Return a goal in the unit of length that suits, in the plane with its heading in degrees.
+        """Return a goal for the tip, with its position in a unit of choice and a planar heading in degrees.
 
         Args:
-            position: of the tip, (x, y), in space (x, y, z).
-            heading_deg: of the last link in the plane [deg], or None when any heading will do.
-            direction: of the last link in space, a vector of any length, or None when any direction will do.
-            unit: of the position: "m", "mm" or "in".
+            position: position of the tip, (x, y), or (x, y, z) in space, in ``unit``.
+            heading_deg: heading of the last link in the plane [deg]; None when any heading will do.
+            direction: direction of the last link in space, a vector of any length; None when any direction will do.
+            unit: unit of the position: "m", "mm" or "in".
 
         Raises:
-            ProblemError: with all that is wrong with them.
+            ProblemError: an argument cannot be used; the message lists every defect.
         """
         given = Arguments("this goal", unit)
         found = finite_array(position)
@@ -186,7 +192,7 @@ Goal: TypeAlias = TipGoal | JointPose
 
 @dataclass(frozen=True)
 class Tolerances:
-    """How near the goal the motion must end: position [m] and heading [rad]."""
+    """How close to its goal the motion must end: position of the tip [m] and heading of the last link [rad]."""
 
     position: float = 1e-3
     heading: float = float(np.deg2rad(1.0))
@@ -194,12 +200,12 @@ class Tolerances:
 
 @dataclass(frozen=True)
 class Stop:
-    """A goal on the way, at which the motion comes to rest.
+    """An intermediate goal, at which the motion comes to rest.
 
     Attributes:
-        goal: where the arm stops.
-        tolerances: how near the goal counts.
-        pause: how long it rests there [s].
+        goal: goal at which the arm stops.
+        tolerances: how close to the goal the arm must stop.
+        pause: how long the arm rests there [s].
     """
 
     goal: Goal

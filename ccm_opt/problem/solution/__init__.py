@@ -1,4 +1,4 @@
-"""Frozen results of every stage, from the curve's keyframes to the simulated arm."""
+"""Frozen results of every planning stage, from the curve's keyframes to the simulated arm."""
 
 from ccm_opt.problem.solution.records import (
     GoalPoseRecord,

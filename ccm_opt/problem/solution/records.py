@@ -1,4 +1,4 @@
-"""Records of what was tried, verified and measured about a plan."""
+"""Records kept with a plan: tries, goal pose, clearance, survived errors and the verdict of the simulation."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -12,20 +12,21 @@ from ccm_opt.robot.configuration import Curve
 
 @dataclass(frozen=True)
 class SurvivedError:
-    """The largest error of one kind with which a plan keeps clear of everything.
+    """The largest error of one kind under which a plan stays collision-free.
 
     Attributes:
-        name: what is wrong: "joints", "link lengths", "base heading", "base position" or "walls", certified for errors
-            of any sign that may change with time; "payload" or "friction", found by simulations.
-        size: the largest error that is survived, in ``unit``.
+        name: quantity in error: "joints", "link lengths", "base heading", "base position" or "walls", certified for
+            errors of any sign that may vary with time; "payload" or "friction", found by simulation.
+        size: largest error survived, in ``unit``.
         unit: "rad", "m", "kg" or "N m s/rad".
-        where: link, obstacle or link, and time that limit it, or the verdict that does, in words.
-        time: when [s]; None when nothing limits it.
-        link: number of the link that limits it, from 1; None when none does.
-        worst: signs of the errors of all bends that lead there soonest, shape (links,), in space (2 links,); 0 where
-            they do not matter.
-        place: where that is on the link's axis, shape (2,), in space (3,) [m]; empty when nothing limits it.
-        limited: whether something limits it; if not, it is only that larger errors were not looked at.
+        where: limiting link, the obstacle or second link, and time, or the limiting verdict of the simulation, in
+            words.
+        time: time of the limiting contact [s]; None when nothing limits the error.
+        link: number of the limiting link, from 1; None when none does.
+        worst: signs of the errors of all bends that lead to contact soonest, shape (links,), in space (2 links,); 0
+            where the sign does not matter.
+        place: limiting point on the link's axis, shape (2,), in space (3,) [m]; empty when nothing limits the error.
+        limited: whether something limits the error; if not, larger errors were simply not checked.
     """
 
     name: str
@@ -41,14 +42,14 @@ class SurvivedError:
 
 @dataclass(frozen=True)
 class TryRecord:
-    """What came of one of several tries of a problem, which differ in their seeds.
+    """The outcome of one of several tries at a problem, which differ in their seeds.
 
     Attributes:
-        seed: of the try.
-        duration: of its motion [s]; None when there is none.
-        gap: least gap beyond the clearance that the motion keeps [m]; None when there is none.
-        reason: why there is no motion, or empty.
-        taken: whether it is the plan.
+        seed: seed of the try.
+        duration: duration of its motion [s]; None when the try found no motion.
+        gap: least gap of the motion beyond the required clearance [m]; None when the try found no motion.
+        reason: why the try found no motion; empty when it found one.
+        taken: whether the motion of this try became the plan.
     """
 
     seed: int
@@ -63,19 +64,19 @@ SimulationOutcome = Literal["followed", "saturated", "strayed", "touched", "dive
 
 @dataclass(frozen=True)
 class SimulationVerdict:
-    """Whether the simulated arm followed its plan, which is verified whatever the simulation says.
+    """Whether the simulated arm followed its plan; the plan itself is verified independently of the simulation.
 
     Attributes:
         outcome: "followed"; "saturated", a drive met its limit; "strayed", some joint was far off its plan, 0.1 rad
             by default; "touched", the arm met a wall or itself; "diverged", the arm left the plan for good, and the run
             was stopped; "not simulated", no step was run.
-        step: integration step of the run that is judged [s].
+        step: integration step of the judged run [s].
         reason: one sentence: which joint or link, when, and why; empty when followed.
-        joint: name of the revolute, or of the axis that carries the base, whose drive was at fault; empty for none.
+        joint: name of the revolute, or of the base axis, whose drive was at fault; empty for none.
         link: number of the link that touched, counted from 1; None when none did.
-        obstacle: name of the wall, or number of the other link in words, that it touched; empty for none.
-        time: when it began [s], None when followed or not simulated.
-        advice: what would help, most promising first.
+        obstacle: name of the wall that the link touched, or the other link's number in words; empty for none.
+        time: when the fault began [s]; None when followed or not simulated.
+        advice: possible remedies, most promising first.
     """
 
     outcome: SimulationOutcome
@@ -89,32 +90,32 @@ class SimulationVerdict:
 
     @property
     def followed(self) -> bool:
-        """Whether the arm followed its plan with effort to spare and touched nothing."""
+        """Whether the arm followed its plan with effort to spare and without contact."""
         return self.outcome == "followed"
 
 
 FOLLOWED = SimulationVerdict("followed", 0.0)
-"""Stands for the verdict on a run that nobody judged."""
+"""Default verdict of a run that was not judged."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class GoalPoseRecord:
-    """What is kept of the goal-pose program's answer; an arm of many links may have been asked for with fewer.
+    """Record of the goal-pose NLP's solution; an arm of many links may have been solved with fewer.
 
     Attributes:
         reached: whether the motion ends in this pose.
         reason: why it does not, in words; empty when it does.
-        configuration: the bends of every joint, and the feed where there is one, shape (c,) [rad, m].
+        configuration: bends of every joint, and the feed where there is one, shape (c,) [rad, m].
         curve: the curve that the links follow.
-        gap: least room of any link beyond radius and clearance, at most the wanted gap [m].
-        wanted_gap: room beyond radius and clearance above which more was worth nothing [m].
-        costs: weighted parts of the objective by name; they sum to it.
-        multipliers: of the rows that shape the pose, by name: how much the objective would fall for one unit of the
-            row (one arm's length, one radian, one unit of the user's); the largest first.
-        iterations: of the solver.
-        size: numbers of variables and rows.
-        status: the solver's own word for how it stopped.
-        tried: how many poses were asked for, this one among them.
+        gap: least clearance of any link beyond radius and required clearance, capped at the wanted gap [m].
+        wanted_gap: clearance beyond radius and required clearance above which the objective rewards no more [m].
+        costs: weighted terms of the objective by name; they sum to the objective.
+        multipliers: multipliers of the constraints that shape the pose, by name: how much the objective would fall for
+            one unit of the constraint (one arm's length, one radian, one unit of the user's); the largest first.
+        iterations: iterations of the solver.
+        size: numbers of variables and constraint rows.
+        status: the solver's return status.
+        tried: number of poses solved for, including this one.
     """
 
     reached: bool
@@ -132,28 +133,28 @@ class GoalPoseRecord:
 
     @property
     def cost(self) -> float:
-        """The objective."""
+        """Value of the objective."""
         return float(sum(self.costs.values()))
 
 
-# Why a motion has less than the wanted gap for a while: a pose at which it rests has less itself, or the way has.
+# Why a stretch of a motion has less than the wanted gap: a pose at which the arm rests is that tight, or the way is.
 ShortCause = Literal["start", "stop", "goal", "passage"]
-# What bounds the gap that a motion can keep.
+# What bounds the least gap that any motion can have.
 GapBound = Literal["wanted gap", "start", "goal", "passage"]
 
 
 @dataclass(frozen=True)
 class NearPlace:
-    """Where one link is near something, at one time.
+    """The gap between one link and the nearest wall or link, at one time.
 
     Attributes:
-        gap: beyond contact: between the surfaces, the clearance subtracted where the other is a wall [m]; where nothing
-            is within reach, the reach.
-        wanted: gap that is wanted of this pair [m]; links that are not far apart along the arm cannot keep it all.
-        time: when [s].
-        link: from 1; 0 where nothing is within reach.
-        obstacle: name of the wall; empty where the other is a link.
-        second_link: from 1; 0 where the other is a wall.
+        gap: distance between the surfaces, for a wall less the required clearance [m]; the search distance where
+            nothing is within it.
+        wanted: gap wanted of this pair [m]; links that are close along the arm cannot have the full wanted gap.
+        time: time of this gap [s].
+        link: number of the link, from 1; 0 where nothing is within the search distance.
+        obstacle: name of the wall; empty where the other body is a link.
+        second_link: number of the other link, from 1; 0 where the other body is a wall.
     """
 
     gap: float
@@ -174,13 +175,13 @@ class NearPlace:
 
 @dataclass(frozen=True)
 class ShortStretch:
-    """A stretch of the motion that has less than the wanted gap.
+    """A stretch of the motion with less than the wanted gap.
 
     Attributes:
-        begin: its first sample [s].
-        end: its last sample [s].
-        nearest: where most is missing in it.
-        cause: why.
+        begin: time of its first sample [s].
+        end: time of its last sample [s].
+        nearest: the place in it with the largest shortfall.
+        cause: why the gap falls short.
     """
 
     begin: float
@@ -191,13 +192,13 @@ class ShortStretch:
 
 @dataclass(frozen=True)
 class PossibleGap:
-    """An upper bound on the least gap of motions; perhaps none keeps as much.
+    """An upper bound on the least gap of any motion; perhaps no motion attains it.
 
     Attributes:
-        value: [m].
-        by: what decides it.
-        walls: names of two walls between which the motion leads, where they decide: then it bounds motions that lead
-            between them; otherwise all motions.
+        value: the bound [m].
+        by: what determines the bound.
+        walls: names of the two walls that determine the bound, which then holds for motions between them; empty where
+            it holds for all motions.
     """
 
     value: float
@@ -207,19 +208,19 @@ class PossibleGap:
 
 @dataclass(frozen=True, eq=False)
 class RoomRecord:
-    """The room that a timed motion keeps at all times; ``driver.room_over_time`` makes it.
+    """The clearance of a timed motion over time, computed by ``driver.room_over_time``.
 
     Attributes:
-        time: of the samples whose gaps follow, the motion's ends and stops among them, shape (N,) [s].
-        wanted: gap that was wanted [m]; 0 when none was.
-        clearance: that walls must be kept beyond contact of the surfaces; gaps begin where it ends [m].
-        wall_gaps: least gap to a wall at those samples, shape (N,) [m].
-        self_gaps: least gap between two links at those samples, shape (N,) [m].
-        reach: gaps beyond it are not told apart and stand as this in the arrays [m].
+        time: times of the samples, the motion's ends and stops among them, shape (N,) [s].
+        wanted: wanted gap [m]; 0 when none was asked for.
+        clearance: required distance between the surfaces of arm and walls, from which gaps to walls are counted [m].
+        wall_gaps: least gap to a wall at the samples, shape (N,) [m].
+        self_gaps: least gap between two links at the samples, shape (N,) [m].
+        reach: search distance, at which the gaps in the arrays are capped [m].
         nearest: the least gap of the whole motion, between samples too.
         ends: the least gap at the start, at every stop and at the goal, in order.
-        short: stretches that have less than the wanted gap, in order.
-        possible: the gap that can be kept; None where it is not known.
+        short: stretches with less than the wanted gap, in order.
+        possible: upper bound on the attainable gap; None where it is not known.
         price: time that the wanted gap costs against the same plan without one [s]; None where that is not known.
     """
 
@@ -242,10 +243,10 @@ class RoomRecord:
 
     @property
     def at_start(self) -> NearPlace:
-        """The least gap of the start pose, which no motion can better."""
+        """The least gap of the start pose, which bounds that of any motion from it."""
         return self.ends[0]
 
     @property
     def at_goal(self) -> NearPlace:
-        """The least gap of the last pose."""
+        """The least gap of the final pose."""
         return self.ends[-1]

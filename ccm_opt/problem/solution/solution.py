@@ -1,4 +1,4 @@
-"""Solutions: a verified motion, a pose that was asked for, and plans along a Pareto front."""
+"""Results handed to the caller: a verified motion, a single pose, a map of reach, and plans along a Pareto front."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -18,35 +18,35 @@ from ccm_opt.robot.configuration import Curve
 
 
 class Presenter(Protocol):
-    """Draws, animates and saves plans."""
+    """Interface of whatever draws, animates and saves plans; it keeps plotting out of this package."""
 
     def plot(self, plan: Any) -> Any:
         """Return a figure of a plan."""
         ...
 
     def animate(self, plan: Any, file: str | Path) -> Path:
-        """Write a film of a plan."""
+        """Write a video of a plan to ``file`` and return its path."""
         ...
 
     def save(self, solution: Any, folder: str | Path) -> Path:
-        """Write the folder of a plan."""
+        """Write the output folder of a solution and return its path."""
         ...
 
 
 _PRESENTERS: list[Presenter] = []
-"""Those who have said that they can; the last counts."""
+"""Registered presenters; the last one is used."""
 
 
 def present_with(presenting: Presenter) -> None:
-    """Let somebody draw and save plans from now on."""
+    """Register a presenter, which draws and saves plans from now on."""
     _PRESENTERS.append(presenting)
 
 
 def presenter() -> Presenter:
-    """Return who draws and saves plans.
+    """Return the presenter registered last.
 
     Raises:
-        RuntimeError: nobody has said that they can; what ``ccm_opt`` hands out does.
+        RuntimeError: none is registered; importing ``solve`` or ``Solution`` from ``ccm_opt`` registers one.
     """
     if not _PRESENTERS:
         raise RuntimeError("nothing that draws and saves plans is loaded; import ccm_opt.viz.saved_plans first")
@@ -55,13 +55,13 @@ def presenter() -> Presenter:
 
 @dataclass(frozen=True)
 class GoalErrors:
-    """How the last link of a motion lies at its goal.
+    """Deviation of the last link from its goal at the end of a motion.
 
     Attributes:
-        position: distance of the tip from where it should be [m]; None for a goal of joints.
-        direction: angle between where the last link points and where it should [rad]; None where any will do.
-        roll: by which the last link is turned about its own axis, against the base turned to the same direction by the
-            shortest turn [rad]; it follows from the bends.
+        position: distance of the tip from its goal [m]; None for a goal of joints.
+        direction: angle between the direction of the last link and the one asked for [rad]; None where any will do.
+        roll: rotation of the last link about its own axis, relative to the base frame turned to the same direction by
+            the shortest rotation [rad]; it follows from the bends.
     """
 
     position: float | None
@@ -71,22 +71,22 @@ class GoalErrors:
 
 @dataclass(frozen=True, repr=False)
 class Solution:
-    """A verified plan. What is not solved is an exception, never a solution.
+    """A verified plan; a problem that is not solved raises an exception instead.
 
     Attributes:
-        problem: what was asked.
-        path: the way, without time.
-        trajectory: the same in time.
-        joints: the same for the drives.
-        simulation: what the simulated arm did.
-        checks: of the verifier, then of the user's constraints; all hold.
+        problem: the problem solved.
+        path: the untimed path.
+        trajectory: the timed motion.
+        joints: the timed motion as the drives see it.
+        simulation: motion of the simulated arm.
+        checks: checks of the verifier, then of the user's constraints; all of them passed.
         metrics: figures of merit, named with their units.
         timings: CPU time by stage [s].
-        versions: of Python and of the packages that the plan was made with.
-        room: how much room the motion keeps; None where nobody asked.
-        tolerance: errors that the motion survives; none where nobody asked.
-        tries: what came of every try, where several were asked for.
-        not_checked: what nothing was held against, though one might think so, a clause each; none as a rule.
+        versions: versions of Python and of the packages that made the plan.
+        room: clearance of the motion over time; None where not asked for.
+        tolerance: errors that the motion survives; empty where not asked for.
+        tries: outcome of every try, where several were asked for.
+        not_checked: what was not checked although a reader might assume so, a clause each; usually empty.
     """
 
     problem: Problem
@@ -111,7 +111,7 @@ class Solution:
         return f"<{type(self).__name__} of '{self.problem.name}': {motion}, {len(self.checks)} checks hold>"
 
     def _repr_html_(self) -> str:
-        """Return a table for notebooks: the checks with their worst values and limits."""
+        """Return an HTML table for notebooks: the checks with their worst values and limits."""
         cells = [
             f"<tr><td>{escape(check.name)}</td><td>{check.worst:.3g} {escape(check.unit)}</td>"
             f"<td>{check.limit:.3g}</td><td>{escape(check.where)}</td></tr>"
@@ -127,24 +127,24 @@ class Solution:
 
     @property
     def least_gap(self) -> float | None:
-        """Least gap of the motion beyond radius and clearance [m]; None where nobody measured it."""
+        """Least gap of the motion beyond radius and clearance [m]; None where not measured, or nothing is near."""
         return None if self.room is None or not self.room.nearest.link else self.room.nearest.gap
 
     @property
     def goal_errors(self) -> GoalErrors:
-        """How the last link lies at the end of a motion in space."""
+        """Deviation of the last link from its goal at the end of a motion in space."""
         return goal_errors(self.problem, self.trajectory.positions[-1])
 
     def with_room(self, room: RoomRecord) -> Self:
-        """Return the same plan with another record of its room."""
+        """Return a copy of this plan with ``room`` as the record of its clearance."""
         return replace(self, room=room)
 
     def plot(self) -> Any:
-        """Draw the plan, see ``ccm_opt.plot``; a matplotlib figure."""
+        """Return a matplotlib figure of the plan, see ``ccm_opt.plot``."""
         return presenter().plot(self)
 
     def animate(self, file: str | Path) -> Path:
-        """Write a film of the plan, see ``ccm_opt.animate``."""
+        """Write a video of the plan, see ``ccm_opt.animate``."""
         return presenter().animate(self, file)
 
     def save(self, folder: str | Path) -> Path:
@@ -153,7 +153,12 @@ class Solution:
 
 
 def goal_errors(problem: Problem, last: FloatArray) -> GoalErrors:
-    """Return how the last link lies against the goal of a problem in a configuration, shape (c,) [rad, m]."""
+    """Return the deviation of the last link from the goal of a problem in space.
+
+    Args:
+        problem: the problem.
+        last: configuration of the arm, shape (c,) [rad, m].
+    """
     arm = problem.arm
     turn = arm.link_rotations(last)[-1]
     roll = roll_against(arm.base_rotation, turn)
@@ -166,15 +171,17 @@ def goal_errors(problem: Problem, last: FloatArray) -> GoalErrors:
 
 
 def angle_between(first: FloatArray, second: FloatArray) -> float:
-    """Return the angle between two vectors, shape (3,), exact for small ones too [rad]."""
+    """Return the angle between two vectors, shape (3,), accurate for small angles too [rad]."""
     return float(np.arctan2(np.linalg.norm(np.cross(first, second)), first @ second))
 
 
 def roll_against(base: FloatArray, turn: FloatArray) -> float:
-    """Turn about x of a frame against another one that is turned to its x by the shortest turn [rad].
+    """Return the roll of a frame about its x axis, relative to a base frame turned to that axis [rad].
+
+    The base frame is turned by the shortest rotation that takes its x axis to that of the frame.
 
     Args:
-        base: the other frame, its axes as columns, shape (3, 3).
+        base: the base frame, its axes as columns, shape (3, 3).
         turn: the frame, likewise.
     """
     start = base[:, 0]
@@ -182,7 +189,7 @@ def roll_against(base: FloatArray, turn: FloatArray) -> float:
     axis = np.cross(start, end)
     cos = float(start @ end)
     if 1.0 + cos < np.finfo(np.float64).eps:
-        # Every half turn is as short as any other: that about the base's z axis is taken.
+        # The x axes are opposite and every half turn is equally short: take the one about the base's z axis.
         moved = 2.0 * np.outer(base[:, 2], base[:, 2]) @ base - base
     else:
         cross = np.cross(np.eye(3), axis)  # the matrix of x ↦ axis × x
@@ -192,13 +199,13 @@ def roll_against(base: FloatArray, turn: FloatArray) -> float:
 
 @dataclass(frozen=True)
 class BindingSide:
-    """A side of a link's region that a pose leans on: with the side farther away the pose would cost less.
+    """An active side of a link's convex region: if the side moved outwards, the pose would cost less.
 
     Attributes:
         link: number of the link, from 1 at the base.
-        place: the end of the link that leans on it, shape (d,) [m].
-        towards: unit normal of the side, from the link outwards.
-        multiplier: how much the objective would fall for one arm's length.
+        place: end of the link that touches the side, shape (d,) [m].
+        towards: unit normal of the side, pointing outwards.
+        multiplier: how much the objective would fall if the side moved by one arm's length.
     """
 
     link: int
@@ -209,13 +216,14 @@ class BindingSide:
 
 @dataclass(frozen=True)
 class PoseOutcome:
-    """What came of one beginning from which a pose at the goal was looked for.
+    """The outcome of the search for a goal pose from one initial guess.
 
     Attributes:
-        start: where the search began, in words.
-        cost: of the pose found; None when none was.
-        gap: its least room beyond radius and clearance, at most the wanted gap [m]; likewise.
-        reason: why there is none; empty when there is one.
+        start: the initial guess, in words.
+        cost: cost of the pose found; None when none was found.
+        gap: its least clearance beyond radius and required clearance, capped at the wanted gap [m]; None when none was
+            found.
+        reason: why no pose was found; empty when one was.
     """
 
     start: str
@@ -226,18 +234,18 @@ class PoseOutcome:
 
 @dataclass(frozen=True, eq=False)
 class StaticPose:
-    """The best pose that was found at a problem's goal, whatever motion would lead to it.
+    """The best pose found at a problem's goal, regardless of any motion that would lead to it.
 
     Attributes:
-        problem: what was asked.
-        pose: what the NLP said about the pose.
+        problem: the problem whose goal was solved for.
+        pose: record of the goal-pose NLP's solution.
         configuration: the pose itself, shape (c,) [rad, m].
         curve: the curve that its links follow: a ``Configuration`` in the plane, a ``SpaceConfiguration`` in space.
-        nearest: link and obstacle, or two links, that are nearest to each other, with their gap, in words.
-        residuals: by how much the pose misses each of the user's constraints at the goal, soft ones too, by name.
-        outcomes: of every beginning, the best first; the pose is that of the first.
+        nearest: the nearest pair, of a link and an obstacle or of two links, with the gap between them, in words.
+        residuals: violation of each of the user's constraints at the goal, soft ones too, by name.
+        outcomes: outcome of every initial guess, the best first; the pose is that of the first.
         timings: CPU time of every stage [s].
-        binding: sides of regions that the pose leans on, the largest multiplier first.
+        binding: active sides of the links' regions, the largest multiplier first.
     """
 
     problem: Problem
@@ -257,7 +265,7 @@ class StaticPose:
 
     @property
     def feed(self) -> float:
-        """Where the base is on its feed axis [m]; 0 without one."""
+        """Position of the base on its feed axis [m]; 0 without one."""
         return float(self.problem.arm.coordinates.advance(self.configuration))
 
     @property
@@ -267,28 +275,28 @@ class StaticPose:
 
     @property
     def goal_errors(self) -> GoalErrors:
-        """How the last link lies at the goal in space."""
+        """Deviation of the last link from the goal in space."""
         return goal_errors(self.problem, self.configuration)
 
 
 @dataclass(frozen=True, eq=False)
 class ReachMap:
-    """For each cell of a grid whether a pose was found with the tip in its middle, and which ways the link can point.
+    """A reachability grid: whether the tip can be at the centre of each cell, and in which directions of the last link.
 
-    Cells are counted by rows and columns in the plane, N = (ny, nx), and along the axes in space, N = (nx, ny, nz).
+    Cells are indexed by rows and columns in the plane, N = (ny, nx), and along the axes in space, N = (nx, ny, nz).
 
     Attributes:
-        problem: arm and scene.
+        problem: the problem that gives arm and scene.
         step: width of a cell [m].
-        axes: middles of the cells along x and y, in space along z too [m].
-        headings: of the last link that were tried in the plane, increasing, shape (K,) [rad]; none in space.
-        directions: of the last link that were tried in space, unit vectors, shape (K, 3); none in the plane.
+        axes: cell centres along x and y, in space along z too [m].
+        headings: headings of the last link tried in the plane, increasing, shape (K,) [rad]; none in space.
+        directions: directions of the last link tried in space, unit vectors, shape (K, 3); none in the plane.
         reachable: whether a pose was found, with any heading or direction, shape N.
-        taken: whether one was found with each heading or direction, shape (..., K).
-        gap: largest room beyond radius and clearance of any pose found in the cell, as far as it was looked at, shape N
-            [m]; NaN where there is none.
-        proved: whether it is proved that no pose exists, shape N; elsewhere nothing is known where none was found.
-        seen: room above which gaps are not told apart [m].
+        taken: whether a pose was found with each heading or direction, shape (..., K).
+        gap: largest clearance beyond radius and required clearance of any pose found in the cell, capped at ``seen``,
+            shape N [m]; NaN where no pose was found.
+        proved: whether it is proved that no pose exists, shape N; other cells without a pose are undecided.
+        seen: search distance, at which gaps are capped [m].
         timings: CPU time by stage, of this process and of the workers [s].
     """
 
@@ -306,20 +314,20 @@ class ReachMap:
 
     @property
     def size(self) -> float:
-        """Area of the cells in which a pose was found [m²], in space their volume [m³]."""
+        """Total area of the cells in which a pose was found [m²], in space their volume [m³]."""
         return float(self.reachable.sum()) * self.step ** len(self.axes)
 
     @property
     def places(self) -> FloatArray:
-        """Middles of all cells in space, shape (nx, ny, nz, 3) [m]."""
+        """Centres of all cells in space, shape (nx, ny, nz, 3) [m]."""
         return np.stack(np.meshgrid(*self.axes, indexing="ij"), axis=-1)
 
     @cached_property
     def heading_ranges(self) -> FloatArray:
-        """Runs of neighbouring headings that were taken, shape (R, 4).
+        """Ranges of consecutive headings with a pose, shape (R, 4).
 
-        Each has the number of the row, that of the column, and the first and last heading [rad]. A run over 360° ends
-        beyond it, and one all round has a whole turn.
+        Each row holds the cell's row and column, and the first and last heading [rad]. A range that wraps past the last
+        heading ends one turn later than its last heading; one that covers all headings is a whole turn long.
         """
         ranges = [
             (float(row), float(column), first, last)
@@ -330,7 +338,12 @@ class ReachMap:
 
 
 def _runs(headings: FloatArray, taken: BoolArray) -> list[tuple[float, float]]:
-    """Return the first and last heading of every run, round the whole turn."""
+    """Return the first and last heading of every range of consecutive headings with a pose, on the full circle.
+
+    Args:
+        headings: headings tried, increasing, shape (K,) [rad].
+        taken: whether a pose was found with each, shape (K,).
+    """
     count = len(taken)
     turn = 2.0 * np.pi
     if taken.all():
@@ -348,14 +361,14 @@ def _runs(headings: FloatArray, taken: BoolArray) -> list[tuple[float, float]]:
 
 @dataclass(frozen=True, eq=False)
 class ParetoPlan:
-    """A plan for one wanted gap.
+    """The plan for one wanted gap.
 
     Attributes:
-        wanted_gap: that was asked for [m].
-        solution: verified, with its room and its price; None when there is none.
-        reason: why there is none; empty when there is one.
+        wanted_gap: the wanted gap [m].
+        solution: verified plan, with the record of its clearance and its price; None when there is none.
+        reason: why there is no plan; empty when there is one.
         cpu: CPU time of planning, timing and verification [s].
-        dominated_by: number from 1 of a plan that is no slower and has no less room, and more of one of them; 0 when
+        dominated_by: number, from 1, of a plan that is no worse in duration and gap and better in one of them; 0 when
             there is none.
     """
 
@@ -367,7 +380,7 @@ class ParetoPlan:
 
     @property
     def duration(self) -> float:
-        """Of the motion [s]; inf without one."""
+        """Duration of the motion [s]; inf without one."""
         return np.inf if self.solution is None else self.solution.trajectory.duration
 
     @property
@@ -379,10 +392,7 @@ class ParetoPlan:
 
     @property
     def energy(self) -> float:
-        """Work that the drives do and take back, the integral of effort times speed without its sign [J].
-
-        Infinite without a motion.
-        """
+        """Energy exchanged by the drives, the time integral of |effort · speed| [J]; inf without a motion."""
         if self.solution is None:
             return np.inf
         joints = self.solution.joints
@@ -399,13 +409,13 @@ class ParetoPlan:
 
 @dataclass(frozen=True, eq=False)
 class ParetoPlans:
-    """The trade-off between time and room.
+    """The trade-off between duration and clearance.
 
     Attributes:
-        problem: what was asked.
-        plans: in the order of their wanted gaps, the first without one.
-        recommended: number from 1 of the plan to run.
-        most_time: share by which that plan may be slower than the fastest.
+        problem: the problem solved.
+        plans: plans in the order of their wanted gaps, the first without one.
+        recommended: number, from 1, of the recommended plan.
+        most_time: share by which the recommended plan may be slower than the fastest.
     """
 
     problem: Problem
@@ -415,7 +425,11 @@ class ParetoPlans:
 
     @property
     def best(self) -> Solution:
-        """The plan to run."""
+        """The recommended plan.
+
+        Raises:
+            ValueError: the recommended entry has no plan.
+        """
         solution = self.plans[self.recommended - 1].solution
         if solution is None:
             raise ValueError("no plan is recommended")
@@ -423,5 +437,5 @@ class ParetoPlans:
 
     @property
     def fastest(self) -> float:
-        """The shortest duration [s]."""
+        """Shortest duration of any plan [s]."""
         return min(plan.duration for plan in self.plans)

@@ -1,4 +1,4 @@
-"""What every stage makes of a problem, from the path without time to the simulated arm and the verifier's checks."""
+"""Results of the planning stages: untimed path, timed trajectory, drive states, simulated motion, and checks."""
 
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
@@ -14,11 +14,11 @@ if TYPE_CHECKING:
     from scipy.interpolate import BSpline
 
 _ALL_BENDS = joint_coordinates(0)
-"""Stands for a layout that is left out."""
+"""Marks an omitted layout of coordinates, which then becomes one bend per column."""
 
 
 def _left_out() -> FloatArray:
-    """Return the stands for what the axes that carry the base do when it is left out."""
+    """Return an empty array that marks omitted data of the base axes."""
     return np.zeros((0, 0))
 
 
@@ -29,11 +29,11 @@ class JointPath:
     Attributes:
         spline: C² clamped spline of the arm's coordinates over the path parameter u in [0, 1], values (c,) [rad, m].
         keyframes: coordinates at the planner's keyframes, shape (K, c) [rad, m].
-        curves: the continuum curve behind each keyframe, length K.
+        curves: the continuum curve to which each keyframe was fitted, length K.
         candidate: name of the tactic that found the motion.
-        spare: gap beyond contact that the whole path is certified to keep [m]; timing may use it up.
-        goal_pose: what the goal-pose NLP said about the end; None where it was not asked, or gave no answer.
-        parts: the paths of which it is made, where it is made of several; the spline has a corner between two of them,
+        spare: certified least gap beyond contact of the whole path [m]; timing may use it up.
+        goal_pose: record of the goal-pose NLP for the final pose; None where it was not run, or found nothing.
+        parts: the paths joined into this one, where there are several; the spline has a corner between two of them,
             where the arm has to rest.
     """
 
@@ -46,7 +46,7 @@ class JointPath:
     parts: "tuple[JointPath, ...]" = ()
 
     def reversed(self) -> "JointPath":
-        """Return the same motion from its end to its start; to draw the arm back is to reverse how it came."""
+        """Return the path run backwards, from its end to its start, for example to retract the arm."""
         spline = self.spline
         backwards = type(spline)(spline.t[-1] - spline.t[::-1], spline.c[::-1].copy(), spline.k)
         return replace(
@@ -55,7 +55,7 @@ class JointPath:
             keyframes=self.keyframes[::-1].copy(),
             curves=self.curves[::-1],
             candidate=f"{self.candidate}, backwards" if self.candidate else "backwards",
-            # The pose at which the motion now begins says nothing about where it ends.
+            # The record describes the final pose, which is now the start.
             goal_pose=None,
             parts=tuple(part.reversed() for part in reversed(self.parts)),
         )
@@ -66,18 +66,17 @@ class JointPath:
 
 @dataclass(frozen=True, repr=False)
 class JointTrajectory:
-    """A timed motion, sampled.
+    """A sampled timed motion.
 
     Attributes:
-        time: shape (T,) [s], from 0, steps of at most 5 ms.
-        positions: of all coordinates: bends, counter-clockwise, then the axes that carry the base, shape (T, c)
-            [rad, m].
+        time: times of the samples, shape (T,) [s], from 0, steps of at most 5 ms.
+        positions: all coordinates: bends, counter-clockwise, then the base axes, shape (T, c) [rad, m].
         velocities: shape (T, c) [rad/s, m/s].
         accelerations: shape (T, c) [rad/s², m/s²].
-        coordinates: what the columns are; when left out, each is the bend of a joint.
-        stops: numbers of the samples at which the arm rests at its goals on the way, in order.
-        timed_by: what found the speeds of each stretch from rest to rest: ``"toppra"``, ``"sweeps"`` with the reason,
-            ``"paul"``, or ``"rest"`` where nothing moves; empty when it is not known, as of a motion that is read back.
+        coordinates: meaning of the columns; by default each is the bend of a joint.
+        stops: indices of the samples at which the arm rests at its intermediate goals, in order.
+        timed_by: method that timed each stretch from rest to rest: ``"toppra"``, ``"sweeps"`` with the reason,
+            ``"paul"``, or ``"rest"`` where nothing moves; empty when unknown, as for a motion read from a file.
     """
 
     time: FloatArray
@@ -114,24 +113,24 @@ class JointTrajectory:
 
     @property
     def base_positions(self) -> FloatArray:
-        """Positions of the axes that carry the base, shape (T, axes) [m]; (T, 0) when it is fixed."""
+        """Positions of the base axes, shape (T, axes) [m]; (T, 0) when the base is fixed."""
         return self.positions[:, self.coordinates.base]
 
     @property
     def base_velocities(self) -> FloatArray:
-        """Velocities of the axes that carry the base, shape (T, axes) [m/s]."""
+        """Velocities of the base axes, shape (T, axes) [m/s]."""
         return self.velocities[:, self.coordinates.base]
 
     @property
     def base_accelerations(self) -> FloatArray:
-        """Accelerations of the axes that carry the base, shape (T, axes) [m/s²]."""
+        """Accelerations of the base axes, shape (T, axes) [m/s²]."""
         return self.accelerations[:, self.coordinates.base]
 
     def part(self, samples: slice) -> "JointTrajectory":
-        """Return some of the samples, in their order; stops that are not among them are left out.
+        """Return the trajectory restricted to a range of samples, with the stops among them.
 
         Args:
-            samples: a slice without a step.
+            samples: the range, a slice without a step.
         """
         first, last, _ = samples.indices(len(self.time))
         return replace(
@@ -149,16 +148,16 @@ class JointTrajectory:
 
 @dataclass(frozen=True, repr=False)
 class JointStates:
-    """The same motion as the drives see it: the three revolutes of every ball joint, and the axes of the base.
+    """A timed motion as the drives see it: the three revolutes of every ball joint, and the base axes.
 
     Attributes:
-        names: of the revolutes, in the order of ``joint_names``.
-        angles: of the revolutes, shape (T, 3 * links) [rad].
+        names: names of the revolutes, in the order of ``joint_names``.
+        angles: angles of the revolutes, shape (T, 3 * links) [rad].
         velocities: shape (T, 3 * links) [rad/s].
         accelerations: shape (T, 3 * links) [rad/s²].
         torques: shape (T, 3 * links) [N m].
-        base_forces: what the axes that carry the base bear along their direction, shape (T, axes) [N]; when left out,
-            the base is fixed.
+        base_forces: forces of the base axes along their directions, shape (T, axes) [N]; when left out, the base is
+            fixed.
     """
 
     names: tuple[str, ...]
@@ -178,15 +177,15 @@ class JointStates:
 
 @dataclass(frozen=True, repr=False)
 class SimulatedMotion:
-    """What the simulated arm did, at the trajectory's own samples.
+    """Motion of the simulated arm, at the samples of the trajectory.
 
     Attributes:
-        angles: shape (T, 3 * links) [rad]; where the run was stopped, its last pose stands for all later ones.
-        torques: applied, shape (T, 3 * links) [N m]; 0 after the run was stopped.
+        angles: angles of the revolutes, shape (T, 3 * links) [rad]; after an early stop the last pose is repeated.
+        torques: applied torques, shape (T, 3 * links) [N m]; 0 after an early stop.
         tracking_error: largest joint error at any integration step [rad].
         saturated: whether any effort met its limit.
-        base_positions: of the axes that carry the base, shape (T, axes) [m]; when left out, the base is fixed.
-        saturated_time: for how long in all some effort was at its limit [s].
+        base_positions: positions of the base axes, shape (T, axes) [m]; when left out, the base is fixed.
+        saturated_time: total time for which some effort was at its limit [s].
         verdict: whether the arm followed its plan.
     """
 
@@ -212,12 +211,12 @@ class Check:
 
     Attributes:
         name: for example ``wall clearance`` or ``joint torque``.
-        worst: worst value met, in ``unit``.
-        limit: the limit it is held against, in ``unit``.
+        worst: worst value over the motion, in ``unit``.
+        limit: the limit on that value, in ``unit``.
         unit: unit of both.
-        where: link or joint, obstacle, and time, in words.
+        where: link or joint, obstacle, and time of the worst value, in words.
         passed: whether the limit holds.
-        place: of a check of gaps, where the least one is; None of other checks, and where nothing is near.
+        place: place of the least gap, for checks of gaps; None for other checks, and where nothing is near.
     """
 
     name: str
