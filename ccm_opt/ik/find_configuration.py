@@ -1,9 +1,10 @@
-"""Finds configurations through corridors.
+"""Search for configurations through corridors.
 
-The guess is a heading profile θ(s). Over region r, where the taut path has the length ℓ and the curve gets Λ ≥ ℓ, the
-heading swings about the path's by a sin 2πmu, u in [0, 1]: such a curve advances by Λ J₀(a), so J₀(a) = ℓ/Λ takes up
-the surplus length (Bessel's integral; the modal curves of Chirikjian and Burdick use the same identity). Its m bumps
-rise Λ/(2m) H₀(a) from the path, H₀ Struve's function; m is the least that fits the region.
+The initial guess is a heading profile θ(s). Over region r, where the taut path has the length ℓ and the curve gets Λ ≥
+ℓ, the heading swings about that of the path by a sin 2πmu, u in [0, 1]: such a curve advances by Λ J₀(a), so J₀(a) =
+ℓ/Λ takes up the surplus length (Bessel's integral; the modal curves of Chirikjian and Burdick use the same identity).
+Its m bumps rise Λ/(2m) H₀(a) from the path, where H₀ is Struve's function; m is the smallest number whose bumps fit
+into the region.
 """
 
 from collections.abc import Iterator
@@ -42,10 +43,10 @@ from ccm_opt.robot.segment import EVEN_KNOTS, PIECES, SegmentType, curvature_spl
 from ccm_opt.scene.corridor import ConvexRegion
 
 _POLISH_STEPS = 8
-"""Newton steps that bring the tip onto the goal, at most. Taste; three are usual."""
+"""Most Newton steps that bring the tip onto the goal. Taste; three are usual."""
 
 _PATH_SAMPLES = 401
-"""Samples of the taut path at which its region is looked up. Taste."""
+"""Number of samples of the taut path at which its region is looked up. Taste."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +54,7 @@ class PathProfile:
     """The taut path in units of the arm's length, base at the origin.
 
     Attributes:
-        points: shape (k, 2).
+        points: vertices of the path, shape (k, 2).
         arcs: length up to each point, shape (k,).
         directions: unwrapped heading of each leg, shape (k - 1,) [rad].
         base_heading: heading at the base [rad].
@@ -72,19 +73,19 @@ class PathProfile:
         return abs(float(self.directions[0]) - self.base_heading) + abs(self.tip_heading - float(self.directions[-1]))
 
     def direction_at(self, length: FloatArray) -> FloatArray:
-        """Return the unwrapped heading of the path at lengths along it [rad]."""
+        """Return the unwrapped heading of the path at given lengths along it [rad]."""
         return self.directions[leg_indices(self.arcs, length)]
 
     def point_at(self, length: FloatArray) -> FloatArray:
-        """Return the points of the path at lengths along it, shape (m, 2)."""
+        """Return the points of the path at given lengths along it, shape (m, 2)."""
         return points_at(self.points, self.arcs, length)
 
 
 def path_profile(task: ConfigurationTask, base_turns: int = 0, tip_turns: int = 0) -> PathProfile:
-    """Return the headings along the task's taut path, unwrapped from base to tip.
+    """Return the task's taut path with its headings, unwrapped from base to tip.
 
     Args:
-        task: with the corridor whose route is followed.
+        task: the task, whose corridor's route is followed.
         base_turns: whole turns added between the base heading and the path.
         tip_turns: whole turns added between the path and the goal heading.
     """
@@ -94,7 +95,7 @@ def path_profile(task: ConfigurationTask, base_turns: int = 0, tip_turns: int = 
     middle = 0.5 * (low + high)
     base_heading = float(np.clip(middle + wrap(float(directions[0]) - middle), low, high))
     first = base_heading + wrap(float(directions[0]) - base_heading) + WHOLE_TURN * base_turns
-    # All headings are shifted together, so that turns along the path stay what they are.
+    # All headings are shifted together, so that turns along the path stay the same.
     directions += first - directions[0]
     tip = float(directions[-1])
     if task.goal_heading is not None:
@@ -103,54 +104,54 @@ def path_profile(task: ConfigurationTask, base_turns: int = 0, tip_turns: int = 
 
 
 def region_crossings(profile: PathProfile, task: ConfigurationTask) -> FloatArray:
-    """Return lengths of the taut path at which it passes from region to region, ends included, shape (regions + 1,)."""
+    """Return the lengths along the taut path at which it changes region, ends included, shape (regions + 1,)."""
     t = np.linspace(0.0, profile.arcs[-1], _PATH_SAMPLES)
     world = profile.point_at(t) * task.length + task.base
     inside = [np.all(world @ region.normals.T <= region.offsets + 1e-9, axis=1) for region in task.corridor.regions]
     crossings = [0.0]
     for here, there in pairwise(inside):
-        # Two regions overlap along a stretch of the path: it passes from one to the other in the middle of it.
+        # Two regions overlap along a stretch of the path: the path changes region in its middle.
         both = t[here & there & (t >= crossings[-1])]
         crossings.append(float(both.mean()) if len(both) else crossings[-1])
     return np.append(crossings, profile.arcs[-1])
 
 
 def _taut_points(task: ConfigurationTask) -> FloatArray:
-    """Return the route's taut string from base to goal without double points, scaled, at least two points."""
+    """Return the route's taut string from base to goal, scaled and without repeated points; at least two points."""
     points = (np.vstack((task.base, task.corridor.route.taut[1:-1], task.goal)) - task.base) / task.length
     points = without_repeats(points, 1e-6)
     return points if len(points) > 1 else np.vstack((points, points[0] + np.array([1e-3, 0.0])))
 
 
 _SEGMENT_TOTALS = (4, 6, 8)
-"""Segments in all at the attempts after the first. Taste."""
+"""Total numbers of segments in the attempts after the first. Taste."""
 _WINDINGS = 3
-"""Whole turns at the ends that are tried, the fewest first. Taste."""
+"""Number of windings (whole turns at the ends) that are tried, the fewest turns first. Taste."""
 _GUESS_SAMPLES = 401
-"""Samples of the guessed heading. Taste."""
+"""Number of samples of the guessed heading. Taste."""
 _CORNER_ROUNDING = 0.06
 """Width over which corners of the guessed heading are rounded [L]. Taste."""
 _END_BLEND = 0.12
-"""Length over which the guess turns from the base's heading to the path's, and from the path's to the tip's [L].
+"""Length over which the guess turns from the base heading to the path's, and from the path's to the tip heading [L].
 Taste."""
 _LEAST_REGION_SHARE = 0.05
-"""Length that the guess gives to each region at least [L]. Taste."""
+"""Least length that the guess gives to each region [L]. Taste."""
 _GUESS_CURVATURE = 0.9
-"""Share of the curvature limit that the guess may use: it starts inside. Taste."""
+"""Share of the curvature limit that the guess may use, so that it starts inside the bounds. Taste."""
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(16)
-"""Gauss points of a piece."""
+"""Gauss points of one piece."""
 
 
 def polished_configuration(nlp: ConfigurationNLP, variables: FloatArray) -> Configuration:
     """Return the configuration of a solution with tip position, heading and length exact.
 
     Args:
-        nlp: the NLP solved.
+        nlp: the NLP that was solved.
         variables: its solution.
 
     Returns:
-        In metres; with a mount the first segment is its straight stub.
+        A configuration in metres; with a mount its first segment is the straight stub.
     """
     task = nlp.task
     states, controls = unpack_variables(variables)
@@ -174,8 +175,8 @@ def heading_basis(widths: FloatArray) -> tuple[FloatArray, FloatArray, FloatArra
         widths: arc lengths between knots, shape (K, 4) [m].
 
     Returns:
-        The rows at quadrature nodes (nodes, values) [m], the weights of the nodes (nodes,) [m] in ∫ f ds = weights @
-        f(nodes), and the row at the chain's end (values,) [m].
+        The rows at quadrature nodes (nodes, values) [m]; the weights of the nodes (nodes,) [m], with ∫ f ds = weights @
+        f(nodes); and the row at the chain's end (values,) [m].
     """
     breaks = np.append(0.0, np.cumsum(widths))
     coefficients = np.zeros((widths.size, PIECES, widths.size + 1))
@@ -189,11 +190,14 @@ def heading_basis(widths: FloatArray) -> tuple[FloatArray, FloatArray, FloatArra
 
 
 def _newton(nlp: ConfigurationNLP, widths: FloatArray, heading: float, values: FloatArray) -> tuple[float, FloatArray]:
-    """Least change of base heading and curvature, in units of the arm's length, that puts the tip on the goal."""
+    """Return the base heading and curvatures that put the tip on the goal with the least change.
+
+    Changes of curvature are measured in units of the arm's length.
+    """
     task = nlp.task
     basis = heading_basis(widths)
 
-    # A fixed base keeps its heading; behind a straight stub the curvature begins at zero.
+    # A fixed base keeps its heading; after a straight stub the curvature starts at zero.
     free = np.append(nlp.upper[2] > nlp.lower[2], np.full(len(values), fill_value=True))
     free[1] = task.stub == 0.0
     scale = np.append(1.0, np.full(len(values), 1.0 / task.length))[free]
@@ -213,7 +217,10 @@ def _newton(nlp: ConfigurationNLP, widths: FloatArray, heading: float, values: F
 def _tip_equations(
     nlp: ConfigurationNLP, basis: tuple[FloatArray, FloatArray, FloatArray], unknowns: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Tip position [m] and, when asked for, heading minus the goal's, with their Jacobian in (θ_0, values)."""
+    """Return the tip position [m] minus the goal's, and the Jacobian in (θ_0, values).
+
+    If the goal has a heading, the difference of the tip heading [rad] is the third equation.
+    """
     task = nlp.task
     rows, weights, tip = basis
     theta = unknowns[0] + rows @ unknowns[1:]
@@ -233,12 +240,12 @@ def _tip_equations(
 
 
 def initial_guess(nlp: ConfigurationNLP, profile: PathProfile, bulge: int = 1) -> FloatArray:
-    """Return the variables of the NLP near a smooth curve along a path, shape (variables,).
+    """Return variables of the NLP for a smooth curve along a path, shape (variables,).
 
     Args:
-        nlp: the NLP to start.
-        profile: the path's headings.
-        bulge: +1 swings the surplus length to the roomier side of each region, -1 to the other.
+        nlp: the NLP to be started.
+        profile: the path with its headings.
+        bulge: +1 swings the surplus length to the side of each region with more space, -1 to the other.
     """
     task = nlp.task
     crossings = region_crossings(profile, task)
@@ -250,12 +257,12 @@ def initial_guess(nlp: ConfigurationNLP, profile: PathProfile, bulge: int = 1) -
     region = np.clip(np.searchsorted(edges, s, side="right") - 1, 0, len(lengths) - 1)
     heading += amplitudes[region] * np.sin(2.0 * np.pi * waves[region] * (s - edges[region]) / lengths[region])
 
-    # The ends are brought to the wanted headings, and the corners rounded.
+    # The ends are blended to the wanted headings, and the corners rounded.
     heading += (profile.base_heading - heading[0]) * np.clip(1.0 - s / _END_BLEND, 0.0, 1.0)
     heading += (profile.tip_heading - heading[-1]) * np.clip(1.0 - (1.0 - s) / _END_BLEND, 0.0, 1.0)
     smooth = gaussian_filter1d(heading, _CORNER_ROUNDING * len(s), mode="nearest")
 
-    # The segments of one region share its length evenly.
+    # The segments of a region share its length evenly.
     counts = np.bincount(nlp.regions, minlength=len(lengths))
     boundaries = np.append(0.0, np.cumsum(np.repeat(lengths / counts, counts)))
     return _sample(nlp, profile, s, smooth, boundaries)
@@ -264,20 +271,20 @@ def initial_guess(nlp: ConfigurationNLP, profile: PathProfile, bulge: int = 1) -
 def _swings(
     nlp: ConfigurationNLP, profile: PathProfile, bulge: int, crossings: FloatArray, lengths: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the swing a of the heading in each region, positive to the left first [rad], and its number m of bumps.
+    """Return the heading swing a in each region, positive to the left first [rad], and the number m of bumps.
 
     Args:
-        nlp: the NLP to start.
-        profile: the path's headings.
-        bulge: side of the surplus length.
-        crossings: length of the taut path at the regions' boundaries, shape (regions + 1,).
-        lengths: of the curve in each region, shape (regions,).
+        nlp: the NLP to be started.
+        profile: the path with its headings.
+        bulge: side of the surplus length, as in ``initial_guess``.
+        crossings: lengths along the taut path at the regions' boundaries, shape (regions + 1,).
+        lengths: length of the curve in each region, shape (regions,).
     """
     task = nlp.task
     regions = task.corridor.regions
     taut = np.diff(crossings)
 
-    # The swing that takes up each region's surplus length, to the side with more room in the middle of its stretch.
+    # The swing takes up each region's surplus length, on the side with more space at the middle of its stretch.
     swings = [end_angle(SegmentType.LEFT_RIGHT, min(1.0, t / length)) for t, length in zip(taut, lengths, strict=True)]
     amplitudes = np.array(swings)
     middle = crossings[:-1] + 0.5 * taut
@@ -287,7 +294,7 @@ def _swings(
     left, right = np.array(reaches).T / task.length
     sides = np.where(left >= right, 1, -1) * bulge
 
-    # As few bumps as fit that room; no more than there are segments to make them, nor than the curvature allows.
+    # As few bumps as fit that space; at most one per segment, and no more than the curvature allows.
     rise = 0.5 * lengths * struve(0, amplitudes)
     fitting = np.ceil(rise / np.maximum(np.where(sides > 0, left, right), 1e-3))
     segments = np.bincount(nlp.regions, minlength=len(regions))
@@ -297,7 +304,10 @@ def _swings(
 
 
 def curve_shares(task: ConfigurationTask, profile: PathProfile, crossings: FloatArray) -> FloatArray:
-    """Share of the arm's length that each region gets, shape (regions,): its taut stretch, surplus length by area²."""
+    """Return the share of the arm's length for each region, shape (regions,).
+
+    A region gets its taut stretch, and a part of the surplus length proportional to its squared area.
+    """
     regions = task.corridor.regions
     taut = np.diff(crossings)
     areas = np.array([shapely.Polygon(region.vertices).area for region in regions])
@@ -308,7 +318,7 @@ def curve_shares(task: ConfigurationTask, profile: PathProfile, crossings: Float
 
 
 def _reaches(region: ConvexRegion, point: FloatArray, across: float) -> tuple[float, float]:
-    """Return the distance from a point to the region's edge along the heading ``across`` and against it [m]."""
+    """Return the distances from a point to the region's edge along heading ``across`` and against it [m]."""
     slack = region.offsets - region.normals @ point
     rate = region.normals @ unit_vector(across)
     ahead = rate > 1e-9
@@ -322,11 +332,11 @@ def _reaches(region: ConvexRegion, point: FloatArray, across: float) -> tuple[fl
 def _sample(
     nlp: ConfigurationNLP, profile: PathProfile, s: FloatArray, heading: FloatArray, boundaries: FloatArray
 ) -> FloatArray:
-    """Return the states at the segment boundaries and controls from a sampled heading.
+    """Return the variables, states at segment boundaries and controls, of a sampled heading.
 
-    Positions sheared to meet the goal.
+    Positions are sheared to meet the goal.
     """
-    # Trapezium rule, then a shear: the tip's distance from the goal is spread evenly over the arm's length.
+    # Trapezium rule, then a shear: the tip's error is spread evenly over the arm's length.
     tangents = unit_vector(heading)
     steps = 0.5 * np.diff(s)[:, None] * (tangents[1:] + tangents[:-1])
     points = np.vstack((np.zeros(2), np.cumsum(steps, axis=0)))
@@ -336,7 +346,7 @@ def _sample(
     curvature = np.clip(np.gradient(heading, s), -limit, limit)
     knots = boundaries[:-1, None] + np.diff(boundaries)[:, None] * np.linspace(0.0, 1.0, PIECES + 1)
     values = np.interp(knots, s, curvature)
-    # The bounds on |κ| start a little above what they bound, inside their rows.
+    # The bounds on |κ| start slightly above the curvatures, so that their rows hold.
     bounds = np.minimum(1.1 * np.maximum(np.abs(values[:, 1:]), np.abs(values[:, :-1])) + 0.1, limit)
     controls = np.hstack((values[:, 1:], np.diff(knots, axis=1), bounds))
     at = [np.interp(boundaries, s, column) for column in (*points.T, heading, curvature)]
@@ -347,18 +357,18 @@ def _sample(
 def find_configuration(task: ConfigurationTask, most_attempts: int | None = None) -> Configuration:
     """Return a configuration that reaches the goal inside the corridor within the curvature limit.
 
-    Tries one segment a region first, then more; for each the nearest winding of the tip heading, then its
-    neighbours, and the surplus length to either side. Every answer is polished and densely checked.
+    Tries one segment per region first, then more; for each first the nearest winding of the tip heading, then its
+    neighbours, and the surplus length on either side. Every solution is polished and densely checked.
 
     Args:
         task: poses, length, limits and corridor.
-        most_attempts: give up after so many; all by default, at most ten. Most tasks need one.
+        most_attempts: number of attempts before giving up; all by default, at most ten. Most tasks need one.
 
     Returns:
         A checked configuration: tip within 1e-5 m, |κ| within the limit, inside the corridor.
 
     Raises:
-        ConfigurationNotFound: no attempt passed; its diagnosis names the row that stood in the way.
+        ConfigurationNotFound: no attempt passed; the diagnosis names the row that could not be satisfied.
     """
     if (obstacle := beyond_reach(task)) is not None:
         raise ConfigurationNotFound(obstacle)
@@ -374,13 +384,13 @@ def find_configuration(task: ConfigurationTask, most_attempts: int | None = None
 def attempt(
     task: ConfigurationTask, regions: tuple[int, ...], profile: PathProfile, bulge: int
 ) -> Configuration | FailedAttempt:
-    """Return one guess, one solve, one check.
+    """Return the result of one guess, one solution and one check: a configuration, or why it failed.
 
     Args:
-        task: what is to be found.
-        regions: region of each segment.
-        profile: headings along the path, with their whole turns.
-        bulge: side of the surplus length.
+        task: the task to be solved.
+        regions: index of the region of each segment.
+        profile: the path with its headings, whole turns included.
+        bulge: side of the surplus length, as in ``initial_guess``.
     """
     tip_heading = None if task.goal_heading is None else profile.tip_heading
     nlp = build_configuration_nlp(task, regions, tip_heading)
@@ -393,10 +403,10 @@ def attempt(
 
 
 def attempts(task: ConfigurationTask) -> Iterator[tuple[tuple[int, ...], PathProfile, int]]:
-    """Yield the regions of the segments, path headings and side of the surplus length, most promising first."""
+    """Yield regions of the segments, path profile and side of the surplus length, the most promising first."""
     profiles = winding_profiles(task)
     first, *others = segment_regions(task, profiles[0])
-    # Most tasks need the first guess only; more segments cost more than another side or winding.
+    # Most tasks need only the first guess; more segments cost more than another side or winding.
     yield first, profiles[0], 1
     yield first, profiles[0], -1
     for profile in profiles[1:]:
@@ -407,9 +417,9 @@ def attempts(task: ConfigurationTask) -> Iterator[tuple[tuple[int, ...], PathPro
 
 
 def winding_profiles(task: ConfigurationTask) -> list[PathProfile]:
-    """Return the path's headings with the fewest whole turns at its ends: the nearest winding, then its neighbours."""
+    """Return path profiles with the fewest whole turns at the ends: the nearest winding, then its neighbours."""
     low, high = task.base_heading_range
-    # A base that turns freely meets the path's heading as it is; a fixed one may have to wind round to it.
+    # A freely turning base takes the path's heading; a fixed one may have to wind around to it.
     base = (0, 1, -1) if high - low < WHOLE_TURN else (0,)
     tip = (0,) if task.goal_heading is None else (0, 1, -1)
     profiles = [path_profile(task, *turns) for turns in product(base, tip)]
@@ -417,14 +427,14 @@ def winding_profiles(task: ConfigurationTask) -> list[PathProfile]:
 
 
 def segment_regions(task: ConfigurationTask, profile: PathProfile) -> list[tuple[int, ...]]:
-    """Return the region of each segment: one each, then greater totals, shared by curve length."""
+    """Return plans of the region of each segment: one segment per region, then greater totals by curve length."""
     count = len(task.corridor.regions)
     shares = np.ones(count, dtype=np.intp)
     plans = [shares.copy()]
     lengths = curve_shares(task, profile, region_crossings(profile, task))
     for total in _SEGMENT_TOTALS:
         while shares.sum() < total:
-            shares[np.argmax(lengths / shares)] += 1  # to the region whose segments are longest
+            shares[np.argmax(lengths / shares)] += 1  # one more for the region with the longest segments
         if shares.sum() > plans[-1].sum():
             plans.append(shares.copy())
     return [tuple(np.repeat(np.arange(count), plan).tolist()) for plan in plans]

@@ -1,4 +1,4 @@
-"""The goal-pose NLP solved in rounds, and the users' constraints and costs in its programs."""
+"""Goal poses from the NLP, solved in rounds, with the users' constraints and costs in its program."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
@@ -23,17 +23,17 @@ from ccm_opt.scene.distances.surface_tree import SurfaceTree
 _GOAL = 1.0
 """Path parameter of the goal."""
 _REGION_SIZES = (8, 16, 24, 32, 48, 64, 96, 128)
-"""Numbers of sides of a joint that programs are built for, so that poses share solvers (measured: of 42 scenes of
-clutter in the plane all need eight or fewer)."""
+"""Numbers of sides per joint that programs are built for, so that poses share solvers (measured: all of 42 scenes of
+clutter in the plane need eight or fewer)."""
 
 
-@lru_cache(maxsize=4)  # the regions are drawn anew several times for one question; its solver is built once
+@lru_cache(maxsize=4)  # regions are redrawn several times per question, but the solver is built once
 def with_user_terms(program: PoseProgram, terms: UserTerms) -> PoseProgram:
-    """Return the program with the user's hard constraints as rows, and soft ones and costs in its objective.
+    """Return the program with the user's hard constraints as rows, and soft constraints and costs as costs.
 
     Args:
-        program: without them.
-        terms: compiled for the same arm; those that do not cover the goal are left out.
+        program: the program without user terms.
+        terms: terms compiled for the same arm; those that do not cover the goal are left out.
     """
     pose = ca.vec(program.frames.bends)
     feed = terms.quantities.arm.length * program.unknowns["feed"]
@@ -49,7 +49,7 @@ def with_user_terms(program: PoseProgram, terms: UserTerms) -> PoseProgram:
 
 
 def _rows_of(item: CompiledConstraint, pose: ca.SX, feed: ca.SX) -> RowBlock:
-    """Return a hard constraint at the goal, one row an entry, in the user's unit."""
+    """Return the rows of a hard constraint at the goal, one per entry, in the user's unit."""
     name = item.constraint.name
     count = len(item.lower)
     names = (f"user: {name}",) if count == 1 else tuple(f"user: {name}, entry {k + 1}" for k in range(count))
@@ -57,7 +57,7 @@ def _rows_of(item: CompiledConstraint, pose: ca.SX, feed: ca.SX) -> RowBlock:
 
 
 def bounded(pose: ArmPose) -> bool:
-    """Return whether a side of a region shapes the pose, so that it may be better in regions drawn anew."""
+    """Return whether a side of a region shapes the pose, so that redrawn regions may improve it."""
     return any("of its region" in name for name in pose.answer.multipliers)
 
 
@@ -66,14 +66,15 @@ class GoalPoses:
     """Improves poses at the goal of one problem.
 
     Attributes:
-        problem: with a goal for the tip.
-        tree: of the walls and surfaces of its workspace.
-        near: configuration of the pose to stay near, shape (c,) [rad, m]; None for the pose that is improved.
+        problem: the problem, with a goal for the tip.
+        tree: distance tree of the walls and surfaces of its workspace.
+        near: configuration to stay near, shape (c,) [rad, m]; None for the pose that is improved.
         terms: the user's constraints and costs, or None.
-        settings: of the NLP.
-        room_share: room that is worth something, as a multiple of the problem's wanted gap.
-        aim: where planning leads the tip in place of the problem's goal, or None.
-        room: by how much the tip [m] and the last link [rad] may miss the goal; then any such pose will do.
+        settings: settings of the NLP.
+        room_share: multiple of the problem's wanted clearance beyond which more clearance is worth nothing.
+        aim: goal to use instead of the problem's goal, or None.
+        room: tolerances of the tip position [m] and of the last link's direction [rad]; all poses within them are
+            equally good.
         clamped: whether the first link keeps its direction.
     """
 
@@ -89,10 +90,10 @@ class GoalPoses:
 
     @cached_property
     def target(self) -> TipGoal:
-        """Where the tip has to be.
+        """Goal of the tip.
 
         Raises:
-            ProblemError: the goal is a pose of the whole arm, of which nothing is left to choose.
+            ProblemError: the goal is a pose of the whole arm, which leaves nothing to choose.
         """
         goal = self.aim or self.problem.goal.for_tip
         if goal is None:
@@ -101,21 +102,21 @@ class GoalPoses:
 
     @property
     def allowed(self) -> float:
-        """Gap that may be missing for rounding [m]."""
+        """Clearance that may be missing because of rounding [m]."""
         return self.settings.feasible * self.problem.arm.length
 
     @property
     def wanted_gap(self) -> float:
-        """Room beyond radius and clearance above which more is worth nothing [m].
+        """Clearance beyond the required one above which more is worth nothing [m].
 
-        That of the problem; where its motion is to keep none, still what a pose would keep by default.
+        That of the problem; if its motion wants none, the clearance that a pose would keep by default.
         """
         return self.room_share * (self.problem.wanted_gap or self.problem.default_gap)
 
     def gap(self, q: FloatArray) -> float:
-        """Return the least gap of a pose beyond radius and clearance [m].
+        """Return the least clearance of a pose beyond radius and required clearance [m].
 
-        Not told apart beyond the reach of regions.
+        The clearance to walls is capped at the reach of regions.
         """
         arm = self.problem.arm
         points = arm.joint_positions_at(q)
@@ -126,7 +127,10 @@ class GoalPoses:
         return min(self._wall_gap(points), float(np.min(segment_distances(*ends)[2])) - 2.0 * arm.radius)
 
     def _wall_gap(self, points: FloatArray) -> float:
-        """Return the least gap of a pose to walls and surfaces, of joints and tip (links + 1, d) [m]."""
+        """Return the least clearance of a pose to walls and surfaces beyond the required one [m].
+
+        ``points`` are the joints and the tip, shape (links + 1, d) [m].
+        """
         arm = self.problem.arm
         kept = arm.radius + self.problem.workspace.clearance
         reach = self.settings.reach * arm.length + kept
@@ -134,16 +138,16 @@ class GoalPoses:
         return float(np.min(gaps, initial=reach)) - kept
 
     def regions(self, q: FloatArray, drawn_with: PoseSettings) -> JointRegions:
-        """Return the sides of every link's region about a pose."""
+        """Return the sides of every link's region around a pose."""
         arm = self.problem.arm
         points = arm.joint_positions_at(q)
         clearance = self.problem.workspace.clearance
         return regions_about(arm, self.tree, clearance, self.wanted_gap, points, drawn_with)
 
     def solved_within(self, start: FloatArray, seed: FloatArray, drawn_with: PoseSettings) -> ArmPose:
-        """Return one solution, its regions drawn with settings of their own.
+        """Return one solution with regions drawn around the start with the given settings.
 
-        It stays near the seed unless told otherwise.
+        The solution stays near the seed unless ``near`` is set.
         """
         arm = self.problem.arm
         regions = self.regions(start, drawn_with)
@@ -180,11 +184,11 @@ class GoalPoses:
         )
 
     def solved(self, start: FloatArray, seed: FloatArray | None = None) -> ArmPose:
-        """Return one solution, feasible or not, with more and farther sides where a link has strayed beyond its region.
+        """Return one solution, feasible or not, with more and farther sides if a link has left its region's reach.
 
         Args:
             start: the pose to start from.
-            seed: where the first of several solutions started; the same when None.
+            seed: where the first of several solutions started; ``start`` if None.
         """
         for drawn_with in self.settings.widening:
             pose = self.solved_within(start, start if seed is None else seed, drawn_with)
@@ -193,14 +197,14 @@ class GoalPoses:
         return pose
 
     def improved(self, seed: FloatArray, deadline: Deadline | None = None) -> tuple[ArmPose, ...]:
-        """Return the solutions from a pose, each from the one before with its regions drawn anew about it.
+        """Return successive solutions from a pose, each from the previous one with redrawn regions.
 
         Args:
             seed: a pose at or near the goal that touches nothing.
-            deadline: no further solution is begun after it.
+            deadline: no further solution is started after it.
 
         Returns:
-            At least one; the last is the best when it is feasible. One that is not says why.
+            At least one pose; the last is the best if it is feasible. An infeasible one says why.
         """
         found: list[ArmPose] = []
         start = seed
@@ -213,7 +217,11 @@ class GoalPoses:
         return tuple(found)
 
     def _good_enough(self, found: list[ArmPose]) -> bool:
-        """Whether the last solution brought little, with all the room that is wanted or no side that shapes it."""
+        """Return whether another round is not worthwhile.
+
+        That is the case if the wanted clearance is reached and no side shapes the pose, or if the last round brought
+        little.
+        """
         settings = self.settings
         pose = found[-1]
         wide = pose.gap >= settings.enough * self.wanted_gap
@@ -226,14 +234,14 @@ class GoalPoses:
         return gain < settings.worthwhile and (wide or growth < settings.worthwhile * self.wanted_gap)
 
     def feasible(self, pose: ArmPose) -> bool:
-        """Return whether a pose keeps every row, and touches nothing by distances of its own."""
+        """Return whether a pose satisfies every row, and touches nothing by an independent distance check."""
         return pose.answer.violation <= self.settings.feasible and self.gap(pose.q) > -self.allowed
 
     def best(self, seed: FloatArray, deadline: Deadline | None = None) -> ArmPose | None:
-        """Return the best feasible pose of ``improved``; None when there is none."""
+        """Return the best feasible pose of ``improved``, or None."""
         return self.best_pose(self.improved(seed, deadline))
 
     def best_pose(self, poses: tuple[ArmPose, ...]) -> ArmPose | None:
-        """Return the feasible pose that costs least; None when there is none."""
+        """Return the feasible pose with the least cost, or None."""
         feasible = [pose for pose in poses if self.feasible(pose)]
         return min(feasible, key=lambda pose: pose.answer.cost, default=None)

@@ -1,4 +1,4 @@
-"""Checks of a configuration, and why there is none."""
+"""Checks of a configuration, and diagnoses of why none was found."""
 
 import re
 from collections.abc import Sequence
@@ -20,18 +20,18 @@ _CONTAINMENT_TOLERANCE = 1e-6
 """Distance outside its region at which a point of the curve passes the check [arm lengths]. Taste."""
 
 _ROWS_REPORTED = 3
-"""Violated rows that a message names. Taste."""
+"""Number of violated rows that a message names. Taste."""
 _TIP_TOLERANCE = 1e-5
-"""Distance of the tip from the goal that the check allows [m]. Taste."""
+"""Distance of the tip from the goal that passes the check [m]. Taste."""
 _TIP_HEADING_TOLERANCE = 1e-6
-"""Turn of the tip from the goal's heading that the check allows [rad]. Taste."""
+"""Difference between tip heading and goal heading that passes the check [rad]. Taste."""
 _CHECK_SAMPLES = 201
-"""Points of each segment that the check looks at. Taste."""
+"""Number of points per segment that are checked. Taste."""
 
 
 @dataclass(frozen=True)
 class Shortfall:
-    """One requirement a configuration misses: ``worst`` against ``limit``, in ``unit``."""
+    """One requirement that a configuration violates: ``worst`` against ``limit``, in ``unit``."""
 
     name: str
     worst: float
@@ -43,10 +43,10 @@ class Shortfall:
 
 
 def shortfalls(nlp: ConfigurationNLP, configuration: Configuration) -> tuple[Shortfall, ...]:
-    """Return every requirement of the NLP's task that a configuration misses; empty when it is good.
+    """Return every requirement of the NLP's task that a configuration violates; empty if it passes.
 
     Args:
-        nlp: gives the task and the region of each segment.
+        nlp: the NLP, for its task and the region of each segment.
         configuration: in metres, from ``polished_configuration``.
     """
     task = nlp.task
@@ -65,12 +65,12 @@ def shortfalls(nlp: ConfigurationNLP, configuration: Configuration) -> tuple[Sho
         Shortfall("curvature", curvature, task.curvature_limit, "1/m"),
         Shortfall("distance outside the corridor", outside, _CONTAINMENT_TOLERANCE, "m"),
     )
-    # So written, a figure that is not a number falls short too.
+    # "not <=" rejects NaN too.
     return tuple(figure for figure in figures if not figure.worst <= figure.limit)
 
 
 def _outside(nlp: ConfigurationNLP, configuration: Configuration) -> float:
-    """Return the greatest distance of a point of the curve, the stub excepted, from its segment's region [m]."""
+    """Return the greatest distance of a curve point from its segment's region, without the stub [m]."""
     boundaries = configuration.boundaries[len(configuration.segments) - len(nlp.regions) :]
     worst = -np.inf
     for index, start, end in zip(nlp.regions, boundaries[:-1], boundaries[1:], strict=True):
@@ -87,7 +87,7 @@ _ADVICE = {
     "spacing": ("use more segments per region",),
     "base": ("free the base heading",),
 }
-"""What helps against a row whose name holds the word, the first that fits."""
+"""Advice for a row whose name contains the word; the first match is used."""
 
 
 @dataclass(frozen=True)
@@ -96,12 +96,12 @@ class BrokenRow:
 
     Attributes:
         constraint: "region", "heading", "curvature", "length" or "spacing".
-        row: its name in the NLP.
-        violation: in the NLP's units.
-        segment: number of the curvature segment; -1 for the base.
-        arc_length: where on the arm [m].
-        place: where in the plane, on the segment's chord [m].
-        words: all that in a sentence.
+        row: name of the row in the NLP.
+        violation: violation in the NLP's units.
+        segment: index of the curvature segment; -1 for the base.
+        arc_length: arc length along the arm [m].
+        place: position in the plane, on the segment's chord [m].
+        words: all of this in a sentence.
     """
 
     constraint: str
@@ -115,7 +115,7 @@ class BrokenRow:
 
 @dataclass(frozen=True)
 class FailedAttempt:
-    """One attempt that gave no configuration: its NLP, the solver's answer, and what the dense check refused."""
+    """One attempt that gave no configuration: its NLP, the solver's answer, and what failed the dense check."""
 
     nlp: ConfigurationNLP
     answer: RowAnswer
@@ -123,14 +123,14 @@ class FailedAttempt:
 
     @property
     def words(self) -> str:
-        """One line: size, status, worst row."""
+        """One line: number of segments, solver status, worst row."""
         answer = self.answer
         what = "; ".join(map(str, self.shortfalls)) or f"{answer.worst_row} by {answer.violation:.3g}"
         return f"{len(self.nlp.regions)} segments: {answer.status}, {what}"
 
 
 def diagnose(task: ConfigurationTask, attempts: Sequence[FailedAttempt]) -> Diagnosis:
-    """Return a diagnosis from all failed attempts; the one that came nearest speaks for them."""
+    """Return a diagnosis of all failed attempts, based on the one that came closest."""
     nearest = min(attempts, key=lambda attempt: attempt.answer.violation)
     answer = nearest.answer
     rows = broken_rows(nearest)
@@ -154,7 +154,7 @@ def diagnose(task: ConfigurationTask, attempts: Sequence[FailedAttempt]) -> Diag
 
 
 def beyond_reach(task: ConfigurationTask) -> Diagnosis | None:
-    """Return why no solver need start, or None: the goal too far, or an end outside the corridor."""
+    """Return why no solver need be started, or None: the goal is too far, or an end is outside the corridor."""
     distance = float(np.hypot(*(task.goal - task.base)))
     if distance > task.length:
         return Diagnosis(
@@ -186,7 +186,7 @@ def beyond_reach(task: ConfigurationTask) -> Diagnosis | None:
 
 
 def broken_rows(attempt: FailedAttempt) -> tuple[BrokenRow, ...]:
-    """Return the rows that an attempt could not satisfy, the worst of every kind and segment, the worst first."""
+    """Return the rows that an attempt violates, the worst of every kind and segment, the worst first."""
     found: dict[tuple[str, int], BrokenRow] = {}
     for name, violation in attempt.answer.broken.items():
         row = _broken_row(attempt, name, violation)
@@ -196,7 +196,7 @@ def broken_rows(attempt: FailedAttempt) -> tuple[BrokenRow, ...]:
 
 
 def _broken_row(attempt: FailedAttempt, name: str, violation: float) -> BrokenRow:
-    """Return what a violated row means to a user, and where on the arm and in the plane it is."""
+    """Return a violated row in terms a user understands, with its position on the arm and in the plane."""
     task = attempt.nlp.task
     numbers = re.match(r"segment (\d+)(?:: \D*piece (\d+))?", name)
     segment, piece = (int(numbers[1]), int(numbers[2] or 0)) if numbers else (-1, 0)
@@ -209,7 +209,7 @@ def _broken_row(attempt: FailedAttempt, name: str, violation: float) -> BrokenRo
 
 
 def _meaning(name: str, violation: float, length: float) -> tuple[str, str]:
-    """Return the kind of a row, and by how much it is violated, in words and for an arm of a length [m]."""
+    """Return the kind of a row, and its violation in words for an arm of the given length [m]."""
     if "side" in name:
         return "region", f"it leaves its region by {short_length(violation * length)}"
     if "gap in heading" in name:
@@ -224,12 +224,15 @@ def _meaning(name: str, violation: float, length: float) -> tuple[str, str]:
 
 
 def _where(attempt: FailedAttempt, segment: int, piece: int) -> tuple[float, tuple[float, float]]:
-    """Arc length [m] and place (x, y) [m] of a piece's start in the solver's last iterate, on the segment's chord."""
+    """Return the arc length [m] and position (x, y) [m] of a piece's start, on its segment's chord.
+
+    Both are taken from the solver's last iterate.
+    """
     task = attempt.nlp.task
     states, controls = unpack_variables(attempt.answer.variables)
     widths = controls[segment, 4:8]
     share = float(widths[:piece].sum() / max(float(widths.sum()), 1e-12))
     point = task.base + task.length * (states[segment, :2] + share * (states[segment + 1, :2] - states[segment, :2]))
-    # Where rows are violated the iterate's arc lengths need not add up: never report a place beyond the arm.
+    # In a violated iterate arc lengths need not add up: never report a place beyond the arm.
     arc = task.length * float(np.clip(states[segment, 4] + widths[:piece].sum(), 0.0, 1.0))
     return arc, (float(point[0]), float(point[1]))

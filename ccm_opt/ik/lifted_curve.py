@@ -1,18 +1,18 @@
-"""The curve in the goal-pose program, lifted at its knots, and where joints lie on it.
+"""The curve of the goal-pose program with states at its knots (lifted), and the joints' positions along it.
 
 Lengths are in units of the arm's length. The curve is a chain of K curvature segments of four spline pieces each. Its
-knots lie at arc lengths σ_0 = 0 < σ_1 < ... < σ_4K = 1; at knot i the curvature is C_i, the heading θ_i, and
-Θ_i = ∫_0^{σ_i} θ ds; M_i are the second derivatives of the curvature, zero where segments meet, for the paper's splines
+knots lie at arc lengths σ_0 = 0 < σ_1 < ... < σ_4K = 1; at knot i the curvature is C_i, the heading θ_i, and Θ_i =
+∫_0^{σ_i} θ ds; M_i are the second derivatives of the curvature, zero where segments meet because the paper's splines
 are natural (section 2.1). On the piece from σ_i, with t = s - σ_i and a = σ_{i+1} - σ_i,
 
     κ(t) = C_i + (ΔC/a - a (2 M_i + M_{i+1})/6) t + M_i t²/2 + (M_{i+1} - M_i) t³/(6 a).
 
-The states (θ, Θ) of neighbouring knots are tied by the ODE θ' = κ, Θ' = θ, whose solution over a piece is known: that
-is multiple shooting with an exact integrator. Every row then depends on one piece alone, which keeps the derivatives
-small and the building of the solver short.
+The states (θ, Θ) of neighbouring knots are tied by the ODE θ' = κ, Θ' = θ, whose solution over a piece is known in
+closed form: this is multiple shooting with an exact integrator. Every row then depends on one piece only, which keeps
+the derivatives small and the building of the solver fast.
 
 The mean of θ over link j is (Θ(s_{j+1}) - Θ(s_j))/l. Knots may pass joints while the NLP is solved: Θ(s) is summed over
-the pieces about the joint, each with its share of s, which is smooth as often as the curve itself is.
+the pieces near the joint, each over its share up to s, which is as smooth as the curve itself.
 """
 
 from collections.abc import Sequence
@@ -27,21 +27,21 @@ from ccm_opt.ik.row_program import RowBlock, equal_to_zero, not_negative
 from ccm_opt.robot.segment import PIECES
 
 _WINDOW = 1
-"""Spline pieces on either side of the one in which a joint lies at first, among which the joint may come to lie while
-knots move. A wider one costs building time, a narrower one holds the knots (measured: with 1 building takes three
-quarters of the time that 2 takes, and the poses of clutter are the same)."""
+"""Number of spline pieces on either side of a joint's initial piece in which the joint may lie as knots move. A wider
+window takes longer to build, a narrower one restricts the knots (measured: with 1 building takes three quarters of the
+time that 2 takes, and the poses of clutter are the same)."""
 _LEAST_PIECE = 0.08
-"""Least share of its segment that a piece between knots keeps (as the configuration NLP has it)."""
+"""Least share of its segment's length that a piece between knots keeps (as in the configuration NLP)."""
 
 
 @dataclass(frozen=True, eq=False)
 class SplinePieces:
-    """Cubic pieces of curvature, one a row; methods work on all of them at once.
+    """Cubic pieces of curvature, one per row; methods work on all of them at once.
 
     Attributes:
-        start: arc length at which each begins, shape (m, 1).
-        width: a, shape (m, 1).
-        heading: θ there, shape (m, 1) [rad].
+        start: arc length at which each piece begins, shape (m, 1).
+        width: a, the width of each piece, shape (m, 1).
+        heading: θ at the start of each piece, shape (m, 1) [rad].
         first: C_i, shape (m, 1).
         last: C_{i+1}, shape (m, 1).
         first_moment: M_i, shape (m, 1).
@@ -57,37 +57,37 @@ class SplinePieces:
     last_moment: ca.SX
 
     def take(self, indices: Sequence[int]) -> "SplinePieces":
-        """Return some of the pieces, any of them several times."""
+        """Return the pieces at given indices, which may repeat."""
         return SplinePieces(*(column[list(indices)] for column in vars(self).values()))
 
     def integral_after(self, t: ca.SX) -> ca.SX:
-        """Return the ∫ θ over the first t of each piece: a quintic, shape (m, 1)."""
+        """Return ∫ θ over the first t of each piece: a quintic, shape (m, 1)."""
         slope = (self.last - self.first) / self.width - self.width * (2 * self.first_moment + self.last_moment) / 6
         jerk = (self.last_moment - self.first_moment) / (120 * self.width)
         inner = self.first / 2 + t * (slope / 6 + t * (self.first_moment / 24 + t * jerk))
         return t * (self.heading + t * inner)
 
     def turn_after(self, t: ca.SX) -> ca.SX:
-        """Return the ∫ κ over the first t of each piece: a quartic, shape (m, 1) [rad]."""
+        """Return ∫ κ over the first t of each piece: a quartic, shape (m, 1) [rad]."""
         slope = (self.last - self.first) / self.width - self.width * (2 * self.first_moment + self.last_moment) / 6
         jerk = (self.last_moment - self.first_moment) / (24 * self.width)
         return t * (self.first + t * (slope / 2 + t * (self.first_moment / 6 + t * jerk)))
 
     def turn(self) -> ca.SX:
-        """Return the ∫ κ over each whole piece, shape (m, 1) [rad]."""
+        """Return ∫ κ over each whole piece, shape (m, 1) [rad]."""
         moments = self.first_moment + self.last_moment
         return self.width * (self.first + self.last) / 2 - self.width**3 * moments / 24
 
     def integral(self) -> ca.SX:
-        """Return the ∫ θ over each whole piece, shape (m, 1)."""
+        """Return ∫ θ over each whole piece, shape (m, 1)."""
         chord = self.first / 3 + self.last / 6
         moments = (8 * self.first_moment + 7 * self.last_moment) / 360
         return self.width * (self.heading + self.width * (chord - self.width**2 * moments))
 
     def squared_curvature(self) -> ca.SX:
-        """Return the ∫ κ² over each piece, shape (m, 1).
+        """Return ∫ κ² over each piece, shape (m, 1).
 
-        With τ = t/a and b_i = M_i a²/6 the curvature is its chord less τ(1 - τ)[(2 - τ) b_i + (1 + τ) b_{i+1}]; the
+        With τ = t/a and b_i = M_i a²/6 the curvature is its chord minus τ(1 - τ)[(2 - τ) b_i + (1 + τ) b_{i+1}]; the
         numbers are the integrals of the products of these polynomials.
         """
         bow = self.first_moment * self.width**2 / 6
@@ -100,11 +100,11 @@ class SplinePieces:
 
 @dataclass(frozen=True, eq=False)
 class LiftedCurve:
-    """Symbols of a curve and the rows that make them one.
+    """Symbols of a curve, and the rows that make them one.
 
     Attributes:
         segments: number of curvature segments K.
-        shared_arcs: arc lengths of the knots where they are another curve's, shape (4 K + 1, 1); its own when None.
+        shared_arcs: arc lengths of the knots if shared with another curve, shape (4 K + 1, 1); None for its own.
     """
 
     segments: int
@@ -139,14 +139,14 @@ class LiftedCurve:
     def bows(self) -> ca.SX:
         """M a²/6 at the inner knots of every segment, shape (3 K, 1), with a the width of even pieces.
 
-        That is in size a curvature: by how much the spline leaves the chord between knots. M itself is a thousand times
-        as large as the other variables, and the solver strays.
+        This has the size of a curvature: the deviation of the spline from the chord between knots. M itself is a
+        thousand times larger than the other variables, and would lead the solver astray.
         """
         return ca.SX.sym("bow", (PIECES - 1) * self.segments)
 
     @property
     def moment_scale(self) -> float:
-        """M over the symbol that stands for it."""
+        """Ratio of M to its symbol."""
         return 6.0 * self.count**2
 
     @property
@@ -175,11 +175,14 @@ class LiftedCurve:
         return ca.sum1(ca.reshape(self.pieces.width, PIECES, self.segments))
 
     def rows(self) -> tuple[RowBlock, RowBlock, RowBlock]:
-        """What makes the symbols a curve: spline equations, the ODE over every piece, and knots that keep apart."""
+        """Return the rows that make the symbols a curve: spline equations, the ODE, and knots kept apart."""
         return self._spline_equations(), self._gap_closing(), self._knot_spacing()
 
     def _spline_equations(self) -> RowBlock:
-        """a_{i-1} M_{i-1} + 2 (a_{i-1} + a_i) M_i + a_i M_{i+1} = 6 [ΔC_i/a_i - ΔC_{i-1}/a_{i-1}] at inner knots."""
+        """Return the equations of the natural spline at the inner knots.
+
+        They are a_{i-1} M_{i-1} + 2 (a_{i-1} + a_i) M_i + a_i M_{i+1} = 6 [ΔC_i/a_i - ΔC_{i-1}/a_{i-1}].
+        """
         knots = [PIECES * segment + inside for segment in range(self.segments) for inside in range(1, PIECES)]
         before = self.pieces.take([knot - 1 for knot in knots])
         after = self.pieces.take(knots)
@@ -190,7 +193,7 @@ class LiftedCurve:
         return equal_to_zero(names, (moments - 6 * bend) / (6 * self.count))
 
     def _gap_closing(self) -> RowBlock:
-        """Return the θ and Θ at a knot are those at the knot before, integrated over the piece between."""
+        """Return the rows that integrate θ and Θ over each piece from one knot to the next."""
         turns = self.headings[1:] - self.headings[:-1] - self.pieces.turn()
         integrals = self.integrals[1:] - self.integrals[:-1] - self.pieces.integral()
         what = ("heading", "the integral of the heading")
@@ -209,13 +212,13 @@ class LiftedCurve:
 
 @dataclass(frozen=True, eq=False)
 class JointsAmongPieces:
-    """Sums over a curve up to every joint and the tip, whatever piece the joint lies on.
+    """Turn and heading integral of a curve at every joint and the tip, whatever piece the joint lies on.
 
     Attributes:
         curve: the curve.
-        arcs: of the joints and the tip, shape (links + 1,).
-        first: of every joint the first piece that is looked at, shape (links + 1,).
-        last: the last, likewise.
+        arcs: arc lengths of the joints and the tip, shape (links + 1,).
+        first: first piece on which each joint may lie, shape (links + 1,).
+        last: last piece on which each joint may lie, shape (links + 1,).
     """
 
     curve: LiftedCurve
@@ -225,13 +228,13 @@ class JointsAmongPieces:
 
     @classmethod
     def of(cls, curve: LiftedCurve, links: int) -> "JointsAmongPieces":
-        """Return all joints of an arm."""
+        """Return this for all joints of an arm with a number of links."""
         arcs = np.arange(links + 1) / links
         middle = np.minimum((arcs * curve.count).astype(int), curve.count - 1)
         return cls(curve, arcs, np.maximum(middle - _WINDOW, 0), np.minimum(middle + _WINDOW, curve.count - 1))
 
     def joint_order_rows(self) -> RowBlock:
-        """Return every joint lies behind the start of its first piece and before the end of its last."""
+        """Return the rows that keep every joint between the start of its first piece and the end of its last."""
         behind = np.flatnonzero(self.first > 0)
         before = np.flatnonzero(self.last < self.curve.count - 1)
         rows = ca.vertcat(
@@ -243,10 +246,10 @@ class JointsAmongPieces:
         return not_negative(tuple(names), rows)
 
     def at_joints(self, curve: LiftedCurve) -> tuple[ca.SX, ca.SX]:
-        """Return the θ and Θ at every joint and the tip, each of shape (links + 1, 1).
+        """Return θ and Θ at every joint and the tip, each of shape (links + 1, 1).
 
         Args:
-            curve: on the same knots.
+            curve: a curve on the same knots.
         """
         joint, piece = self._pairs
         pieces = curve.pieces.take(piece.tolist())
@@ -259,7 +262,7 @@ class JointsAmongPieces:
 
     @cached_property
     def _pairs(self) -> tuple[IntArray, IntArray]:
-        """Every joint with every piece from its first to its last, as two arrays."""
+        """Indices of every joint paired with every piece from its first to its last, as two arrays."""
         counts = self.last - self.first + 1
         joint = np.repeat(np.arange(len(self.first)), counts)
         piece = np.arange(len(joint)) - np.repeat(np.cumsum(counts) - counts, counts) + self.first[joint]

@@ -25,33 +25,33 @@ from ccm_opt.scene.corridor import ConvexRegion
 _LEAST_PIECE = 4e-3
 """Least arc length between knots [L]. Taste."""
 _LEAST_SPACING = 0.08
-"""Least share of its segment that a piece keeps. Taste."""
+"""Least share of its segment's length that a piece keeps. Taste."""
 
 _REGION_SHRINKAGE = 1e-5
-"""By how much regions shrink, so that quadrature and polish stay inside the real ones [L]. Derived: ten times what the
-check of containment allows on an arm of a metre."""
+"""Amount by which regions are shrunk, so that quadrature and polish stay inside the real ones [L]. Derived: ten times
+what the check of containment allows on an arm of a metre."""
 _CURVATURE_RESERVE = 1e-3
-"""Share of the curvature limit that is kept for the polish. Taste."""
+"""Share of the curvature limit that is reserved for the polish. Taste."""
 _HALF_PLANE_COUNTS = (4, 6, 8, 12, 16, 24, 32, 48, 64)
 """Numbers of half-planes that solvers are built for, so that tasks share them. Taste."""
 
 STAGE = STATES + CONTROLS
-"""Variables of one segment."""
+"""Number of variables of one segment."""
 
 
 @dataclass(frozen=True, eq=False)
 class ConfigurationNLP:
-    """One task's NLP: the symbolic program with the task's numbers.
+    """The NLP of one task: the symbolic program and the task's numbers.
 
-    Lengths are in units of the arm's, the base is the origin.
+    Lengths are in units of the arm's length; the base is the origin.
 
     Attributes:
-        task: what is asked for.
+        task: the task to be solved.
         program: the symbolic part.
         regions: index of the corridor's region for each segment.
-        tip_heading: heading the tip must take, whole turns included, or None [rad].
-        lower: bounds of the variables, shape (variables,).
-        upper: likewise.
+        tip_heading: heading the tip must have, whole turns included [rad], or None.
+        lower: lower bounds of the variables, shape (variables,).
+        upper: upper bounds of the variables, shape (variables,).
         parameters: values of the parameters.
     """
 
@@ -64,7 +64,7 @@ class ConfigurationNLP:
     parameters: FloatArray
 
     def with_cost(self, expression: ca.SX) -> "ConfigurationNLP":
-        """Return the NLP with one more term in its objective; its solver is built anew."""
+        """Return the NLP with one more term in its objective; this needs a new solver."""
         return replace(self, program=replace(self.program, objective=self.program.objective + expression))
 
 
@@ -75,9 +75,9 @@ def build_configuration_nlp(
 
     Args:
         task: what the configuration must achieve.
-        regions: index of a region for each segment, increasing, each region at least once; by default
-            a segment in each.
-        tip_heading: the tip's heading with its whole turns [rad]; by default ``task.goal_heading``.
+        regions: index of the region of each segment, not decreasing, each region at least once; by default one segment
+            per region.
+        tip_heading: the tip's heading including whole turns [rad]; by default ``task.goal_heading``.
     """
     if regions is None:
         regions = tuple(range(len(task.corridor.regions)))
@@ -94,7 +94,7 @@ def build_configuration_nlp(
 
 
 def _nearness(nlp: ConfigurationNLP) -> ca.SX:
-    """Return what nearness of the curve's points to the walls behind their regions' sides costs."""
+    """Return the cost of curve points close to the walls behind the sides of their regions."""
     task = nlp.task
     total = ca.SX(0)
     variables = nlp.program.variables
@@ -121,10 +121,10 @@ def unpack_variables(variables: FloatArray) -> tuple[FloatArray, FloatArray]:
 # Tasks share few programs, and each keeps a built solver of tens of megabytes alive.
 @lru_cache(maxsize=4)
 def symbolic_program(segments: int, half_planes: int) -> RowProgram:
-    """Return the symbols, objective and rows for a number of segments and half-planes a region.
+    """Return the symbols, objective and rows for a number of segments and half-planes per region.
 
-    The variables are X_0, U_0, X_1, U_1, .., X_K; the parameters are normals and offsets of each segment, stub length
-    and weight of the bending.
+    The variables are X_0, U_0, X_1, U_1, .., X_K; the parameters are the normals and offsets of each segment, the stub
+    length and the weight of the bending.
     """
     states = [ca.SX.sym(f"X{k}", STATES) for k in range(segments + 1)]
     controls = [ca.SX.sym(f"U{k}", CONTROLS) for k in range(segments)]
@@ -145,7 +145,9 @@ def symbolic_program(segments: int, half_planes: int) -> RowProgram:
             constraints.certified_curvature(k, controls[k], flow),
             constraints.certified_containment(k, controls[k], flow, normals[k], offsets[k], ends),
         ]
-    blocks.insert(1, constraints.base_at_stub_end(states[0], stub))  # after the first gap: FATROP's order of rows
+    blocks.insert(
+        1, constraints.base_at_stub_end(states[0], stub)
+    )  # after the first gap, the order of rows that FATROP wants
 
     stages = [symbol for pair in zip(states[:-1], controls, strict=True) for symbol in pair]
     region_symbols = [symbol for pair in zip(normals, offsets, strict=True) for symbol in (ca.vec(pair[0]), pair[1])]
@@ -161,9 +163,9 @@ def symbolic_program(segments: int, half_planes: int) -> RowProgram:
 def _variable_bounds(
     task: ConfigurationTask, segments: int, tip_heading: float | None
 ) -> tuple[FloatArray, FloatArray]:
-    """Lower and upper bounds of the variables, each of shape (variables,).
+    """Return the lower and upper bounds of the variables, each of shape (variables,).
 
-    What is known is a variable with equal bounds: base, goal, arc length at both ends, headings that are asked for.
+    Known quantities are variables with equal bounds: base, goal, arc length at both ends, prescribed headings.
     """
     limit = task.curvature_limit * task.length * (1.0 - _CURVATURE_RESERVE)
     state = np.array([np.inf, np.inf, np.inf, limit, 1.0])
@@ -179,7 +181,7 @@ def _variable_bounds(
     lower[2], upper[2] = task.base_heading_range
     lower[4] = upper[4] = task.stub / task.length
     if task.stub > 0.0:
-        lower[3] = upper[3] = 0.0  # the curvature goes on from a straight stub
+        lower[3] = upper[3] = 0.0  # the curvature is continuous with the straight stub
     lower[-5:-3] = upper[-5:-3] = (task.goal - task.base) / task.length
     lower[-1] = upper[-1] = 1.0
     if tip_heading is not None:
@@ -188,10 +190,10 @@ def _variable_bounds(
 
 
 def _half_planes(task: ConfigurationTask, region: ConvexRegion, count: int) -> FloatArray:
-    """Return the normals, column-major, then offsets of one region in the NLP's units; padded rows hold always."""
+    """Return a region's normals (column-major), then its offsets, in NLP units; padding rows always hold."""
     offsets = (region.offsets - region.normals @ task.base) / task.length
 
-    # A base or goal that lies in the region stays in it: a side next to one moves by half of what is left there.
+    # A base or goal that lies in the region stays in it: a side close to one moves by half the distance.
     ends = np.array([[0.0, 0.0], task.goal - task.base]) / task.length
     slack = offsets - ends @ region.normals.T
     room = np.where(slack > -END_TOLERANCE / task.length, slack, np.inf).min(axis=0)
@@ -203,12 +205,12 @@ def _half_planes(task: ConfigurationTask, region: ConvexRegion, count: int) -> F
 
 
 _MOST_ITERATIONS = 80
-"""IPOPT's iterations, at most. Taste."""
+"""Most iterations of IPOPT. Taste."""
 _OPTIMALITY = 1e-4
 """Residual of the optimality conditions, in the NLP's units, at which IPOPT stops. Taste: coarse, since the polish
 follows."""
 _FEASIBILITY = 1e-6
-"""Violation of a row, in the NLP's units, that counts as satisfied. Taste; the polish mends more."""
+"""Violation at which a row counts as satisfied, in the NLP's units. Taste; the polish reduces it further."""
 _OPTIONS = {
     **IPOPT_SWITCHES,
     "ipopt.tol": _OPTIMALITY,
@@ -219,14 +221,14 @@ _OPTIONS = {
 
 
 def solve_nlp(nlp: ConfigurationNLP, guess: FloatArray) -> RowAnswer:
-    """Solve from a guess; never raises on failure, the result says how it went. Threads wait for each other.
+    """Solve from a guess; a failure is reported in the result, not raised. Threads wait for each other.
 
     Args:
-        nlp: from ``build_configuration_nlp``, possibly extended.
+        nlp: from ``build_configuration_nlp``, possibly with more costs.
         guess: shape (variables,).
 
     Raises:
-        KeyboardInterrupt: Ctrl-C was pressed meanwhile.
+        KeyboardInterrupt: Ctrl-C was pressed during the solution.
     """
     lower, upper = nlp.program.bounds
     bounds = {"lbx": nlp.lower, "ubx": nlp.upper, "lbg": lower, "ubg": upper}

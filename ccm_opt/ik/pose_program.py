@@ -1,9 +1,10 @@
 """The goal-pose program: variables, rows and costs, in the plane and in space.
 
-Lengths are in units of the arm's length; the base is the origin, and the axes are those of the straight arm there.
+Lengths are in units of the arm's length; the base is the origin, and the axes are those of the straight arm at its
+base.
 
-Every term is a share: of the wanted gap, of the limits, of one radian. The weights are in ``PoseSettings`` times those
-of the problem's ``[planner.weights]``.
+Every term is a share: of the wanted clearance, of the limits, of one radian. The weights are those in ``PoseSettings``
+times those of the problem's ``[planner.weights]``.
 """
 
 from dataclasses import dataclass
@@ -20,13 +21,13 @@ from ccm_opt.robot.segment import PIECES
 
 @dataclass(frozen=True)
 class PoseSize:
-    """What the symbolic part depends on.
+    """Size of the symbolic program.
 
     Attributes:
         dimension: 2 or 3.
         links: number of links.
-        sides: of every joint's region, padded.
-        segments: curvature segments of the curve.
+        sides: number of sides of every joint's region, padded.
+        segments: number of curvature segments of the curve.
         loaded: whether torques are limited.
     """
 
@@ -39,19 +40,20 @@ class PoseSize:
 
 @dataclass(frozen=True, eq=False)
 class HoldingLoads:
-    """What the joints have to bear where the arm stands still: torques by which gravity is held, as variables.
+    """Joint torques that hold the arm still under gravity, as variables.
 
-    Points have d coordinates; moments about them one in the plane and three in space. Forces are over a unit of force.
+    Points have d coordinates; moments have one component in the plane and three in space. Forces are in shares of a
+    unit of force.
 
-    A torque is a sum over all links beyond its joint. Where the sums are variables every row has to do with neighbours
-    alone; written out, the program would take three times as long to build.
+    A torque is a sum over all links beyond its joint. With the sums as variables every row involves neighbouring links
+    only; written out, the program would take three times as long to build.
 
     Attributes:
-        points: P, shape (d, n + 1).
-        axes: what every joint turns about by each of its k bends, shapes (1, n) or (3, n).
-        weights: force on each link's centre, shape (d, n).
+        points: P, joints and tip, shape (d, n + 1).
+        axes: axis of each of the k bends of every joint, shapes (1, n) or (3, n).
+        weights: force on the centre of each link, shape (d, n).
         payload: force on the tip, shape (d, 1).
-        limits: of the torques, shape (k, n).
+        limits: torque limits, shape (k, n).
     """
 
     points: ca.SX
@@ -62,7 +64,7 @@ class HoldingLoads:
 
     @cached_property
     def symbols(self) -> dict[str, ca.SX]:
-        """Moments of the weights from each link on, about the base, and torques as shares of their limits."""
+        """Moments about the base of the weights from each link outwards, and torques as shares of their limits."""
         links = self.weights.shape[1]
         return {
             "moments": ca.SX.sym("moment", self.axes[0].shape[0], links),
@@ -70,7 +72,7 @@ class HoldingLoads:
         }
 
     def values(self) -> tuple[ca.SX, ca.SX]:
-        """Return the same as expressions of all links at once, for their numbers at a pose."""
+        """Return the moments and torque shares as expressions, to evaluate them at a pose."""
         moments = [_moment(self.points[:, -1], self.payload)]
         for link in reversed(range(self.weights.shape[1])):
             moments.append(moments[-1] + self._link_moment(link))
@@ -78,7 +80,7 @@ class HoldingLoads:
         return found, self._torques(found) / self.limits
 
     def rows(self) -> tuple[RowBlock, RowBlock, RowBlock]:
-        """Return that they are the loads of a pose, and |τ| ≤ limit."""
+        """Return the rows that define the moments and the torque shares, and the limits |τ| ≤ limit."""
         moments, shares = self.symbols.values()
         links = range(self.weights.shape[1])
         beyond = ca.horzcat(moments[:, 1:], _moment(self.points[:, -1], self.payload))
@@ -112,7 +114,7 @@ class HoldingLoads:
 
 
 def _moment(place: ca.SX, force: ca.SX) -> ca.SX:
-    """Return the moment of a force at a place; one number in the plane."""
+    """Return the moment of a force at a position about the origin; one number in the plane."""
     if place.numel() == 3:
         return ca.cross(place, force)
     return place[0] * force[1] - place[1] * force[0]
@@ -123,9 +125,9 @@ class PoseProgram(RowProgram):
     """The symbolic part of the goal-pose NLP.
 
     Attributes:
-        size: what it was built for.
+        size: the size it was built for.
         frames: symbols of the curve and of the links on it.
-        loads: what gravity asks of the joints; None where torque is not limited.
+        loads: torques that hold the arm under gravity; None if torque is not limited.
     """
 
     size: PoseSize
@@ -134,11 +136,11 @@ class PoseProgram(RowProgram):
 
 
 def place_rows(frames: CurveFrames, points: ca.SX, feed: ca.SX) -> tuple[RowBlock, RowBlock]:
-    """Return the p_0 lies as far along the direction as the base is carried, and P_(j+1) = P_j + l x_j.
+    """Return the rows that place the base at its feed, and each joint at P_(j+1) = P_j + l x_j.
 
     Args:
-        frames: how the links lie.
-        points: P, shape (d, n + 1).
+        frames: symbols of the links.
+        points: P, joints and tip, shape (d, n + 1).
         feed: position of the base, scalar.
     """
     n = frames.links
@@ -153,12 +155,14 @@ def place_rows(frames: CurveFrames, points: ca.SX, feed: ca.SX) -> tuple[RowBloc
 
 
 def region_rows(points: ca.SX, gap: ca.SX, given: Symbols) -> RowBlock:
-    """Both ends of every link lie in its region with a gap to every side: n · P ≥ b + c g at every joint and the tip.
+    """Return the rows that keep both ends of every link in its region with a clearance to every side.
+
+    They are n · P ≥ b + c g at every joint and the tip.
 
     Args:
-        points: P, shape (d, n + 1).
-        gap: g, the same for all links.
-        given: where on each link the part begins that must lie inside, and the sides of the joints.
+        points: P, joints and tip, shape (d, n + 1).
+        gap: g, the clearance, the same for all links.
+        given: parameters: the share of each link at which its constrained part starts, and the sides of the joints.
     """
     sides, joints = given["offsets"].shape
     links = joints - 1
@@ -172,25 +176,30 @@ def region_rows(points: ca.SX, gap: ca.SX, given: Symbols) -> RowBlock:
 
 
 def goal_row(tip: ca.SX, goal: ca.SX, room: ca.SX) -> RowBlock:
-    """Return the |P_n - goal|² ≤ room²: the tip lies in a ball; over 2 room, so that at the edge the row is a length.
+    """Return the row that keeps the tip in a ball about the goal, |P_n - goal|² ≤ room².
+
+    It is divided by 2 room, so that the row is a length at the edge of the ball.
 
     Args:
         tip: P_n, shape (d, 1).
-        goal: middle of the ball, shape (d, 1).
-        room: its radius, scalar and positive.
+        goal: centre of the ball, shape (d, 1).
+        room: radius of the ball, a positive scalar.
     """
     return not_negative(("tip: distance from its goal",), 0.5 * (room - ca.sumsqr(tip - goal) / room))
 
 
 def uneven_knots(curve: LiftedCurve) -> ca.SX:
-    """Σ (a_i / L_k - ¼)² + Σ (K L_k - 1)²: pulls knots towards even spacing, and segments towards equal length."""
+    """Return Σ (a_i / L_k - ¼)² + Σ (K L_k - 1)², the unevenness of knots and of segments.
+
+    It pulls knots towards even spacing, and segments towards equal length.
+    """
     lengths = curve.segment_lengths
     shares = curve.pieces.width / ca.vec(ca.repmat(lengths, PIECES, 1))
     return ca.sumsqr(shares - 1 / PIECES) + ca.sumsqr(lengths * curve.segments - 1)
 
 
 def _parameters(size: PoseSize, frames: CurveFrames) -> dict[str, ca.SX]:
-    """Return the symbols of what changes from question to question but the weights, by name."""
+    """Return the symbols of values that change from one question to the next, except the weights, by name."""
     d = size.dimension
     bends = len(frames.directions)
     found = {
@@ -213,7 +222,7 @@ def _parameters(size: PoseSize, frames: CurveFrames) -> dict[str, ca.SX]:
     return found
 
 
-# Few sizes are met in one problem, and a program keeps a built solver of some megabytes alive.
+# A problem has few sizes, and each program keeps a built solver of some megabytes alive.
 @lru_cache(maxsize=4)
 def pose_program(size: PoseSize) -> PoseProgram:
     """Return the symbols, rows and objective for a size; nothing is solved."""
@@ -230,12 +239,13 @@ def pose_program(size: PoseSize) -> PoseProgram:
         goal_row(points[:, size.links], given["goal"], given["goal room"]),
     ]
     parts = {
-        # What the tightest link lacks of the wanted gap, and ∫ κ² ds, twice the elastic energy of a unit rod.
+        # The share of the wanted clearance that the tightest link lacks, and ∫ κ² ds, twice the elastic energy of a
+        # unit rod.
         "room": 1 - gap / given["wanted gap"],
         "bending": ca.sum1(ca.vertcat(*(part.pieces.squared_curvature() for part in frames.parts))),
         "distance": ca.sumsqr(frames.bends - given["near"]),
         "knots": uneven_knots(frames.parts[0]),
-        # The mean square of what the curvatures leave their chords by between knots.
+        # The mean square deviation of the curvatures from their chords between knots.
         "bows": ca.sumsqr(ca.vertcat(*(part.bows for part in frames.parts))) / frames.parts[0].count,
         **frames.costs,
     }

@@ -1,4 +1,4 @@
-"""Solves the goal-pose program."""
+"""Solution of the goal-pose program for one question."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -19,21 +19,21 @@ from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.biarc import bend_shares
 
 _LIMIT_SHARE = 0.98
-"""Share of a joint limit that a pose may use (as the steps of the motion have it)."""
+"""Share of a joint limit that a pose may use (as in the steps of the motion)."""
 _SIDES = (("left", "right"), ("down", "up"))
-"""Where joints bend to by positive and by negative bends."""
+"""Names of the sides to which joints bend, for positive and negative bends."""
 
 
 @dataclass(frozen=True, eq=False)
 class ArmPose:
-    """What the goal-pose NLP found.
+    """A pose found by the goal-pose NLP.
 
     Attributes:
-        arm: whose pose it is.
+        arm: the arm.
         q: the configuration, shape (c,) [rad, m].
-        curve: the curve whose mean directions its links have, of the plane or of space.
-        gap: least room of any link in its region beyond radius and clearance, at most the wanted gap [m].
-        answer: how the program was answered.
+        curve: curve whose mean directions the links have, in the plane or in space.
+        gap: least gap of any link in its region beyond radius and clearance, at most the wanted gap [m].
+        answer: the solver's answer.
     """
 
     arm: Arm
@@ -44,52 +44,53 @@ class ArmPose:
 
     @cached_property
     def headings(self) -> FloatArray:
-        """Of the links in the plane, shape (links,) [rad]."""
+        """Headings of the links in the plane, shape (links,) [rad]."""
         return self.arm.headings(self.q[: self.arm.links])
 
 
 _SWITCHES: dict[str, Any] = {
     **IPOPT_SWITCHES,
-    # Nobody asks how the optimum depends on the parameters; the gradient for it would take a quarter of the building.
+    # Parameter sensitivities are not needed; the gradient for them would take a quarter of the building time.
     "calc_lam_p": False,
     "no_nlp_grad": True,
-    # What the links' chain leaves open adds up along the arm, to 200 times as much at the tip.
+    # Residuals of the chain of links add up along the arm, to 200 times as much at the tip.
     "ipopt.constr_viol_tol": 1e-10,
 }
 _FROM_KEPT_ROWS: dict[str, Any] = {
-    # From a start that keeps every row the barrier has only to fall.
+    # From a start that satisfies every row the barrier only has to fall.
     "ipopt.mu_strategy": "monotone",
-    # Small (measured: with 1e-2 arms behind holes are lost).
+    # Small (measured: with 1e-2 solutions for arms behind holes are lost).
     "ipopt.mu_init": 1e-4,
-    # How far the start is moved off its bounds, relative (measured: with the solver's own hundredth, which is more than
-    # any gap, two of the three shared problems do not converge, with this all do).
+    # Relative distance by which the start is moved off its bounds (measured: with the solver's default of a hundredth,
+    # which exceeds any gap, two of the three shared problems do not converge; with this all do).
     **dict.fromkeys(("ipopt.bound_push", "ipopt.bound_frac", "ipopt.slack_bound_push", "ipopt.slack_bound_frac"), 1e-5),
 }
 _FROM_NEAR: dict[str, Any] = {"ipopt.mu_init": 1e-2}
-"""Where the barrier starts; small, for a pose of the arm is known (taste; measured: with those above clutter takes a
-sixth more iterations)."""
+"""Initial barrier parameter; small because a pose of the arm is known (taste; measured: with those above clutter takes
+a sixth more iterations)."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class PoseQuestion:
-    """One question to the goal-pose NLP: where the tip has to be, and what every joint has to keep to.
+    """One question to the goal-pose NLP: the goal of the tip, and the regions in which every joint must stay.
 
     Attributes:
-        program: symbols, perhaps with user terms.
-        settings: of the solver.
-        weights: of the parts of the objective by name.
-        arm: whose pose it is.
-        position: where the tip has to be, shape (d,) [m].
-        direction: of the last link there, shape (d,), or None.
-        near: configuration of the pose to stay near, shape (c,) [rad, m].
-        start: configuration that the solver starts from, shape (c,); usually in its regions. In the plane the last link
-            keeps the whole turns that it has there.
-        regions: what every joint and the tip keep to.
-        wanted_gap: room beyond radius and clearance above which more room is worth nothing [m].
-        gravity: shape (d,) [m/s²].
+        program: symbolic program, possibly with user terms.
+        settings: settings of the NLP.
+        weights: weights of the parts of the objective, in their order.
+        arm: the arm.
+        position: goal of the tip, shape (d,) [m].
+        direction: direction of the last link at the goal, shape (d,), or None.
+        near: configuration to stay near, shape (c,) [rad, m].
+        start: configuration from which the solver starts, shape (c,); usually inside its regions. In the plane the last
+            link keeps the whole turns that it has there.
+        regions: regions of every joint and the tip.
+        wanted_gap: clearance beyond radius and required clearance above which more is worth nothing [m].
+        gravity: acceleration of gravity, shape (d,) [m/s²].
         clamped: whether the first link keeps its heading.
-        room: by how much the tip [m] and the last link [rad] may miss the goal; then any such pose will do.
-        torque_limits: of every bend's drive, shape (bends,) [N m]; None where torque is not limited.
+        room: tolerances of the tip position [m] and of the last link's direction [rad]; all poses within them are
+            equally good.
+        torque_limits: torque limit of the drive of each bend, shape (bends,) [N m]; None if torque is not limited.
     """
 
     program: PoseProgram
@@ -108,10 +109,10 @@ class PoseQuestion:
     torque_limits: FloatArray | None = None
 
     def solve(self) -> ArmPose:
-        """Solve from the start; never raises on failure, the result says how it went.
+        """Solve from the start; a failure is reported in the result, not raised.
 
         Raises:
-            KeyboardInterrupt: Ctrl-C was pressed meanwhile.
+            KeyboardInterrupt: Ctrl-C was pressed during the solution.
         """
         lower, upper = self.bounds
         row_lower, row_upper = self.program.bounds
@@ -128,39 +129,39 @@ class PoseQuestion:
 
     @cached_property
     def _axes(self) -> FloatArray:
-        """From the axes of the base to the world, shape (d, d)."""
+        """Rotation from the axes of the base to the world, shape (d, d)."""
         return np.asarray(self.arm.link_rotations(np.zeros(len(self.arm.coordinates)))[0])
 
     @cached_property
     def _goal(self) -> tuple[FloatArray, FloatArray | None]:
-        """Where the tip has to be, and where it has to point if that is asked, in the axes of the base."""
+        """Goal position of the tip, and direction of the last link or None, in the axes of the base."""
         position = (self.position - self.arm.base) @ self._axes / self.arm.length
         return position, None if self.direction is None else self.direction @ self._axes
 
     def _bends(self, q: FloatArray) -> FloatArray:
-        """Return the bends of a configuration, a joint a row, shape (n, k) [rad]."""
+        """Return the bends of a configuration, one row per joint, shape (n, k) [rad]."""
         arm = self.arm
         return q[: len(arm.bend_limits)].reshape(arm.links, arm.bends_a_joint)
 
     @cached_property
     def _lies(self) -> FloatArray:
-        """How the links of the pose to start from lie."""
+        """Orientations of the links in the start pose."""
         return self.program.frames.lies_at(self._bends(self.start))
 
     @cached_property
     def nearest_curve(self) -> CurveNumbers:
-        """The curve whose bends come nearest to those of the start."""
+        """The curve whose bends best match those of the start."""
         turns = self.program.frames.turns_of(self._bends(self.start))
         return CurveNumbers.near(turns, self.program.size.segments)
 
     @cached_property
     def _frame_symbol_counts(self) -> dict[str, FloatArray]:
-        """Numbers of the symbols that the frames bring, variables and parameters."""
+        """Values of the variables and parameters that the frames add, by name."""
         return self.program.frames.values(self.nearest_curve, self._lies, self._goal[1])
 
     @cached_property
     def parameters(self) -> FloatArray:
-        """Numbers for the parameters."""
+        """Values of the parameters."""
         length = self.arm.length
         numbers = {
             "weights": self.weights,
@@ -168,7 +169,7 @@ class PoseQuestion:
             "near": self._bends(self.near),
             "first shares": self.arm.free_shares,
             "goal": self._goal[0],
-            # A tip that is held at its goal by its bounds lies in any ball about it.
+            # A tip that its bounds fix at the goal lies in any ball about it.
             "goal room": np.array([self.room[0] / length or 1.0]),
         }
         loads = self._forces if self.program.size.loaded else {}
@@ -176,7 +177,7 @@ class PoseQuestion:
 
     @cached_property
     def _forces(self) -> dict[str, FloatArray]:
-        """Forces on the links (n, d) and on the tip (d,), and limits of the torques (n, k), as shares of all weight."""
+        """Forces on links (n, d) and tip (d,), and torque limits (n, k), as shares of the total weight."""
         arm = self.arm
         gravity = self.gravity @ self._axes
         whole = float(np.sum(arm.masses) + arm.payload) * float(np.linalg.norm(gravity)) or 1.0
@@ -190,9 +191,9 @@ class PoseQuestion:
         }
 
     def padded_sides(self) -> dict[str, FloatArray]:
-        """Return the normals (n + 1, sides, d), offsets and shares of the gap (n + 1, sides) in the axes of the base.
+        """Return the normals (n + 1, sides, d), offsets and gap shares (n + 1, sides), in the base axes.
 
-        Sides that say nothing have no normal, and an offset that is always kept.
+        Padding sides have a zero normal, and an offset that always holds.
         """
         regions = self.regions
         size = self.program.size
@@ -207,7 +208,7 @@ class PoseQuestion:
 
     @cached_property
     def bounds(self) -> tuple[FloatArray, FloatArray]:
-        """Bounds of the variables: the ends of the curve, the limits of the joints, the goal and the gap."""
+        """Bounds of the variables: ends of the curve, joint limits, goal and gap."""
         length = self.arm.length
         frames = self.program.frames
         position, direction = self._goal
@@ -228,7 +229,7 @@ class PoseQuestion:
 
     @cached_property
     def start_values(self) -> FloatArray:
-        """Values of the variables at the pose to start from and the curve near it."""
+        """Values of the variables at the start pose and the curve near it."""
         arm = self.arm
         points = arm.joint_positions_at(self.start)
         gap = min(self.regions.gap(arm.free_shares, points), self.wanted_gap)
@@ -274,7 +275,7 @@ class PoseQuestion:
         )
 
     def _bend_multipliers(self, of_bounds: FloatArray) -> dict[str, float]:
-        """Return what the limits of the bends cost, by the joint and the side that it bends to."""
+        """Return the multipliers of the bend limits, by joint and bending side."""
         k = self.arm.bends_a_joint
         place = self.program.unknowns.places["bends"]
         lower, upper = self.bounds
@@ -288,23 +289,26 @@ class PoseQuestion:
 
     @property
     def first_bending(self) -> int:
-        """Number of the first joint that may bend: the first that has passed the hole at the start."""
+        """Index of the first joint that may bend: the first that has passed the hole at the start."""
         return int(np.sum(self.arm.held(float(self.arm.coordinates.advance(self.start)))))
 
     def bend_bounds(self, share: float) -> tuple[FloatArray, FloatArray]:
-        """Bounds of all bends, shape (bends,) [rad]: zero where the guide tube holds them, little just beyond it.
+        """Return the bounds of all bends, shape (bends,) [rad]: zero inside the guide tube.
+
+        Just beyond the tube they are small, because a sharp bend there would have to be made, or undone, within a short
+        length of feed.
 
         A sharp bend just beyond the tube would have to be made, and taken back, over a short way of the feed.
 
         Args:
-            share: of the limits that a pose may use.
+            share: share of the limits that a pose may use.
         """
         arm = self.arm
         feed = float(arm.coordinates.advance(self.start))
         places = feed + arm.link_length * np.arange(arm.links, dtype=np.float64) - arm.hole
         bends = self.start[: len(arm.bend_limits)]
         limits = share * arm.bend_limits * np.repeat(bend_shares(arm, places), arm.bends_a_joint)
-        # The start may be nearer to its limit than that.
+        # The start may use more of its limits than that.
         limits = np.maximum(limits, np.minimum(np.abs(bends), arm.bend_limits))
         limits[: arm.bends_a_joint * self.first_bending] = 0.0
         lower, upper = -limits, limits
@@ -314,7 +318,7 @@ class PoseQuestion:
 
     @property
     def feed_range(self) -> tuple[float, float]:
-        """Where the base may be so that the joints that may bend stay outside the tube [m]."""
+        """Range of the base position in which the joints that may bend stay outside the tube [m]."""
         low, high = self.arm.base_range
         first = self.first_bending
         if not self.arm.base_axes or first >= self.arm.links:

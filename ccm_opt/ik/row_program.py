@@ -1,4 +1,4 @@
-"""Programs of named rows, and what IPOPT made of them."""
+"""Nonlinear programs made of named rows, and IPOPT's answers to them."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -15,7 +15,7 @@ from ccm_opt.core.arrays import FloatArray
 
 @dataclass(frozen=True)
 class RowBlock:
-    """A block of constraint rows: ``lower <= expression <= upper``, one name a row."""
+    """A block of constraint rows: ``lower <= expression <= upper``, with one name per row."""
 
     names: tuple[str, ...]
     expression: ca.SX
@@ -24,21 +24,21 @@ class RowBlock:
 
 
 def equal_to_zero(names: tuple[str, ...], expression: ca.SX) -> RowBlock:
-    """Return the rows that must vanish."""
+    """Return rows that must equal zero."""
     return RowBlock(names, expression, np.zeros(len(names)), np.zeros(len(names)))
 
 
 def not_negative(names: tuple[str, ...], expression: ca.SX) -> RowBlock:
-    """Return the rows that must be zero or more."""
+    """Return rows that must not be negative."""
     return RowBlock(names, expression, np.zeros(len(names)), np.full(len(names), np.inf))
 
 
 @dataclass(frozen=True, eq=False)
 class Symbols:
-    """Symbols by name, one after the other in a column.
+    """Named symbols, stacked in one column.
 
     Attributes:
-        by_name: matrices of symbols; what is without entries is nowhere.
+        by_name: matrices of symbols; empty ones take no place in the column.
     """
 
     by_name: Mapping[str, ca.SX]
@@ -48,23 +48,23 @@ class Symbols:
 
     @cached_property
     def column(self) -> ca.SX:
-        """All of them, each column by column."""
+        """All symbols, each matrix column by column."""
         return ca.vertcat(*(ca.vec(symbols) for symbols in self.by_name.values()))
 
     @cached_property
     def places(self) -> Mapping[str, slice]:
-        """Where each stands in the column."""
+        """Slice of the column that each name takes."""
         sizes = [symbols.numel() for symbols in self.by_name.values()]
         stops = np.cumsum(sizes).tolist()
         cuts = (slice(stop - size, stop) for stop, size in zip(stops, sizes, strict=True))
         return dict(zip(self.by_name, cuts, strict=True))
 
     def filled(self, numbers: Mapping[str, FloatArray], fill: float = np.nan) -> FloatArray:
-        """Return the numbers for the column.
+        """Return numbers for the whole column.
 
         Args:
-            numbers: by name, a matrix's columns in rows.
-            fill: what the others get.
+            numbers: numbers by name, with the columns of the symbol matrix as rows.
+            fill: value for names without numbers.
         """
         column = np.full(self.column.numel(), fill)
         for name, place in self.places.items():
@@ -75,15 +75,14 @@ class Symbols:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class RowProgram:
-    """Variables, rows and costs of a pose at the goal.
+    """Variables, rows and costs of a nonlinear program.
 
     Attributes:
         unknowns: the variables.
-        parameters: what changes from question to question, the weights of the parts among them.
+        parameters: values that change from one question to the next, including the weights of the parts.
         rows: all blocks of rows.
-        parts: the parts of the objective by name, unweighted; the user's behind those that have a weight among the
-            parameters.
-        objective: their weighted sum.
+        parts: unweighted parts of the objective by name; the user's parts follow those whose weights are parameters.
+        objective: the weighted sum of the parts.
     """
 
     unknowns: Symbols
@@ -104,13 +103,13 @@ class RowProgram:
 
     @cached_property
     def parts_function(self) -> ca.Function:
-        """(variables, parameters) to the parts of the objective, unweighted, in one column."""
+        """Function from variables and parameters to the unweighted parts of the objective, in one column."""
         parts = ca.vertcat(*self.parts.values())
         return ca.Function("parts", [self.variables, self.parameters.column], [parts])
 
     @cached_property
     def row_names(self) -> tuple[str, ...]:
-        """What each row says."""
+        """Name of each row."""
         return tuple(name for block in self.rows for name in block.names)
 
     @cached_property
@@ -124,9 +123,9 @@ class RowProgram:
         """Return the weighted parts of the objective by name.
 
         Args:
-            variables: shape (variables,).
-            parameters: for their column.
-            weights: of the first parts; the user's that follow have theirs in them already.
+            variables: values of the variables, shape (variables,).
+            parameters: values of the parameters' column.
+            weights: weights of the first parts; the user's parts that follow already include theirs.
         """
         own = np.ones(len(self.parts) - len(weights))
         amounts = np.asarray(self.parts_function(variables, parameters), dtype=np.float64).ravel()
@@ -135,19 +134,19 @@ class RowProgram:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class RowAnswer:
-    """How a program was answered, whatever its variables mean.
+    """The solver's answer to a program, whatever its variables mean.
 
     Attributes:
-        variables: where the solver stopped, shape (variables,).
-        costs: weighted parts of the objective by name; they sum to it.
-        multipliers: of the rows that shape the pose, by name: how much the objective would fall for one unit of the
-            row (one arm's length, one radian, one unit of the user's); the largest first.
-        status: the solver's own word for how it stopped.
-        iterations: of the solver.
+        variables: variables at which the solver stopped, shape (variables,).
+        costs: weighted parts of the objective by name, which sum to the objective.
+        multipliers: multipliers of the rows that shape the pose, by name: the decrease of the objective per unit of the
+            row (one arm's length, one radian, one of the user's units); the largest first.
+        status: the solver's own return status.
+        iterations: number of iterations of the solver.
         violation: largest violation of any row, in units of the arm's length.
         worst_row: name of that row.
         size: numbers of variables and rows.
-        broken: rows that are violated by more than what counts as kept, by name, and by how much each; the worst first.
+        broken: violations, by name, of the rows that do not count as satisfied; the worst first.
     """
 
     variables: FloatArray
@@ -162,7 +161,7 @@ class RowAnswer:
 
     @property
     def cost(self) -> float:
-        """The objective."""
+        """Value of the objective."""
         return float(sum(self.costs.values()))
 
 
@@ -176,16 +175,16 @@ def row_answer(
     bounded: Mapping[str, float] = MappingProxyType({}),
     binding: float = np.inf,
 ) -> RowAnswer:
-    """Return how IPOPT answered a program.
+    """Return IPOPT's answer to a program as a ``RowAnswer``.
 
     Args:
-        program: that was solved.
-        answer: by CasADi's names.
-        statistics: by CasADi's names.
-        feasible: violation up to which a row counts as kept.
+        program: the program that was solved.
+        answer: IPOPT's results under CasADi's names.
+        statistics: IPOPT's statistics under CasADi's names.
+        feasible: violation up to which a row counts as satisfied.
         costs: weighted parts of the objective by name.
-        bounded: multipliers of bounds that shape the pose as rows do, by name.
-        binding: multipliers from which on a row is said to shape the pose.
+        bounded: multipliers, by name, of bounds that shape the pose as rows do.
+        binding: multiplier above which a row is reported to shape the pose.
     """
     rows = np.asarray(answer["g"], dtype=np.float64).ravel()
     multipliers = np.append(np.asarray(answer["lam_g"], dtype=np.float64), list(bounded.values()))
@@ -213,8 +212,8 @@ def row_answer(
 
 
 def _is_tie(name: str) -> bool:
-    """Return whether a row only ties variables together and asks nothing of the pose."""
-    if name.startswith("user: "):  # whatever its user calls it
+    """Return whether a row only ties variables together and demands nothing of the pose."""
+    if name.startswith("user: "):  # whatever its name
         return False
     return any(tie in name for tie in ("mapping", "gap in", "spline at", "of its end"))
 
@@ -223,7 +222,7 @@ _solvers: WeakKeyDictionary[RowProgram, dict[tuple[Any, ...], ca.Function]] = We
 
 
 def built_solver(program: RowProgram, options: Mapping[str, Any]) -> ca.Function:
-    """Return the solver of a program; built once for the same options, kept as long as the program lives."""
+    """Return the solver of a program, built once per set of options and kept as long as the program lives."""
     kept = _solvers.setdefault(program, {})
     asked = tuple(options.items())
     if asked not in kept:
@@ -238,10 +237,10 @@ def built_solver(program: RowProgram, options: Mapping[str, Any]) -> ca.Function
 
 
 def block_derivatives(program: RowProgram) -> dict[str, ca.Function]:
-    """Return the Jacobian of the rows and Hessian of the Lagrangian, block by block.
+    """Return the Jacobian of the rows and the Hessian of the Lagrangian, built block by block.
 
-    A block depends on few variables in the same way, and takes fewer sweeps than all blocks at once: CasADi's own
-    derivatives of a whole program in space take half as long again (measured).
+    The rows of a block depend on few variables in the same way, so a block takes fewer sweeps than all at once: with
+    CasADi's own derivatives a whole program in space takes half as long again (measured).
     """
     variables, parameters = program.variables, program.parameters.column
     weight = ca.SX.sym("weight")
@@ -265,7 +264,7 @@ IPOPT_SWITCHES: MappingProxyType[str, Any] = MappingProxyType(
         "ipopt.acceptable_iter": 0,
         "ipopt.mu_strategy": "adaptive",
         "ipopt.nlp_scaling_method": "none",
-        # The matrices are small and well scaled by themselves: a fifth of the time goes, the iterates stay.
+        # The matrices are small and well scaled: this saves a fifth of the time, with the same iterates.
         "ipopt.fast_step_computation": "yes",
         "ipopt.min_refinement_steps": 0,
         "ipopt.mumps_permuting_scaling": 0,
@@ -273,4 +272,4 @@ IPOPT_SWITCHES: MappingProxyType[str, Any] = MappingProxyType(
         "ipopt.mumps_scaling": 0,
     }
 )
-"""Silent, without an acceptable level of its own, and without scaling."""
+"""Silent, without a separate acceptable level, and without scaling."""

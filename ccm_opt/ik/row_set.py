@@ -1,4 +1,4 @@
-"""Hard constraints as rows for the planner: equations h(q, u) = 0 and gaps g(q, u) ≥ 0, with their slopes."""
+"""Hard constraints as rows for the planner: equations h(q, u) = 0 and inequalities g(q, u) ≥ 0, with derivatives."""
 
 from dataclasses import dataclass
 from functools import cached_property

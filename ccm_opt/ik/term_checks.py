@@ -13,20 +13,20 @@ from ccm_opt.ik.terms import TERM_TOLERANCE
 from ccm_opt.problem.solution import Check, JointPath, JointTrajectory
 
 _RATE = 1000.0
-"""Samples a second between the written ones at which the motion is checked [Hz]. Taste: documented to users."""
+"""Rate at which the motion is checked between the written samples [Hz]. Taste: documented to users."""
 
 _PLACES_PER_KNOT = 16
-"""Places of the path to a knot, among which the path parameter of a pose is looked for. Taste: Newton's method does the
-rest."""
+"""Number of samples of the path per knot among which the path parameter of a pose is sought. Taste: Newton's method
+does the rest."""
 _WINDOW = 40 * _PLACES_PER_KNOT
-"""How many of these places, from the one of the sample before, are looked at. Derived: 40 knots, more than a motion
-passes between two samples."""
+"""Number of these samples that are searched, starting from the match of the previous pose. Derived: 40 knots, more than
+a motion passes between two poses."""
 _NEWTON_STEPS = 3
-"""Steps of Newton's method from the nearest place. Taste: three square an error of 1/16 knot to below rounding."""
+"""Newton steps from the nearest sample. Taste: three steps reduce an error of 1/16 knot to below rounding."""
 
 
 def nearest_path_parameters(path: JointPath, poses: FloatArray) -> FloatArray:
-    """Return where on the path given poses are nearest, never going back, shape (N,).
+    """Return the path parameters at which the path is nearest to poses, not decreasing, shape (N,).
 
     Args:
         path: spline of the coordinates over u in [0, 1].
@@ -39,21 +39,21 @@ def nearest_path_parameters(path: JointPath, poses: FloatArray) -> FloatArray:
     u = np.empty(len(poses))
     first = 0
     for k, pose in enumerate(poses):
-        # A motion may pass the same pose twice; looking forwards only, and not far, finds the right one.
+        # A motion may pass the same pose twice; searching forwards only, and not far, finds the right match.
         window = slice(first, first + _WINDOW)
-        # |x − p|² without |p|², which is the same for all of them.
+        # |x − p|² without |p|², which is common to all samples.
         first += int(np.argmin(sizes[window] - 2.0 * (points[window] @ pose)))
         u[k] = places[first]
 
     u = _refined(path, poses, u)
-    # The ends are known; and as Newton steps are taken for each pose alone, order is restored last.
+    # The ends are known; Newton steps are taken for each pose separately, so order is restored last.
     u[0] = 0.0
     u[-1] = 1.0
     return np.maximum.accumulate(u)
 
 
 def _places(path: JointPath, per_knot: int) -> FloatArray:
-    """Return the path parameters at equal distances between every two knots, increasing."""
+    """Return path parameters spaced evenly between every two knots, increasing."""
     knots = np.unique(np.clip(path.spline.t, 0.0, 1.0))
     fine = np.arange(per_knot * (len(knots) - 1) + 1) / per_knot
     places: FloatArray = np.interp(fine, np.arange(len(knots)), knots)
@@ -61,8 +61,8 @@ def _places(path: JointPath, per_knot: int) -> FloatArray:
 
 
 def _refined(path: JointPath, poses: FloatArray, u: FloatArray) -> FloatArray:
-    """Return the Newton's method (Gauss–Newton) on the squared distance of every pose to the path."""
-    least_slope = 1e-12  # at a stop the path does not move, and any parameter is as good
+    """Return the path parameters after Gauss–Newton steps on the squared distance of every pose to the path."""
+    least_slope = 1e-12  # at a stop the path does not move, and any parameter will do
     for _ in range(_NEWTON_STEPS):
         error = poses - path.spline(u)
         slope = path.spline(u, 1)
@@ -77,18 +77,18 @@ def evaluate_terms(
     path: JointPath,
     trajectory: JointTrajectory,
 ) -> tuple[tuple[Check, ...], Mapping[str, float]]:
-    """Return one check for every constraint, and figures by name.
+    """Return one check for every constraint, and metrics by name.
 
     Args:
         terms: constraints and costs.
-        path: gives the path parameter, and the keyframes.
+        path: the path, for its path parameter and keyframes.
         trajectory: the timed motion.
 
     Returns:
-        Checks, of hard constraints against the tolerance and of soft ones for the record; and the worst residual of
-        every constraint with the mean value of every cost.
+        Checks, of hard constraints against the tolerance and of soft ones for the record; and metrics, the worst
+        residual of every constraint and the mean value of every cost.
     """
-    # Poses are shared by all terms, since finding their path parameters is what takes time.
+    # All terms share the poses, since finding their path parameters takes most of the time.
     every = poses_at_rate(terms, path, trajectory)
     keyframes = poses_at_keyframes(path.keyframes, nearest_path_parameters(path, path.keyframes))
     return _checks(terms, every, keyframes), _figures(terms, every)
@@ -99,15 +99,15 @@ def checks_without_path(
     trajectory: JointTrajectory,
     keyframes: FloatArray,
 ) -> tuple[Check, ...]:
-    """Return the same for a motion of which only samples and keyframes are known, as of one read from its folder.
+    """Return one check per constraint for a motion known only by samples and keyframes, as read from a folder.
 
     Args:
         terms: constraints and costs.
         trajectory: the timed motion.
-        keyframes: of the planner, shape (K, coordinates).
+        keyframes: keyframes of the planner, shape (K, coordinates).
 
     Raises:
-        ProblemError: for terms that depend on the path parameter, which is not known.
+        ProblemError: a term depends on the path parameter, which is not known.
     """
     if _parametric(terms):
         raise ProblemError(
@@ -124,11 +124,11 @@ def _checks(terms: UserTerms, every: MotionStates, keyframes: MotionStates) -> t
 
 
 def _figures(terms: UserTerms, every: MotionStates) -> Mapping[str, float]:
-    """Return the worst residual of every constraint and mean value of every cost, by name."""
+    """Return the worst residual of every constraint and the mean value of every cost, by name."""
     figures = {}
     for each in terms.checked:
         excess, _ = _worst(each, every)
-        # What is no number stays none.
+        # NaN stays NaN.
         figures[f"residual_{_key(each.constraint.name)}"] = max(0.0, excess)
     for cost in terms.costs:
         poses = every.where(cost.cost.where)
@@ -141,14 +141,17 @@ def poses_at_rate(
     path: JointPath | None,
     trajectory: JointTrajectory,
 ) -> MotionStates:
-    """Return the written samples and those at 1 kHz between them; without a path all between its ends are alike."""
+    """Return the written samples and interpolated ones in between, at 1 kHz.
+
+    Without a path, the path parameter is spaced evenly over the samples.
+    """
     time = _times_at_rate(trajectory.time, _RATE)
     known = (trajectory.positions, trajectory.velocities, trajectory.accelerations)
-    # Positions, velocities and accelerations of the samples are all met, unlike by a line between them.
+    # Unlike a linear interpolation, this matches the positions, velocities and accelerations of the samples.
     motion = _hermite(trajectory.time, *known)
     positions: FloatArray = motion(time)
     rates: FloatArray = motion.derivative()(time)
-    # Path parameters cost a search along the path, so they are found only where a term depends on them.
+    # Finding path parameters takes a search along the path, so it is done only if a term needs them.
     u = np.linspace(0.0, 1.0, len(time))
     if path is not None and _parametric(terms):
         u = nearest_path_parameters(path, positions)
@@ -161,14 +164,14 @@ def _parametric(terms: UserTerms) -> bool:
 
 
 def poses_at_keyframes(keyframes: FloatArray, u: FloatArray) -> MotionStates:
-    """Return the planner's keyframes, shape (K, coordinates), at their path parameters; their time is unknown."""
-    # NaN rather than zero: a constraint on speeds that is evaluated here must fail, not pass.
+    """Return the planner's keyframes, shape (K, coordinates), at their path parameters; times are unknown."""
+    # NaN rather than zero: a constraint on speeds evaluated here must fail, not pass.
     return MotionStates(keyframes, u, np.full_like(keyframes, np.nan), np.full(len(keyframes), np.nan))
 
 
 def _times_at_rate(time: FloatArray, rate: float) -> FloatArray:
-    """Return the samples' times, and as many between two of them as the longest interval needs."""
-    # Keeps rounding of an interval of exactly one period from doubling the poses.
+    """Return the sample times, with as many times between each two as the longest interval needs for the rate."""
+    # Stops rounding of an interval of exactly one period from doubling the number of poses.
     rounding = 1e-6
     parts = max(1, int(np.ceil(np.max(np.diff(time)) * rate - rounding)))
     samples = np.arange(len(time), dtype=np.float64)
@@ -178,9 +181,9 @@ def _times_at_rate(time: FloatArray, rate: float) -> FloatArray:
 
 
 def _hermite(time: FloatArray, x: FloatArray, v: FloatArray, a: FloatArray) -> BPoly:
-    """Quintic Hermite interpolation: the motion that the samples' positions, velocities and accelerations define."""
+    """Return the quintic Hermite interpolation of positions, velocities and accelerations at the samples."""
     h = np.diff(time)[:, None]
-    # Bernstein coefficients of each interval by the derivatives at its ends.
+    # Bernstein coefficients of each interval, from the derivatives at its ends.
     rising = (x[:-1], x[:-1] + h * v[:-1] / 5.0, x[:-1] + 2.0 * h * v[:-1] / 5.0 + h**2 * a[:-1] / 20.0)
     falling = (x[1:] - 2.0 * h * v[1:] / 5.0 + h**2 * a[1:] / 20.0, x[1:] - h * v[1:] / 5.0, x[1:])
     return BPoly(np.stack((*rising, *falling)), time)
@@ -191,16 +194,16 @@ def _check(item: CompiledConstraint, poses: MotionStates) -> Check:
     constraint = item.constraint
     if constraint.soft:
         return Check(f"soft constraint {constraint.name}", worst, np.inf, "", where, passed=True)
-    # A residual that is not a number fails, because NaN is not less than anything.
+    # A NaN residual fails, because NaN is not less than anything.
     return Check(
         f"constraint {constraint.name}", worst, TERM_TOLERANCE, "", where, passed=bool(worst <= TERM_TOLERANCE)
     )
 
 
 def _worst(item: CompiledConstraint, poses: MotionStates) -> tuple[float, str]:
-    """Return by how much the bounds are passed at worst where the constraint applies, and the place of that in words.
+    """Return the greatest signed violation where the constraint applies, and its place in words.
 
-    Negative where they are kept, with so much to spare; NaN, before all others, when a value is not finite.
+    Negative if the bounds hold, by that margin; NaN takes precedence if a value is not finite.
     """
     chosen = poses.where(item.constraint.where)
     if not len(chosen.u):
