@@ -1,1 +1,1 @@
-"""The driver: from a problem to a verified, simulated solution, and to new goals while the arm moves."""
+"""The driver: turns a problem into a verified, simulated solution, and replans to new goals while the arm moves."""

@@ -1,4 +1,4 @@
-"""The simulation of a plan, and what the simulated arm touches."""
+"""Simulation of a plan under control, and the contacts of the simulated arm."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -14,22 +14,22 @@ from ccm_opt.problem.solution import JointStates, JointTrajectory, SimulatedMoti
 from ccm_opt.robot.frames import bends_from_revolutes, joint_positions_3d
 
 _FIRST_LOOKS = 40
-"""Samples at which the simulated arm is looked at first, as far as a link; the others need only be looked at as far as
-the nearest surface of these. Taste: on the elbow with 9500 samples, as long as a hundredth of looking so far at all of
-them."""
+"""Samples at which gaps of the simulated arm are measured first, as far as a link; at the other samples the search need
+only reach as far as the nearest surface found here. Taste: on the elbow with 9500 samples, this takes a hundredth of
+the time of searching that far at all of them."""
 _LEAST_REACH = 1.0 / 16.0
-"""How far the others are looked at at least, in links. Taste."""
+"""Least search distance at the other samples, in links. Taste."""
 _STEP_HALVINGS = 4
-"""How often the step is halved, at most, before the arm is said not to follow its plan. Taste: a sixteenth of the step
+"""Most times that the step is halved before the arm is reported not to follow its plan. Taste: a sixteenth of the step
 costs sixteen times the run."""
 _SAME_ERROR = 0.1
-"""Relative difference of two tracking errors, at a step and at half of it, below which the step is not what keeps the
-arm from following, so that no smaller one is tried. Taste."""
+"""Relative difference of the tracking errors at a step and at half of it below which the step size does not explain why
+the arm fails to follow, so that no smaller one is tried. Taste."""
 
 WALLS = "simulated_least_wall_clearance_m"
-"""Figure of the least distance to walls."""
+"""Name of the figure of the least distance to walls."""
 ITSELF = "simulated_least_self_clearance_m"
-"""Figure of the least distance between links."""
+"""Name of the figure of the least distance between links."""
 FROM_BEST_TO_WORST: tuple[SimulationOutcome, ...] = (
     "followed",
     "saturated",
@@ -38,17 +38,17 @@ FROM_BEST_TO_WORST: tuple[SimulationOutcome, ...] = (
     "diverged",
     "not simulated",
 )
-"""Outcomes of simulations, by how much there is to be learned from them."""
+"""Outcomes of simulations, from best to worst."""
 
 
 @dataclass(frozen=True)
 class Touch:
-    """A link of the simulated arm in contact.
+    """A contact of a link of the simulated arm.
 
     Attributes:
         link: number of the link, counted from 1.
         obstacle: name of the wall, or "link 9".
-        time: when [s].
+        time: time of the contact [s].
     """
 
     link: int
@@ -61,11 +61,11 @@ class Touch:
 
 @dataclass(frozen=True)
 class Seen:
-    """What was seen of a simulated arm among its obstacles.
+    """Contacts and least distances of a simulated arm among its obstacles.
 
     Attributes:
-        touch: where it first touches something; None where it touches nothing.
-        walls: least distance from walls, inf where nothing is near [m]; of no matter beyond a contact.
+        touch: first contact; None without one.
+        walls: least distance to walls, inf where none is near [m]; meaningless after a contact.
         itself: least distance between links, inf where none are near; None where links may meet [m].
     """
 
@@ -76,11 +76,11 @@ class Seen:
 
 @dataclass(frozen=True)
 class JudgedMotion:
-    """A simulated motion with its verdict, and how near it came to what it must not touch.
+    """A simulated motion with its verdict, contacts and least distances.
 
     Attributes:
-        motion: what the arm did.
-        seen: None when nothing was simulated, or what it came near to is not known.
+        motion: motion of the simulated arm.
+        seen: contacts and distances; None when nothing was simulated, or they are not known.
     """
 
     motion: SimulatedMotion
@@ -88,7 +88,7 @@ class JudgedMotion:
 
     @property
     def rank(self) -> int:
-        """Place of its outcome, 0 for the best."""
+        """Index of the outcome in ``FROM_BEST_TO_WORST``, 0 for the best."""
         return FROM_BEST_TO_WORST.index(self.motion.verdict.outcome)
 
 
@@ -97,18 +97,19 @@ def simulate_and_check(
     trajectory: JointTrajectory,
     joints: JointStates,
 ) -> tuple[SimulatedMotion, Mapping[str, float]]:
-    """Simulate a planned motion and judge it; a motion that is not followed is a result, never an error.
+    """Simulate a planned motion and judge it; an arm that does not follow its plan is a result, never an error.
 
-    An arm that does not follow is simulated with smaller steps, for the fault may be the step's. The first run in which
-    it follows counts; else the one asked for, unless smaller steps take the arm farther.
+    If the arm does not follow, the simulation is repeated with smaller steps, since the integration may be at fault.
+    The first run in which the arm follows counts; otherwise the run at the problem's own step, unless a smaller step
+    gives a better outcome.
 
     Args:
-        problem: arm, limits, obstacles, simulation options.
+        problem: arm, limits, obstacles and simulation options.
         trajectory: the plan.
-        joints: the same for all revolutes.
+        joints: the plan for all revolutes.
 
     Returns:
-        What the arm does, with the verdict on it, and its figures of merit, named with their units.
+        The simulated motion with its verdict, and its figures of merit, named with their units.
     """
     asked = simulated_once(problem, trajectory, joints)
     best = asked
@@ -135,7 +136,7 @@ def simulated_once(
     trajectory: JointTrajectory,
     joints: JointStates,
 ) -> JudgedMotion:
-    """Simulate a planned motion with the problem's own step and judge it; arguments as for ``simulate_and_check``."""
+    """Simulate a planned motion at the problem's own step and judge it; arguments as for ``simulate_and_check``."""
     options = problem.simulation
     try:
         motion = simulate(problem.arm, trajectory, joints, options, problem.limits)
@@ -151,9 +152,9 @@ def simulated_once(
 
 
 def _figures(trajectory: JointTrajectory, simulated: SimulatedMotion, seen: Seen | None) -> Mapping[str, float]:
-    """Return the tracking errors, time at limits, and least clearances at all times.
+    """Return the tracking errors, the time at limits, and the least clearances over all times.
 
-    Where it touches, those of a contact.
+    After a contact, the clearances are those at the contact.
     """
     figures = {"tracking_error_rad": simulated.tracking_error, "saturated_time_s": simulated.saturated_time}
     errors = np.abs(simulated.base_positions - trajectory.base_positions)
@@ -167,7 +168,7 @@ def _figures(trajectory: JointTrajectory, simulated: SimulatedMotion, seen: Seen
 
 
 def _alike(coarse: JudgedMotion, fine: JudgedMotion, share: float) -> bool:
-    """Return whether half the step changed so little that the step is not what keeps the arm from following."""
+    """Return whether halving the step changed so little that the step size does not explain the failure."""
     if fine.rank != coarse.rank or fine.motion.verdict.outcome in ("diverged", "not simulated"):
         return False
     error = coarse.motion.tracking_error
@@ -175,7 +176,7 @@ def _alike(coarse: JudgedMotion, fine: JudgedMotion, share: float) -> bool:
 
 
 def _touched(verdict: SimulationVerdict, touch: Touch) -> SimulationVerdict:
-    """Return the verdict on a run in which the arm touches something, with what its drives did besides."""
+    """Return the verdict on a run with a contact, which also says what the drives did."""
     return replace(
         verdict,
         outcome="touched",
@@ -188,10 +189,10 @@ def _touched(verdict: SimulationVerdict, touch: Touch) -> SimulationVerdict:
 
 
 def _at_a_smaller_step(motion: SimulatedMotion, asked: SimulationVerdict) -> SimulatedMotion:
-    """Return a run with a smaller step than asked for, whose verdict says so."""
+    """Return a run at a smaller step than the problem's, with a verdict that says so."""
     verdict = motion.verdict
     if verdict.followed:
-        # Where a step that is too long leads says nothing of an arm that follows.
+        # Details of the run at too long a step say nothing about an arm that follows.
         failed = "the integration diverged" if asked.outcome == "diverged" else f"{asked.outcome}: {asked.reason}"
         reason = f"in steps of {verdict.step:g} s; in those asked for, of {asked.step:g} s, {failed}"
         return replace(motion, verdict=replace(verdict, reason=reason))
@@ -202,12 +203,12 @@ def _at_a_smaller_step(motion: SimulatedMotion, asked: SimulationVerdict) -> Sim
 def not_simulated(
     trajectory: JointTrajectory, joints: JointStates, step: float, reason: str, advice: tuple[str, ...] = ()
 ) -> SimulatedMotion:
-    """Return an arm that was not simulated: it stands where the plan begins.
+    """Return the record of an arm that was not simulated: it rests where the plan begins.
 
     Args:
         trajectory: the plan.
-        joints: the same for all revolutes.
-        step: that was asked for [s].
+        joints: the plan for all revolutes.
+        step: step size asked for [s].
         reason: why it was not simulated.
         advice: what would help.
     """
@@ -227,14 +228,14 @@ def seen(
     trajectory: JointTrajectory,
     simulated: SimulatedMotion,
 ) -> Seen | None:
-    """Return what a simulated arm comes near to; None when no step was run, or an arm of the plane left it.
+    """Return contacts and least distances of a simulated arm; None if no step ran, or a planar arm left its plane.
 
-    In space rolls that the controller does not hold at zero count too: the arm is where its revolutes put it.
+    In space, rolls that the controller does not hold at zero count too: the revolutes alone determine the pose.
 
     Args:
-        problem: walls or surfaces, and arm.
+        problem: arm, and walls or surfaces.
         trajectory: the plan, for its times.
-        simulated: what the arm did.
+        simulated: motion of the simulated arm.
     """
     angles = simulated.angles
     if simulated.verdict.outcome == "not simulated" or len(angles) < 2:
@@ -242,7 +243,7 @@ def seen(
     arm = problem.arm
     if arm.dimension == 3:
         points = joint_positions_3d(arm, angles, np.sum(simulated.base_positions, axis=1))
-    # Obstacles are known in the plane alone, which yaws and rolls beyond rounding leave.
+    # Obstacles of planar problems exist in the plane only; yaws and rolls beyond rounding leave it.
     elif max(np.max(np.abs(angles[:, place::3])) for place in (0, 2)) > ROUNDING:
         return None
     else:
@@ -250,7 +251,7 @@ def seen(
     gaps = _as_far_as_needed(problem, points)
     walls = gaps.walls
     itself = gaps.itself
-    # A plan may touch as deep as rounding goes, where its base stands flush on a floor; so may the arm.
+    # Where the base stands flush on a floor, the plan may penetrate to rounding; the arm is granted as much.
     deep = -problem.contact_tolerance
     touching = np.flatnonzero((walls.gap < deep) | (itself.gap < deep))
     touch = None
@@ -268,12 +269,15 @@ def _least(near: NearestOfSamples) -> float:
 
 
 def _as_far_as_needed(problem: Problem, points: FloatArray) -> GapsAtSamples:
-    """Return the gaps of poses, looked for no farther than the least of them is: of surfaces up to a link's length."""
+    """Return the gaps at all poses, searched no farther than the least gap among a few of them.
+
+    To surfaces that first search reaches one link's length in space, and the arm's length in the plane.
+    """
     few = points[:: max(1, len(points) // _FIRST_LOOKS)]
     arm = problem.arm
     far = arm.length if arm.dimension == 2 else arm.link_length
     known = GapsAtSamples.of(problem, few, far, arm.length)
-    # What is just as near as the reach counts as not found, and so would what is in contact for a reach of zero.
+    # Bodies exactly at the search distance are not found, so a distance of zero would not find contacts.
     least = _LEAST_REACH * arm.link_length
     walls = np.clip(1.001 * np.min(known.walls.gap), least, far)
     itself = np.clip(1.001 * np.min(known.itself.gap), least, arm.length)

@@ -1,4 +1,4 @@
-"""Finds the best pose at a goal, whatever motion would lead to it."""
+"""Finds the best pose at a goal, without asking whether a motion leads to it."""
 
 import re
 from collections.abc import Callable, Iterator, Sequence
@@ -31,10 +31,11 @@ from ccm_opt.problem.solution import BindingSide, StaticPose
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 
 _LEANING = 1e-4
-"""By how much the room to a side may differ from the gap of a pose that leans on it (taste)."""
+"""Share of the arm's length by which the distance to a side of a free region may differ from the gap of a pose that
+leans on that side. Taste."""
 
 _ROW = re.compile(r"link (\d+): side (\d+) of its region, at its (start|end)")
-"""What ``region_rows`` calls its rows."""
+"""Names that ``region_rows`` gives to its rows."""
 
 
 def find_pose(
@@ -47,24 +48,25 @@ def find_pose(
 ) -> StaticPose:
     """Find the best pose of the arm at a problem's goal, by the goal-pose NLP.
 
-    It is asked from drawn poses, and in the plane from a curve along every route to the goal, in space from where a
-    motion ends that leads there.
+    The NLP starts from sampled poses, in the plane also from a curve along every route to the goal, in space also from
+    the end of a motion to the goal.
 
-    Of goals in sequence it is the last. Whether a motion leads to the pose is not asked: ``solve`` does that.
+    Of several goals in sequence, the last one counts. Whether a motion leads to the pose is not checked; ``solve`` does
+    that.
 
     Args:
-        problem: with a goal for the tip; in the plane with an arm whose base stands still.
-        constraints: of the user; those that cover the goal are rows of the NLP.
-        costs: of the user; those that cover the goal are terms of its objective.
-        progress: told when a stage starts, and when the search begins with another candidate.
-        settings: numbers of the stages; the defaults when None.
+        problem: with a goal for the tip; in the plane with an arm on a fixed base.
+        constraints: constraints of the user; those that cover the goal become rows of the NLP.
+        costs: costs of the user; those that cover the goal become terms of its objective.
+        progress: called when a stage starts, and when the search turns to another candidate.
+        settings: settings of the stages; the defaults when None.
 
     Returns:
-        The pose of least cost, which touches nothing, within the joint limits, with the tip at the goal.
+        The pose of least cost that touches nothing, keeps the joint limits, and has the tip at the goal.
 
     Raises:
-        ProblemError: the goal is for the whole arm, so that there is nothing to find, or the base moves.
-        NoPlanFound: no pose was found; the diagnosis says what is missed, and whether that is proved.
+        ProblemError: the goal is for the whole arm, so that no pose is left to find, or the base moves in the plane.
+        NoPlanFound: no pose was found; the diagnosis names the violations, and whether it is proved that there is none.
     """
     Problem.expected(problem)
     refuse_without_effect(problem)
@@ -94,10 +96,10 @@ def find_pose(
 
 
 def _refuse_other_questions(problem: Problem) -> None:
-    """Refuse problems that leave no pose at the goal to be found.
+    """Refuse problems whose pose at the goal cannot be searched for.
 
     Raises:
-        ProblemError: saying why.
+        ProblemError: the goal is for the whole arm, or a planar base is on a feed axis.
     """
     if problem.goal.whole(problem.arm) is not None:
         raise ProblemError("the goal is for the whole arm, so there is no pose to find; give goal.position instead")
@@ -108,7 +110,7 @@ def _refuse_other_questions(problem: Problem) -> None:
 
 
 def _found(problem: Problem, terms: UserTerms | None, stages: Stages, settings: Settings) -> StaticPose:
-    """Return the best pose of all beginnings.
+    """Return the best pose over all initial poses.
 
     Raises:
         NoPlanFound: no pose was found.
@@ -142,7 +144,7 @@ def _found(problem: Problem, terms: UserTerms | None, stages: Stages, settings: 
 
 
 _Question = tuple[GoalPoses, Iterator[PoseBeginning]]
-"""What the NLP is asked, and from where."""
+"""The goal-pose NLP and its initial poses."""
 
 
 def _in_plane(problem: Problem, terms: UserTerms | None, settings: Settings, _: Deadline) -> _Question:
@@ -157,17 +159,17 @@ def _in_space(problem: Problem, terms: UserTerms | None, settings: Settings, dea
     task = space_task(problem, tree, deadline, settings.space)
     if task.goal_pose is None:
         refuse_goal(problem, task, task.goal)
-    # Of all poses that which is nearest to the start is the best, all else being equal.
+    # All else being equal, the pose nearest to the start is the best.
     return GoalPoses(problem, tree, near=task.start, terms=terms), in_space(task, settings.poses)
 
 
 def binding_sides(asked: GoalPoses, pose: ArmPose, start: FloatArray) -> Iterator[BindingSide]:
-    """Yield the sides that a pose leans on, the largest multiplier first.
+    """Yield the region sides that a pose leans on, in order of decreasing multiplier.
 
     Args:
-        asked: what the NLP was asked.
-        pose: a solution of it.
-        start: configuration about which its regions were drawn, shape (c,) [rad, m].
+        asked: the goal-pose NLP.
+        pose: a solution of the NLP.
+        start: configuration around which the free regions were built, shape (c,) [rad, m].
     """
     points = asked.problem.arm.joint_positions_at(pose.q)
     drawn = [asked.regions(start, settings) for settings in asked.settings.widening]
@@ -186,9 +188,9 @@ def binding_sides(asked: GoalPoses, pose: ArmPose, start: FloatArray) -> Iterato
 def _normal(
     drawn: list[JointRegions], joint: int, side: int, place: FloatArray, gap: float, allowed: float
 ) -> FloatArray | None:
-    """Return the side's outward normal, shape (d,), in the regions by which the place has just the gap to it.
+    """Return the outward normal, shape (d,), of a region side whose distance to a joint equals the gap.
 
-    None in none.
+    None when no set of regions has such a side.
     """
     for regions in drawn:
         for each in np.flatnonzero((regions.joint == joint) & (regions.number == side)):

@@ -30,30 +30,30 @@ from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from ccm_opt.verification.verifier import verify
 
 _PATIENCE = 0.6
-"""CPU time for a plan in the plane after a change [s]. Taste: what a hand that drags bears."""
+"""CPU time for replanning in the plane after a change [s]. Taste: the delay that is tolerable while dragging."""
 _PATIENCE_IN_SPACE = 1.25
-"""CPU time in space after a change [s], of which the search may take four fifths. Taste: three times what the elbow
-takes; timing and verification come on top."""
+"""CPU time for replanning in space after a change [s], of which the search may take four fifths. Taste: three times
+what the elbow takes; timing and verification come on top."""
 _FREE_ROUNDS = 4
-"""Most steps of the optimisation before it is decided where the motion ends. Measured: with four and three, motions
-last as long as with the nine and five of ``solve`` to within 1 % after 25 drags, and take four fifths of the time
+"""Most optimisation steps before the end pose of the motion is decided. Measured: with four and three, motions last as
+long as with the nine and five of ``solve`` to within 1 % after 25 drags, and take four fifths of the time
 (``bench_live``)."""
 _END_ROUNDS = 3
-"""Most steps after that. Taste: the next change goes on from there."""
+"""Most optimisation steps after that. Taste: the next change continues from there."""
 
 
 def _hurried(curve: CurvePlannerSettings) -> CurvePlannerSettings:
-    """Return the settings for plans in the plane that are soon followed by others."""
+    """Return the settings for plans in the plane that are soon replaced by others."""
     optimisation = replace(curve.motion.optimisation, free_rounds=_FREE_ROUNDS, end_rounds=_END_ROUNDS)
     return replace(curve, motion=replace(curve.motion, optimisation=optimisation))
 
 
 @dataclass
 class _FollowingPlanner:
-    """Plans in the plane from the motion that it planned last, in space hastily while something is dragged.
+    """Replans while something is dragged: in the plane from its last motion, in space for the first motion found.
 
     Attributes:
-        thorough: plans what nothing is known of.
+        thorough: plans from scratch.
         quick: plans while something is dragged.
         known: the last motion in the plane; None before the first.
         hurried: whether something is dragged.
@@ -69,7 +69,7 @@ class _FollowingPlanner:
 
         Raises:
             ProblemError: the start is in contact.
-            NoPlanFound: with the reason and what would help; the last motion stays known.
+            NoPlanFound: with the reason and what would help; the last motion is kept.
         """
         planner = self.quick if self.hurried else self.thorough
         if problem.dimension == 3:
@@ -81,12 +81,12 @@ class _FollowingPlanner:
 
 @dataclass(frozen=True)
 class LiveAnswer:
-    """What came of a change.
+    """The result of a change.
 
     Attributes:
-        current: whether the plan is one for the problem as it is now.
-        reason: why it is not; empty when it is.
-        cpu: time that it took [s].
+        current: whether the plan solves the problem as it is now.
+        reason: why the plan does not; empty when it does.
+        cpu: CPU time taken [s].
     """
 
     current: bool
@@ -98,29 +98,29 @@ class LiveAnswer:
 class LivePlan:
     """A verified plan of a problem whose goal and obstacles are moved, for tools in which people drag them.
 
-    Every change is answered by a plan that passed the verifier like any other: in the plane it is made from the one
-    before, in space it is the first motion that is found; where an obstacle in space moves that the present motion
-    keeps off as well as before, that motion is verified once more and kept. Where there is none in the time that people
-    wait, the last plan stays, and the answer says why::
+    Every change is answered by a plan that passed the verifier like any other. In the plane, it continues the last
+    motion; in space, it is the first motion found. If an obstacle in space moves and the present motion has as much
+    clearance as before, that motion is verified again and kept. If no plan is found within about a second, the last
+    plan stays, and the answer says why::
 
         live = ccm_opt.LivePlan(ccm_opt.load_problem("problems/swan-neck.toml"))
         answer = live.move_goal(position=(0.44, 0.10))
         print(answer.current, answer.reason, live.plan.trajectory.duration)
 
     Attributes:
-        problem: as it is now.
-        constraints: of the user, as ``solve`` takes them.
-        costs: of the user, likewise.
-        settings: numbers of the stages that the problem does not set.
+        problem: the problem as it is now.
+        constraints: constraints of the user, as ``solve`` takes them.
+        costs: costs of the user, likewise.
+        settings: settings of the stages that the problem does not set.
         plan: the last verified plan; without tolerance and simulation, which ``finished`` adds.
-        current: whether it is one for ``problem``.
-        reason: why it is not; empty when it is.
+        current: whether the plan solves ``problem``.
+        reason: why the plan does not; empty when it does.
 
     Raises:
         ProblemError: the problem cannot be planned live: it has goals on the way, joint errors to survive, another
             planner, or in the plane a feed axis.
-        NoPlanFound: there is no plan to begin with, or the start is in contact.
-        VerificationError: the verifier refuses it.
+        NoPlanFound: there is no plan to begin with.
+        VerificationError: the verifier refuses the first plan.
     """
 
     problem: Problem
@@ -146,7 +146,7 @@ class LivePlan:
         self._terms = compiled_terms(problem.arm, self.constraints, self.costs)
         thorough = MotionPlanner(Stages(), self._terms, plane=self.settings.curve, space=self.settings.space)
         if problem.dimension == 2:
-            # In space to prove that there is no way takes longer than whoever drags waits.
+            # In space, a proof that there is no way takes longer than is tolerable while dragging.
             thorough = replace(thorough, refuse=refuse_closed)
         self._planner = _FollowingPlanner(
             thorough, replace(thorough, plane=_hurried(self.settings.curve), first_found=True)
@@ -166,18 +166,18 @@ class LivePlan:
         position: Sequence[float] | FloatArray | None = None,
         direction: float | Sequence[float] | FloatArray | None = None,
     ) -> LiveAnswer:
-        """Move the goal of the tip, and plan again.
+        """Move the goal of the tip, and replan.
 
         Args:
-            position: of the tip, shape (d,) [m]; where it was when None.
-            direction: of the last link, shape (d,), of any length but zero, or in the plane its heading [rad]; as it
-                was when None.
+            position: position of the tip, shape (d,) [m]; unchanged when None.
+            direction: direction of the last link, shape (d,), of any length but zero, or in the plane its heading
+                [rad]; unchanged when None.
 
         Returns:
-            Whether there is a plan to there, and else why not.
+            Whether there is a plan to the new goal, and else why not.
 
         Raises:
-            ProblemError: the goal is one for the whole arm, or what is asked for is no place or direction.
+            ProblemError: the goal is for the whole arm, or an argument is no position or direction.
         """
         goal = self.problem.goal.for_tip
         if goal is None:
@@ -191,14 +191,15 @@ class LivePlan:
         return self._changed(replace(self.problem, goal=moved, source=""))
 
     def move_obstacle(self, name: str, by: Sequence[float] | FloatArray) -> LiveAnswer:
-        """Move an obstacle, and plan again.
+        """Move an obstacle, and replan.
 
         Args:
-            name: of the obstacle.
-            by: how far, shape (d,) [m].
+            name: name of the obstacle.
+            by: displacement, shape (d,) [m].
 
         Returns:
-            Whether there is a plan past it, and else why not. A plan that is not current may pass through it.
+            Whether there is a plan past the obstacle, and else why not. A plan that is not current may pass through the
+            obstacle.
 
         Raises:
             ProblemError: there is no obstacle of that name, or it cannot be moved there.
@@ -210,16 +211,16 @@ class LivePlan:
             raise ProblemError(f"there is no obstacle '{name}'; there are {known or 'none'}")
         shift = self._vector(by, "how far to move it, {} in metres")
         changed = replace(self.problem, workspace=workspace.with_moved(name, shift), source="")
-        SurfaceTree.of(changed.workspace.soup)  # what it refuses leaves all as it was
+        SurfaceTree.of(changed.workspace.soup)  # raises before anything is changed
         return self._changed(changed)
 
     def plan_anew(self, time_limit: float | None = None) -> LiveAnswer:
-        """Plan the problem as it is from nothing; the shorter of two plans is kept.
+        """Plan the problem as it is now from scratch, and keep the shorter of the old and the new plan.
 
-        A plan that follows its problem keeps to one side of every obstacle; from elsewhere there may be a shorter way.
+        A plan that follows its problem stays on one side of every obstacle; from scratch, a shorter way may be found.
 
         Args:
-            time_limit: CPU time for it [s]; that of the problem when None.
+            time_limit: CPU time for the new plan [s]; that of the problem when None.
 
         Returns:
             Whether there is a plan, and else why not.
@@ -245,7 +246,7 @@ class LivePlan:
         return LiveAnswer(self.current, self.reason, time.process_time() - begin)
 
     def finished(self, progress: Callable[[Progress], None] | None = None) -> Solution:
-        """Return the plan with the room that it keeps, the errors that it survives, and its simulation.
+        """Return the plan with its clearance over time, the errors that it survives, and its simulation.
 
         Args:
             progress: as for ``solve``.
@@ -254,7 +255,7 @@ class LivePlan:
         return described(self.plan.problem, self._verified, Stages(progress), self.settings)
 
     def _changed(self, problem: Problem) -> LiveAnswer:
-        """Plan a changed problem; where there is no plan, the last one stays."""
+        """Replan a changed problem; without a new plan, the last one stays."""
         begin = time.process_time()
         self.problem = problem
         self._planner.hurried = True
@@ -264,7 +265,7 @@ class LivePlan:
         return LiveAnswer(self.current, self.reason, time.process_time() - begin)
 
     def _within(self, time_limit: float) -> Problem:
-        """Return the problem as it is, with another limit of CPU time [s]."""
+        """Return the present problem with another limit of CPU time [s]."""
         return replace(self.problem, planner=replace(self.problem.planner, time_limit=time_limit))
 
     def _attempt(self, problem: Problem) -> None:
@@ -277,7 +278,7 @@ class LivePlan:
             self.current = False
             self.reason = failure.diagnosis.reason
         except ProblemError as refused:
-            # An obstacle was put over the start: no fault of whoever asked, and no plan either.
+            # An obstacle was dragged over the start: there is no plan, but the call was valid.
             self.current = False
             self.reason = str(refused)
         except VerificationError as failure:
@@ -285,12 +286,12 @@ class LivePlan:
             self.reason = "the verifier refuses the plan: " + "; ".join(failure.failures)
 
     def _make(self, problem: Problem) -> None:
-        """Plan, time and verify a problem; the plan is kept.
+        """Plan, time and verify a problem, and keep the plan.
 
         Raises:
             ProblemError: the start is in contact.
-            NoPlanFound: there is none.
-            VerificationError: the verifier refuses it.
+            NoPlanFound: there is no plan.
+            VerificationError: the verifier refuses the plan.
         """
         stages = Stages()
         legs = plan_legs(problem, self._planner)
@@ -298,31 +299,32 @@ class LivePlan:
 
     @on_one_thread()
     def _kept(self) -> bool:
-        """Whether the present motion in space solves the problem as it is now, with as much room, and is its plan."""
+        """Keep the present motion in space if it solves the changed problem with as much clearance; return whether it
+        does."""
         if not (self.problem.dimension == 3 and self.current):
             return False
         if self.plan.problem.goal is not self.problem.goal:
             return False
         checks = verify(self.problem, self._verified.trajectory, self._verified.joints, self.settings.verification)
         wanted = self.problem.workspace.clearance + self.problem.wanted_gap
-        # With less room than it had, or was wanted, there may be a better one.
+        # With less clearance than before and than wanted, another plan may be better.
         if failed_checks(checks) or _wall_gap(checks) < min(_wall_gap(self._verified.checks), wanted):
             return False
         self._keep(replace(self._verified, checks=checks), Stages())
         return True
 
     def _keep(self, verified: VerifiedPlan, stages: Stages) -> None:
-        """Take a plan of the problem as it is."""
+        """Make a verified plan the current plan of the problem."""
         self._verified = verified
         self.plan = draft_solution(self.problem, verified, stages)
         self.current = True
         self.reason = ""
 
     def _vector(self, value: object, what: str) -> FloatArray:
-        """Return a vector of the problem's dimension, shape (d,).
+        """Return the value as a vector of the problem's dimension, shape (d,).
 
         Raises:
-            ProblemError: it is none.
+            ProblemError: the value is no such vector.
         """
         vector = finite_array(value)
         size = self.problem.dimension
@@ -346,5 +348,5 @@ class LivePlan:
 
 
 def _wall_gap(checks: Sequence[Check]) -> float:
-    """Return the least gap to walls [m]; inf where there are none."""
+    """Return the least distance to walls in a verifier's checks [m]; inf without walls."""
     return next((each.worst for each in checks if each.name == "wall clearance"), inf)

@@ -1,4 +1,4 @@
-"""Plans from the fastest to the roomiest."""
+"""Pareto trade-off between duration and clearance: plans from the fastest to the one with most clearance."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -19,19 +19,19 @@ from ccm_opt.problem.solution import ParetoPlan, ParetoPlans, Solution
 
 @dataclass(frozen=True)
 class ParetoSettings:
-    """Numbers of the trade-off; all of them are taste.
+    """Settings of the trade-off. Taste, all of them.
 
     Attributes:
-        shares: wanted gaps of the plans after the first, as shares of the way from the gap that the first keeps
-            unasked to the largest; the last must be 1. The largest is ``most`` times the default, or the upper bound of
-            what the scene has where that is less.
-        most: the largest wanted gap, in default ones.
-        least_top: share of the default wanted gap below which a bound does not shrink the wanted gaps: where an end has
-            next to nothing, the motion can still keep room elsewhere.
-        enough_of_top: share of the largest wanted gap that its plan must keep; where the scene proves narrower, the gap
-            that it kept takes its place, so that the five plans differ.
-        narrowings: times that this may happen; wanting what another motion kept need not lead to that motion.
-        most_time: share of the fastest plan's duration by which the recommended one may be slower.
+        shares: wanted gaps of the plans after the first, as shares of the range from the gap that the first plan
+            happens to keep to the largest wanted gap; the last must be 1. The largest is ``most`` times the default, or
+            the scene's upper bound where that is less.
+        most: the largest wanted gap, as a multiple of the default.
+        least_top: share of the default wanted gap below which an upper bound is ignored: where an end of the motion has
+            next to no clearance, the rest can still keep some.
+        enough_of_top: share of the largest wanted gap that its plan must keep; in a narrower scene, the gap that this
+            plan kept becomes the largest wanted gap, so that the five plans differ.
+        narrowings: most times that this happens; a plan that wants the gap kept by another need not reach it.
+        most_time: share by which the recommended plan may take longer than the fastest.
         same_gap: gaps that differ by less than this share of the arm's length count as equal.
         same_time: durations that differ by less than this share count as equal.
     """
@@ -47,7 +47,7 @@ class ParetoSettings:
 
 
 DEFAULT_PARETO = ParetoSettings()
-"""Used where no other settings are given."""
+"""Default settings of the trade-off."""
 
 
 def pareto(
@@ -60,29 +60,29 @@ def pareto(
     settings: Settings | None = None,
     trade_off: ParetoSettings = DEFAULT_PARETO,
 ) -> ParetoPlans:
-    """Plan a problem, in the plane or in space, several times, from the fastest motion to the roomiest.
+    """Plan a problem, in the plane or in space, several times, from the fastest motion to that with most clearance.
 
-    The first plan wants no gap. The others want gaps between the one that it keeps unasked and the largest that makes
-    sense in the scene: some times the default, or, where that is less, what any motion can keep. Every plan has the
-    problem's time limit for itself.
+    The first plan wants no gap. The others want gaps between the one that the first happens to keep and the largest
+    that makes sense in the scene: a multiple of the default, or, where that is less, an upper bound for any motion.
+    Every plan has the problem's full time limit.
 
     Args:
-        problem: what to solve; its own ``wanted_gap`` is not used.
+        problem: what to solve; its own ``wanted_gap`` is ignored.
         progress: as for ``solve``, with the number of the plan before the name of the stage.
-        constraints: of the user, as ``solve`` takes them.
-        costs: of the user, likewise.
-        explain: whether it is explained why there is no plan when there is none at all.
-        settings: numbers of the stages that the problem does not set; the defaults when None.
-        trade_off: which gaps are wanted, and what is recommended.
+        constraints: constraints of the user, as for ``solve``.
+        costs: costs of the user, likewise.
+        explain: whether a failure of the first plan is explained.
+        settings: settings of the stages that the problem does not set; the defaults when None.
+        trade_off: the wanted gaps, and how the recommended plan is chosen.
 
     Returns:
-        The plans, all but the first perhaps without a solution but with a reason.
+        The plans; any but the first may hold a reason instead of a solution.
 
     Raises:
-        ProblemError: the problem cannot be used as it stands, or its planner knows no wanted gaps.
-        NoPlanFound: there is no plan for the first wanted gap, which asks for nothing.
-        VerificationError: the verifier refuses that plan.
-        CancelledWithPlan: on Ctrl-C once there is the first plan, which it holds.
+        ProblemError: the problem is invalid, or its planner does not support wanted gaps.
+        NoPlanFound: there is no plan even without a wanted gap.
+        VerificationError: the verifier refuses the first plan.
+        CancelledWithPlan: on Ctrl-C once the first plan is found, which the error holds.
     """
     Problem.expected(problem)
     expect_arguments(progress=progress, settings=settings, explain=explain)
@@ -119,7 +119,7 @@ def pareto(
         plans: list[ParetoPlan] = [ParetoPlan(0.0, first, cpu=_planning_time(first))]
         try:
             roomiest = _roomiest(first, tried, numbers, trade_off)
-            # What the fastest keeps unasked is no wish.
+            # Gaps that the fastest plan keeps anyway need not be asked for.
             low = plans[0].gap if 0.0 < plans[0].gap < roomiest.wanted_gap else 0.0
             for number, share in enumerate(trade_off.shares[:-1], start=2):
                 plans.append(tried(low + share * (roomiest.wanted_gap - low), number))
@@ -134,9 +134,9 @@ def pareto(
 def _roomiest(
     fastest: Solution, tried: Callable[[float, int], ParetoPlan], settings: Settings, trade_off: ParetoSettings
 ) -> ParetoPlan:
-    """Return the plan for the largest wanted gap that the scene has.
+    """Return the plan for the largest wanted gap of the scene.
 
-    That is some times the default, or what any motion can keep at most.
+    That is a multiple of the default, or an upper bound for any motion where that is less.
     """
     problem = fastest.problem
     usual = problem.default_gap
@@ -153,13 +153,13 @@ def _roomiest(
             or not trade_off.least_top * usual <= plan.gap < trade_off.enough_of_top * plan.wanted_gap
         ):
             break
-        # No bound knew how narrow the scene is, but this plan does.
+        # The scene is narrower than the bounds say: ask for the gap that this plan kept.
         plan = tried(plan.gap, number)
     return plan
 
 
 def _refuse_planners_without_gaps(problem: Problem) -> None:
-    """Refuse planners that know no wanted gaps; that of arms in space does, with a feed axis too."""
+    """Refuse planners that do not support wanted gaps; the spatial planner does, with a feed axis too."""
     if problem.dimension == 3:
         return
     if problem.arm.base_axes or problem.planner.method != "nlp":
@@ -170,12 +170,12 @@ def _refuse_planners_without_gaps(problem: Problem) -> None:
 
 
 def _planning_time(solution: Solution) -> float:
-    """Return the CPU time of everything but the simulation [s]."""
+    """Return the CPU time of all stages but the simulation [s]."""
     return sum(seconds for stage, seconds in solution.timings.items() if stage != "simulation")
 
 
 def _priced(plan: ParetoPlan, fastest: float) -> ParetoPlan:
-    """Return the plan with what its wanted gap costs in time."""
+    """Return a plan whose record also names the time that its wanted gap costs."""
     solution = plan.solution
     if solution is None or solution.room is None or plan.wanted_gap == 0.0:
         return plan
@@ -185,13 +185,13 @@ def _priced(plan: ParetoPlan, fastest: float) -> ParetoPlan:
 
 @dataclass(frozen=True)
 class Judgement:
-    """Compares plans by their durations and gaps; room above the largest wanted gap is worth nothing.
+    """Compares plans by duration and gap; gaps above the largest wanted gap have no further worth.
 
     Attributes:
-        plans: in order.
+        plans: in order, from the fastest to that with most clearance.
         most_gap: the largest wanted gap [m].
-        length: of the arm [m].
-        trade_off: what counts as equal, and how much slower the recommended plan may be.
+        length: length of the arm [m].
+        trade_off: tolerances of equality, and how much slower the recommended plan may be.
     """
 
     plans: Sequence[ParetoPlan]
@@ -200,7 +200,7 @@ class Judgement:
     trade_off: ParetoSettings
 
     def dominator(self, plan: ParetoPlan) -> int:
-        """Number of a plan that is no worse in time and room and better in one of them; 0 when there is none."""
+        """Return the number of a plan no worse in duration and gap and better in one of them; 0 without one."""
         if plan.solution is None:
             return 0
         gap = self.worth(plan)
@@ -214,7 +214,7 @@ class Judgement:
         return 0
 
     def recommended(self) -> int:
-        """Number of the roomiest plan that is not much slower than the fastest, and not dominated."""
+        """Return the number of the plan with the largest gap among those not dominated and not much slower."""
         most = (1.0 + self.trade_off.most_time) * min(plan.duration for plan in self.plans)
         eligible = [
             number
@@ -225,11 +225,11 @@ class Judgement:
 
     @property
     def _same_gap(self) -> float:
-        """Gaps that differ by less count as equal [m]."""
+        """Difference below which two gaps count as equal [m]."""
         return self.trade_off.same_gap * self.length
 
     def worth(self, plan: ParetoPlan) -> float:
-        """Return the its least gap as far as it counts [m]."""
+        """Return the least gap of a plan, capped at the largest wanted gap [m]."""
         return min(plan.gap, self.most_gap)
 
     def _rank(self, plan: ParetoPlan) -> tuple[float, float]:

@@ -1,6 +1,7 @@
-"""The steps from a problem to a verified plan, and the attempts that each takes.
+"""The stages from a problem to a verified plan, and the retries around planning.
 
-Each of them is given what plans, calls it for one problem after another, and returns what it makes of the plans.
+Each retry policy (lowered costs, several seeds, robustness to joint errors) takes a function that plans a problem,
+calls it for one modified problem after another, and returns the best plan.
 """
 
 from collections.abc import Callable, Sequence
@@ -44,22 +45,22 @@ from ccm_opt.verification.tolerance.error_model import DEFAULT_TOLERANCE, Tolera
 from ccm_opt.verification.tolerance.survived_errors import survived_error
 
 _ROOM_SHARE = 0.9
-"""Share of the gap that the roomiest try keeps, as far as it is wanted, that a try must keep to be taken. Taste, like
-the share of the wanted gap below which a record calls a motion short of room."""
+"""Share of the largest gap that any try keeps (counted up to the wanted gap) that a try must keep to be eligible.
+Taste, like the share of the wanted gap below which a record calls a motion short of clearance."""
 
 _GAP_ROUNDS = 4
-"""Times that a motion is planned anew with a larger wanted gap. Taste."""
+"""Most times that a motion is replanned with a larger wanted gap. Taste."""
 _GAP_GROWTH = (1.2, 4.0)
-"""Least and most that it grows at a time. Taste."""
+"""Least and greatest factor by which the wanted gap grows in one round. Taste."""
 _GAP_BEYOND = 1.1
-"""Beyond what the error in proportion asks for. Taste."""
+"""Factor on top of the wanted gap that scaling in proportion to the error gives. Taste."""
 
 STAGE = "tolerance"
-"""Where a motion is refused that does not survive the errors asked for."""
+"""Stage named in the diagnosis of a motion that does not survive the required joint errors."""
 
 
 Plans: TypeAlias = Callable[[Problem, UserTerms | None], VerifiedPlan]
-"""Plans a problem with the user's constraints and costs, or says why there is no plan."""
+"""Plans a problem with the user's constraints and costs, or raises with the reason why there is no plan."""
 
 
 def with_lowered_costs(
@@ -68,20 +69,20 @@ def with_lowered_costs(
     planned: Plans,
     shares: Sequence[float] = COST_SHARES,
 ) -> tuple[VerifiedPlan, float]:
-    """Plan with as much of the user's costs as a plan is found with; hard constraints hold in full.
+    """Plan with the largest share of the user's costs for which a plan is found; hard constraints hold in full.
 
     Args:
         problem: what to solve.
         terms: the user's constraints and costs.
-        planned: plans a problem with the terms, given the time that is left.
-        shares: of the costs' weights that are tried, one after the other.
+        planned: plans a problem with the terms; its time limit is the CPU time left.
+        shares: shares of the costs' weights, tried in this order.
 
     Returns:
-        The plan, and the share of the costs' weights that it was made with.
+        The plan, and the share of the costs' weights that it was planned with.
 
     Raises:
-        NoPlanFound: there is none without any costs either; or the goal cannot be reached.
-        VerificationError: the verifier refuses the last plan, which knows no costs.
+        NoPlanFound: there is no plan even at the last share; or the goal is unreachable.
+        VerificationError: the verifier refuses the plan made at the last share.
     """
     deadline = Deadline.after(problem.planner.time_limit)
     for share in shares[:-1]:
@@ -107,20 +108,21 @@ def best_try(
     planned: Plans,
     draft_solution: Callable[[Problem, VerifiedPlan], Solution],
 ) -> VerifiedPlan:
-    """Make as many tries as the problem names, each with the next seed and an equal share of the time.
+    """Plan with as many seeds as the problem asks for, and return the best plan; time is shared equally.
 
-    A seed gives the same plan as long as no try runs out of its share of the time.
+    Try k uses the problem's seed plus k. A seed gives the same plan as long as no try runs out of its share of the
+    time.
 
     Args:
         problem: what to solve.
         terms: the user's constraints and costs.
-        planned: makes a try.
-        draft_solution: makes a solution of a problem's plan, for Ctrl-C.
+        planned: plans the problem once.
+        draft_solution: turns the best plan so far into a solution, for Ctrl-C.
 
     Raises:
-        NoPlanFound: no try found a plan; what the first of them said.
-        VerificationError: likewise, when the verifier refused its plan.
-        CancelledWithPlan: on Ctrl-C once a try has found a plan, with the best.
+        NoPlanFound: no try found a plan; the error of the first try.
+        VerificationError: no try found a plan, and the verifier refused the plan of the first.
+        CancelledWithPlan: on Ctrl-C once a try has found a plan; it holds the best so far.
     """
     asked = problem.planner.tries
     deadline = Deadline.after(problem.planner.time_limit)
@@ -134,7 +136,7 @@ def best_try(
             try:
                 tries.plans[seed] = planned(replace(problem, planner=options), terms)
             except UnreachableGoal:
-                raise  # which no other seed would mend
+                raise  # no other seed makes the goal reachable
             except (NoPlanFound, VerificationError) as failure:
                 tries.failures[seed] = failure
     except KeyboardInterrupt as interrupt:
@@ -145,18 +147,18 @@ def best_try(
 
 
 def least_gap(plan: VerifiedPlan) -> float:
-    """Return the least gap beyond the clearance that the verifier saw between any two bodies [m]."""
+    """Return the least gap beyond the clearance that the verifier measured between any two bodies [m]."""
     return min(check.worst - check.limit for check in plan.checks if check.name in {"wall clearance", "self-collision"})
 
 
 @dataclass
 class _Tries:
-    """The tries so far.
+    """Results of the tries so far.
 
     Attributes:
-        wanted_gap: of the problem [m].
-        plans: found so far, by seed.
-        failures: of the other tries, by seed.
+        wanted_gap: wanted gap of the problem [m].
+        plans: plans found so far, by seed.
+        failures: errors of the failed tries, by seed.
     """
 
     wanted_gap: float
@@ -164,11 +166,13 @@ class _Tries:
     failures: dict[int, NoPlanFound | VerificationError] = field(default_factory=dict)
 
     def best(self) -> VerifiedPlan:
-        """The shortest of the plans that keep nearly as much of the wanted gap as any, with the record of all tries.
+        """Return the shortest plan among those that keep nearly the largest gap, with the record of all tries.
+
+        Gaps count up to the wanted gap.
 
         Raises:
-            NoPlanFound: there is none; what the first try said.
-            VerificationError: likewise, when the verifier refused its plan.
+            NoPlanFound: no try found a plan; the error of the first try.
+            VerificationError: likewise, when the verifier refused the plan of the first try.
         """
         if not self.plans:
             raise next(iter(self.failures.values()))
@@ -193,7 +197,7 @@ def _reason(failure: NoPlanFound | VerificationError) -> str:
 
 
 def insufficient_robustness(problem: Problem, best: SurvivedError) -> Diagnosis:
-    """Return why a motion that survives less than its problem asks for is none, and what would help."""
+    """Return the diagnosis of a motion that survives smaller joint errors than its problem requires."""
     asked = float(np.rad2deg(problem.joint_error))
     reached = float(np.rad2deg(best.size))
     if not best.limited:
@@ -214,7 +218,7 @@ def insufficient_robustness(problem: Problem, best: SurvivedError) -> Diagnosis:
 
 
 def _below(angle: float) -> str:
-    """Return an angle in three digits that is not above it."""
+    """Return an angle rounded down to three significant digits."""
     digits = 2 - int(np.floor(np.log10(angle))) if angle > 0.0 else 0
     return f"{np.floor(angle * 10.0**digits) / 10.0**digits:.{max(digits, 0)}f}"
 
@@ -222,21 +226,21 @@ def _below(angle: float) -> str:
 def surviving_errors(
     problem: Problem, terms: UserTerms | None, planned: Plans, settings: ToleranceSettings = DEFAULT_TOLERANCE
 ) -> VerifiedPlan:
-    """Plan motions with more room, until one survives the error of the joints that a problem names.
+    """Plan motions with growing wanted gaps until one survives the joint error that the problem requires.
 
-    Where an arm is nearly in contact, the error that it survives grows with its gap. So the gap that the best motion so
-    far would need is asked for, as something to be bought where there is room. No narrow place keeps a motion from
-    being found, and the certificate, which knows the poses, decides.
+    Near contact, the joint error that an arm survives grows with its gap. Each round asks for the gap that the best
+    motion so far would need. The wanted gap is a soft goal, so narrow passages do not keep a motion from being found;
+    the certificate, computed from the poses, decides.
 
     Args:
         problem: what to solve.
         terms: the user's constraints and costs.
         planned: plans a motion.
-        settings: how much more room is asked for, and how often.
+        settings: time limits of the rounds, and precision of the certificate.
 
     Raises:
-        NoPlanFound: no motion was found without any such room either; or none of those found survives the error, with
-            what the best of them survives and what limits it.
+        NoPlanFound: no motion was found with the problem's own wanted gap; or none of those found survives the error,
+            with the error that the best one survives and what limits it.
         VerificationError: the verifier refuses the plan.
     """
     deadline = Deadline.after(problem.planner.time_limit)
@@ -280,23 +284,24 @@ def solve(
 
     Args:
         problem: what to solve.
-        progress: told when a stage starts, and when the search begins with another candidate.
-        planner: another planner, for problems in space one that plans such problems; when None that of curves, or the
-            one that the problem names.
-        retimer: another way to time the path; the one that the problem names when None.
-        constraints: of the user; another planner is not given them, but its plan is held against them.
-        costs: of the user; another planner is not given them.
-        explain: whether the time left after a failure is used to find out why, and what change would help.
-        settings: numbers of the stages that the problem does not set; the defaults when None.
+        progress: called when a stage starts, and when the search turns to another candidate.
+        planner: another planner, in space one that plans spatial problems; when None the built-in planner for the
+            problem.
+        retimer: another method of timing the path; when None the one that the problem names.
+        constraints: constraints of the user; a planner given here does not receive them, but its plan is checked
+            against them.
+        costs: costs of the user; a planner given here does not receive them.
+        explain: whether the time left after a failure is used to find its cause and the changes that would help.
+        settings: settings of the stages that the problem does not set; the defaults when None.
 
     Returns:
-        A verified solution; there is no unverified one.
+        A verified solution; unverified ones are never returned.
 
     Raises:
-        ProblemError: the problem cannot be used as it stands, or asks in space for what only the plane knows.
-        NoPlanFound: with a diagnosis: there is no plan within the limits.
-        VerificationError: the verifier refuses the plan; a defect of the planner.
-        CancelledWithPlan: on Ctrl-C once there is a verified plan, which it holds; a ``KeyboardInterrupt``.
+        ProblemError: the problem is invalid, or uses in space an option of the plane.
+        NoPlanFound: there is no plan within the limits; with a diagnosis.
+        VerificationError: the verifier refuses the plan, which is a defect of the planner.
+        CancelledWithPlan: on Ctrl-C once there is a verified plan, which the error holds; a ``KeyboardInterrupt``.
     """
     Problem.expected(problem)
     if planner is None:
@@ -312,7 +317,7 @@ def solve(
         with stages("necessary checks"):
             refuse_contradictions(problem, terms)
         run = PlanningRun(problem, planner, retimer, constraints, costs, terms, stages, numbers, deadline)
-        # Of several tries the best is taken, each with so much room that it survives the errors of the joints.
+        # best_try wraps surviving_errors: every try has to survive the joint errors, and the best of them is taken.
         planned: Plans = run.planned
         if problem.joint_error > 0.0:
             planned = partial(surviving_errors, planned=planned, settings=numbers.tolerance)
@@ -329,10 +334,10 @@ def solve(
                 shares = COST_SHARES if planner is None else COST_SHARES[:1]
                 plan, figures["cost_share"] = with_lowered_costs(problem, terms, planned, shares)
         except NoPlanFound as failure:
-            # What a motion survives is explained already, and further searches would not know of it.
+            # The diagnosis names the survived error already, and searches for other changes ignore robustness.
             if failure.diagnosis.stage == STAGE:
                 raise
             raise run.explained(failure, changes=explain) from failure
 
-        # There is a plan: room and simulation say what it is worth, and nothing that happens there can lose it.
+        # Clearance and simulation only assess the plan; no failure there discards it.
         return described(problem, plan, stages, numbers, figures)

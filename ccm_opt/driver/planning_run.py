@@ -1,4 +1,4 @@
-"""The planning of one problem, as often as it is asked for, and the same as objects for planners of users."""
+"""Planning one problem repeatedly, and the built-in planner and retimer as objects for the user's own planners."""
 
 import time
 from collections.abc import Sequence
@@ -27,10 +27,10 @@ from ccm_opt.problem.solution import JointPath, JointTrajectory
 def default_planner(
     problem: Problem, stages: Stages, terms: UserTerms | None = None, settings: Settings = DEFAULT_SETTINGS
 ) -> Planner:
-    """Return the planner for a problem and the user's constraints and costs.
+    """Return the built-in planner for a problem, given the user's constraints and costs.
 
     Raises:
-        ProblemError: hill climbing is asked to keep constraints.
+        ProblemError: there are constraints or costs, and the method is hill climbing, which supports neither.
     """
     if problem.planner.method == "hill-climbing":
         if terms is not None:
@@ -43,19 +43,19 @@ def default_planner(
 
 @dataclass(frozen=True)
 class PlanningRun:
-    """What stays the same however often a problem is planned.
+    """The arguments of one call of ``solve``, shared by all plans that it makes.
 
     Attributes:
-        problem: as it was asked.
-        planner: given by the caller, or None for the one that suits the problem.
-        retimer: given by the caller, or None for the one that the problem names.
-        constraints: of the user.
-        costs: of the user.
-        terms: both of them, compiled; None when there are none.
+        problem: the problem as the caller posed it.
+        planner: given by the caller; None for the built-in one.
+        retimer: given by the caller; None for the one that the problem names.
+        constraints: constraints of the user.
+        costs: costs of the user.
+        terms: constraints and costs, compiled; None when there are none.
         stages: names and times the stages.
         settings: of all stages.
-        deadline: until which plans, and then changes that would help, are sought.
-        recorded: the paths that the last plan found, with their problems, for those who ask what change would help.
+        deadline: end of the search for plans, and then for changes that would help.
+        recorded: the paths found by the last plan, with their problems; reused when changes of the problem are tried.
     """
 
     problem: Problem
@@ -70,11 +70,11 @@ class PlanningRun:
     recorded: list[tuple[Problem, JointPath]] = field(default_factory=list)
 
     def planned(self, problem: Problem, terms: UserTerms | None) -> VerifiedPlan:
-        """Plan, time and verify a problem that differs from the one that was asked in what its options say.
+        """Plan, time and verify a problem that differs from the original in its planner options only.
 
         Args:
-            problem: to be planned.
-            terms: that its planner is to keep; the plan is held against all of them.
+            problem: the problem to plan.
+            terms: terms that its planner is to keep; the plan is checked against all terms of the user.
 
         Raises:
             NoPlanFound: with a diagnosis.
@@ -87,11 +87,11 @@ class PlanningRun:
         return timed_and_verified(asked, legs, self.stages, self.retimer, self.terms, self.settings)
 
     def explained(self, failure: NoPlanFound, *, changes: bool) -> NoPlanFound:
-        """Return a failure of the same kind, with its causes and the changes that would help.
+        """Return the failure with its causes and the changes that would help; its type stays.
 
         Args:
-            failure: why there is no plan; told at once.
-            changes: whether they are tried at all; without them nothing is told that is not proved.
+            failure: why there is no plan; reported at once as progress.
+            changes: whether changes are tried; if not, only proved causes are added.
         """
         with self.stages("diagnosis" if changes else "necessary checks"):
             return self._explained(failure, changes=changes)
@@ -119,7 +119,7 @@ class PlanningRun:
         return explained(self.problem, failure, trials, self.stages)
 
     def _solve_changed(self, changed: Problem, dropped: str = "") -> VerifiedPlan:
-        """Plan, time and verify a problem that differs in one thing; paths found already are taken over."""
+        """Plan, time and verify a problem that differs in one respect; paths found already are reused."""
         refuse_impossible(changed)
         kept = [each for each in self.constraints if each.name != dropped]
         terms = compiled_terms(changed.arm, kept, [each for each in self.costs if each.name != dropped])
@@ -129,23 +129,23 @@ class PlanningRun:
         return timed_and_verified(changed, legs, stages, self.retimer, terms, self.settings)
 
     def _held_again(self, changed: Problem, plan: object) -> VerifiedPlan:
-        """Time and verify the path of one plan for a problem that differs in one number; nothing is searched.
+        """Time and verify the path of a plan for a problem that differs in one number, without a new search.
 
         Raises:
-            ProblemError: the plan is none of one leg.
+            ProblemError: the plan has more than one leg.
             NoPlanFound: the path cannot be timed.
-            VerificationError: the path is none for this problem.
+            VerificationError: the path does not solve the changed problem.
         """
         if not isinstance(plan, VerifiedPlan) or changed.stops:
             raise ProblemError("only the path of a plan with one leg can be held against another problem")
         terms = compiled_terms(changed.arm, self.constraints, self.costs)
-        # What it was certified to keep for the other problem says nothing here.
+        # The spare was certified for the other problem and does not carry over.
         leg = Leg(changed, replace(plan.path, spare=0.0))
         return timed_and_verified(changed, (leg,), Stages(), self.retimer, terms, self.settings)
 
 
 def _ended(plan: object) -> FloatArray:
-    """Return the configuration in which a plan ends, shape (c,) [rad, m]."""
+    """Return the last configuration of a plan, shape (c,) [rad, m]."""
     if not isinstance(plan, VerifiedPlan):
         raise ProblemError(f"{type(plan).__name__} is no plan")
     return np.asarray(plan.trajectory.positions[-1])
@@ -158,9 +158,9 @@ __all__ = ["BuiltInPlanner", "BuiltInRetimer", "Planner", "Retimer"]
 class BuiltInPlanner:
     """The planner that ``solve`` takes when it is given none.
 
-    Which one that is depends on the problem: the planner in space, and in the plane that of curves, or the paper's own
-    by hill climbing. A planner of your own may ask it for a path, for the same problem or
-    for one that it changed::
+    The problem decides which planner that is: in space the spatial planner, in the plane the curve planner or the
+    paper's own by hill climbing. A planner of your own may ask it for a path, for the same problem or for a modified
+    one::
 
         class Roomy:
             def plan(self, problem):
@@ -170,10 +170,10 @@ class BuiltInPlanner:
         solution = ccm_opt.solve(problem, planner=Roomy())
 
     Attributes:
-        constraints: of the user, which the paths keep. ``solve`` does not give its own to a planner that it is
-            handed, so they are given here too.
-        costs: of the user, likewise.
-        settings: numbers of the stages.
+        constraints: constraints of the user, which the paths keep. ``solve`` does not pass its own on to a planner that
+            it is given, so they are given here too.
+        costs: costs of the user, likewise.
+        settings: settings of the stages.
     """
 
     constraints: Sequence[Constraint] = ()
@@ -190,8 +190,8 @@ class BuiltInPlanner:
             problem: with one goal; goals in sequence are planned leg by leg.
 
         Raises:
-            ProblemError: the planner cannot be used for this problem.
-            NoPlanFound: with a diagnosis, when there is none within the limits.
+            ProblemError: the planner does not suit this problem.
+            NoPlanFound: there is no path within the limits; with a diagnosis.
         """
         Problem.expected(problem)
         terms = compiled_terms(problem.arm, self.constraints, self.costs)
@@ -200,10 +200,10 @@ class BuiltInPlanner:
 
 @dataclass(frozen=True)
 class BuiltInRetimer:
-    """The timing that ``solve`` takes when it is given none: the one that ``problem.planner.retiming`` names.
+    """The timing that ``solve`` uses when it is given none: the method that ``problem.planner.retiming`` names.
 
     Attributes:
-        settings: numbers of the stages.
+        settings: settings of the stages.
     """
 
     settings: Settings = DEFAULT_SETTINGS
@@ -212,15 +212,15 @@ class BuiltInRetimer:
         expect_arguments(settings=self.settings)
 
     def retime(self, problem: Problem, path: JointPath) -> JointTrajectory:
-        """Lay time along a path, from rest to rest within the limits; the verifier accepts it.
+        """Time a path from rest to rest within the limits; the motion passes the verifier.
 
         Args:
-            problem: of which the path is a solution.
-            path: from its start to its goal.
+            problem: the problem that the path solves.
+            path: from the problem's start to its goal.
 
         Raises:
-            RetimingError: with a diagnosis, when there is no timing within the limits.
-            VerificationError: the path is no solution of the problem.
+            RetimingError: there is no timing within the limits; with a diagnosis.
+            VerificationError: the path does not solve the problem.
         """
         Problem.expected(problem)
         expect(path, JointPath, "a ccm_opt.JointPath", "planners make them")

@@ -1,4 +1,4 @@
-"""Where the tip can be and with which headings: a map over a grid of the room, on as many processes as wanted."""
+"""Maps where the tip can be, and with which headings, over a grid of the workspace, on one or more processes."""
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
@@ -38,7 +38,7 @@ from ccm_opt.scene.distances.enclosures import enclosed
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 
 _MOTION_TIME = 5.0
-"""CPU time in which a motion to the goal is sought, whose poses are beginnings in space [s]. Taste."""
+"""CPU time for a motion to the goal, whose poses are initial poses of the map in space [s]. Taste."""
 _EXACTLY = Tolerances(0.0, 0.0)
 
 
@@ -51,23 +51,24 @@ def reach_map(
     progress: Callable[[int, int], None] | None = None,
     settings: Settings | None = None,
 ) -> ReachMap:
-    """Map where the tip can be in the room, and with which headings, by poses led on from cell to cell.
+    """Map the tip positions and headings that the arm can reach, by continuing poses from cell to cell.
 
-    The question is static: a pose that keeps the joint limits and touches nothing. The first poses are the problem's
-    start, drawn ones, and in space those of a motion to its last goal where one is soon found. That no pose was found
-    in a cell is no proof, unless the map says so.
+    Reach is static here: it takes a pose that keeps the joint limits and touches nothing. The first poses are the
+    problem's start, sampled ones, and in space those of a motion to the last goal if one is soon found. A cell without
+    a pose is not proved unreachable unless the map says so.
 
     Args:
-        problem: arm, room and start; in the plane the base stands still.
-        step: width of a cell [m]; a share of the arm's length when None.
-        headings: how many, evenly round the turn, are tried in each cell; in space directions, evenly over the sphere.
-        workers: number of processes of this machine, or an object that opens an executor, such as ``DaskWorkers``;
-            the map is the same whatever they are.
-        progress: called after every task with the numbers of cells reached and of cells that may be.
-        settings: numbers; the defaults when None.
+        problem: arm, workspace and start; in the plane with a fixed base.
+        step: width of a cell [m]; when None a share of the arm's length.
+        headings: number of headings tried in each cell, evenly spaced over a full turn; in space directions, evenly
+            over the sphere.
+        workers: number of processes on this machine, or an object that opens an executor, such as ``DaskWorkers``; the
+            map does not depend on it.
+        progress: called after every task with the number of cells reached and the number not proved unreachable.
+        settings: settings; the defaults when None.
 
     Raises:
-        ProblemError: the base moves, or the grid makes no sense.
+        ProblemError: the base of a planar arm moves, the grid is invalid, or the start in space touches something.
         UnreachableGoal: the start touches something or breaks a joint limit.
     """
     Problem.expected(problem)
@@ -98,7 +99,7 @@ def reach_map(
                 closed = closed | _behind_walls(problem, axes, ~reachable & ~closed)
     found: list[Any] = [reachable, flood.taken, flood.gap, closed]
     if plane:
-        # Rows are y, columns x.
+        # Planar maps are stored with y as rows and x as columns.
         found = [np.swapaxes(each, 0, 1) for each in found]
     tried = np.zeros((0, 2)) if plane else directions
     timings = {**stages.timings, "cells": flood.cpu}
@@ -113,10 +114,10 @@ def _flood(
     workers: Workers | int,
     progress: Callable[[int, int], None] | None,
 ) -> None:
-    """Look at all cells that a flood hands out, on workers or on so many processes of this machine.
+    """Search all cells that a flood hands out, on the given workers or processes of this machine.
 
     Raises:
-        BaseException: what looking at a cell raised.
+        BaseException: raised while a cell was searched.
     """
     crew = workers if not isinstance(workers, int) else ThisProcess() if workers == 1 else LocalWorkers(workers)
     for task, found in completed(crew, look, flood):
@@ -128,10 +129,10 @@ def _flood(
 
 
 def _expect_grid(step: object, headings: object, workers: object) -> None:
-    """Refuse what is no width of a cell, no number of headings, or nobody who looks at cells.
+    """Refuse an invalid cell width, number of headings, or workers.
 
     Raises:
-        ProblemError: saying what was expected.
+        ProblemError: naming what was expected.
     """
     expect_that(lambda: step is None or is_number(step), step, "the width of a cell [m] for step=")
     expect_that(lambda: headings is None or is_whole(headings), headings, "a whole number for headings=")
@@ -141,10 +142,10 @@ def _expect_grid(step: object, headings: object, workers: object) -> None:
 
 
 def _width(problem: Problem, usual: float, step: float | None) -> float:
-    """Return the width of a cell [m]: the one that is asked for, or the usual share of the arm's length.
+    """Return the width of a cell [m]: the given one, or the usual share of the arm's length.
 
     Raises:
-        ProblemError: it makes no sense.
+        ProblemError: the width is not positive, or exceeds twice the arm's length.
     """
     length = problem.arm.length
     width = usual * length if step is None else step
@@ -154,17 +155,17 @@ def _width(problem: Problem, usual: float, step: float | None) -> float:
 
 
 def _middles(low: FloatArray, high: FloatArray, width: float) -> list[FloatArray]:
-    """Middles of cells along every axis, as many as cover all of a box, half of what is left over at either side."""
+    """Return the cell centres along every axis, for the fewest cells that cover a box, centred on it."""
     counts = np.maximum(1, np.ceil((high - low) / width - ROUNDING).astype(int))
     middle = 0.5 * (low + high)
     return [m + width * (np.arange(n) - 0.5 * (n - 1)) for m, n in zip(middle, counts, strict=True)]
 
 
 def _axes(problem: Problem, width: float, settings: ReachSettings) -> tuple[FloatArray, ...]:
-    """Return the middles of the cells over the part of the room that the arm's length spans.
+    """Return the cell centres over the part of the workspace within the arm's length.
 
     Raises:
-        ProblemError: the grid makes no sense.
+        ProblemError: no place is within reach, or there are too many cells.
     """
     low, high = reach_box(problem.arm, problem.workspace.box)
     if np.any(high <= low):
@@ -177,10 +178,12 @@ def _axes(problem: Problem, width: float, settings: ReachSettings) -> tuple[Floa
 
 
 def _directions(problem: Problem, asked: int | None, settings: ReachSettings) -> tuple[FloatArray, FloatArray]:
-    """Headings in the plane, evenly round the turn (K,) [rad], and unit vectors, in space over the sphere (K, d).
+    """Return headings [rad], shape (K,), empty in space, and the unit vectors tried, shape (K, d).
+
+    They are evenly spaced over a full turn in the plane, and over the sphere in space.
 
     Raises:
-        ProblemError: none are asked for in the plane.
+        ProblemError: fewer than one heading is asked for in the plane.
     """
     if problem.dimension == 3:
         return np.zeros(0), spread_directions(settings.directions if asked is None else asked, 3)
@@ -193,11 +196,11 @@ def _directions(problem: Problem, asked: int | None, settings: ReachSettings) ->
 
 @on_one_thread()
 def _proved(problem: Problem, question: ReachQuestion, axes: Sequence[FloatArray]) -> tuple[TipLooker, BoolArray]:
-    """Return who looks at cells, and which of them are out of reach.
+    """Return the searcher of cells, and the mask of cells proved unreachable.
 
     Raises:
-        ProblemError: the start touches something.
-        UnreachableGoal: likewise in the plane.
+        ProblemError: the start in space touches something.
+        UnreachableGoal: the start in the plane touches something.
     """
     looker = question.looker
     if looker.task is not None:
@@ -209,7 +212,7 @@ def _proved(problem: Problem, question: ReachQuestion, axes: Sequence[FloatArray
 
 @on_one_thread()
 def _begin(flood: TipFlood, problem: Problem, looker: TipLooker) -> None:
-    """Begin where the arm is, where it can be, and on a motion whose tip shows the way through ducts and holes."""
+    """Seed the flood with the start, sampled poses, and a motion whose tip leads through ducts and holes."""
     along = np.zeros((0, len(looker.start)))
     if looker.task is not None and problem.goal.whole(problem.arm) is None:
         with suppress(NoPlanFound):
@@ -218,9 +221,9 @@ def _begin(flood: TipFlood, problem: Problem, looker: TipLooker) -> None:
 
 
 def _unreachable_cells(problem: Problem, axes: Sequence[FloatArray]) -> BoolArray:
-    """Return the cells to whose middles the tip cannot come.
+    """Return the mask of cells whose centres are proved unreachable for the tip.
 
-    They are too far away, in a body, outside of the room, too near to one of them, or where the joints cannot turn to.
+    They are too far away, inside a body, outside the workspace, too close to a surface, or beyond the joint limits.
     """
     arm = problem.arm
     places = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
@@ -231,7 +234,7 @@ def _unreachable_cells(problem: Problem, axes: Sequence[FloatArray]) -> BoolArra
     closed = away > arm.length
     kept = arm.radius + problem.workspace.clearance
     if kept > 0.0 and len(problem.workspace.soup):
-        # Where the mount reaches to the tip, the tip may touch what it stands on.
+        # If the mount reaches to the tip, the tip may touch the surface that the arm is mounted on.
         points = np.repeat(in_space(flat)[:, None], 2, axis=1)
         tree = SurfaceTree.of(problem.workspace.soup)
         closed |= (tree.distances(points, 2.0 * kept) < kept) & (arm.mount_length < arm.length)
@@ -243,12 +246,12 @@ def _unreachable_cells(problem: Problem, axes: Sequence[FloatArray]) -> BoolArra
 
 
 def _parts(numbers: IntArray) -> Iterator[IntArray]:
-    """Yield the numbers a thousand at a time, so that intermediate arrays stay small."""
+    """Yield the numbers about a thousand at a time, so that intermediate arrays stay small."""
     yield from np.array_split(numbers, max(len(numbers) // 1000, 1))
 
 
 def _behind_walls(problem: Problem, axes: Sequence[FloatArray], unknown: BoolArray) -> BoolArray:
-    """Of cells of which nothing is known those to which every way through free space is too narrow or too long."""
+    """Return the undecided cells to which every way through free space is proved too narrow or too long."""
     closed = np.zeros_like(unknown)
     for cell in np.argwhere(unknown):
         place = np.array([middles[number] for middles, number in zip(axes, cell, strict=True)])
@@ -257,5 +260,5 @@ def _behind_walls(problem: Problem, axes: Sequence[FloatArray], unknown: BoolArr
 
 
 def _at(problem: Problem, place: FloatArray) -> Problem:
-    """Return the problem of bringing the tip to a place."""
+    """Return the problem of bringing the tip exactly to a place."""
     return replace(problem, goal=TipGoal(place), tolerances=_EXACTLY, stops=())

@@ -1,4 +1,4 @@
-"""A new goal while the arm is moving: it comes to rest soonest along its path, and goes on to the goal from there."""
+"""A new goal while the arm is moving: the arm brakes along its path, and goes on to the new goal from rest."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -27,7 +27,7 @@ from ccm_opt.problem import Goal, JointPose, Problem, Stop, TipGoal, Tolerances
 from ccm_opt.problem.solution import JointPath, JointTrajectory, Solution
 
 LATER = (0.15, 0.4, 1.0)
-"""Shares of what is left of a motion after which a fed arm is braked, where it cannot go on from a sooner rest."""
+"""Shares of the remaining motion after which a fed arm is braked instead, where it cannot go on from an earlier rest."""
 
 
 def retarget(
@@ -46,24 +46,24 @@ def retarget(
 
     Args:
         solution: the plan that the arm follows.
-        time: when the new goal becomes known, since the motion began [s].
-        goal: the new goal; of a plan in space one in space.
-        tolerances: how near it counts; as for the old one when None.
-        planner: another planner for the way from rest; the problem's own when None.
-        constraints: of the user, for the way from rest, as ``solve`` takes them. A solution does not keep those that
-            it was solved with, so they are given again here.
-        costs: of the user, likewise.
-        progress: told when a stage starts, and when the search begins with another candidate.
-        settings: numbers of the stages, as ``solve`` takes them; the defaults when None.
+        time: when the new goal becomes known, from the start of the motion [s].
+        goal: the new goal, of the same dimension as the plan.
+        tolerances: tolerances of the new goal; those of the old one when None.
+        planner: another planner for the motion from rest; the problem's own when None.
+        constraints: constraints of the user for the motion from rest, as for ``solve``. A solution does not keep those
+            that it was solved with, so they are given again here.
+        costs: costs of the user, likewise.
+        progress: called when a stage starts, and when the search turns to another candidate.
+        settings: settings of the stages, as for ``solve``; the defaults when None.
 
     Returns:
-        The whole verified motion, as planned up to that moment, to rest soonest along the same path, and on to the new
-        goal; where an arm on a feed axis cannot go on from there, it rests a little later. The stop is the
-        last of its problem's stops; goals on the way that were not reached are left out.
+        The whole verified motion: as planned up to that time, braked to rest along the same path as soon as possible,
+        then on to the new goal. An arm on a feed axis that cannot go on from there rests a little later. That rest is
+        the last stop of the solution's problem; goals on the way that were not reached are left out.
 
     Raises:
-        ProblemError: the moment is not within the motion, or jerk is limited.
-        NoPlanFound: with a diagnosis: the new goal cannot be reached from where the arm comes to rest.
+        ProblemError: the time is not within the motion, or jerk is limited.
+        NoPlanFound: the new goal cannot be reached from where the arm comes to rest; with a diagnosis.
         VerificationError: the verifier refuses the motion.
     """
     expect(solution, Solution, "the ccm_opt.Solution that the arm follows", "ccm_opt.solve makes one")
@@ -77,7 +77,7 @@ def retarget(
     reached = partial(
         solve, progress=progress, planner=planner, constraints=constraints, costs=costs, settings=settings
     )
-    # A fed arm may rest with a joint so little out of its guide tube that nothing leads on from there.
+    # A fed arm may come to rest with a joint barely out of its guide tube, from where no motion leads on.
     left = solution.trajectory.duration - time
     later = [time + share * left for share in LATER] if problem.arm.base_axes else []
     numbers = settings or DEFAULT_SETTINGS
@@ -104,19 +104,19 @@ def _retargeted(
     stages: Stages,
     settings: Settings,
 ) -> tuple[Problem, VerifiedPlan]:
-    """Return the whole motion with a new goal, and the problem that it solves.
+    """Return the problem with the rest as its last stop, and the whole motion that solves it.
 
     Args:
         solution: the plan that the arm follows.
-        time: when it begins to come to rest [s].
-        problem: the same with the new goal.
-        reached: plans the way from rest to it, a problem like any other.
-        terms: of the user, for the way from rest.
+        time: when braking begins [s].
+        problem: the solution's problem with the new goal.
+        reached: plans the motion from rest to the new goal.
+        terms: the user's constraints and costs for the motion from rest.
         stages: names and times the stages.
         settings: of all stages.
 
     Raises:
-        KeyboardInterrupt: on Ctrl-C; the way from rest alone is no plan for an arm that is still moving.
+        KeyboardInterrupt: on Ctrl-C; the motion from rest alone is no plan for an arm that is still moving.
     """
     arm = problem.arm
     dynamics = InverseDynamics(arm, problem.simulation.gravity)
@@ -129,8 +129,8 @@ def _retargeted(
     except CancelledWithPlan as cancelled:
         raise KeyboardInterrupt from cancelled
 
-    # Both as one motion, verified and simulated as a whole; the rest between them is a stop of its problem.
-    # The arm stopped at its first goals on the way before it was braked; the others are dropped.
+    # Both parts are verified and simulated as one motion; the rest between them becomes a stop of its problem.
+    # Of the goals on the way, only those reached before braking stay.
     passed = solution.problem.stops[: len(first.stops)]
     whole = replace(problem, stops=(*passed, Stop(rest, Tolerances())))
     trajectory = retiming.joined([first, leg.trajectory])
@@ -138,19 +138,19 @@ def _retargeted(
     with stages("verification"):
         checks = verified(whole, trajectory, joints, settings.verification)
         of_terms = evaluate_terms(terms, leg.path, leg.trajectory)
-    # Some stages run twice, for the way from rest and for the whole.
+    # Some stages run twice, for the motion from rest and for the whole.
     for name, seconds in leg.timings.items():
         stages.timings[name] = stages.timings.get(name, 0.0) + seconds
     return whole, VerifiedPlan(_path(first, leg.path, time), trajectory, joints, checks, of_terms)
 
 
 def _path(first: JointTrajectory, onward: JointPath, time: float) -> JointPath:
-    """Return the path of the whole motion; keyframes and curves are those of the way from rest."""
+    """Return the path of the whole motion; keyframes and curves are those of the motion from rest."""
     values = first.positions
     if len(values) <= onward.spline.k:
         return onward
 
-    # The way to rest has samples, but no spline; both parts need the same degree to be put together.
+    # The braked part has samples, but no spline; both parts need the same degree to be joined.
     driven = make_interp_spline(np.linspace(0.0, 1.0, len(values)), values, k=onward.spline.k)
     spline = end_to_end((replace(onward, spline=driven), onward)).spline
     return replace(onward, spline=spline, candidate=f"retargeted at {time:.4g} s: {onward.candidate}", spare=0.0)

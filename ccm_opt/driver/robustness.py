@@ -1,4 +1,4 @@
-"""What a verified plan survives: errors of its geometry, certified, and errors of its loads, by simulations."""
+"""Robustness of a verified plan: certified against errors of geometry, simulated against errors of load."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -16,35 +16,36 @@ from ccm_opt.verification.tolerance.error_model import joint_errors
 from ccm_opt.verification.tolerance.survived_errors import survived_error, survived_errors
 
 _MOST_AT_ONCE = 15_000
-"""Samples times links up to which every solve looks for the joints' error. Measured on the problems of the package:
-some 0.1 s."""
+"""Samples times links up to which every solve computes the survived joint error. Measured on the package's problems:
+about 0.1 s."""
 _DOUBLINGS = 6
-"""Of a load until it is not survived. Taste."""
+"""Most doublings of a load in search of one that is not survived. Taste."""
 _LOAD_STEPS = 12
-"""Most bisections after that. Taste."""
+"""Most bisection steps after that. Taste."""
 _LOAD_PRECISION = 0.05
-"""Share of a load that its bisection leaves open. Taste."""
+"""Relative width of the load interval at which bisection stops. Taste."""
 _SMALL_LOAD = 0.1
-"""Share of a load that is not survived, tried while no load is known that is. Taste."""
+"""Share of a load that is not survived, tried while no survived load is known. Taste."""
 
 FAILED = frozenset(("touched", "diverged", "not simulated"))
-"""Outcomes of a simulation that a plan does not survive; a drive at its limit that still follows is none of them."""
+"""Outcomes of a simulation that count as not survived; a drive at its limit that still follows survives."""
 NOT_SIMULATED = "not simulated"
-"""The outcome that says nothing of the arm: the step of the simulation is too long for the load."""
+"""Outcome that says nothing about the arm: the simulation step is too long for the load."""
 
 
 def tolerance_of(
     solution: Solution, *, simulated: bool = True, settings: Settings | None = None
 ) -> tuple[SurvivedError, ...]:
-    """Return the largest errors that a plan survives, one kind of error at a time.
+    """Return the largest error of each kind that a plan survives, one kind at a time.
 
     Args:
         solution: the plan.
-        simulated: whether the payload and the friction that it survives are sought too, by some dozens of simulations.
-        settings: numbers; the defaults when None.
+        simulated: whether the survived payload and friction are computed too, by some dozens of simulations.
+        settings: settings; the defaults when None.
 
     Returns:
-        Of joints, link lengths, base heading, base position and walls, certified; then of payload and friction.
+        Survived errors of joints, link lengths, base heading, base position and walls, all certified; then payload and
+        friction.
     """
     expect(solution, Solution, "a ccm_opt.Solution", "ccm_opt.solve makes one")
     expect_arguments(settings=settings, simulated=simulated)
@@ -62,7 +63,7 @@ def motion_tolerance(
     simulated: bool = True,
     settings: Settings = DEFAULT_SETTINGS,
 ) -> tuple[SurvivedError, ...]:
-    """Return the same of a motion that passes every check of its problem."""
+    """Return the largest errors that a verified motion survives; see ``tolerance_of``."""
     errors = survived_errors(problem, trajectory, settings.tolerance)
     if not simulated:
         return errors
@@ -70,7 +71,7 @@ def motion_tolerance(
     coordinates = problem.arm.coordinates
     torques = np.abs(joints.torques[:, coordinates.drive_numbers[coordinates.bends]])
     speeds = np.abs(trajectory.bend_velocities)
-    # Friction that takes as much torque at the highest speed as the plan does at most.
+    # Initial guess: friction whose torque at the highest speed equals the plan's peak torque.
     drag = float(torques.max(initial=0.0) / max(float(speeds.max(initial=0.0)), settings.tolerance.least))
     return (
         *errors,
@@ -82,7 +83,7 @@ def motion_tolerance(
 def tolerance_at_once(
     problem: Problem, trajectory: JointTrajectory, settings: Settings = DEFAULT_SETTINGS
 ) -> tuple[SurvivedError, ...]:
-    """Return the error of the joints that a motion survives, where that takes next to no time; else nothing."""
+    """Return the joint error that a motion survives if it is cheap to compute; else an empty tuple."""
     if len(trajectory.time) * problem.arm.links > _MOST_AT_ONCE:
         return ()
     return (survived_error(problem, trajectory, joint_errors(problem.arm), settings.tolerance),)
@@ -96,11 +97,10 @@ def _survived_load(
     trajectory: JointTrajectory,
     joints: JointStates,
 ) -> SurvivedError:
-    """Return the largest load that the controller may not know of, by bisection.
+    """Return the largest load unknown to the controller that the arm survives, by bisection.
 
-    ``first`` is of its order of magnitude.
-
-    That a load is survived does not prove that every smaller one is; nothing between those tried is claimed.
+    ``first`` sets the order of magnitude. Only the loads tried are known to be survived: nothing is claimed about those
+    between them.
     """
     failed = FOLLOWED
 
@@ -125,7 +125,7 @@ def _survived_load(
         high *= 2.0
     else:
         return SurvivedError(name, low, unit, "nothing; larger errors are not looked at", limited=False)
-    # Small loads are told apart by their order of magnitude, so ends that are far apart are parted by their mean ratio.
+    # Geometric bisection: the ends may differ by orders of magnitude.
     for _ in range(_LOAD_STEPS):
         middle = np.sqrt(low * high) if low > 0.0 else _SMALL_LOAD * high
         if survives(middle):
@@ -139,11 +139,11 @@ def _survived_load(
 
 
 def _limiting_error(verdict: SimulationVerdict, names: Sequence[str]) -> str:
-    """Return what a plan does not survive, in a few words: where and when it begins to go wrong.
+    """Return where and when a plan fails under too great a load, in a few words.
 
     Args:
-        verdict: on a simulation with too great a load.
-        names: of all revolutes, three a joint.
+        verdict: of a simulation with too great a load.
+        names: names of all revolutes, three to a joint.
     """
     if verdict.outcome == NOT_SIMULATED:
         return "the simulation: a smaller simulation.step can look at more"
@@ -158,6 +158,6 @@ def _limiting_error(verdict: SimulationVerdict, names: Sequence[str]) -> str:
 def _verdict(
     problem: Problem, disturbed: Disturbances, trajectory: JointTrajectory, joints: JointStates
 ) -> SimulationVerdict:
-    """Return what becomes of the arm under disturbances."""
+    """Return the verdict on a simulation under disturbances."""
     changed = replace(problem, simulation=replace(problem.simulation, disturbances=disturbed))
     return simulated_once(changed, trajectory, joints).motion.verdict

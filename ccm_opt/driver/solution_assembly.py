@@ -1,7 +1,7 @@
 """Builds a solution from a verified plan.
 
-Nothing that is measured or simulated here can make a plan worse. A simulation that cannot be run is a verdict; a defect
-of this package in one of them is logged with its traceback, and what it would have said is missing.
+Nothing that is measured or simulated here can invalidate a plan. A simulation that cannot be run yields a verdict; a
+defect of this package in a measurement is logged with its traceback, and the result of that measurement is missing.
 """
 
 import logging
@@ -46,25 +46,25 @@ logger = logging.getLogger(__name__)
 
 
 def gap_between_walls(problem: Problem, points: FloatArray, most: float) -> PossibleGap | None:
-    """Return the gap of an arm in the middle between the two walls nearest to each other that a pose passes between.
+    """Return the gap of an arm midway between the two closest walls that a pose passes between.
 
-    Where the axis crosses the shortest line between two walls, it is no farther from one of them than half-way. No
-    motion that leads between the two there has more.
+    Where the axis crosses the shortest line between two walls, it is at most half that line's length from one of them.
+    So no motion that leads between the two has a larger gap.
 
     Args:
-        problem: with the walls.
+        problem: problem with the walls.
         points: joints and tip of the pose, shape (links + 1, 2) [m].
-        most: gaps from this on are of no interest [m].
+        most: gaps from this on are not of interest [m].
 
     Returns:
-        The bound with the names of the walls; None where the pose passes between no walls that are so near.
+        The bound with the names of the walls; None where the pose passes between no walls that close.
     """
     arm = problem.arm
     body = arm.radius + problem.workspace.clearance
     link, share = arm.mount_end
     exposed = np.vstack((points[link] + share * (points[link + 1] - points[link]), points[link + 1 :]))
     axis = shapely.LineString(exposed)
-    # Half-way between walls that are this near to each other the arm has less than what is asked about.
+    # Midway between walls closer than this, the gap is below `most`.
     reach = 2.0 * (body + most)
     near = [wall for wall in problem.workspace.walls if shapely.distance(wall.core, axis) - wall.rounding < reach]
     found = [
@@ -89,22 +89,22 @@ def clearance_along(
     checks: Sequence[Check],
     settings: Settings = DEFAULT_SETTINGS,
 ) -> RoomRecord:
-    """Return the record of the room that a verified motion keeps.
+    """Return the record of the clearance that a verified motion keeps.
 
     Args:
-        problem: what was asked.
+        problem: the problem as posed.
         trajectory: the motion.
-        checks: of the verifier, which know its least gaps.
+        checks: checks of the verifier, which hold the least gaps.
         settings: of all stages.
     """
     room = room_over_time(problem, trajectory, problem.wanted_gap, checks, settings.room, settings.verification)
     if room.wanted == 0.0:
         return room
     if not room.short:
-        # What the motion keeps is possible, and more was not wanted.
+        # The motion keeps the wanted gap, so the wanted gap is possible.
         return replace(room, possible=PossibleGap(room.wanted, "wanted gap"))
     if problem.dimension == 3:
-        # To flood the room for the widest way takes as long as to plan.
+        # Flooding the workspace for the widest way takes as long as planning.
         return room
     bounds = list(_passage_bounds(problem, trajectory, room))
     general = possible_gap(problem, room)
@@ -114,7 +114,7 @@ def clearance_along(
 
 
 def _passage_bounds(problem: Problem, trajectory: JointTrajectory, room: RoomRecord) -> Iterator[PossibleGap]:
-    """Yield what the walls leave between which the arm stands where it misses most of the wanted gap on its way."""
+    """Yield an upper bound of the gap from the walls at each passage where the motion falls short of the wanted gap."""
     for part in room.short:
         if part.cause != "passage":
             continue
@@ -130,7 +130,7 @@ PACKAGES = ("ccm-opt", "casadi", "daqp", "numpy", "piqp", "scipy", "shapely", "t
 
 @cache
 def versions() -> Mapping[str, str]:
-    """Return the versions of Python and of the packages a result depends on."""
+    """Return the versions of Python and of the packages that a result depends on."""
     return {"python": platform.python_version(), **{name: version(name) for name in PACKAGES}}
 
 
@@ -143,16 +143,16 @@ def draft_solution(
     room: RoomRecord | None = None,
     tolerance: tuple[SurvivedError, ...] = (),
 ) -> Solution:
-    """Return the solution that a verified plan is, as far as it is known.
+    """Return the solution for a verified plan, from the results known so far.
 
     Args:
-        problem: what was asked.
-        plan: the motion, which passes every check.
+        problem: the problem as posed.
+        plan: a motion that passes every check.
         stages: CPU time of every stage.
-        simulated: what the simulated arm did; None where that was not waited for.
-        figures: of merit of that and of the costs.
-        room: that the motion keeps; None where it was not measured.
-        tolerance: errors that it survives.
+        simulated: motion of the simulated arm; None if it was not simulated.
+        figures: further figures of merit, of the simulation and the costs.
+        room: clearance that the motion keeps; None where it was not measured.
+        tolerance: errors that the motion survives.
     """
     if simulated is None:
         simulated = not_simulated(plan.trajectory, plan.joints, problem.simulation.step, "it was not waited for")
@@ -181,12 +181,12 @@ def described(
     settings: Settings = DEFAULT_SETTINGS,
     figures: Mapping[str, float] = MappingProxyType({}),
 ) -> Solution:
-    """The solution that a verified plan is: with the room that the motion keeps, and what the simulated arm does.
+    """Return the solution for a verified plan, with clearance over time, survived errors and simulation.
 
     Args:
-        problem: what the plan solves.
-        plan: passes every check.
-        stages: names and times the stages, those before included.
+        problem: the problem that the plan solves.
+        plan: a plan that passes every check.
+        stages: names and times the stages, including those before.
         settings: of all stages.
         figures: further figures of merit, by name.
 
@@ -217,12 +217,14 @@ def described(
 
 
 def kept(stage: Callable[[], Result], what: str, instead: Callable[[Exception], Result]) -> Result:
-    """Return what a stage makes of a verified plan.
+    """Return the result of a stage that assesses a verified plan, or a substitute if the stage fails.
+
+    A failure is logged as a defect with its traceback.
 
     Args:
-        stage: makes it.
-        what: what is missing where it fails, in words.
-        instead: what stands for it then.
+        stage: computes the result.
+        what: what is missing after a failure, in words.
+        instead: makes the substitute from the exception.
     """
     try:
         return stage()
@@ -234,7 +236,7 @@ def kept(stage: Callable[[], Result], what: str, instead: Callable[[Exception], 
 def simulated_motion(problem: Problem, plan: VerifiedPlan) -> tuple[SimulatedMotion, Mapping[str, float]]:
     """Return the simulated motion and its figures.
 
-    One that stands still where a defect keeps it from being simulated.
+    After a defect in the simulation, the simulated arm stands still.
     """
     stage = partial(simulate_and_check, problem, plan.trajectory, plan.joints)
     return kept(stage, "the plan was not simulated", partial(_stands_still, problem, plan))

@@ -1,4 +1,4 @@
-"""Lays time along the paths of all legs, and verifies the motion that they are."""
+"""Times the paths of all legs, and verifies the resulting motion."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -27,10 +27,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class TermResults:
-    """What a motion makes of the user's constraints and costs.
+    """Results of the user's constraints and costs for a motion.
 
     Attributes:
-        checks: one for each constraint.
+        checks: one check for each constraint.
         figures: residuals of the constraints and values of the costs, by name.
     """
 
@@ -43,12 +43,12 @@ class VerifiedPlan:
     """A motion that passes every check.
 
     Attributes:
-        path: the way, of all legs end to end.
-        trajectory: the same in time.
-        joints: the same for all drives.
-        checks: of the verifier.
-        of_terms: what the motion makes of the user's constraints and costs.
-        tries: what came of every try, where several were asked for.
+        path: the paths of all legs, end to end.
+        trajectory: the timed motion.
+        joints: the timed motion of all drives.
+        checks: checks of the verifier.
+        of_terms: results of the user's constraints and costs.
+        tries: results of all tries, where several were asked for.
     """
 
     path: JointPath
@@ -64,7 +64,7 @@ def evaluate_terms(
     path: JointPath,
     trajectory: JointTrajectory,
 ) -> TermResults:
-    """Return what a motion makes of the user's constraints and costs; nothing when there are none."""
+    """Evaluate the user's constraints and costs over a motion; the result is empty without terms."""
     if terms is None:
         return TermResults()
     from ccm_opt.ik import term_checks  # noqa: PLC0415 - most problems have no constraints of the user
@@ -73,24 +73,24 @@ def evaluate_terms(
 
 
 def worst_leg_checks(legs: Sequence[TermResults]) -> TermResults:
-    """The checks of all legs, each with the number of its goal, and of every figure the one farthest from zero."""
+    """Return the checks of all legs, named with their goals, and of each figure the value largest in magnitude."""
     checks = [
         replace(check, name=f"{check.name}, goal {number}")
         for number, leg in enumerate(legs, start=1)
         for check in leg.checks
     ]
-    # Every leg was solved with the same terms, so the names of the first are those of all.
+    # All legs share the same terms, so the figures of the first name those of all.
     figures = {name: float(np.max(np.abs([leg.figures[name] for leg in legs]))) for name in legs[0].figures}
     return TermResults(tuple(checks), figures)
 
 
 def failed_checks(checks: Sequence[Check]) -> list[str]:
-    """Return what the checks that do not hold say."""
+    """Return one message for each check that fails."""
     return [f"{check.name}: {_value(check)} at {check.where}" for check in checks if not check.passed]
 
 
 def _value(check: Check) -> str:
-    """Return the worst value of a check, lengths in the unit of the problem's file."""
+    """Return the worst value of a check as text, lengths in the unit of the problem's file."""
     return file_length(check.worst, 6) if check.unit == "m" else f"{check.worst:.6g} {check.unit}"
 
 
@@ -100,7 +100,7 @@ def verified(
     joints: JointStates,
     settings: VerificationSettings = DEFAULT_VERIFICATION,
 ) -> tuple[Check, ...]:
-    """Check a motion that has to pass; arguments as for ``verify``.
+    """Verify a motion and return its checks; arguments as for ``verify``.
 
     Raises:
         VerificationError: naming the checks that fail.
@@ -122,18 +122,18 @@ def timed_and_verified(
     """Time the paths of all legs, and verify them as one motion.
 
     Args:
-        problem: what they solve.
-        legs: one to each goal.
+        problem: the problem that the legs solve.
+        legs: one leg to each goal.
         stages: names and times the stages.
-        retimer: another way to time a leg; the one that the problem names when None.
-        terms: the user's constraints and costs; they hold for every leg by itself.
+        retimer: another method of timing a leg; when None the one that the problem names.
+        terms: the user's constraints and costs; they apply to every leg by itself.
         settings: of all stages.
 
     Raises:
-        NoPlanFound: a path cannot be timed within the limits, or the motion does not keep a constraint.
+        NoPlanFound: a path cannot be timed within the limits, or the motion violates a constraint.
         VerificationError: the verifier refuses the plan.
     """
-    # Made once for all legs: the first call may have to wait for the compiler.
+    # Built once for all legs: the first call may have to wait for the compiler.
     with stages("dynamics model"):
         dynamics = InverseDynamics(problem.arm, problem.simulation.gravity)
     with stages("retiming"):
@@ -142,7 +142,7 @@ def timed_and_verified(
         joints = joint_states(problem.arm, trajectory, dynamics)
     with stages("verification"):
         checks = verified(problem, trajectory, joints, settings.verification)
-        # A leg's constraints hold for the leg by itself: its path parameter runs from 0 to 1.
+        # Constraints apply to each leg by itself, because its path parameter runs from 0 to 1.
         found = [evaluate_terms(terms, leg.path, motion) for leg, motion in zip(legs, timed, strict=True)]
         of_terms = worst_leg_checks(found) if len(found) > 1 else found[0]
         if broken := failed_checks(of_terms.checks):
@@ -157,7 +157,7 @@ def _leg_in_time(
     terms: "UserTerms | None",
     settings: Settings,
 ) -> JointTrajectory:
-    """Return the motion of a leg; where its path has corners, as one back over several legs has, it rests in them."""
+    """Return the timed motion of a leg; the arm rests at corners of the path, as a way back over several legs has."""
     parts = leg.path.parts
     if not parts:
         return _timed(leg, dynamics, retimer, terms, settings)
@@ -167,7 +167,7 @@ def _leg_in_time(
         _timed(Leg(replace(leg.problem, start=start, goal=end), part), dynamics, retimer, None, settings)
         for part, start, end in zip(parts, starts, (*ends[:-1], leg.problem.goal), strict=True)
     ]
-    # The stops of a motion are the goals on its way, which corners are not.
+    # Stops are the intermediate goals of a motion; corners are not listed among them.
     return replace(retiming.joined(timed), stops=())
 
 
@@ -178,17 +178,17 @@ def _timed(
     terms: "UserTerms | None",
     settings: Settings,
 ) -> JointTrajectory:
-    """Return the first timing of a leg that may be taken.
+    """Return the first timing of a leg that passes all checks.
 
     Raises:
-        RetimingError: there is none within the limits.
+        RetimingError: there is no timing within the limits.
     """
     problem = leg.problem
     if retimer is not None:
         return retimer.retime(problem, leg.path)
     failures: list[str] = []
     sampling = replace(settings.timing.sampling, hair=0.5 * problem.contact_tolerance)
-    # Timings are made one by one, so that what is not needed is never computed.
+    # A generator: the later, slower timings are computed only if the earlier ones fail.
     for trajectory in retiming.timings(
         leg.path,
         feed_limits(problem.arm, problem.limits),
@@ -201,7 +201,7 @@ def _timed(
         share=problem.planner.effort_share,
         settings=replace(settings.timing, sampling=sampling),
     ):
-        # Paul's transitions leave the path, so the first of them may be refused for walls; TOPP-RA's only one is not.
+        # Paul's transitions leave the path and may hit walls, so they are checked here; TOPP-RA stays on the path.
         if problem.planner.retiming == "toppra":
             return trajectory
         checks = verify(problem, trajectory, joint_states(problem.arm, trajectory, dynamics), settings.verification)
@@ -215,7 +215,7 @@ def _timed(
 
 
 def _broken_constraint(broken: list[str]) -> Diagnosis:
-    """Return why a motion is none that breaks a constraint of the user."""
+    """Return the diagnosis of a motion that violates a constraint of the user."""
     reason = f"the motion that was found does not keep every constraint; the first that fails: {broken[0]}"
     advice = ("widen the constraint, or make it soft", "move the goal")
     return Diagnosis(reason, "constraints", advice, {"failures": broken})
