@@ -1,4 +1,4 @@
-"""What callers give: checks of arguments, and the users' constraints and costs."""
+"""Checks of callers' arguments, and of the user's constraints and costs."""
 
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
@@ -27,17 +27,17 @@ def expect_arguments(
     settings: "Settings | None" = None,
     **flags: bool,
 ) -> None:
-    """Refuse arguments of another kind than they are meant to be; None stands for the default.
+    """Refuse arguments of the wrong type; None stands for the default.
 
     Args:
         progress: a function.
         planner: an object with the method ``plan``.
         retimer: an object with the method ``retime``.
-        settings: of all stages.
-        flags: true or false, by name.
+        settings: settings of all stages.
+        flags: booleans, by name.
 
     Raises:
-        ProblemError: naming what was expected, and what to write.
+        ProblemError: naming what was expected, and how to write it.
     """
     expect_callable(progress, "a function for progress=", "for example progress=print")
     expect_method(planner, ["plan"], "a planner, an object with plan(problem)", "ccm_opt.BuiltInPlanner() is one")
@@ -53,10 +53,10 @@ def expect_arguments(
 
 
 def refuse_without_effect(problem: Problem) -> None:
-    """Refuse planner options that do nothing for a problem, as its file would have been.
+    """Refuse planner options that have no effect on a problem, as when a problem file sets them.
 
     Raises:
-        ProblemError: naming them, and why they do nothing.
+        ProblemError: naming the options, and why they have no effect.
     """
     found = options_without_effect(problem.planner, in_space=problem.dimension == 3)
     lines = [f"planner.{name}: {why}" for name, why in found]
@@ -65,7 +65,7 @@ def refuse_without_effect(problem: Problem) -> None:
 
 
 def named_terms(reason: str, constraints: Sequence[Constraint], costs: Sequence[Cost]) -> tuple[tuple[str, str], ...]:
-    """Return the kind and name of every constraint and cost that binds a plan, those first that a reason names."""
+    """Return kind and name of every constraint and cost, those named in a reason first."""
     hard = [("constraint", each.name) for each in constraints if not each.soft]
     soft = [("constraint", each.name) for each in constraints if each.soft]
     every = [*hard, *soft, *(("cost", each.name) for each in costs)]
@@ -73,12 +73,12 @@ def named_terms(reason: str, constraints: Sequence[Constraint], costs: Sequence[
 
 
 def compiled_terms(arm: Arm, constraints: Sequence[Constraint], costs: Sequence[Cost]) -> "UserTerms | None":
-    """Return the user's constraints and costs for an arm; None when there are none.
+    """Return the user's constraints and costs compiled for an arm; None when there are none.
 
     Raises:
-        ProblemError: they are no lists, or one of them cannot be used.
+        ProblemError: they are not lists, or one of them is invalid.
     """
-    # An empty list is fine, and everything else that is as good as false to Python is not.
+    # An empty list is valid; other falsy values are not.
     expect(constraints, (list, tuple), "a list of constraints", "write constraints=[mine]")
     expect(costs, (list, tuple), "a list of costs", "write costs=[mine]")
     if not (constraints or costs):
@@ -92,20 +92,20 @@ ADVICE = ("change the bounds of the constraint, or the goal", "let it apply on t
 
 
 def refuse_contradictions(problem: Problem, terms: UserTerms | None) -> None:
-    """Refuse constraints that are proved not to hold at a goal, whatever the pose.
+    """Refuse constraints that are proved to be violated at a goal in every pose.
 
-    A start that breaks a constraint is bad input, which is for the planner to say; then nothing is refused here.
+    Nothing is refused if the start violates a constraint: that is invalid input, which the planner reports.
 
     Args:
         problem: what to solve.
         terms: the user's constraints and costs.
 
     Raises:
-        UnreachableGoal: naming the constraint and by how much it is off.
+        UnreachableGoal: naming the constraint and its least violation.
     """
     if terms is None or _breaks_start(problem, terms):
         return
-    # In the plane proofs know a fixed base alone.
+    # In the plane, the proofs cover fixed bases only.
     if problem.arm.base_axes and problem.dimension == 2:
         return
     several = len(problem.stops) > 0
@@ -119,7 +119,7 @@ def refuse_contradictions(problem: Problem, terms: UserTerms | None) -> None:
 
 
 def _breaks_start(problem: Problem, terms: UserTerms) -> bool:
-    """Return whether the start breaks a constraint: then the input is bad, and the planner says so."""
+    """Return whether the start violates a constraint that applies there; the planner reports that as invalid input."""
     start = problem.start.configuration(problem.arm)
     misses = (
         float(item.residuals(start[None], np.zeros(1))[0])

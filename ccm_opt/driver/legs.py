@@ -1,4 +1,4 @@
-"""What a planner is, and the legs of a motion, one to each goal."""
+"""The planner and retimer protocols, and the legs of a motion, one to each goal."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
@@ -13,16 +13,16 @@ from ccm_opt.problem import Goal, JointPose, Problem
 from ccm_opt.problem.solution import JointPath, JointTrajectory
 
 _LEAST_TIME = 0.5
-"""CPU time that the planner is given for a leg, even when the legs before have used it up [s]: without any, a late leg
-would fail on the clock where it might be easy. Taste."""
+"""CPU time granted to the planner for a leg even if the earlier legs used up the limit [s]: without any, a late leg
+would fail on time although it might be easy. Taste."""
 
 _SAME = 1e-9
-"""Difference of coordinates up to which two configurations are the same [rad, m]: rounding of the file's numbers."""
+"""Difference of coordinates up to which two configurations are the same [rad, m]: rounding of numbers in files."""
 
 _OF_DRIVES = frozenset(
     ("masses", "inertia_axial", "inertia_transverse", "payload", "rotor_inertia", "friction", "axes")
 )
-"""What of an arm no path depends on."""
+"""Attributes of an arm that do not affect its path."""
 
 
 class Planner(Protocol):
@@ -32,21 +32,22 @@ class Planner(Protocol):
         """Plan a motion to the problem's only goal.
 
         Raises:
-            NoPlanFound: with a diagnosis, when there is none within the limits.
+            NoPlanFound: there is no path within the limits; with a diagnosis.
         """
         ...
 
 
 class Retimer(Protocol):
-    """Lays time along a joint path."""
+    """Times a joint path."""
 
     def retime(self, problem: Problem, path: JointPath) -> JointTrajectory:
-        """Time a path from rest to rest within ``problem.limits``; what it returns is verified.
+        """Time a path from rest to rest within ``problem.limits``; the result is verified.
 
-        Of the limits of the drives a plan may use ``problem.planner.effort_share``, see ``robot.coordinates``.
+        The plan may use the share ``problem.planner.effort_share`` of the limits of the drives, see
+        ``robot.coordinates``.
 
         Raises:
-            RetimingError: with a diagnosis, when there is no timing within the limits.
+            RetimingError: there is no timing within the limits; with a diagnosis.
         """
         ...
 
@@ -56,7 +57,7 @@ class Leg:
     """The motion to one goal.
 
     Attributes:
-        problem: with this goal alone.
+        problem: problem with this goal alone.
         path: the motion to it.
     """
 
@@ -65,7 +66,7 @@ class Leg:
 
 
 def whole_path(legs: Sequence[Leg]) -> JointPath:
-    """Return the paths of all legs, end to end, each over an equal share of [0, 1].
+    """Return the paths of all legs joined end to end, each over an equal share of [0, 1].
 
     The spline has a corner at every stop.
     """
@@ -73,12 +74,12 @@ def whole_path(legs: Sequence[Leg]) -> JointPath:
 
 
 def end_to_end(paths: Sequence[JointPath]) -> JointPath:
-    """Return the paths each of which begins where the one before ends, as one path; see ``whole_path``."""
+    """Join paths, each beginning where the one before ends, into one path; see ``whole_path``."""
     if len(paths) == 1:
         return paths[0]
 
     # Every spline is clamped, so its last control point is the next one's first. Of the knots that both have at the
-    # stop as many stay as keep the curve continuous there and nothing more.
+    # stop, just as many stay as make the curve continuous there, but not smooth.
     first, *others = [path.spline for path in paths]
     knots = first.t
     control = first.c
@@ -103,13 +104,13 @@ def plan_legs(
     *,
     retrace: bool = True,
 ) -> tuple[Leg, ...]:
-    """Plan the motion to every goal in turn, each from where the one before ends; without stops that is one leg.
+    """Plan the motion to every goal in turn, each from the end of the one before; without stops that is one leg.
 
     Args:
-        problem: with any number of stops; its time limit is for all legs together.
+        problem: with any number of stops; its time limit applies to all legs together.
         planner: plans a leg.
-        recorded: paths that are known already, with their problems; is added to.
-        retrace: whether an arm in space that goes back to a pose from which a leg began may take the same way.
+        recorded: known paths with their problems; new ones are appended.
+        retrace: whether an arm in space that returns to a pose from which a leg began may retrace its way.
 
     Raises:
         NoPlanFound: naming the goal that is not reached.
@@ -139,21 +140,21 @@ def plan_legs(
 
 
 def _goal_diagnosis(found: Diagnosis, number: int, count: int) -> Diagnosis:
-    """Return a diagnosis that says which of several goals it is about."""
+    """Return a diagnosis that also names which of several goals it is about."""
     return replace(
         found, reason=f"goal {number} of {count}: {found.reason}", evidence={**found.evidence, "goal": number}
     )
 
 
 def way_back(legs: Sequence[Leg], goal: Goal) -> JointPath | None:
-    """Return the paths of the last legs backwards, to where the latest of them that fits began.
+    """Return the paths of the last legs, reversed, back to the goal if a leg began there.
 
     Args:
-        legs: that are planned.
-        goal: what comes next.
+        legs: legs planned so far.
+        goal: the next goal.
 
     Returns:
-        None where the goal is not a pose in space in which a leg began.
+        The joined path to the latest such pose; None where the goal is not a pose in space from which a leg began.
     """
     back: list[JointPath] = []
     for leg in reversed(legs):
@@ -168,17 +169,17 @@ def way_back(legs: Sequence[Leg], goal: Goal) -> JointPath | None:
 
 
 def recorded_path(recorded: Sequence[tuple[Problem, JointPath]], problem: Problem) -> JointPath | None:
-    """Return the path of a problem whose path is known; None where something that decides it has changed.
+    """Return the known path of a problem; None if anything that affects the path has changed.
 
-    Limits of torque and masses of links change no path, so none is planned twice.
+    Torque limits and masses of links do not affect the path, so problems that differ in those are not planned again.
     """
     return next((path for known, path in recorded if _same_geometry(known, problem)), None)
 
 
 def _same_geometry(one: Problem, other: Problem) -> bool:
-    """Return whether all that decides a path is the same.
+    """Return whether two problems agree in everything that affects a path.
 
-    Parts that ``replace`` has left alone are the very same objects.
+    Parts that ``replace`` left alone are identical objects.
     """
     numbers = [each.name for each in fields(one.arm) if each.name not in _OF_DRIVES]
     parts = ("workspace", "start", "goal", "stops")

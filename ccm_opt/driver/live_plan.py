@@ -119,7 +119,7 @@ class LivePlan:
     Raises:
         ProblemError: the problem cannot be planned live: it has goals on the way, joint errors to survive, another
             planner, or in the plane a feed axis.
-        NoPlanFound: there is no plan to begin with.
+        NoPlanFound: there is no plan to begin with, or the start is in contact.
         VerificationError: the verifier refuses the first plan.
     """
 
@@ -299,8 +299,7 @@ class LivePlan:
 
     @on_one_thread()
     def _kept(self) -> bool:
-        """Keep the present motion in space if it solves the changed problem with as much clearance; return whether it
-        does."""
+        """Return whether the present motion in space is kept: it solves the changed problem with as much clearance."""
         if not (self.problem.dimension == 3 and self.current):
             return False
         if self.plan.problem.goal is not self.problem.goal:

@@ -1,4 +1,4 @@
-"""Measures of a plan for people, and how far it leaves a leader's path."""
+"""Figures of merit of a plan, and the deviation of a fed arm from its leader's path."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -15,12 +15,11 @@ from ccm_opt.scene.surfaces import TriangleSoup
 from ccm_opt.verification.interpolated_message import interpolation_deviation
 
 _PLACES_PER_LINK = 8
-"""On every link, whose distance from the leader's path is taken. Taste."""
+"""Points per link whose distance from the leader's path is measured. Taste."""
 _POSES = 400
-"""Of a motion that are looked at, at most; the first and the last are among them. Taste."""
+"""Most poses of a motion that are inspected, the first and the last included. Taste."""
 _STRAIGHT_TURN = 0.008726646259971648
-"""A place of the path is straight when the path turns by no more than this within a link length to either side [rad].
-Taste: half a degree."""
+"""Largest turn within a link length to either side of a straight place of the path [rad]. Taste: half a degree."""
 
 
 @dataclass(frozen=True)
@@ -28,9 +27,9 @@ class LeaderDeviation:
     """Distances of the arm's centre line beyond the hole from its leader's path.
 
     Attributes:
-        mean: over all places and poses [m].
-        worst: [m].
-        straight_mean: mean over the places where the path is straight [m]; 0 when there are none.
+        mean: mean over all points and poses [m].
+        worst: greatest distance [m].
+        straight_mean: mean over the points where the path is straight [m]; 0 when there are none.
     """
 
     mean: float
@@ -39,7 +38,7 @@ class LeaderDeviation:
 
 
 def leader_deviation(arm: Arm, positions: FloatArray) -> LeaderDeviation | None:
-    """Return the deviation of a motion from the path of its leader, the tip; None where nothing follows one.
+    """Return the deviation of a motion from the path of its leader, the tip; None for an arm without a feed axis.
 
     Args:
         arm: the arm.
@@ -50,7 +49,7 @@ def leader_deviation(arm: Arm, positions: FloatArray) -> LeaderDeviation | None:
     numbers = np.linspace(0, len(positions) - 1, min(_POSES, len(positions)))
     poses = positions[np.unique(numbers.astype(int))]
     joints = arm.joint_positions_at(poses)
-    # Places on the links, shape (poses, links, places, d), of which those in the guide tube follow no leader.
+    # Points on the links, shape (poses, links, places, d); those in the guide tube follow no leader.
     shares = (np.arange(_PLACES_PER_LINK) + 0.5) / _PLACES_PER_LINK
     places = joints[:, :-1, None] + shares[:, None] * (joints[:, 1:, None] - joints[:, :-1, None])
     along = np.add.outer(np.arange(arm.links), shares) * arm.link_length
@@ -64,8 +63,8 @@ def leader_deviation(arm: Arm, positions: FloatArray) -> LeaderDeviation | None:
 
 
 def _distances(points: FloatArray, path: FloatArray, arm: Arm) -> tuple[FloatArray, BoolArray]:
-    """Distances of points, shape (k, 3), from a path, shape (m, 3) [m], and whether the path is straight there."""
-    # A leg of the path is a triangle without area.
+    """Return the distances of points, shape (k, 3), from a path, shape (m, 3) [m], and where the path is straight."""
+    # Each leg of the path is a triangle without area.
     legs = np.stack((path[:-1], path[1:], path[1:]), axis=1)
     owner = np.arange(len(legs), dtype=np.intp)
     tree = SurfaceTree.of(TriangleSoup(legs, np.zeros(len(legs)), owner, ("",) * len(legs)))
@@ -74,17 +73,19 @@ def _distances(points: FloatArray, path: FloatArray, arm: Arm) -> tuple[FloatArr
 
 
 def leaders_path(arm: Arm, poses: FloatArray, joints: FloatArray) -> FloatArray:
-    """The path of the leader from the hole on: the arm as it lies at the start, then the way of its tip, (m, d) [m].
+    """Return the leader's path from the hole on, shape (m, d) [m].
+
+    It is the arm as it lies at the start, then the path of its tip.
 
     Args:
-        arm: with a feed axis.
-        poses: configurations in their order, shape (T, c) [rad, m].
-        joints: joints and tip in the same, shape (T, links + 1, d) [m].
+        arm: arm with a feed axis.
+        poses: configurations in order, shape (T, c) [rad, m].
+        joints: joints and tip at these configurations, shape (T, links + 1, d) [m].
     """
     hole = arm.base + arm.hole * arm.direction
     feeds = arm.coordinates.advance(poses)
     outside = feeds[0] + arm.link_length * np.arange(arm.links + 1) > arm.hole
-    # A tip that is in the tube leads nothing.
+    # A tip inside the tube leads nothing.
     leading = feeds[1:] + arm.length > arm.hole
     path = np.concatenate((hole[None], joints[0][outside], joints[1:, -1][leading]))
     far = np.linalg.norm(np.diff(path, axis=0), axis=1) > 1e-3 * arm.link_length
@@ -92,11 +93,11 @@ def leaders_path(arm: Arm, poses: FloatArray, joints: FloatArray) -> FloatArray:
 
 
 def _straight_legs(path: FloatArray, reach: float) -> BoolArray:
-    """Return whether a path, shape (m, 3), turns by little within a reach to either side of each of its legs, (m − 1,).
+    """Return which legs of a path, shape (m, 3), are straight within a reach to either side, shape (m − 1,).
 
     Args:
-        path: the corners.
-        reach: how far to either side counts [m].
+        path: corners of the path.
+        reach: arc length to either side that counts [m].
     """
     legs = np.diff(path, axis=0)
     lengths = np.linalg.norm(legs, axis=1)
@@ -128,7 +129,7 @@ def metrics(
 def motion_figures(
     problem: Problem, trajectory: JointTrajectory, joints: JointStates, checks: tuple[Check, ...]
 ) -> Mapping[str, float]:
-    """Return those figures that the motion itself has, so that whoever has its arrays can make them again."""
+    """Return the figures of merit of the motion itself, which can be recomputed from its arrays."""
     bends = trajectory.bend_angles
     if problem.dimension == 3:
         turns = total_bends(problem.arm.bend_pairs(trajectory.positions))
@@ -142,11 +143,11 @@ def motion_figures(
         "joint_path_length_rad": path_length(bends),
         # The bend at the base turns the whole arm and curves nothing, so it does not count.
         "largest_curvature_per_m": float(np.max(turns[:, 1:], initial=0.0) / problem.arm.link_length),
-        # The error at the goal is that of the motion as it is written, not of the path it was planned from.
+        # The error at the goal is that of the recorded motion, not of the planned path.
         **ends,
         **_leader_figures(problem, trajectory),
     }
-    # Of lengths in metres only the clearances are merits; the other checks are promises that hold or do not.
+    # Of the checks in metres, only clearances are figures of merit; the others just hold or fail.
     figures.update(
         {
             f"least_{check.name.replace(' ', '_')}_m": check.worst
@@ -158,7 +159,7 @@ def motion_figures(
 
 
 def _in_the_plane(problem: Problem, trajectory: JointTrajectory) -> dict[str, float]:
-    """How the arm ends, and how far it leaves the motion that is proved when a controller interpolates its message."""
+    """Return the errors at the goal, and the deviation of a controller's interpolation from the proved motion."""
     arm = problem.arm
     figures = {"interpolation_deviation_m": interpolation_deviation(arm, trajectory)}
     if problem.goal.whole(arm) is None:
@@ -171,14 +172,14 @@ def _in_the_plane(problem: Problem, trajectory: JointTrajectory) -> dict[str, fl
 
 
 def _in_space(problem: Problem, trajectory: JointTrajectory) -> dict[str, float]:
-    """Return how the arm ends."""
+    """Return the errors at the goal."""
     errors = goal_errors(problem, trajectory.positions[-1])
     ends = {"tip_error_m": errors.position, "direction_error_rad": errors.direction, "tip_roll_rad": errors.roll}
     return {name: error for name, error in ends.items() if error is not None}
 
 
 def _leader_figures(problem: Problem, trajectory: JointTrajectory) -> dict[str, float]:
-    """Return how well an arm follows its tip where its base is fed, as figures of merit."""
+    """Return how closely a fed arm follows its tip, as figures of merit."""
     found = leader_deviation(problem.arm, trajectory.positions)
     if found is None:
         return {}
@@ -190,6 +191,6 @@ def _leader_figures(problem: Problem, trajectory: JointTrajectory) -> dict[str, 
 
 
 def total_bends(pairs: FloatArray) -> FloatArray:
-    """Return the angle between the links on both sides of a joint from its two bends, shape (..., 2) to (...) [rad]."""
+    """Return the angle between the two links at a joint from its two bends, shape (..., 2) to (...) [rad]."""
     cos = np.cos(pairs[..., 0]) * np.cos(pairs[..., 1])
     return np.asarray(np.arccos(np.clip(cos, -1.0, 1.0)))

@@ -1,4 +1,4 @@
-"""What came of the beginnings from which a pose at a goal was looked for, and why no pose was found, in words."""
+"""Outcomes of the initial poses in a search for a pose at a goal, and why no pose was found, in words."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -25,21 +25,21 @@ from ccm_opt.problem.solution import PoseOutcome
 from ccm_opt.scene.bad_pose import room_advice
 
 _ELASTIC_WEIGHTS = (10.0, 1e2, 1e3, 1e5)
-"""Of half the squared miss of a user's constraint, as a turn of the whole arm [1/rad²], where the pose is looked for
-that misses constraints least; one after the other, each from the pose before. Measured: the first is solved where the
-last alone fails, and with the last misses are exact to a thousandth."""
+"""Weights of half the squared violation of a user's constraint, as a turn of the whole arm [1/rad²], in the search for
+the pose that violates constraints least; applied in turn, each from the pose before. Measured: the first is solved
+where the last alone fails, and with the last, violations are exact to a thousandth."""
 _ELASTIC_SHARE = 0.02
-"""Constraints that this pose misses by less than this share of the worst miss count as kept. Taste."""
+"""Share of the worst violation below which this pose's violation of a constraint is ignored. Taste."""
 
 
 @dataclass(frozen=True, eq=False)
 class PoseTry:
-    """What came of one beginning.
+    """Poses found from one initial pose.
 
     Attributes:
-        beginning: where it began.
-        asked: what the NLP was asked.
-        poses: its solutions, each from the one before; none when there was nothing to begin with.
+        beginning: the initial pose.
+        asked: the goal-pose NLP.
+        poses: solutions of the NLP, each started from the one before; empty without an initial pose.
     """
 
     beginning: PoseBeginning
@@ -48,22 +48,22 @@ class PoseTry:
 
     @property
     def best(self) -> int | None:
-        """Which of the poses is the best feasible one; None when none is."""
+        """Index of the best feasible pose; None when none is feasible."""
         feasible = [k for k, pose in enumerate(self.poses) if self.asked.feasible(pose)]
         return min(feasible, key=lambda k: self.poses[k].answer.cost, default=None)
 
     @property
     def cost(self) -> float:
-        """That of the best pose; infinite without one."""
+        """Cost of the best pose; infinite without one."""
         return np.inf if self.best is None else self.poses[self.best].answer.cost
 
     def begun(self, number: int) -> FloatArray:
-        """Return the configuration that a solution began with, shape (c,) [rad, m]."""
+        """Return the configuration from which a solution was started, shape (c,) [rad, m]."""
         return np.asarray(self.poses[number - 1].q if number else self.beginning.q)
 
     @property
     def outcome(self) -> PoseOutcome:
-        """The same as a record."""
+        """Outcome as a record."""
         if self.best is None:
             return PoseOutcome(self.beginning.name, reason=self.reason)
         pose = self.poses[self.best]
@@ -71,7 +71,7 @@ class PoseTry:
 
     @property
     def reason(self) -> str:
-        """What the nearest pose misses, in words."""
+        """Violations or contact of the pose nearest to feasible, in words."""
         if not self.poses:
             return "" if self.beginning.missing is None else self.beginning.missing.reason
         pose = min(self.poses, key=lambda pose: pose.answer.violation)
@@ -82,7 +82,7 @@ class PoseTry:
 
 
 def improved_poses(asked: GoalPoses, beginning: PoseBeginning, deadline: Deadline | None = None) -> PoseTry:
-    """Return the poses to which a beginning is improved."""
+    """Solve the goal-pose NLP from an initial pose."""
     return PoseTry(beginning, asked, () if beginning.q is None else asked.improved(beginning.q, deadline))
 
 
@@ -90,8 +90,8 @@ def no_pose(asked: GoalPoses, tries: Sequence[PoseTry]) -> ConfigurationNotFound
     """Return the error that says why no pose at the goal was found.
 
     Args:
-        asked: what the NLP was asked.
-        tries: all of them without a feasible pose.
+        asked: the goal-pose NLP.
+        tries: all tries, without a feasible pose among them.
     """
     problem = asked.problem
     findings = ranked(failed(problem))
@@ -119,7 +119,7 @@ def no_pose(asked: GoalPoses, tries: Sequence[PoseTry]) -> ConfigurationNotFound
 
 
 def _advice(problem: Problem) -> tuple[str, ...]:
-    """Return what may help the search for a pose."""
+    """Return advice that may help the search for a pose."""
     more = "raise planner.routes" if problem.dimension == 2 else "raise planner.time_limit"
     room = room_advice(problem.arm.radius, problem.workspace.clearance)
     free = () if getattr(problem.goal, "direction", None) is None else ("leave the goal's direction out",)
@@ -129,15 +129,15 @@ def _advice(problem: Problem) -> tuple[str, ...]:
 def with_constraint_first(
     failure: NoPlanFound, problem: Problem, terms: UserTerms | None, settings: Settings = DEFAULT_SETTINGS
 ) -> NoPlanFound:
-    """Return the same error.
+    """Return a failure whose reason begins with the user's constraints where no pose at the goal satisfies them.
 
-    Where no pose at the goal was found that keeps the user's constraints, its reason begins with it.
+    In all other cases the failure is returned unchanged.
 
     Args:
-        failure: how the search for a motion ended.
-        problem: what was asked.
+        failure: the failed search for a motion.
+        problem: the problem as posed.
         terms: the user's constraints and costs.
-        settings: of poses at the goal.
+        settings: settings of poses at the goal.
     """
     constrained = terms is not None and bool(terms.hard_at_goal) and not problem.arm.base_axes and not problem.stops
     if not constrained or isinstance(failure, UnreachableGoal) or problem.goal.whole(problem.arm) is not None:
@@ -157,25 +157,25 @@ def with_constraint_first(
 
 
 def describe_violations(missed: dict[str, float]) -> str:
-    """Return that constraints are missed at the goal, without the claim that this is proved."""
+    """Return in words that constraints are violated at the goal, without claiming a proof."""
     first = "; ".join(f"constraint '{name}', the nearest misses it by {miss:.4g}" for name, miss in missed.items())
     return f"no pose was found at the goal that keeps {first} (not proved: another pose might)"
 
 
 def least_misses(tries: Sequence[PoseTry]) -> dict[str, float]:
-    """Return the hard constraints that the pose which misses them least still misses, and by how much, the worst first.
+    """Return the hard constraints violated by the pose that violates them least, and by how much, the worst first.
 
-    The same beginnings are improved once more, with the constraints softened. Nothing is missed, and the result is
-    empty, where that leads to no pose either: then other rows are in the way, too.
+    The initial poses are improved again with softened constraints. The result is empty if that yields no pose either:
+    then other rows are infeasible too.
     """
     found = [misses for each in tries if each.poses and (misses := _goal_violations(each)) is not None]
-    # Where some beginning leads to a pose that misses fewer constraints, those alone are in the way.
+    # The pose that violates the fewest constraints names those that cannot be satisfied.
     best = min(found, key=lambda misses: (len(misses), sum(misses.values())), default={})
     return dict(sorted(best.items(), key=lambda item: -item[1]))
 
 
 def _goal_violations(each: PoseTry) -> dict[str, float] | None:
-    """Return what the pose misses to which one beginning leads when the constraints are soft.
+    """Return the violations of the pose found from one initial pose with softened constraints.
 
     None when there is no pose.
     """
@@ -195,7 +195,7 @@ def _goal_violations(each: PoseTry) -> dict[str, float] | None:
 
 
 def _worst_misses(terms: UserTerms, softened: UserTerms, q: FloatArray) -> dict[str, float]:
-    """Return the hard constraints that a pose misses: what is missed, and what counts beside the worst of them."""
+    """Return the hard constraints that a pose violates, except those whose violation is small next to the worst."""
     misses = terms.residuals_at_goal(q)
     weights = {item.constraint.name: item.constraint.weight for item in softened.constraints}
     missed = {
@@ -203,7 +203,8 @@ def _worst_misses(terms: UserTerms, softened: UserTerms, q: FloatArray) -> dict[
         for item in terms.hard_at_goal
         if not misses[item.constraint.name] <= TERM_TOLERANCE
     }
-    # Compared as turns of the whole arm, for units differ. A penalty leaves constraints that could hold a little amiss.
+    # Units differ, so violations are compared as turns of the whole arm. Penalties leave small violations of
+    # constraints that could hold.
     turns = {name: np.sqrt(weights[name]) * miss for name, miss in missed.items()}
     least = _ELASTIC_SHARE * max(turns.values(), default=0.0)
     return {name: miss for name, miss in missed.items() if not turns[name] < least}
@@ -214,7 +215,7 @@ def _miss(each: PoseTry) -> float:
 
 
 def _row_words(name: str, violation: float, asked: GoalPoses) -> str:
-    """Return a row that is violated, in the user's terms."""
+    """Return a violated row in the user's terms."""
     length = asked.problem.arm.length
     what, _, rest = name.partition(": ")
     if what == "user":

@@ -1,4 +1,4 @@
-"""Whether a record agrees with its motion."""
+"""Checks that the record in a plan's folder agrees with the motion in it."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
@@ -25,22 +25,22 @@ from ccm_opt.verification.tolerance.survived_errors import survived_error
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION, VerificationSettings
 
 _SIMULATED_ANGLE = 1e-6
-"""Difference between a written simulation and another run of it that is rounding [rad, m]. Taste: machines and back
-ends were seen to differ by 1e-13."""
+"""Difference between a recorded simulation and a rerun that counts as rounding [rad, m]. Taste: machines and back ends
+were seen to differ by 1e-13."""
 _SIMULATED_TORQUE = 1e-6
-"""The same for torques, as a share of the greatest."""
+"""Such a difference of torques, as a share of the greatest torque."""
 _FIGURE_SHARE = 1e-6
-"""Share by which a written figure may differ from that of the arrays. Taste: far above rounding."""
+"""Relative difference allowed between a recorded figure and that of the arrays. Taste: far above rounding."""
 _FIGURE_FLOOR = 1e-9
-"""Difference of figures beside that share: figures of nothing but rounding are alike. Taste."""
+"""Absolute difference that is always allowed: figures that are nothing but rounding count as equal. Taste."""
 
 
 _OF_PLANNING = ("cost_", "residual_")
-"""What names of figures begin with that nobody can make again from a folder: of costs and constraints."""
+"""Prefixes of figures that cannot be recomputed from a folder: of costs and constraints."""
 _OF_SIMULATION = ("tracking_error_rad", "tracking_error_m", "saturated_time_s")
-"""What names of figures end with that mean nothing where nothing was simulated."""
+"""Suffixes of figures that are meaningless when nothing was simulated."""
 _OF_USER = "constraint "
-"""What names of checks begin with that hold what the user asks for."""
+"""Prefix of the checks of the user's constraints."""
 
 
 def record_checks(
@@ -51,17 +51,17 @@ def record_checks(
     room: RoomRecord,
     settings: VerificationSettings = DEFAULT_VERIFICATION,
 ) -> list[Check]:
-    """Hold everything that a folder says of a motion against the motion.
+    """Check everything that a folder records about a motion against the motion.
 
-    The simulation is run again: it is the same to rounding whoever runs it, as long as the arm follows its plan.
+    The simulation is rerun: it is reproducible to rounding as long as the arm follows its plan.
 
     Args:
-        problem: what was asked.
-        motion: in the folder, which is well-formed, with keyframes and simulation.
-        record: what else the folder says.
-        checks: of the verifier, made anew.
-        room: that the motion keeps, measured anew.
-        settings: what counts as the same.
+        problem: the problem as posed.
+        motion: the motion in the folder, well-formed, with keyframes and simulation.
+        record: the other results in the folder.
+        checks: checks of the verifier, recomputed.
+        room: clearance that the motion keeps, recomputed.
+        settings: tolerances for agreement.
     """
     settings = settings.for_problem(problem)
     trajectory, joints = motion.trajectory, motion.joints
@@ -88,7 +88,7 @@ def record_checks(
 
 
 def _curves(problem: Problem, motion: SavedMotion) -> Check:
-    """Return the curves behind the keyframes of a motion in the plane."""
+    """Check the recorded curves of a planar motion against its keyframes."""
     curves = recorded_curves(motion.arrays, problem.arm)
     if problem.planner.method != "nlp":
         return check_followed_curves(problem.arm, curves, motion.keyframes)
@@ -96,7 +96,7 @@ def _curves(problem: Problem, motion: SavedMotion) -> Check:
 
 
 def _at_rest(motion: SavedMotion) -> Check:
-    """Return an arm that was not simulated stands where the plan begins."""
+    """Check that the record of an arm that was not simulated rests where the plan begins."""
     off = [
         np.abs(motion.simulated_angles - motion.joints.angles[:1]),
         np.abs(motion.simulated_torques),
@@ -107,10 +107,10 @@ def _at_rest(motion: SavedMotion) -> Check:
 
 
 def _simulated(motion: SavedMotion, recorded: Mapping[str, object], again: SimulatedMotion) -> Check:
-    """Return the simulated arm against another run of the same simulation."""
+    """Check the recorded simulation against a rerun."""
     name = "simulated arm against its plan"
     verdict = asdict(again.verdict)
-    # Where the arm does not follow its plan, words and numbers of the verdict are as far off as the run is.
+    # If the arm does not follow its plan, only the outcome is reproducible; details of the verdict vary with the run.
     held = [field for field in verdict if again.verdict.followed or field == "outcome"]
     for field in held:
         told = recorded.get(field, verdict[field])
@@ -136,10 +136,10 @@ def _simulated(motion: SavedMotion, recorded: Mapping[str, object], again: Simul
 
 
 def _samples_alike(time: FloatArray, verdict: SimulationVerdict) -> int:
-    """Return how many samples are the same to rounding whoever runs the simulation.
+    """Return the number of leading samples at which reruns of the simulation agree to rounding.
 
-    Where the arm does not follow its plan rounding grows without bound. What grows by the same factor in equal times,
-    from a unit in the last place to a tenth of a radian, has half of its digits left at half the time.
+    If the arm does not follow its plan, rounding grows without bound. An error that grows exponentially, from a unit in
+    the last place to a tenth of a radian, has half of its digits left at half the time.
     """
     if verdict.followed:
         return len(time)
@@ -152,21 +152,21 @@ def _figures(
     figures: Mapping[str, float],
     settings: VerificationSettings,
 ) -> Check:
-    """Return the recorded figures of merit against those of the arrays; figures of how the plan was made cannot be."""
+    """Check the recorded figures of merit against those of the arrays; figures of planning cannot be recomputed."""
     known = {name: value for name, value in figures.items() if name in recorded}
     wrong = [name for name in recorded if name not in figures and not name.startswith(_OF_PLANNING)]
     for name, value in known.items():
         floor = settings.report_resolution if name.endswith("clearance_m") else _FIGURE_FLOOR
         if not _alike(recorded[name], value, floor):
             wrong.append(name)
-    # Figures that an earlier version did not write mislead nobody.
+    # Figures missing from the record are fine: an earlier version may not have written them.
     return _listed("figures against arrays", wrong, len(known))
 
 
 def _checks(recorded: Sequence[Check], checks: Sequence[Check], settings: VerificationSettings) -> Check:
-    """Return the recorded checks against those made anew; those that the record does not know are new.
+    """Check the recorded checks against recomputed ones; checks missing from the record are ignored.
 
-    The user's constraints are known by their names alone, but of a plan that is solved they hold, too.
+    The user's constraints are known by name only; for a solved plan they must hold.
     """
     wanted = {check.name: check for check in checks}
     names = [check.name for check in recorded]
@@ -177,10 +177,10 @@ def _checks(recorded: Sequence[Check], checks: Sequence[Check], settings: Verifi
         if again is None:
             held = held and check.name.startswith(_OF_USER)
         else:
-            # Least gaps are known to a resolution only.
+            # Least gaps are computed to a finite resolution.
             gap = settings.report_resolution if again.place is not None else 0.0
             floor = max(gap, _FIGURE_FLOOR)
-            # Worst values may be nothing but rounding; limits follow from the problem, however small they are.
+            # Worst values may be mere rounding; limits follow from the problem and get no absolute tolerance.
             held = held and check.unit == again.unit
             held = held and _alike(_finite(check.worst), again.worst, floor)
             held = held and _alike(_finite(check.limit), again.limit, 0.0)
@@ -190,7 +190,7 @@ def _checks(recorded: Sequence[Check], checks: Sequence[Check], settings: Verifi
 
 
 def _survived(problem: Problem, trajectory: JointTrajectory, recorded: Sequence[SurvivedError]) -> Check:
-    """Return the recorded errors that are survived: each is proved once more, and larger ones are not looked for."""
+    """Check that each recorded error is survived, by proving it again; larger errors are not tried."""
     models: Mapping[str, ErrorModel] = {str(name): model for name, model in error_models(problem.arm).items()}
     wrong = []
     for error in recorded:
@@ -198,7 +198,7 @@ def _survived(problem: Problem, trajectory: JointTrajectory, recorded: Sequence[
         if model is None or model.unit != error.unit:
             wrong.append(error.name)
             continue
-        # The search that found it proved as much to its own precision.
+        # The recorded size was found to the precision of the search.
         found = survived_error(problem, trajectory, model, most=error.size)
         if not found.size >= (1.0 - 2.0 * DEFAULT_TOLERANCE.precision) * error.size:
             wrong.append(f"{error.name}: no more than {found.size:.3g} {error.unit} are survived")
@@ -206,7 +206,7 @@ def _survived(problem: Problem, trajectory: JointTrajectory, recorded: Sequence[
 
 
 def _room(recorded: Mapping[str, FloatArray], room: RoomRecord, settings: VerificationSettings) -> Check:
-    """Return the recorded gaps over time against those measured anew."""
+    """Check the recorded gaps over time against recomputed ones."""
     wanted = {"room_time": room.time, "wall_gaps": room.wall_gaps, "self_gaps": room.self_gaps}
     wrong = [
         name

@@ -1,7 +1,7 @@
 """Clearance over time.
 
-The gaps over time are those at some of the samples of the motion; the least gap is that of all times, linear between
-samples, as the checks of the verifier know it.
+Gaps are recorded at some of the samples of a motion; the least gap is over all times, with motion linear between
+samples, as proved by the verifier's checks.
 """
 
 from collections.abc import Iterator, Sequence
@@ -25,16 +25,16 @@ from ccm_opt.verification.wall_clearance import check_walls
 
 @dataclass(frozen=True)
 class RoomSettings:
-    """Numbers of the record of a motion's room; no check depends on them.
+    """Settings of the clearance record; no check depends on them.
 
     Attributes:
-        samples: of the motion whose gaps are kept, at most, its ends and stops aside; the least gap does not depend on
-            them. Taste: more than a chart shows.
-        enough: share of the wanted gap below which a motion counts as having less than was wanted. Taste: planning
-            keeps the wanted gap by soft rows, which give way a little.
-        reach: gaps beyond this share of the arm's length are not told apart. Taste: several times
-            the wanted gap that is usual.
-        reach_wanted: the same in multiples of the wanted gap; the larger of the two reaches counts. Taste.
+        samples: most samples of the motion whose gaps are recorded, not counting its ends and stops; the least gap does
+            not depend on them. Taste: more than a chart shows.
+        enough: share of the wanted gap below which a motion counts as short of clearance. Taste: planning keeps the
+            wanted gap by soft rows, which may fall a little short.
+        reach: search distance for gaps, as a share of the arm's length; larger gaps are recorded as this distance.
+            Taste: several times the usual wanted gap.
+        reach_wanted: the search distance in multiples of the wanted gap; the larger of the two counts. Taste.
     """
 
     samples: int = 240
@@ -44,18 +44,18 @@ class RoomSettings:
 
 
 DEFAULT_ROOM = RoomSettings()
-"""Used where no other settings are given."""
+"""Default settings of the clearance record."""
 
 
 @dataclass(frozen=True)
 class _GapsAtSamples:
-    """The pair that is nearest at each sample that is looked at, each array of shape (N,).
+    """The nearest pair of bodies at each inspected sample, each array of shape (N,).
 
     Attributes:
-        gap: [m]; the reach where no pair is within it.
-        wanted: gap that is wanted of the pair [m].
-        link: from 1; 0 where no pair is within reach.
-        second_link: from 1, or 0.
+        gap: gap of the pair [m]; the search distance where no pair is within it.
+        wanted: gap wanted of the pair [m].
+        link: link of the pair, from 1; 0 where no pair is within the search distance.
+        second_link: second link of the pair, from 1; 0 where the pair is with a wall or missing.
         obstacle: name of the wall, or empty.
     """
 
@@ -67,11 +67,11 @@ class _GapsAtSamples:
 
     @property
     def lack(self) -> FloatArray:
-        """How much of the wanted gap is missing, shape (N,) [m]; negative where there is more."""
+        """Shortfall from the wanted gap, shape (N,) [m]; negative where the gap is larger."""
         return self.wanted - self.gap
 
     def where(self, choose: BoolArray, other: "_GapsAtSamples") -> "_GapsAtSamples":
-        """Return the these gaps at the samples of a mask, the others elsewhere."""
+        """Return these gaps at the samples of a mask, and the other gaps elsewhere."""
         return _GapsAtSamples(
             *(np.where(choose, mine, theirs) for mine, theirs in zip(*map(_columns, (self, other)), strict=True))
         )
@@ -89,18 +89,18 @@ def room_over_time(
     settings: RoomSettings = DEFAULT_ROOM,
     verification: VerificationSettings = DEFAULT_VERIFICATION,
 ) -> RoomRecord:
-    """Return the room that a motion keeps.
+    """Return the record of the clearance that a motion keeps.
 
     Args:
-        problem: what was asked.
+        problem: the problem as posed.
         trajectory: the motion, which passes the verifier.
-        wanted: gap that was wanted [m]; 0 when none was.
-        checks: of the verifier, which know the least gaps; made here when None.
-        settings: what counts as enough, and how far is looked.
-        verification: how finely the least gap is looked for between samples.
+        wanted: the wanted gap [m]; 0 when none was wanted.
+        checks: checks of the verifier, which hold the least gaps; computed here when None.
+        settings: what counts as enough, and the search distance.
+        verification: resolution of the least gap between samples.
 
     Returns:
-        The record; nothing is said in it of what would have been possible, or of the price.
+        The record; its possible gap and price are left out.
     """
     verification = verification.for_problem(problem)
     if checks is None:
@@ -129,7 +129,7 @@ class _Room:
 
     @cached_property
     def _samples(self) -> IntArray:
-        """Numbers of the samples that are looked at: evenly spread in time, and all at which the arm rests."""
+        """Indices of the inspected samples: evenly spread in time, and all at which the arm rests."""
         time = self.trajectory.time
         spread = np.searchsorted(time, np.linspace(0.0, time[-1], self.settings.samples))
         return np.unique([0, *np.minimum(spread, len(time) - 1), *self.trajectory.stops, len(time) - 1])
@@ -139,13 +139,13 @@ class _Room:
         return max(self.settings.reach * self.problem.arm.length, self.settings.reach_wanted * self.wanted)
 
     def record(self) -> RoomRecord:
-        """Return all of it."""
+        """Return the record of the motion."""
         motion = self._motion
         samples = self._samples
         poses = motion.points[samples]
         to_walls = self._wall_gaps(poses)
         to_itself, itself_lacks = self._self_gaps(poses)
-        # What is nearest and what misses most of its wanted gap may be two pairs: links near along the arm want less.
+        # The nearest pair need not fall shortest of its wanted gap: links close along the arm want smaller gaps.
         nearest = to_walls.where(to_walls.gap <= to_itself.gap, to_itself)
         lacking = to_walls.where(to_walls.lack >= itself_lacks.lack, itself_lacks)
         rests = np.searchsorted(samples, [0, *self.trajectory.stops, len(motion.time) - 1]).tolist()
@@ -162,7 +162,7 @@ class _Room:
         )
 
     def _wall_gaps(self, poses: FloatArray) -> _GapsAtSamples:
-        """Return the nearest wall at every sample looked at."""
+        """Return the nearest wall at every inspected sample."""
         clearance = self.problem.workspace.clearance
         seen = GapsAtSamples.of(self.problem, poses, self._reach + clearance, 0.0)
         near = seen.walls
@@ -171,7 +171,7 @@ class _Room:
         return _GapsAtSamples(near.gap - clearance, wanted, near.link, np.zeros_like(near.link), names)
 
     def _self_gaps(self, poses: FloatArray) -> tuple[_GapsAtSamples, _GapsAtSamples]:
-        """The two links that are nearest at every sample looked at, and those that miss most of what they want."""
+        """Return the nearest two links at every inspected sample, and those that fall shortest of the wanted gap."""
         arm = self.problem.arm
         may_meet = arm.self_collision and first_distant(arm) < arm.links
         pairs, distance = link_gaps(arm, poses if may_meet else poses[:0], self._reach)
@@ -192,7 +192,7 @@ class _Room:
         return nearest, chosen(distance - wanted) if self.wanted > 0.0 else nearest
 
     def _nearest(self, at_samples: _GapsAtSamples) -> NearPlace:
-        """Return the least gap of all times: at a sample or between two, as the proofs of the checks know it."""
+        """Return the least gap over all times, at a sample or between two as proved by the checks."""
         known = [self._place(at_samples, int(np.argmin(at_samples.gap)))]
         for place in (check.place for check in self.checks if check.place is not None):
             wanted = self.wanted
@@ -202,7 +202,7 @@ class _Room:
         return min(known, key=lambda place: place.gap)
 
     def _place(self, gaps: _GapsAtSamples, sample: int) -> NearPlace:
-        """Return what stands at one sample."""
+        """Return the nearest pair at one sample."""
         return NearPlace(
             float(gaps.gap[sample]),
             float(gaps.wanted[sample]),
@@ -213,7 +213,7 @@ class _Room:
         )
 
     def _short(self, gaps: _GapsAtSamples, rests: list[int]) -> Iterator[ShortStretch]:
-        """Yield the stretches with less than enough of what is wanted, each with its cause."""
+        """Yield the stretches that are short of the wanted gap, each with its cause."""
         few = gaps.lack > (1.0 - self.settings.enough) * self.wanted
         edges = np.flatnonzero(np.diff(np.concatenate(([False], few, [False])).astype(np.int8)))
         for first, end in edges.reshape(-1, 2):
@@ -228,7 +228,10 @@ class _Room:
             )
 
     def _cause(self, gaps: _GapsAtSamples, rests: list[int], stretch: tuple[int, int], lack: float) -> ShortCause:
-        """Return a pose at which the arm rests, where it misses as much as any other of the stretch; else the way."""
+        """Return the rest pose that causes a shortfall, or "passage".
+
+        A rest pose within the stretch is the cause if it falls as short of the wanted gap as any other pose there.
+        """
         for number, sample in enumerate(rests):
             inside = stretch[0] <= sample <= stretch[1]
             if inside and gaps.lack[sample] >= lack - self.verification.report_resolution:
@@ -239,7 +242,7 @@ class _Room:
 
 
 def _first_per_node(node: IntArray, least: FloatArray, count: int) -> IntArray:
-    """Number of the item with the least value of each node, shape (count,); -1 for a node without any."""
+    """Return the index of the least item of each node, shape (count,); -1 for a node without items."""
     lowest = np.full(count, np.inf)
     np.minimum.at(lowest, node, least)
     lowest_items = np.flatnonzero(least == lowest[node])
@@ -249,12 +252,12 @@ def _first_per_node(node: IntArray, least: FloatArray, count: int) -> IntArray:
 
 
 def _filled(best: IntArray, values: FloatArray, otherwise: float) -> FloatArray:
-    """Return the chosen values, shape (N,), and another one where none is chosen."""
+    """Return the chosen values, shape (N,), and a default where none is chosen."""
     return np.append(values, otherwise)[best]
 
 
 def _numbered(best: IntArray, numbers: IntArray) -> IntArray:
-    """Return the chosen numbers counted from 1, shape (N,), and 0 where none is chosen."""
+    """Return the chosen numbers counted from 1, shape (N,); 0 where none is chosen."""
     counted: IntArray = np.append(numbers + 1, 0)[best]
     return counted
 

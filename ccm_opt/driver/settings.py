@@ -1,4 +1,4 @@
-"""Numbers of the stages, as users exchange them."""
+"""Settings of all stages, as users exchange them."""
 
 from dataclasses import dataclass, field, fields
 
@@ -15,20 +15,20 @@ from ccm_opt.verification.verification_settings import VerificationSettings
 
 @dataclass(frozen=True)
 class Settings:
-    """Settings of every stage; each class says of each number what it means and where it comes from.
+    """Settings of every stage; each class documents the meaning and origin of its numbers.
 
-    To change one, replace what is on the way to it, for example
+    To change a number, replace the settings that contain it, for example
     ``Settings(timing=replace(TimingSettings(), grid=GridSettings(intervals=400)))``.
 
     Attributes:
         curve: of the curve planner in the plane, from free space to the smooth path.
         space: of the planner in space.
         poses: of the search for the best pose at a goal.
-        reach: of the map of where the tip can be.
+        reach: of the map of reachable tip positions.
         timing: of timing along a path.
         verification: tolerances of the verifier.
-        room: how closely the room that a motion keeps is looked at.
-        tolerance: how closely the errors that a motion survives are sought.
+        room: of the record of the clearance that a motion keeps.
+        tolerance: precision of the errors that a motion survives.
         diagnosis: of the explanation of failures.
     """
 
@@ -50,4 +50,4 @@ class Settings:
 
 
 DEFAULT_SETTINGS = Settings()
-"""What every solve uses unless it is given others."""
+"""Default settings of all stages."""
