@@ -27,7 +27,7 @@ from ccm_opt.problem import Goal, JointPose, Problem, Stop, TipGoal, Tolerances
 from ccm_opt.problem.solution import JointPath, JointTrajectory, Solution
 
 LATER = (0.15, 0.4, 1.0)
-"""Shares of the remaining motion after which braking starts instead, where a fed arm cannot go on from the first rest."""
+"""Shares of the remaining motion after which a fed arm brakes instead, if it cannot go on from the first rest."""
 
 
 def retarget(

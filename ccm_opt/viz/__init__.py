@@ -1,6 +1,6 @@
 """Pictures of plans, simulations and comparisons, films, and the page; nothing else in the package draws.
 
-To users it is ``ccm_opt.plotting``. The names below are what it promises; each loads matplotlib when it is first used::
+Users import it as ``ccm_opt.plotting``. The names in ``__all__`` are public; each loads matplotlib on first use::
 
     from ccm_opt import plotting
 
@@ -8,8 +8,8 @@ To users it is ``ccm_opt.plotting``. The names below are what it promises; each 
     plotting.draw_poses(figure.axes[0], solution.problem.arm.joint_positions_at(solution.trajectory.positions[::50]))
     figure.savefig("plan.pdf")
 
-What draws into ``axes`` draws in metres; figures are matplotlib's own, so that everything can be changed afterwards.
-``solution.plot()`` is short for the first of these lines.
+Functions that take ``axes`` draw in metres. Figures are matplotlib's own, so that everything can be changed afterwards.
+``solution.plot()`` is short for the call of ``plan_figure``.
 """
 
 from importlib import import_module
@@ -54,11 +54,11 @@ _NAMES = {
     "pose_picture": ("pose_figure", "reach_figure"),
     "settings": ("FilmSettings",),
 }
-"""Public names by the module that has them."""
+"""Public names by the module that defines them."""
 
 
 def __getattr__(name: str) -> object:
-    """Load a public name when it is first used."""
+    """Load a public name on first use."""
     for module, names in _NAMES.items():
         if name in names:
             return getattr(import_module(f"{__name__}.{module}"), name)

@@ -1,4 +1,4 @@
-"""The arm as it is drawn, at one place and all along its motion."""
+"""Drawing the arm, its poses and its workspace, in the plane and in views of space."""
 
 from dataclasses import dataclass
 
@@ -19,20 +19,20 @@ from ccm_opt.viz import figure_files as style
 from ccm_opt.viz.settings import PICTURES
 
 _NAME_SIZE = 6.5
-"""[points]."""
+"""Font size of obstacles' names [points]."""
 _WIDTH_OF_LETTER = 0.62
-"""Of a letter, as a share of its size, on average and a little more."""
+"""Mean width of a letter, rounded up, as a share of the font size."""
 _INSIDE = 0.9
-"""Share of a name that lies in what it names."""
+"""Least share of a name's box that must lie in its obstacle."""
 
 
 def draw_workspace(axes: Axes, workspace: Workspace, window: FloatArray | None = None) -> None:
-    """Draw boundary and obstacles; names only when they are few, and where they have room in what they name.
+    """Draw boundary and obstacles, with names if there are few obstacles and the names fit into them.
 
     Args:
-        axes: where to draw; their size and place in the figure are known.
-        workspace: the room.
-        window: lower left and upper right corner of what is shown, shape (2, 2) [m]; the whole room when None.
+        axes: axes to draw in, with their size and place in the figure settled.
+        workspace: workspace to draw.
+        window: lower left and upper right corner of the visible part, shape (2, 2) [m]; the whole workspace when None.
     """
     low, high = whole_room(workspace) if window is None else window
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
@@ -46,13 +46,13 @@ def draw_workspace(axes: Axes, workspace: Workspace, window: FloatArray | None =
 
 
 def whole_room(workspace: Workspace) -> FloatArray:
-    """Lower left and upper right corner of a room of the plane with a margin, shape (2, 2) [m]."""
+    """Return lower left and upper right corner of a planar workspace with a margin, shape (2, 2) [m]."""
     bounds = np.reshape(workspace.boundary.bounds, (2, 2))
     return np.asarray(bounds + PICTURES.beside_room * np.ptp(bounds, axis=0).max() * np.array([[-1.0], [1.0]]))
 
 
 def draw_obstacle(axes: Axes, obstacle: Obstacle) -> None:
-    """Draw one obstacle, to its true outline."""
+    """Draw the exact outline of one obstacle."""
     outline = obstacle.outline()
     if isinstance(outline, shapely.Polygon):
         patch = polygon_patch(outline, facecolor=style.WALL, edgecolor=style.WALL_EDGE, linewidth=0.8, zorder=1)
@@ -69,7 +69,7 @@ def polygon_patch(polygon: shapely.Polygon, **look: object) -> PathPatch:
 
 
 def _name(axes: Axes, obstacle: Obstacle) -> None:
-    """The obstacle's name in the largest part of it that is seen, upright when that is; none where it has no room."""
+    """Write an obstacle's name into its largest visible part, rotated if that is tall; omit it if it does not fit."""
     left, right, low, high = *axes.get_xlim(), *axes.get_ylim()
     parts = shapely.get_parts(shapely.intersection(obstacle.outline(), shapely.box(left, low, right, high)))
     seen = max(parts, key=shapely.area, default=shapely.Polygon())
@@ -77,14 +77,14 @@ def _name(axes: Axes, obstacle: Obstacle) -> None:
         return
     bounds = np.reshape(shapely.bounds(seen), (2, 2))
     width, height = np.ptp(bounds, axis=0)
-    # In a box the middle looks better than the first of the many places that are as far from its edge.
+    # In a box, the centre looks better than an arbitrary one of the many largest inscribed circles.
     box = seen.area > 0.95 * width * height
     place = bounds.mean(axis=0) if box else shapely.get_coordinates(shapely.maximum_inscribed_circle(seen))[0]
     upright = height > 1.5 * width
     pixels = min(axes.bbox.width / (right - left), axes.bbox.height / (high - low))
     half = 0.5 * _NAME_SIZE * np.array([_WIDTH_OF_LETTER * len(obstacle.name), 1.0]) * axes.figure.dpi / 72.0 / pixels
     words = shapely.box(*(place - half[:: -1 if upright else 1]), *(place + half[:: -1 if upright else 1]))
-    # A name that runs out of a narrow or crooked shape hides its outline, and what is beside it.
+    # A name that sticks out of a narrow or crooked shape would hide the outline and its surroundings.
     if shapely.intersection(seen, words).area >= _INSIDE * words.area:
         text = axes.text(place[0], place[1], obstacle.name, rotation=90 if upright else 0, zorder=2, clip_on=True)
         text.set(ha="center", va="center", fontsize=_NAME_SIZE, color=style.BOUNDARY)
@@ -96,13 +96,13 @@ def draw_body(
     """Draw the arm in one pose.
 
     Args:
-        axes: where to draw.
+        axes: axes to draw in.
         points: joint and tip positions, shape (links + 1, 2) [m].
-        radius: of the capsules [m]; a line stands for zero.
+        radius: radius of the capsules [m]; 0 draws a line.
         face: colour of the body.
         edge: colour of its outline, links and joints.
-        label: in the legend.
-        zorder: higher is nearer the eye.
+        label: label in the legend.
+        zorder: drawing order; higher is nearer the viewer.
     """
     body = shapely.buffer(shapely.LineString(points), radius) if radius > 0.0 else shapely.Polygon()
     for part in getattr(body, "geoms", [body]):
@@ -122,7 +122,7 @@ def draw_body(
 
 
 def draw_poses(axes: Axes, poses: FloatArray) -> None:
-    """Draw poses on the way as thin lines coloured from early to late; ``poses`` has shape (k, links + 1, 2) [m]."""
+    """Draw poses as thin lines coloured from early to late; ``poses`` has shape (k, links + 1, 2) [m]."""
     shades = colormaps[style.POSE_COLOURS](np.linspace(0.15, 0.85, len(poses)))
     axes.add_collection(LineCollection(list(poses), colors=shades, linewidths=1.1, alpha=0.9, zorder=5))
     middle = shades[len(shades) // 2]
@@ -130,7 +130,7 @@ def draw_poses(axes: Axes, poses: FloatArray) -> None:
 
 
 def draw_tip_path(axes: Axes, tips: FloatArray) -> None:
-    """Draw where the tip goes; ``tips`` has shape (T, 2) [m]."""
+    """Draw the path of the tip; ``tips`` has shape (T, 2) [m]."""
     axes.plot(
         tips[:, 0],
         tips[:, 1],
@@ -144,13 +144,13 @@ def draw_tip_path(axes: Axes, tips: FloatArray) -> None:
 
 @dataclass(frozen=True)
 class Side:
-    """A direction in which a scene is looked at; that of the plane takes and gives places of shape (..., 2).
+    """A direction from which a scene is viewed; ``PLANE`` maps places of shape (..., 2) to such places.
 
     Attributes:
-        name: of the view.
-        across: number of the coordinate that grows to the right, or weights of the three, shape (3,).
-        up: likewise of the one that grows upwards.
-        labels: of both axes.
+        name: name of the view.
+        across: weights of the coordinates for the axis to the right, shape (d,).
+        up: weights of the coordinates for the axis upwards, shape (d,).
+        labels: labels of both axes.
     """
 
     name: str
@@ -159,40 +159,40 @@ class Side:
     labels: tuple[str, str]
 
     def __call__(self, points: FloatArray) -> FloatArray:
-        """Return the places in the picture, shape (..., 3) to (..., 2) [m]."""
+        """Return the places in the picture, shape (..., d) to (..., 2) [m]."""
         return np.stack((points @ self.across, points @ self.up), axis=-1)
 
 
 PLANE = Side("", np.array([1.0, 0.0]), np.array([0.0, 1.0]), ("x", "y"))
-"""The only one of the plane."""
+"""The only view of the plane."""
 _X, _Y, _Z = np.eye(3)
 SIDES = (
     Side("from above", _X, _Y, ("x", "y")),
     Side("from the front", _X, _Z, ("x", "z")),
     Side("from the left", _Y, _Z, ("y", "z")),
 )
-"""The three sides of a plan's picture."""
+"""The three views in a plan's picture."""
 SLANTED = Side(
     "slanted",
     np.array([np.cos(0.6), -np.sin(0.6), 0.0]),
     np.array([0.42 * np.sin(0.6), 0.42 * np.cos(0.6), np.sqrt(1.0 - 0.42**2)]),
     ("", ""),
 )
-"""From before and above, as a film shows it."""
+"""From the front and above, as a film shows it."""
 
 
 @dataclass(frozen=True)
 class DrawnPlan:
-    """What pictures show of a plan.
+    """The data that pictures show of a plan.
 
     Attributes:
-        problem: what was asked.
+        problem: the problem as posed.
         trajectory: the motion.
         points: joints and tip at every sample, shape (T, links + 1, d) [m].
-        curves: behind the planner's keyframes, in order; may be none.
-        nearest: where the least gap is; None where nobody measured it or nothing is near.
-        simulated: joints and tip of the simulated arm of the plane in space, shape (T, links + 1, 3) [m]; None where it
-            was not.
+        curves: curves behind the planner's keyframes, in order; may be empty.
+        nearest: place of the least gap; None if it was not measured or nothing is near.
+        simulated: joints and tip of the simulated arm of a planar plan, in space, shape (T, links + 1, 3) [m]; None if
+            it was not simulated.
     """
 
     problem: Problem
@@ -204,16 +204,16 @@ class DrawnPlan:
 
     @classmethod
     def from_solution(cls, solution: Solution) -> "DrawnPlan":
-        """Return what a solution shows."""
+        """Return the drawing data of a solution."""
         near = None if solution.room is None or not solution.room.nearest.link else solution.room.nearest
         return cls(solution.problem, solution.trajectory, solution.joint_positions, solution.path.curves, near)
 
     @property
     def planar_problem(self) -> Problem:
-        """What was asked, in the plane.
+        """The problem as posed, if it is in the plane.
 
         Raises:
-            TypeError: it is in space.
+            TypeError: the problem is in space.
         """
         if self.problem.dimension == 3:
             raise TypeError(f"'{self.problem.name}' is in space, and this is drawn in the plane alone")

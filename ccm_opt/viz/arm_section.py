@@ -1,6 +1,6 @@
-"""What is beside an arm in space, all along it.
+"""The section along an arm in space: distances to surfaces above, below, left and right of it.
 
-The directions are carried along the arm by the shortest turns from link to link, as the curve's own frame is, so that
+The directions are carried along the arm by the smallest rotation from link to link, like the curve's own frame, so that
 up stays up as far as the arm allows.
 """
 
@@ -17,26 +17,27 @@ from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from ccm_opt.viz import figure_files as style
 
 _SECTION_SHARE = 0.12
-"""Of the arm's length, as far as the section looks for surfaces."""
+"""Search distance of the section, as a share of the arm's length."""
 
 _PLACES = 100
-"""Along the arm, at which the section measures. Taste."""
+"""Number of places along the arm at which the section measures. Taste."""
 _TOUCHING = 1e-5
-"""Share of the reach within which a ray has met a surface: distances that are nothing are told with rounding."""
+"""Share of the search distance within which a ray counts as touching: distances near zero carry rounding."""
 _STEPS = 40
-"""Along a ray, after which it is within a thousandth of a surface that it meets at 10 degrees. Derived."""
+"""Steps along a ray, after which it is within a thousandth of a surface that it meets at 10 degrees. Derived."""
 
 
 @dataclass(frozen=True, eq=False)
 class ArmSection:
-    """What rays across the arm meet.
+    """Free lengths of rays across the arm, at places along it.
 
     Attributes:
-        place: along the arm, shape (N,) [m].
-        free: length of the rays in four directions, up, left, down, right, at most the reach, shape (N, 4) [m].
-        nearest: distance of the axis from the nearest surface on any side, which rays may miss, at most the reach,
-            shape (N,) [m].
-        reach: how far is looked [m].
+        place: arc length along the arm, shape (N,) [m].
+        free: length of the rays in four directions, up, left, down, right, at most the search distance, shape (N, 4)
+            [m].
+        nearest: distance of the axis from the nearest surface in any direction, which the rays may not hit, at most the
+            search distance, shape (N,) [m].
+        reach: search distance [m].
     """
 
     place: FloatArray
@@ -46,13 +47,13 @@ class ArmSection:
 
 
 def section_along(problem: Problem, points: FloatArray, count: int, reach: float) -> ArmSection:
-    """Return the section of a pose.
+    """Measure the section of a pose.
 
     Args:
-        problem: whose surfaces are met.
+        problem: problem with the surfaces.
         points: joints and tip, shape (links + 1, 3) [m].
-        count: of places along the arm.
-        reach: how far is looked [m].
+        count: number of places along the arm.
+        reach: search distance [m].
     """
     arm = problem.arm
     place = np.linspace(0.0, arm.length, count, endpoint=False) + 0.5 * arm.length / count
@@ -69,27 +70,28 @@ def section_along(problem: Problem, points: FloatArray, count: int, reach: float
 
 
 def _carried_up(along: FloatArray, first: FloatArray) -> FloatArray:
-    """Return a direction across each link, carried from link to link by the shortest turn, shape (links, 3)."""
+    """Carry an upward direction along the links by the smallest rotations, shape (links, 3)."""
     found = [first - (first @ along[0]) * along[0]]
     for before, after in pairwise(along):
         axis = np.cross(before, after)
         latest = found[-1]
-        # Rodrigues' formula for the turn that takes one unit vector to the other.
+        # Rodrigues' formula for the rotation that takes one unit vector to the other.
         turned = latest + np.cross(axis, latest) + np.cross(axis, np.cross(axis, latest)) / (1.0 + before @ after)
         found.append(turned / np.linalg.norm(turned))
     return np.stack(found)
 
 
 def free_lengths(tree: SurfaceTree, origins: FloatArray, rays: FloatArray, reach: float) -> FloatArray:
-    """Return the length of each ray to the first surface that it meets, at most the reach, shape (N,) [m].
+    """Return the length of each ray to the first surface that it meets, at most the search distance, shape (N,) [m].
 
-    Every step along a ray is as long as the nearest surface on any side is away (Hart, *Sphere tracing*, 1996).
+    Each step along a ray is as long as the distance to the nearest surface in any direction (Hart, *Sphere tracing*,
+    1996).
 
     Args:
-        tree: of the surfaces.
+        tree: tree of the surfaces.
         origins: shape (N, 3) [m].
         rays: unit vectors, shape (N, 3).
-        reach: how far is looked [m].
+        reach: search distance [m].
     """
     free = np.zeros(len(origins))
     for _ in range(_STEPS):
@@ -105,13 +107,13 @@ def draw_section(
     pose: FloatArray,
     title: str = "section along the arm at its goal",
 ) -> None:
-    """What is above, below and beside the straightened arm, and how far away the nearest surface is on any side.
+    """Draw the surfaces around the straightened arm, and the distance to the nearest one in any direction.
 
     Args:
-        axes: to draw in.
+        axes: axes to draw in.
         problem: arm and scene.
         pose: joints and tip, shape (links + 1, 3) [m].
-        title: above the section and its legend.
+        title: title above the section and its legend.
     """
     arm = problem.arm
     reach = max(_SECTION_SHARE * arm.length, 4.0 * arm.radius)
@@ -142,7 +144,7 @@ def draw_section(
     axes.set_ylabel(f"off the axis [{problem.length_unit}]", fontsize=style.FONT_SIZE)
     axes.tick_params(length=2.5, color=style.WALL_EDGE, labelsize=style.FONT_SIZE)
     axes.set_title(title, fontsize=style.FONT_SIZE, loc="left", pad=14, y=1.0)
-    # Between the title and the section, which has no room to spare, the legend stands in one line.
+    # The space between title and section fits a legend of one line.
     axes.legend(
         loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4, frameon=False, fontsize=style.FONT_SIZE - 1.5,
         borderpad=0.0, borderaxespad=0.2, handlelength=1.4, handletextpad=0.4, columnspacing=0.9,

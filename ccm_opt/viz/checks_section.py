@@ -1,4 +1,4 @@
-"""The section of the page on checks."""
+"""The section of a page on the checks of a plan."""
 
 import re
 from collections.abc import Iterable, Sequence
@@ -34,34 +34,34 @@ _WORDS = {
     "message deviation": "Message off the plan, of what it spares",
 }
 _ORDER = ("wall clearance", "self-collision", "goal", "stop", "constraint", "soft constraint", "joint", "feed", "tip")
-"""How the names of checks begin that a user cares about, the most important first."""
+"""Prefixes of the checks that matter to a user, the most important first."""
 _OF_ITSELF = re.compile(
     r"samples|joint names|free side|start .*|rest|.* at rest|.* against .*|share of .*|.* of the samples"
 )
-"""Checks of the plan against itself, and of what planning leaves to the controller."""
+"""Checks of the plan against itself, and of the share of limits that planning leaves to the controller."""
 _PATH = re.compile(r"u = (\d+(?:\.\d+)?)")
-"""Where on the path a constraint comes nearest to its bounds, which says something only where there is no time."""
+"""Place on the path where a constraint comes nearest to its bounds; used only if no time is given."""
 _TIME = re.compile(r"t = (\d+(?:\.\d+)?) s")
 _PAUSE = re.compile(r"stop (\d+) pause")
-"""The only check whose value must be no less than its limit."""
+"""The only check whose value must be at least its limit."""
 
 
 _BOUND = 1e-5
-"""What is no farther from its bound stands at it; a constraint may be missed by a tenth of that."""
+"""Distance from its bound at which a value counts as at the bound; ten times the allowed violation of a constraint."""
 
 
 @dataclass(frozen=True)
 class CheckWords:
-    """One check for people.
+    """One check in words.
 
     Attributes:
         title: what was checked.
-        worst: the worst value that was met, with its unit.
-        limit: what it is held against, in words.
-        used: share of the limit that is used, from 0; None where the limit is a least gap, or is 0.
-        where: link or joint, obstacle.
-        time: when [s], or None.
-        passed: whether it holds.
+        worst: worst value found, with its unit.
+        limit: the limit, in words.
+        used: share of the limit that is used, from 0; None if the limit is a least gap or 0.
+        where: link or joint, and obstacle.
+        time: time of the worst value [s], or None.
+        passed: whether the check passed.
         of_itself: whether the plan is checked against itself only.
     """
 
@@ -76,12 +76,12 @@ class CheckWords:
 
 
 def checks_in_words(checks: Iterable[Check], units: PageUnits, *, in_space: bool = False) -> list[CheckWords]:
-    """Return all checks for people, the most important first, those of the plan against itself last.
+    """Return all checks in words, the most important first, those of the plan against itself last.
 
     Args:
-        checks: of the verifier.
-        units: of the page.
-        in_space: whether joints have two bends, which are told apart.
+        checks: checks of the verifier.
+        units: units of the page.
+        in_space: whether joints have two bends, with names of their own.
     """
     ordered = sorted(checks, key=lambda check: (_self_check_rows(check), check.passed, _rank(check.name)))
     return [_in_words(check, units, in_space=in_space) for check in ordered]
@@ -96,7 +96,7 @@ def _rank(name: str) -> int:
 
 
 def joint_in_words(where: str, *, in_space: bool) -> str:
-    """Return a place with its revolutes' names as people say them: in the plane a joint has one bend, in space a and b.
+    """Return a place with joints in readable form: in the plane a joint has one bend, in space bends a and b.
 
     Args:
         where: such as ``joint 3 (ball03_yaw)``.
@@ -112,11 +112,11 @@ def _in_words(check: Check, units: PageUnits, *, in_space: bool) -> CheckWords:
     rest = _PAUSE.fullmatch(check.name) is not None
     bound = units.given(check.limit, check.unit)
     if "constraint " in check.name:
-        # A constraint's value is by how much its bounds are passed, in a unit that only the user knows.
+        # The value of a constraint is its violation, in a unit that only the user knows.
         worst = _constraint_value(check)
         limit = "soft" if check.name.startswith("soft") else "must be kept"
     elif gap:
-        # Only what is beyond the clearance is told, as everywhere else; the limit is the clearance.
+        # Gaps are given beyond the clearance, as everywhere else; the limit of the check is the clearance.
         worst = units.shown(check.worst - check.limit, check.unit, check.limit)
         limit = "no contact"
     elif check.unit == "tolerances":
@@ -128,7 +128,7 @@ def _in_words(check: Check, units: PageUnits, *, in_space: bool) -> CheckWords:
     bounded = 0.0 < check.limit < float("inf") and not gap and not rest and "constraint " not in check.name
     used = abs(check.worst) / check.limit if bounded else None
     when = _TIME.search(check.where)
-    # The time is a field of its own.
+    # The time has a field of its own.
     where = _PATH.sub(lambda u: "" if when else f"{100.0 * float(u[1]):.0f} % of the path", check.where)
     where = joint_in_words(re.sub(r"\s*,?\s*((at|from) )?t = \S+ s", "", where), in_space=in_space)
     return CheckWords(
@@ -144,7 +144,7 @@ def _in_words(check: Check, units: PageUnits, *, in_space: bool) -> CheckWords:
 
 
 def check_title(name: str) -> str:
-    """Return the name of a check for people."""
+    """Return the name of a check in words."""
     if name in _WORDS:
         return _WORDS[name]
     if stop := _PAUSE.fullmatch(name):
@@ -161,9 +161,9 @@ def check_title(name: str) -> str:
 
 
 def _constraint_value(check: Check) -> str:
-    """Return how far a user's constraint is from its bounds.
+    """Return the violation of a user's constraint, or its distance from its bounds.
 
-    A soft one may be missed by anything, and is kept only if not.
+    Any violation of a soft constraint passes the check, so it counts as kept only without one.
     """
     allowed = 0.0 if check.name.startswith("soft") else check.limit
     if not check.worst <= allowed:
@@ -172,11 +172,11 @@ def _constraint_value(check: Check) -> str:
 
 
 def checks_section(solution: Solution, units: PageUnits) -> Markup:
-    """Return the section with its heading.
+    """Return the section on the checks.
 
     Args:
         solution: the plan.
-        units: of the page.
+        units: units of the page.
     """
     checks = checks_in_words(solution.checks, units, in_space=solution.problem.dimension == 3)
     asked = [check for check in checks if not check.of_itself]
@@ -205,7 +205,7 @@ def _row(check: CheckWords) -> tuple[Child, ...]:
 
 
 def _place(check: CheckWords) -> Markup:
-    """Return where the worst was met; its time is a button that goes there."""
+    """Return where the worst value was found; its time is a button that goes there."""
     if check.time is None:
         return joined((check.where,))
     between = ", " if check.where else ""
@@ -214,7 +214,7 @@ def _place(check: CheckWords) -> Markup:
 
 
 def used_bar(share: float | None) -> Markup | None:
-    """Return a share of a limit as a bar with its number; nothing where there is no such share."""
+    """Return a share of a limit as a bar with its number; None if there is no such share."""
     if share is None:
         return None
     width = 100.0 * min(share, 1.0)
@@ -223,7 +223,7 @@ def used_bar(share: float | None) -> Markup | None:
 
 
 def _simulation(verdict: SimulationVerdict) -> Markup:
-    """Return what the simulation says of the plan, and what would help where the arm did not follow."""
+    """Return the simulation's verdict on the plan, and what would help if the arm did not follow."""
     step = f"with steps of {1e3 * verdict.step:g} ms"
     if verdict.followed:
         return element("p", element("span", "Followed", cls="holds"), f" in the simulation, {step}.")

@@ -1,4 +1,4 @@
-"""The document of a page, and units and numbers in it."""
+"""HTML documents: elements, units and numbers of a page, and its header."""
 
 import json
 from base64 import b64encode
@@ -19,35 +19,35 @@ from ccm_opt.problem.solution import Solution
 
 MINUS = "\N{MINUS SIGN}"
 NONE = "\N{EN DASH}"
-"""Stands where there is no value."""
+"""Placeholder for a missing value."""
 _UNITS_OF_LENGTH = (("m", 1.0), ("mm", 1e-3), ("µm", 1e-6))
 _PREFIXES = (("", 1.0), ("m", 1e-3), ("µ", 1e-6), ("n", 1e-9))
 _LARGE_ARM = 20.0
-"""Arms from here on are spoken of in metres [m]."""
+"""Arm length from which lengths are given in metres [m]."""
 _SMALL_ARM = 0.02
-"""Arms below are spoken of in micrometres [m]."""
+"""Arm length below which lengths are given in micrometres [m]."""
 _LEAST_MASS = 0.1
-"""Masses below are spoken of in grams [kg]."""
+"""Mass below which masses are given in grams [kg]."""
 _FINEST_SHARE = 4e-6
-"""Share of the arm's length below which lengths are not told apart on the page."""
+"""Resolution of lengths on the page, as a share of the arm's length."""
 _FINEST_OF_SCALE = 1e-3
-"""The same share of other quantities, of the greatest there is."""
+"""Resolution of other quantities, as a share of their greatest value."""
 
 
 NUMBER_STEP = 1e-4
-"""Of the numbers in a page, as a share of the range of their chart."""
+"""Resolution of the numbers in a page, as a share of the range of their chart."""
 _ROUNDING = 1e-5
-"""What is below this share of the last decimal is rounding of what was reckoned with, and told as 0."""
+"""Values below this share of the last decimal are rounding errors and shown as 0."""
 
 
 def three_digits(value: float, finest: int) -> str:
-    """Return a number with three digits, but no more than so many decimals unless it would be 0.
+    """Return a number with three significant digits, limited to a number of decimals.
 
-    A dash where there is none.
+    A number that would then read 0 is given with two digits instead; NaN and infinity become a dash.
 
     Args:
         value: the number.
-        finest: decimals at most.
+        finest: most decimals.
     """
     if not isfinite(value):
         return NONE
@@ -61,12 +61,12 @@ def three_digits(value: float, finest: int) -> str:
 
 @dataclass(frozen=True)
 class PageUnits:
-    """The units of a page: lengths by the size of the arm, angles in degrees.
+    """Units of a page: lengths by the size of the arm or as in the file, angles in degrees.
 
     Attributes:
-        name: of the unit of lengths.
-        metres: in that unit.
-        decimals: of lengths, at most.
+        name: name of the unit of length.
+        metres: size of that unit [m].
+        decimals: most decimals of lengths.
     """
 
     name: str
@@ -75,7 +75,7 @@ class PageUnits:
 
     @classmethod
     def of_arm(cls, length: float) -> "PageUnits":
-        """Return the units for an arm of a length [m]."""
+        """Return the units for an arm of a given length [m]."""
         name, metres = _UNITS_OF_LENGTH[1]
         if length >= _LARGE_ARM:
             name, metres = _UNITS_OF_LENGTH[0]
@@ -86,16 +86,16 @@ class PageUnits:
 
     @classmethod
     def of_file(cls, length_unit: LengthUnit, length: float) -> "PageUnits":
-        """Return the unit that a problem file counts lengths in, for an arm of a length [m]."""
+        """Return the units that use a problem file's unit of length, for an arm of a given length [m]."""
         metres = METRES[length_unit]
         finest = floor(-log10(_FINEST_SHARE * length / metres))
         return cls(length_unit, metres, min(max(finest, 0), 6))
 
     @classmethod
     def of_page(cls, problem: Problem) -> "PageUnits":
-        """Return the unit of a problem's page: that of its file.
+        """Return the units of a problem's page: those of its file.
 
-        Who counts in metres is told those that suit the arm.
+        For a file in metres they are chosen to suit the arm.
         """
         length = problem.arm.length
         return cls.of_arm(length) if problem.length_unit == "m" else cls.of_file(problem.length_unit, length)
@@ -109,19 +109,19 @@ class PageUnits:
         return f"{three_digits(value / self.metres, self.decimals)} {self.name}"
 
     def given(self, value: float, unit: str) -> str:
-        """Return a value that somebody chose, such as a limit, without zeros behind its last digit."""
+        """Return a chosen value, such as a limit, without trailing zeros."""
         number, _, rest = self.shown(value, unit).partition(" ")
         digits = number.rstrip("°")
         whole = digits.rstrip("0").rstrip(".") if "." in digits else digits
         return f"{whole}{number[len(digits) :]} {rest}".rstrip()
 
     def shown(self, value: float, unit: str, scale: float = 0.0) -> str:
-        """Return a value with its unit, in units for people.
+        """Return a value with a unit that is easy to read.
 
         Args:
             value: in ``unit``.
-            unit: in SI: lengths and their rates become those of the page, angles degrees.
-            scale: the greatest of the values that are compared; what is far below is nothing.
+            unit: SI unit of the value; lengths and their rates are converted to the page's unit, angles to degrees.
+            scale: greatest of the values compared, which sets the prefix and the resolution.
         """
         if unit in {"m", "m/s", "m/s²", "m/s³"}:
             return f"{self.length(value)}{unit[1:]}"
@@ -131,7 +131,7 @@ class PageUnits:
             return f"{three_digits(100.0 * value, 1)} %"
         if unit == "kg" and max(abs(scale), abs(value)) < _LEAST_MASS:
             return self.shown(1e3 * value, "g", 1e3 * scale)
-        # Seconds are for people already; the others take a prefix where they are tiny.
+        # Seconds and the like take no prefix; other units take one for small values.
         scale = max(abs(scale), abs(value)) if isfinite(value) else abs(scale)
         prefixes = _PREFIXES[:1] if unit in _WHOLE_UNITS else _PREFIXES
         prefix, size = next((each for each in prefixes if scale >= 0.1 * each[1] or scale == 0.0), prefixes[-1])
@@ -144,24 +144,25 @@ _WHOLE_UNITS = frozenset(("", "s", "names", "tolerances", "rad/s", "rad/s²", "r
 
 
 class Markup(str):
-    """Text that is HTML already; every other text is escaped when it is put into an element."""
+    """HTML text; any other text is escaped when it is put into an element."""
 
     __slots__ = ()
 
 
 Child = Markup | str | None
-"""What an element may hold: markup, text, or nothing."""
+"""Content of an element: markup, text, or nothing."""
 _VOID = frozenset(("input", "br", "hr"))
-"""Elements that hold nothing and have no end."""
+"""Elements without content or end tag."""
 
 
 def element(name: str, *children: Child, **attributes: str | float | bool | None) -> Markup:
-    """Return an element of HTML.
+    """Return an HTML element.
 
     Args:
-        name: of the element.
-        children: what it holds; texts are escaped.
-        attributes: by name; ``cls`` stands for ``class``, an underscore for a hyphen; None and False are left out.
+        name: name of the element.
+        children: its content; texts are escaped.
+        attributes: attributes by name; ``cls`` stands for ``class``, an underscore for a hyphen; None and False are
+            left out.
     """
     named = {("class" if key == "cls" else key.replace("_", "-")): value for key, value in attributes.items()}
     written = "".join(
@@ -173,20 +174,20 @@ def element(name: str, *children: Child, **attributes: str | float | bool | None
 
 
 def joined(children: Iterable[Child]) -> Markup:
-    """Return several things one after the other; texts are escaped."""
+    """Return several children concatenated; texts are escaped."""
     return Markup("".join(child if isinstance(child, Markup) else escape(child) for child in children if child))
 
 
 def table(
     heads: Iterable[Child], rows: Iterable[Iterable[Child]], *, cls: str = "", numbers: Iterable[int] = ()
 ) -> Markup:
-    """Return a table that scrolls by itself where it is too wide for the page.
+    """Return a table that scrolls horizontally where it is too wide for the page.
 
     Args:
-        heads: of the columns; none for a table without heads.
-        rows: of the table, cell by cell.
+        heads: column heads; empty for a table without them.
+        rows: rows of cells.
         cls: class of the table.
-        numbers: columns that hold numbers, counted from 0.
+        numbers: indices of columns that hold numbers, from 0.
     """
     right = frozenset(numbers)
 
@@ -210,23 +211,23 @@ _CHARTS = ("axes", "chart", "joint_charts", "gap_chart", "phase_chart", "curvatu
 
 
 def scene_scripts(dimension: int, *, moves: bool) -> tuple[str, ...]:
-    """Return the scripts of a page with a scene, in the order in which they are needed.
+    """Return the scripts of a page with a scene, in loading order.
 
     Args:
-        dimension: of the scene.
-        moves: whether there is a motion, and charts of it.
+        dimension: dimension of the scene.
+        moves: whether there is a motion, with charts.
     """
     return (*_SCENE, *_VIEWS[dimension], *(_CHARTS if moves else ()), "page")
 
 
 def html_document(title: str, body: Markup, data: Mapping[str, object], scripts: Sequence[str]) -> str:
-    """Return a whole page.
+    """Return a complete HTML page.
 
     Args:
-        title: of the window, plain text.
-        body: of the page.
-        data: what its scripts read, as JSON.
-        scripts: names of files in ``script``, without their ending, in order.
+        title: title of the window, plain text.
+        body: body of the page.
+        data: data that its scripts read, as JSON.
+        scripts: names of files in ``script``, without suffix, in loading order.
     """
     script = '"use strict";\n' + "\n".join(_resource(f"script/{name}.js") for name in scripts)
     digest = b64encode(sha256(script.encode()).digest()).decode()
@@ -238,7 +239,7 @@ def html_document(title: str, body: Markup, data: Mapping[str, object], scripts:
         "data": json_for_html(data),
         "script": script,
     }
-    # Split first and filled once: what is filled in is never searched for further places.
+    # The template is split before it is filled, so that inserted text is never searched for placeholders.
     first, *others = _resource("page.html").split("{{")
     filled = [first]
     for part in others:
@@ -248,7 +249,7 @@ def html_document(title: str, body: Markup, data: Mapping[str, object], scripts:
 
 
 def json_for_html(data: Mapping[str, object]) -> str:
-    """Return the JSON that can neither end nor begin an element of HTML."""
+    """Return JSON with <, > and & escaped, so that it cannot open or close an HTML element."""
     text = json.dumps(data, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
     return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
 
@@ -259,17 +260,17 @@ def _resource(name: str) -> str:
 
 
 CodedArray = dict[str, object]
-"""``step``, and the whole numbers ``d`` whose running sums are the values in steps."""
+"""``step``, and integers ``d`` whose running sums are the values in steps."""
 
 
 def coded(values: FloatArray, step: float) -> CodedArray:
-    """Return an array of shape (T,) as differences of whole numbers; no value is off by more than half a step."""
+    """Encode an array of shape (T,) as differences of integers; no value is off by more than half a step."""
     whole = np.round(np.asarray(values, dtype=np.float64) / step).astype(np.int64)
     return {"step": step, "d": np.diff(whole, prepend=0).tolist()}
 
 
 def step_for(values: FloatArray, share: float = NUMBER_STEP) -> float:
-    """Return a round step, at most a share of the range of some values; of values that do not vary a small one."""
+    """Return a power of ten, at most a share of the values' largest magnitude, as their step; 1 if all are zero."""
     extent = float(np.max(np.abs(values), initial=0.0))
     if extent == 0.0:
         return 1.0
@@ -277,17 +278,17 @@ def step_for(values: FloatArray, share: float = NUMBER_STEP) -> float:
 
 
 Figure = tuple[str, str]
-"""A value with its unit, and what it is."""
+"""A value with its unit, and its description."""
 
 
 def page_header(problem: Problem, badges: Iterable[Markup], figures: Iterable[Figure], units: PageUnits) -> Markup:
-    """Name, badges, description and figures.
+    """Return the header of a page: name, badges, description and figures.
 
     Args:
-        problem: what was asked.
-        badges: beside the name.
-        figures: below.
-        units: of the page.
+        problem: the problem as posed.
+        badges: next to the name.
+        figures: below the description.
+        units: units of the page.
     """
     theme = element("button", "◐ auto", id="theme", type="button", title="light or dark")
     name = element("h1", f"{problem.name} ", *badges)
@@ -299,21 +300,21 @@ def page_header(problem: Problem, badges: Iterable[Markup], figures: Iterable[Fi
 
 
 def badge(words: str, *, good: bool) -> Markup:
-    """Return a verdict in a word or two."""
+    """Return a verdict of one or a few words."""
     return element("span", words, cls="badge" if good else "badge poor")
 
 
 def plan_badges(solution: Solution) -> Markup:
-    """Return what the verifier and the simulation say of a plan."""
+    """Return the verdicts of the verifier and the simulation on a plan."""
     verdict = solution.simulation.verdict
     verified = all(check.passed for check in solution.checks)
     first = badge("solved and verified" if verified else "refused by the verifier", good=verified)
-    # A plan that the simulated arm follows needs no second word.
+    # A plan that the simulated arm follows needs no second badge.
     return first if verdict.followed else joined((first, badge(f"simulation: {verdict.outcome}", good=False)))
 
 
 def plan_figures(solution: Solution, units: PageUnits) -> list[Figure]:
-    """Return the figures of a plan that one looks for first; those that it does not have are left out."""
+    """Return the key figures of a plan; those that it does not have are left out."""
     metrics = solution.metrics
     found = [(f"{solution.trajectory.duration:.2f} s", "duration")]
     room = solution.room
@@ -343,7 +344,7 @@ def plan_figures(solution: Solution, units: PageUnits) -> list[Figure]:
 
 
 def _peak_torque(solution: Solution, units: PageUnits) -> Iterator[Figure]:
-    """Yield the greatest torque, with its limit where there is one."""
+    """Yield the peak torque, with its limit where there is one."""
     peak = solution.metrics.get("peak_torque_Nm")
     if peak is None:
         return
@@ -352,7 +353,7 @@ def _peak_torque(solution: Solution, units: PageUnits) -> Iterator[Figure]:
         yield units.shown(peak, "N m"), "peak torque"
         return
     limit = float(bounds.max())
-    # The unit is not torn apart at the end of a line.
+    # Keep "N m" on one line.
     allowed = units.given(limit, "N m").replace(" ", "\N{NO-BREAK SPACE}")
     yield units.shown(peak, "N m", limit), f"peak torque, of {allowed}"
 

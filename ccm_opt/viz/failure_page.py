@@ -1,4 +1,4 @@
-"""The page of a problem without a plan."""
+"""The HTML page of a problem without a plan."""
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
@@ -24,18 +24,18 @@ from ccm_opt.viz.page_sections import problem_section, stage_section, timings_ta
 from ccm_opt.viz.scene_data import scene_data
 
 Mark = dict[str, object]
-"""A mark of the scene: its ``kind``, its places [m], and perhaps words with the place ``at`` which they stand."""
+"""A mark in the scene: its ``kind``, its places [m], and optionally words with the place ``at`` which they stand."""
 _IN_A_WORD = {"contact": "in contact", "blocked": "no way leads through", "hemmed in": "hemmed in"}
-"""Kinds of findings that say enough by their name and their place."""
+"""Short labels for kinds of findings that need no more than a name and a place."""
 
 
 def drawn_findings(problem: Problem, diagnosis: Diagnosis, units: PageUnits) -> list[Mark]:
-    """Return the marks for every finding; the first one has words in the scene, the others say theirs under the mouse.
+    """Return the scene marks of all findings; the first has its words in the scene, the others in tooltips.
 
     Args:
-        problem: what was asked.
+        problem: the problem as posed.
         diagnosis: why there is no plan.
-        units: of the page.
+        units: units of the page.
     """
     marks: list[Mark] = []
     for number, finding in enumerate(diagnosis.findings):
@@ -53,10 +53,10 @@ def drawn_findings(problem: Problem, diagnosis: Diagnosis, units: PageUnits) -> 
 
 
 def best_attempt(problem: Problem, diagnosis: Diagnosis) -> FloatArray | None:
-    """Return joints and tip where the best attempt of a search in vain ended, shape (links + 1, d) [m].
+    """Return joints and tip at the end of the best failed attempt, shape (links + 1, d) [m].
 
     Returns:
-        None where nothing was searched for, or where it is proved that nothing could have been found.
+        None if there was no search, or infeasibility is proved.
     """
     found = diagnosis.evidence.get("nearest_pose")
     if diagnosis.proved or not isinstance(found, Sequence) or len(found) == 0:
@@ -80,7 +80,7 @@ def _marks(problem: Problem, finding: Finding, units: PageUnits) -> Iterator[Mar
 
 
 def _too_short(problem: Problem, finding: Finding, units: PageUnits) -> Iterator[Mark]:
-    """Yield the way that is longer than the arm, or the circle that it can reach with what is missing to the goal."""
+    """Yield the way that is longer than the arm, or a circle of the arm's reach and the gap to the goal."""
     if finding.measured is None or finding.place is None:
         return
     missing = f"{units.length(finding.measured - problem.arm.length)} too short"
@@ -99,7 +99,7 @@ def _too_short(problem: Problem, finding: Finding, units: PageUnits) -> Iterator
 
 
 def nearest_base(problem: Problem, place: tuple[float, ...]) -> list[float]:
-    """Return the place of the base, of all to which a feed axis can carry it, that is nearest to a point [m]."""
+    """Return the base position within the feed range that is nearest to a point [m]."""
     arm = problem.arm
     low, high = arm.base_range
     along = float(np.clip((np.array(place) - arm.base) @ arm.direction, low, high)) if arm.feed else 0.0
@@ -107,7 +107,7 @@ def nearest_base(problem: Problem, place: tuple[float, ...]) -> list[float]:
 
 
 def _too_thick(problem: Problem, finding: Finding, units: PageUnits) -> Iterator[Mark]:
-    """Yield the gap between the two walls beside it, and the arm with its clearance as a disc that does not fit."""
+    """Yield the gap between the nearest two walls, and the arm with its clearance as a disc that does not fit."""
     if finding.place is None or finding.measured is None or finding.allowed is None:
         return
     tight = {"radius": 0.5 * finding.allowed, "room": 0.5 * finding.measured}
@@ -130,7 +130,7 @@ def _too_thick(problem: Problem, finding: Finding, units: PageUnits) -> Iterator
 
 
 def _too_stiff(problem: Problem, finding: Finding, units: PageUnits) -> Iterator[Mark]:
-    """Yield the circle inside which the tip never comes, or the arm with every joint at its limit."""
+    """Yield the circle that the tip cannot enter, or the arm with every joint at its limit."""
     arm = problem.arm
     if finding.unit == "m" and finding.allowed is not None:
         base = _listed(arm.base)
@@ -149,7 +149,7 @@ def _too_stiff(problem: Problem, finding: Finding, units: PageUnits) -> Iterator
 
 
 def first_look(problem: Problem, diagnosis: Diagnosis) -> FloatArray:
-    """Points that the first look at the scene has to hold: start, goals, what stands in the way, shape (m, d) [m]."""
+    """Return the points that the initial view has to show: start, goals and obstructions, shape (m, d) [m]."""
     arm = problem.arm
     poses = (problem.start.configuration(arm), *(stop.goal.whole(arm) for stop in problem.goals))
     found = [arm.joint_positions_at(pose) for pose in poses if pose is not None]
@@ -178,16 +178,16 @@ def failure_html(
     diagnosis: Diagnosis,
     timings: Mapping[str, float] | None = None,
 ) -> str:
-    """Return the report of a problem without a plan.
+    """Return the HTML report of a problem without a plan.
 
     Args:
-        problem: what was asked.
+        problem: the problem as posed.
         status: how the search ended, as in ``solution.json``.
         diagnosis: why there is no plan.
-        timings: of the stages that ran [s].
+        timings: CPU times of the stages that ran [s].
 
     Returns:
-        A whole HTML page that loads nothing.
+        A complete HTML page that loads no other files.
     """
     units = PageUnits.of_page(problem)
     in_space = problem.dimension == 3
@@ -206,7 +206,7 @@ def failure_html(
 
 
 def failure_data(problem: Problem, diagnosis: Diagnosis, units: PageUnits) -> dict[str, object]:
-    """Return the everything that the scripts of a failure's page read."""
+    """Return all data that the scripts of a failure's page read."""
     blocking = [name for finding in diagnosis.findings[:1] for name in finding.obstacles]
     return {
         "unit": units.data(),
@@ -217,7 +217,7 @@ def failure_data(problem: Problem, diagnosis: Diagnosis, units: PageUnits) -> di
 
 
 def reason_section(diagnosis: Diagnosis) -> Markup:
-    """Return why there is no plan, and what else is in the way."""
+    """Return the section on why there is no plan, and on the other obstructions."""
     others = [finding for finding in diagnosis.findings if finding.reason != diagnosis.reason]
     first = next((finding for finding in diagnosis.findings if finding.reason == diagnosis.reason), None)
     also = [element("h3", "Also in the way")] if others else []
@@ -236,7 +236,7 @@ def reason_section(diagnosis: Diagnosis) -> Markup:
 
 
 def _sentences(reason: str, before: Markup | None = None) -> Iterator[Markup]:
-    """Yield what a reason says: its first sentence, and the details as a list."""
+    """Yield a reason as markup: its first sentence, and the details as a list."""
     first, *details = sentences(reason)
     yield element("p", before, f"{first}.")
     if details:
@@ -253,7 +253,7 @@ def _finding(finding: Finding) -> Markup:
 
 
 def help_section(diagnosis: Diagnosis) -> Markup:
-    """Return what would help: what was tried, and what was not."""
+    """Return the section on what would help: changes that were tried, and others."""
     solved = [element("li", relaxation.words) for relaxation in diagnosis.relaxations]
     tried = [element("li", line) for line in diagnosis.advice]
     parts: list[Markup] = []
@@ -268,7 +268,7 @@ def help_section(diagnosis: Diagnosis) -> Markup:
 
 
 def search_section(problem: Problem, diagnosis: Diagnosis, timings: Mapping[str, float]) -> Markup:
-    """Return how a plan was looked for: options, times, the figures behind the reason."""
+    """Return the section on the search: options, times, and the figures behind the reason."""
     evidence = None
     if diagnosis.evidence:
         text = json.dumps(diagnosis.evidence, indent=2, ensure_ascii=False, default=str)

@@ -1,4 +1,4 @@
-"""Figures, their units, colours and files."""
+"""Rendering of figures to files, their colours and fonts, and axis labels in the problem's unit."""
 
 from collections.abc import Callable
 from io import BytesIO
@@ -27,7 +27,7 @@ TIP_PATH = "#c1440e"
 GOAL_MARK = "#1b7f3b"
 LEAST_GAP = "#b3261e"
 GOAL_TINT = "#dcefe2"
-"""The disc that the tip may end in."""
+"""Disc of places within the goal's tolerance."""
 POSE_COLOURS = "plasma"
 """Colour map of the poses on the way, early to late."""
 
@@ -43,9 +43,9 @@ FOLD = "#f0b429"
 PRESSED = "#b5179e"
 """Sides that a pose leans on."""
 HEADING_COLOURS = "YlGnBu"
-"""Colour map of cells that the tip reaches: few headings to all of them."""
+"""Colour map of reachable cells, from few headings to all of them."""
 LEAST_SHADE = 0.12
-"""Where in that map the fewest headings stand, so that they differ from white."""
+"""Place in that colour map of the fewest headings, so that they differ from white."""
 NOT_FOUND = "#f2b8a0"
 """Cells in which no pose was found, though one may exist."""
 PROVED = "#efedea"
@@ -53,24 +53,25 @@ PROVED = "#efedea"
 
 
 FigureFormat = Literal["png", "svg", "pdf"]
-"""What still pictures can be written as."""
+"""File formats of still pictures."""
 _COMPRESSION = 3
-"""Of PNG files, from 1 to 9. Measured: 87 kB in 13 ms, where 6, the usual, takes 83 kB in 18 ms [taste]."""
+"""Compression level of PNG files, from 1 to 9. Measured: 87 kB in 13 ms; level 6, the usual one, takes 83 kB in 18 ms.
+Taste."""
 
 
 def figure_pixels(figure: Figure) -> Image.Image:
-    """Return a figure drawn, RGB: what is behind it is white, and a channel that says so would make files larger."""
+    """Render a figure to RGB pixels on white; an alpha channel would only make files larger."""
     canvas = FigureCanvasAgg(figure)
     canvas.draw()  # type: ignore[no-untyped-call]
     return Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")  # type: ignore[no-untyped-call]
 
 
 def figure_file(draw: Callable[[], Figure], kind: FigureFormat) -> bytes:
-    """Return the content of the file of a figure, the same for the same figure.
+    """Return the file content of a figure; equal figures give identical files.
 
     Args:
-        draw: makes the figure; it runs, and the figure is rendered, while the fonts are in force.
-        kind: the format.
+        draw: makes the figure; it is called, and the figure is rendered, with the package's fonts in force.
+        kind: file format.
     """
     buffer = BytesIO()
     with rc_context({"font.family": FONT_FAMILY, "font.size": FONT_SIZE, "svg.hashsalt": "ccm-opt"}):
@@ -90,28 +91,28 @@ _ROUND = (1, 2, 2.5, 5, 10)
 
 
 def label_axes(axes: Axes, problem: Problem) -> None:
-    """Ticks and names of both axes in the unit of the problem's file.
+    """Label both axes and their ticks in the unit of the problem's file.
 
     Args:
-        axes: in metres, whose limits are set.
-        problem: which names the unit.
+        axes: axes in metres, with their limits set.
+        problem: problem that names the unit.
     """
     for axis, letter in ((axes.xaxis, "x"), (axes.yaxis, "y")):
         label_axis(axis, letter, problem.length_unit)
 
 
 def label_axis(axis: Axis, words: str, unit: LengthUnit) -> None:
-    """Ticks of one axis in a unit, and its name.
+    """Label one axis and its ticks in a unit of length.
 
     Args:
-        axis: in metres, whose limits are set.
-        words: what it shows.
-        unit: that people count in.
+        axis: axis in metres, with its limits set.
+        words: name of the quantity.
+        unit: unit of the labels.
     """
     metres = METRES[unit]
     low, high = axis.get_view_interval()
     if metres != 1.0:
-        # Round numbers in that unit, which in metres may be no round ones.
+        # Ticks at round numbers of that unit, which need not be round in metres.
         ticks = MaxNLocator(6, steps=_ROUND).tick_values(low / metres, high / metres)
         axis.set_ticks([metres * tick for tick in ticks if low <= metres * tick <= high])
         axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value / metres:.6g}"))

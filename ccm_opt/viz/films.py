@@ -26,16 +26,16 @@ from ccm_opt.viz.settings import FILM, SPACE_FILM, FilmSettings
 from ccm_opt.viz.views import SeenScene, draw_base, view_box, view_window
 
 _TOLD_FACTOR = 1.05
-"""Films that are faster than the motion by more than this factor say so."""
+"""Films that run faster than the motion by more than this factor say so."""
 _MOST_VIDEO_FRAMES = 1500
-"""Of longer motions, which are shown faster than they are."""
+"""Most frames of a video; longer motions are shown faster than real time."""
 
 _HUNDREDTH = 10
-"""Shortest time that a film in GIF can tell [ms]."""
+"""Resolution of frame times in GIF [ms]."""
 _DOTS_PER_INCH = 100.0
-"""Of a film of the usual size; larger ones are the same picture, larger."""
+"""Resolution of a film of the default size; larger films are the same picture, scaled up."""
 _STRIP = 32
-"""Height of the strip below the drawing, for the time and the bar [pixel of a film of the usual size]."""
+"""Height of the strip below the drawing for the time and the progress bar [pixel of a film of the default size]."""
 
 
 @dataclass(frozen=True)
@@ -43,14 +43,14 @@ class Film:
     """The frames of a motion.
 
     Attributes:
-        figure: what is drawn behind the arm, above a strip for the time.
-        axes: of the figure, in which the arm is drawn.
-        points: joints and tip in the drawing at the samples of the motion, shape (T, links + 1, 2) [m].
-        time: of the samples, shape (T,) [s].
-        radius: of the arm [m].
+        figure: background behind the arm, above a strip for the time.
+        axes: axes in which the arm is drawn.
+        points: joints and tip in the picture at the samples of the motion, shape (T, links + 1, 2) [m].
+        time: times of the samples, shape (T,) [s].
+        radius: radius of the arm [m].
         settings: sizes.
-        shown: samples that are shown, one a frame.
-        seconds: for which all frames but the last are shown [s].
+        shown: samples that are shown, one per frame.
+        seconds: total duration of all frames but the last [s].
     """
 
     figure: Figure
@@ -63,7 +63,7 @@ class Film:
     seconds: float
 
     def frames(self) -> Iterator[Image.Image]:
-        """Draw the frames, RGB, all of one size."""
+        """Draw the frames, RGB, all of the same size."""
         figure, axes = self.figure, self.axes
         arm = _arm(axes, self.points[0], self.radius, (style.GOAL_ARM, style.GOAL_ARM_EDGE), 0.84)
         for line in arm:
@@ -92,10 +92,10 @@ class Film:
     def gif(self) -> bytes:
         """Return the film as the content of an animated GIF file."""
         frames = list(self.frames())
-        # One palette for all frames: a palette each would make the colours flicker.
+        # One palette for all frames: palettes of their own would make the colours flicker.
         palette = frames[-1].quantize(self.settings.colours)
         flat = [frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames]
-        # Every frame ends at a whole hundredth of a second, so that what is lost in one is won back in the next.
+        # The end of every frame is rounded to a hundredth of a second, so that rounding errors do not add up.
         ends = np.round(np.linspace(0.0, 1e3 * self.seconds, len(flat))[1:] / _HUNDREDTH) * _HUNDREDTH
         durations = [*np.maximum(np.diff(ends, prepend=0.0), _HUNDREDTH).astype(int).tolist(), self.settings.last_frame]
         buffer = BytesIO()
@@ -104,7 +104,7 @@ class Film:
 
 
 def _arm(axes: Axes, points: FloatArray, radius: float, colours: tuple[str, str], opacity: float) -> list[Line2D]:
-    """Draw an arm's body, the union of capsules that it is, and its axis."""
+    """Draw an arm's body, a union of capsules, and its axis."""
     left, right = axes.transData.transform([(0.0, 0.0), (2.0 * radius, 0.0)])[:, 0]
     width = max(72.0 / axes.figure.dpi * float(right - left), 1.0)
     body, axis = (
@@ -117,18 +117,18 @@ def _arm(axes: Axes, points: FloatArray, radius: float, colours: tuple[str, str]
 
 
 def make_film(plan: DrawnPlan, settings: FilmSettings | None = None, scene: SeenScene | None = None) -> Film:
-    """Return the motion of a plan as a film, in real time unless it is too long for that.
+    """Return the film of a plan's motion, in real time unless that takes too many frames.
 
     Args:
         plan: the plan.
-        settings: size and number of the frames; None stands for those of the plane, or of space.
-        scene: in space the bodies as another picture of the problem shows them; None: they are made ready.
+        settings: size and number of the frames; when None the defaults of the plane or of space.
+        scene: bodies in space, as prepared for another picture of the problem; when None they are prepared here.
     """
     problem, points, time = plan.problem, plan.points, plan.trajectory.time
     settings = settings or _usual_settings(plan)
     side = SLANTED if problem.dimension == 3 else PLANE
     window = view_box(problem, points)
-    # Even sides, as a video needs.
+    # Video encoders need even side lengths.
     spans = np.ptp(view_window(side, window), axis=0)
     width, height = settings.longest_side * spans / float(np.max(spans))
     times = settings.longest_side / FILM.longest_side
@@ -153,7 +153,7 @@ def make_film(plan: DrawnPlan, settings: FilmSettings | None = None, scene: Seen
 
 
 def _usual_settings(plan: DrawnPlan) -> FilmSettings:
-    """Return the size and number of the frames of a film in the plane, or in space."""
+    """Return the default film settings of the plane or of space."""
     return SPACE_FILM if plan.problem.dimension == 3 else FILM
 
 
@@ -161,21 +161,21 @@ _QUALITY = ("-c:v", "libx264", "-crf", "20", "-preset", "veryfast", "-pix_fmt", 
 
 
 def encoder() -> str | None:
-    """Return where ffmpeg is; None where it is not."""
+    """Return the path of ffmpeg; None where it is not installed."""
     return shutil.which("ffmpeg")
 
 
 def motion_gif(plan: DrawnPlan, scene: SeenScene | None = None) -> bytes:
-    """The motion of a plan as an animated GIF, in real time unless it is too long for that: the content of a file."""
+    """Return an animated GIF of a plan's motion, in real time unless too long: the content of a file."""
     return make_film(plan, scene=scene).gif()
 
 
 def motion_mp4(plan: DrawnPlan, settings: FilmSettings | None = None) -> bytes:
-    """Return the motion of a plan as a video, in real time unless it is too long for that: the content of an MP4 file.
+    """Return a video of a plan's motion, in real time unless too long: the content of an MP4 file.
 
     Args:
         plan: the plan.
-        settings: size and number of the frames; None stands for those of the plane, or of space.
+        settings: size and number of the frames; when None the defaults of the plane or of space.
 
     Raises:
         ProblemError: there is no ffmpeg, or it cannot encode.
@@ -191,7 +191,7 @@ def motion_mp4(plan: DrawnPlan, settings: FilmSettings | None = None) -> bytes:
     width, height = frames[0].size
     raw = ("-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}", "-r", str(rate), "-i", "-")
     with tempfile.TemporaryDirectory() as folder:
-        # The index of an MP4 stands at its beginning, so that it cannot be written into a pipe.
+        # The index of an MP4 comes first (faststart), so the file cannot be written to a pipe.
         out = Path(folder) / "motion.mp4"
         content = b"".join(frame.tobytes() for frame in (*frames, *still))
         command = [program, "-loglevel", "error", "-y", *raw, *_QUALITY, str(out)]

@@ -1,4 +1,4 @@
-"""The page of a plan."""
+"""The HTML page of a plan."""
 
 import re
 from collections.abc import Collection, Sequence
@@ -39,30 +39,30 @@ from ccm_opt.viz.scene_data import route_layers, scene_data
 from ccm_opt.viz.time_series import phase_data, series_data
 
 _PLACES_PER_SEGMENT = 24
-"""Of the goal pose's curve, at which it is drawn."""
+"""Points at which each segment of the goal pose's curve is sampled for drawing."""
 
 _REGION = re.compile(r"link (\d+): side \d+ of its region, at its (start|end)")
 _BEND = re.compile(r"joint (\d+): bend (left|right)")
 _NEAR = 3.0
-"""Multiples of the wanted gap within which the neighbour of a link is named. Taste."""
+"""Multiples of the wanted gap within which a body next to a link is named. Taste."""
 _TORQUE = re.compile(r"joint (\d+): torque (?:up|down)")
 
 
 BindingRow = tuple[str, float, str]
-"""What holds a pose where it is, how much the objective would fall if it gave way by the unit, and the unit."""
+"""A constraint that binds a pose, how much the cost would fall if it were relaxed by a unit, and the unit."""
 
 
 def binding_rows(
     solution: Solution, record: GoalPoseRecord, points: FloatArray, units: PageUnits, most: int = 6
 ) -> list[BindingRow]:
-    """Return the strongest rows of a goal pose; those of one link against one wall count as one.
+    """Return the most binding rows of a goal pose; rows of one link against one wall are merged.
 
     Args:
         solution: the plan.
-        record: of the goal pose.
+        record: record of the goal pose.
         points: base, joints and tip of the pose, shape (n + 1, 2) [m].
-        units: of the page.
-        most: rows that are kept.
+        units: units of the page.
+        most: most rows that are returned.
     """
     merged: dict[tuple[str, str], float] = {}
     for name, multiplier in record.multipliers.items():
@@ -75,7 +75,7 @@ def binding_rows(
 def _row(
     solution: Solution, record: GoalPoseRecord, name: str, multiplier: float, points: FloatArray, units: PageUnits
 ) -> BindingRow:
-    """Return one row: multipliers are for one arm's length, one radian, or the whole of a limit."""
+    """Return one row; multipliers refer to one arm's length, one radian, or the whole of a limit."""
     if region := _REGION.fullmatch(name):
         link = int(region[1])
         end = points[link if region[2] == "end" else link - 1]
@@ -92,15 +92,15 @@ def _row(
 
 
 def _neighbour(solution: Solution, points: FloatArray, link: int, end: FloatArray, reach: float) -> str:
-    """Return what is nearest to the end of a link: a wall by its name, or another link that is not its neighbour."""
-    # A side of a region is a plane: what it keeps the link from may touch it far from the link.
+    """Return the body nearest to the end of a link: a wall, or a link that is not adjacent."""
+    # A side of a region is a plane, and its obstacle may touch it far from the link; so the nearest body is found anew.
     problem = solution.problem
     place = shapely.Point(end)
     walls = problem.workspace.walls
     gaps = [shapely.distance(wall.core, place) - wall.rounding for wall in walls]
     nearest = int(np.argmin(gaps))
     links = np.asarray(shapely.linestrings(np.stack((points[:-1], points[1:]), axis=1)))
-    # Two links share the room between them; the arm's radius is taken off on both sides.
+    # Two links share the gap between them; the arm's radius is subtracted on both sides.
     apart = np.abs(np.arange(len(links)) + 1 - link) * problem.arm.length / len(links)
     far_along = apart > np.pi * problem.arm.radius + 2.0 * problem.arm.length / len(links)
     to_links = np.where(far_along, shapely.distance(links, place), np.inf)
@@ -123,15 +123,15 @@ _COSTS = {
     "knots": "uneven knots",
     "bows": "rough curvature",
 }
-"""What the parts of the objective are called on the page."""
+"""Names of the cost terms on the page."""
 
 
 def goal_pose_section(solution: Solution, units: PageUnits) -> Markup | None:
-    """Return the section with its heading; nothing where no goal-pose NLP was asked.
+    """Return the section on the goal pose; None if no goal-pose NLP was solved.
 
     Args:
         solution: the plan.
-        units: of the page.
+        units: units of the page.
     """
     record = solution.path.goal_pose
     if record is None:
@@ -147,7 +147,7 @@ def goal_pose_section(solution: Solution, units: PageUnits) -> Markup | None:
 
 
 def _summary(record: GoalPoseRecord, units: PageUnits) -> str:
-    """Return how the pose came about, and whether the motion ends in it."""
+    """Return how the pose was found, and whether the motion ends in it."""
     variables, rows = record.size
     solved = (
         f"The goal-pose program, of {variables} variables and {rows} rows, found this pose in {record.iterations} "
@@ -162,7 +162,7 @@ def _summary(record: GoalPoseRecord, units: PageUnits) -> str:
 
 
 def goal_pose_data(solution: Solution) -> dict[str, object] | None:
-    """Return what the page draws of the goal pose: joints, and the curve by its segments; None where there is none."""
+    """Return joints and curve segments of the goal pose for the page to draw; None if there is none."""
     record = solution.path.goal_pose
     if record is None:
         return None
@@ -179,9 +179,9 @@ def goal_pose_data(solution: Solution) -> dict[str, object] | None:
 
 
 def pose_points(solution: Solution, record: GoalPoseRecord) -> FloatArray:
-    """Return the base, joints and tip of the pose, shape (n + 1, 2) [m].
+    """Return base, joints and tip of the goal pose, shape (n + 1, 2) [m].
 
-    Of fewer links than the arm has, where it is so.
+    It may have been computed with fewer links than the arm has.
     """
     arm = solution.problem.arm
     headings = arm.base_heading + np.cumsum(record.configuration)
@@ -192,7 +192,7 @@ def pose_points(solution: Solution, record: GoalPoseRecord) -> FloatArray:
 
 
 def _segments(record: GoalPoseRecord, units: PageUnits) -> Markup:
-    """Return a row for each segment of the curve, with the colour that it has in the picture."""
+    """Return a table of the curve's segments, with their colours in the picture."""
     rows = []
     for number, segment in enumerate(record.curve.segments):
         dot = element("i", cls="dot", style=f"background:{_colour(number)}")
@@ -202,7 +202,7 @@ def _segments(record: GoalPoseRecord, units: PageUnits) -> Markup:
 
 
 def _costs(record: GoalPoseRecord) -> Markup:
-    """Return a row for each part of the objective, the largest first, with a bar for its share."""
+    """Return a table of the cost terms, the largest first, with bars for their shares."""
     total = sum(abs(value) for value in record.costs.values()) or 1.0
     rows = []
     for name, value in sorted(record.costs.items(), key=lambda item: -abs(item[1])):
@@ -212,14 +212,14 @@ def _costs(record: GoalPoseRecord) -> Markup:
 
 
 def cost_words(name: str) -> str:
-    """Return a part of the objective in words; that of a user by the user's name."""
+    """Return a cost term in words; the user's own terms by their names."""
     if name.startswith("user: "):
         return f"your cost '{name.removeprefix('user: ')}'"
     return _COSTS.get(name, name)
 
 
 def _binding(solution: Solution, record: GoalPoseRecord, units: PageUnits) -> Markup:
-    """Return what holds the pose where it is, the strongest first, and what giving way would bring."""
+    """Return a table of the constraints that bind the pose, the strongest first, and what relaxing them would save."""
     found = binding_rows(solution, record, pose_points(solution, record), units)
     rows = [(words, f"{gain:.2g}", f"for {unit}") for words, gain, unit in found]
     if not rows:
@@ -232,12 +232,12 @@ def _colour(number: int) -> str:
 
 
 def tolerance_section(errors: Sequence[SurvivedError], units: PageUnits, *, in_space: bool = False) -> Markup | None:
-    """Return the section with its heading; nothing where nobody asked.
+    """Return the section on survived errors; None if there are none.
 
     Args:
-        errors: that the plan survives, with what limits them.
-        units: of the page.
-        in_space: whether joints have two bends, which are told apart.
+        errors: survived errors, with what limits them.
+        units: units of the page.
+        in_space: whether joints have two bends, with names of their own.
     """
     if not errors:
         return None
@@ -247,12 +247,12 @@ def tolerance_section(errors: Sequence[SurvivedError], units: PageUnits, *, in_s
 
 
 _JOINTS = (("bends", ""), ("velocities", ""), ("accelerations", ""), ("torques", "simulated-torques"))
-"""Groups of curves with one for every joint, and what is drawn beside the joint that is chosen."""
+"""Groups with a curve for every joint, and the group drawn next to the selected joint."""
 _OTHERS = ("feed", "feed-velocity", "feed-force", "tip-speed")
 
 
 def timing_section() -> Markup:
-    """Return what limits the speed."""
+    """Return the section on what limits the speed."""
     return element(
         "section",
         element("h2", "Timing: what limits the speed"),
@@ -261,10 +261,10 @@ def timing_section() -> Markup:
 
 
 def joints_section(groups: Collection[str], *, curvature: bool = True) -> Markup:
-    """Return every joint over time, the base and the tip, and the curvature along the arm.
+    """Return the section with joints, base, tip and curvature over time.
 
     Args:
-        groups: keys of the groups of curves that there are.
+        groups: keys of the available groups of curves.
         curvature: whether there is a chart of the curvature along the arm.
     """
     choice = element("select", element("option", "all joints", value=""), id="joint", aria_label="joint")
@@ -287,7 +287,7 @@ def joints_section(groups: Collection[str], *, curvature: bool = True) -> Markup
 
 
 def simulation_section(groups: Collection[str]) -> Markup | None:
-    """Plan against simulation; nothing where there is no simulated motion."""
+    """Return the section on plan against simulation; None if there is no simulated motion."""
     if "tracking" not in groups:
         return None
     words = "How far the simulated arm is from its plan, joint by joint. The scene can show it as a layer of its own."
@@ -303,15 +303,15 @@ def report_html(
     pictures: Sequence[str] = ("plan.png", "motion.gif"),
     plans: PlanPages | None = None,
 ) -> str:
-    """Return the report of a plan.
+    """Return the HTML report of a plan.
 
     Args:
         solution: the plan.
-        pictures: names of the files beside the page that show the motion, the still one first.
-        plans: of which this is one, where a problem has several.
+        pictures: names of the files next to the page that show the motion, the still picture first.
+        plans: all plans of the problem if there are several.
 
     Returns:
-        A whole HTML page that loads nothing.
+        A complete HTML page that loads no other files.
     """
     problem = solution.problem
     in_space = problem.dimension == 3
@@ -340,11 +340,11 @@ def report_html(
 
 
 def plan_data(solution: Solution, units: PageUnits) -> dict[str, object]:
-    """Return the everything that the scripts of a plan's page read.
+    """Return all data that the scripts of a plan's page read.
 
     Args:
         solution: the plan.
-        units: of the page.
+        units: units of the page.
     """
     problem, points = solution.problem, solution.joint_positions
     data: dict[str, object] = {

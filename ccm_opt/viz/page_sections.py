@@ -1,4 +1,4 @@
-"""Sections of pages: the scene and its player, the problem, how a plan was made, other plans."""
+"""Sections of pages: the scene and its player, the problem, the making of a plan, and other plans."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -26,12 +26,12 @@ _KEYS = (
 
 
 def stage_section(label: str, *, moves: bool, in_space: bool = False) -> Markup:
-    """Return the scene, empty: the page's script draws it.
+    """Return the empty stage of a page: the page's script draws the scene in it.
 
     Args:
-        label: what it shows, for those who do not see it.
-        moves: whether there is a motion, with its figures at the time that is looked at.
-        in_space: whether it can be turned, and obstacles cut open.
+        label: description of the scene for screen readers.
+        moves: whether there is a motion, with its figures at the selected time.
+        in_space: whether the scene can be turned, and obstacles cut open.
     """
     reach = ("all that the arm does", "all obstacles") if in_space else ("all that matters", "the whole room")
     looks = (("fit", "Fit", f"{reach[0]} (0)"), ("room", "Whole room", f"{reach[1]} (r)"))
@@ -68,20 +68,20 @@ def stage_section(label: str, *, moves: bool, in_space: bool = False) -> Markup:
 
 
 def _slider(name: str, words: str, value: float, most: float) -> Markup:
-    """Return how clearly obstacles are seen, or where they are cut."""
+    """Return a slider, for the opacity of obstacles or the place of a cut."""
     bar = element("input", id=name, type="range", min="0", max=str(most), step="0.01", value=str(value))
     return element("label", words, " ", bar)
 
 
 def _cut() -> tuple[Markup, Markup]:
-    """Return where the obstacles are cut away, and across which axis."""
+    """Return the controls of the cut through the obstacles: its place and its axis."""
     options = [element("option", name, value=str(k), selected=k == 1) for k, name in enumerate("xyz")]
     axis = element("select", *options, id="cut-axis", aria_label="axis of the cut")
     return _slider("cut", "cut", 1.0, 1.0), element("label", "across ", axis)
 
 
 def player_bar() -> Markup:
-    """Play, time, speed; it stays at the lower edge of the window."""
+    """Return the playback controls, which stay at the lower edge of the window."""
     slider = element("input", id="time", type="range", min="0", max="1", value="0", aria_label="time")
     return element(
         "div",
@@ -95,7 +95,7 @@ def player_bar() -> Markup:
 
 
 def goal_times(solution: Solution) -> list[dict[str, object]]:
-    """Return when the arm rests at a goal: those on the way, then the last."""
+    """Return when the arm rests at each goal."""
     time = solution.trajectory.time
     numbers = [*solution.trajectory.stops, len(time) - 1]
     single = len(numbers) == 1
@@ -113,17 +113,17 @@ _FILES = {
     "arm.urdf": "the arm for RViz and others",
     "arm.mjcf.xml": "the arm for MuJoCo",
 }
-"""Files beside the page, which links lead to."""
+"""Files next to the page that it links to."""
 
 Row = tuple[Child, Child]
 
 
 def problem_section(problem: Problem, units: PageUnits) -> Markup:
-    """Return what was asked: arm, limits, room, start and goals.
+    """Return the section on the problem: arm, limits, workspace, start and goals.
 
     Args:
-        problem: what was asked.
-        units: of the page.
+        problem: the problem as posed.
+        units: units of the page.
     """
     rows = [
         *_arm_rows(problem, units),
@@ -155,7 +155,7 @@ def _arm_rows(problem: Problem, units: PageUnits) -> Iterable[Row]:
 
 
 def _limit_rows(problem: Problem, units: PageUnits) -> Iterable[Row]:
-    """Yield the limits that the motion keeps, and what plans use of them."""
+    """Yield the limits of the motion, and the share of them that plans use."""
     limits = problem.limits
     yield "joint velocities", _bounds(limits.velocity, "rad/s")
     yield "joint accelerations", _bounds(limits.acceleration, "rad/s²")
@@ -223,7 +223,7 @@ def _direction(vector: FloatArray) -> str:
 
 
 def making_section(solution: Solution) -> Markup:
-    """Return how the plan was made: method, tactic, seed, versions, and where the time went."""
+    """Return the section on how the plan was made: method, tactic, seed, versions, CPU times."""
     problem = solution.problem
     versions = ", ".join(f"{name} {version}" for name, version in solution.versions.items())
     rows: list[Row] = [
@@ -244,7 +244,7 @@ def making_section(solution: Solution) -> Markup:
 
 
 def tries_table(solution: Solution) -> Markup | None:
-    """Return what came of every try, where there were several."""
+    """Return a table of all tries if there were several."""
     if not solution.tries:
         return None
     rows = [
@@ -260,7 +260,7 @@ def tries_table(solution: Solution) -> Markup | None:
 
 
 def timings_table(timings: Mapping[str, float]) -> Markup | None:
-    """Return where the CPU time went, the longest first."""
+    """Return a table of the CPU times of the stages, the longest first."""
     if not timings:
         return None
     longest = max(*timings.values(), 1e-9)
@@ -276,10 +276,10 @@ def timings_table(timings: Mapping[str, float]) -> Markup | None:
 
 
 def files_section(name: str, pictures: Sequence[str]) -> Markup:
-    """Return the links to the files beside the page, and the commands that go on from here.
+    """Return the section with links to the files next to the page, and further commands.
 
     Args:
-        name: of the output folder.
+        name: name of the output folder.
         pictures: names of the files that show the motion.
     """
     shown = {
@@ -299,11 +299,11 @@ def files_section(name: str, pictures: Sequence[str]) -> Markup:
 
 @dataclass(frozen=True)
 class PlanPages:
-    """The plans, and where their pages are as seen from one of them.
+    """Several plans of a problem, and links to their pages from the page of one of them.
 
     Attributes:
         found: all plans.
-        links: to their pages, in their order; empty for that of the page itself, and where there is no plan.
+        links: links to their pages, in order; empty for the page itself, and where there is no plan.
     """
 
     found: ParetoPlans
@@ -311,11 +311,11 @@ class PlanPages:
 
 
 def plans_section(pages: PlanPages | None, units: PageUnits) -> Markup | None:
-    """Return the table; nothing where there is only one plan.
+    """Return the table of plans; None if there is only one plan.
 
     Args:
         pages: the plans.
-        units: of the page.
+        units: units of the page.
     """
     if pages is None:
         return None

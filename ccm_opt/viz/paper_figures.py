@@ -37,36 +37,36 @@ from ccm_opt.viz.settings import PICTURES
 from ccm_opt.viz.views import SeenScene, action_window, draw_pose, view_box, view_window
 
 _CURVES_SIDE = 3.6
-"""Width and height of the drawing of curves and of that of curvatures [inch]."""
+"""Side of the square drawings of curves and of curvatures [inch]."""
 _STEPS = 4
-"""Into which a motion without stops is divided. Taste."""
+"""Steps into which a motion without stops is divided. Taste."""
 _POSES_A_STEP = 4
-"""Between the ends of a step."""
+"""Poses drawn between the ends of a step."""
 _ALL_POSES = 22
-"""Of the whole motion in its last step."""
+"""Poses drawn of the whole motion in the last picture."""
 _STEP_WIDTH = 2.9
-"""Of the picture of a step [inch]."""
+"""Width of the picture of a step [inch]."""
 _LINK_POSES = 16
-"""Between the ends of the mapped motion."""
+"""Poses drawn between the ends of the motion."""
 _LINKS_SIDE = 6.0
-"""Longest side of that drawing [inch]."""
+"""Longest side of the drawing of links [inch]."""
 _SPACE_POSES = 5
-"""Of the simulated arm in each of three pictures. Taste."""
+"""Poses of the simulated arm in each of the three pictures. Taste."""
 _SPACE_SIDE = 3.6
-"""Width of each of them [inch]."""
+"""Width of each of the three pictures [inch]."""
 
 _POINTS = 161
-"""Points along a curve."""
+"""Points at which a curve is sampled for drawing."""
 _MOST_CURVES = 14
-"""Drawn of a plan, evenly chosen; the first and the last always."""
+"""Most curves drawn of a plan, evenly chosen, the first and the last included."""
 
 
 def curves_picture(plan: DrawnPlan, kind: FigureFormat = "png") -> bytes:
-    """Return the curves behind the keyframes beside their curvatures, early to late.
+    """Draw the curves behind the keyframes next to their curvatures, early to late.
 
     Args:
         plan: the plan.
-        kind: format of the file.
+        kind: file format.
 
     Raises:
         ProblemError: the plan was made without curves.
@@ -95,7 +95,7 @@ def _curves_figure(plan: DrawnPlan) -> Figure:
 
 
 def _draw_curves(room: Axes, along: Axes, curves: Sequence[Configuration]) -> None:
-    """Some of the curves of a motion, early to late, and their curvatures."""
+    """Draw evenly chosen curves of a motion, early to late, and their curvatures."""
     shown = np.unique(np.linspace(0, len(curves) - 1, _MOST_CURVES).round().astype(int))
     for k, colour in zip(shown, colormaps[style.POSE_COLOURS](np.linspace(0.0, 0.85, len(shown))), strict=True):
         arc = np.linspace(0.0, curves[k].length, _POINTS)
@@ -109,11 +109,11 @@ def _draw_curves(room: Axes, along: Axes, curves: Sequence[Configuration]) -> No
 
 
 def steps_picture(plan: DrawnPlan, kind: FigureFormat = "png") -> bytes:
-    """Return the motion in numbered steps: start and goals, one stretch after the other, and all movements.
+    """Draw the motion in numbered steps: start and goals, each stretch in turn, and the whole motion.
 
     Args:
         plan: the plan.
-        kind: format of the file.
+        kind: file format.
     """
     return figure_file(lambda: _steps_figure(plan), kind)
 
@@ -141,7 +141,7 @@ def _steps_figure(plan: DrawnPlan) -> Figure:
 
 
 def _step_boundaries(plan: DrawnPlan, count: int) -> IntArray:
-    """Return samples between which the steps are: the stops of a tour, else such that all steps travel equally far."""
+    """Return the samples that bound the steps: the stops of a tour, else so that all steps travel equally far."""
     stops = plan.trajectory.stops
     last = len(plan.points) - 1
     if stops:
@@ -150,7 +150,7 @@ def _step_boundaries(plan: DrawnPlan, count: int) -> IntArray:
 
 
 def _draw_step(axes: Axes, plan: DrawnPlan, samples: IntArray, title: str) -> None:
-    """Poses of one step, the first grey, the last in colour."""
+    """Draw the poses of one step, the first in grey, the last in colour."""
     problem = plan.planar_problem
     draw_workspace(axes, problem.workspace, action_window(problem, plan.points))
     shades = colormaps[style.POSE_COLOURS](np.linspace(0.1, 0.85, max(len(samples), 2)))
@@ -168,11 +168,11 @@ def _draw_step(axes: Axes, plan: DrawnPlan, samples: IntArray, title: str) -> No
 
 
 def links_picture(plan: DrawnPlan, kind: FigureFormat = "png") -> bytes:
-    """Return the jointed arm, link by link, in poses that are equally far apart.
+    """Draw the jointed arm, link by link, in equally spaced poses.
 
     Args:
         plan: the plan.
-        kind: format of the file.
+        kind: file format.
     """
     return figure_file(lambda: _links_figure(plan), kind)
 
@@ -199,13 +199,13 @@ def _links_figure(plan: DrawnPlan) -> Figure:
 
 
 def space_picture(plan: DrawnPlan, kind: FigureFormat = "png") -> bytes:
-    """Return the simulated arm in space, a third of the time in each of three pictures.
+    """Draw the simulated arm in space, a third of the time in each of three pictures.
 
-    As planned where it was not simulated.
+    The planned arm is drawn if it was not simulated.
 
     Args:
         plan: the plan.
-        kind: format of the file.
+        kind: file format.
     """
     return figure_file(lambda: _space_figure(plan), kind)
 
@@ -230,7 +230,7 @@ def _space_figure(plan: DrawnPlan) -> Figure:
 
 
 def _draw_poses_in_space(axes: Any, plan: DrawnPlan, poses: FloatArray) -> None:
-    """Poses early to late, the last at its full width, with the outlines of what is near in the arm's plane."""
+    """Draw poses early to late, the last at full width, with the outlines of nearby obstacles in the arm's plane."""
     window = action_window(plan.planar_problem, plan.points)
     seen = shapely.box(*window.ravel())
     for obstacle in plan.planar_problem.workspace.obstacles:
@@ -240,7 +240,7 @@ def _draw_poses_in_space(axes: Any, plan: DrawnPlan, poses: FloatArray) -> None:
             axes.plot(x, np.zeros_like(x), z, color=style.WALL_EDGE, linewidth=0.8)
     middle = np.insert(window.mean(axis=0), 1, 0.0)
     reach = 0.5 * np.ptp(window, axis=0).max()
-    # Points of a line's width to a metre, near enough in the middle of the picture.
+    # Line width of the arm in points; with perspective, accurate near the middle of the picture only.
     width = 0.55 * 72.0 * _SPACE_SIDE / (2.0 * reach) * 2.0 * plan.planar_problem.arm.radius
     shades = colormaps[style.POSE_COLOURS](np.linspace(0.1, 0.85, len(poses)))
     for pose, shade in zip(poses[:-1], shades[:-1], strict=True):
@@ -258,17 +258,17 @@ def _draw_poses_in_space(axes: Any, plan: DrawnPlan, poses: FloatArray) -> None:
 
 
 _PARETO_WIDTH = 9.6
-"""Of the picture of several plans [inch]."""
+"""Width of the picture of several plans [inch]."""
 _PARETO_MARGINS = 1.55
-"""Above, between and below its two parts [inch]."""
+"""Total height of the margins above, between and below its two parts [inch]."""
 _CHART_HEIGHT = 2.6
-"""Of the chart of time against room [inch]."""
+"""Height of the chart of duration against gap [inch]."""
 _MOST_THUMBNAIL = 2.6
-"""Height of the picture of one plan, at most [inch]."""
+"""Greatest height of the picture of one plan [inch]."""
 
 
 def pareto_png(found: ParetoPlans) -> bytes:
-    """Return the picture of a trade-off.
+    """Return the picture of a Pareto trade-off.
 
     Args:
         found: the plans.
@@ -280,7 +280,7 @@ def pareto_png(found: ParetoPlans) -> bytes:
 
 
 def pareto_figure(found: ParetoPlans) -> Figure:
-    """Return the same picture as a matplotlib figure, made without pyplot."""
+    """Return the picture of a Pareto trade-off as a matplotlib figure, made without pyplot."""
     problem, count = found.problem, len(found.plans)
     side = SLANTED if problem.dimension == 3 else PLANE
     ends = [plan.solution.joint_positions for plan in found.plans if plan.solution is not None]
@@ -305,7 +305,7 @@ def pareto_figure(found: ParetoPlans) -> Figure:
 
 
 def _draw_front(axes: Axes, found: ParetoPlans) -> None:
-    """A point for each plan, a line through those that no other dominates, and what the recommended one may cost."""
+    """Draw a point for each plan, the line of non-dominated plans, and the limit on the recommended plan's duration."""
     metres = METRES[found.problem.length_unit]
     plans = [(number, plan) for number, plan in enumerate(found.plans, start=1) if plan.solution is not None]
     front = sorted((plan.duration, plan.gap / metres) for _, plan in plans if not plan.dominated_by)
@@ -333,7 +333,7 @@ def _draw_front(axes: Axes, found: ParetoPlans) -> None:
 
 
 def _draw_point(axes: Axes, plan: ParetoPlan, metres: float, number: int, *, recommended: bool) -> None:
-    """A plan with its number: filled on the front, hollow when dominated, ringed when recommended."""
+    """Draw a plan with its number: filled on the front, hollow when dominated, ringed when recommended."""
     place = (plan.duration, plan.gap / metres)
     face = "white" if plan.dominated_by else style.GOAL_ARM
     edge = style.WALL_EDGE if plan.dominated_by else style.GOAL_ARM_EDGE
@@ -350,7 +350,7 @@ def _draw_point(axes: Axes, plan: ParetoPlan, metres: float, number: int, *, rec
 
 
 def _dress_plan(axes: Axes, found: ParetoPlans, plan: ParetoPlan, number: int) -> None:
-    """Name a plan in its picture with its figures, or that there is none, and frame the recommended one."""
+    """Title the picture of a plan with its figures, or "no plan", and frame the recommended one."""
     axes.set_xticks([])
     axes.set_yticks([])
     recommended = number == found.recommended
@@ -369,7 +369,7 @@ def _dress_plan(axes: Axes, found: ParetoPlans, plan: ParetoPlan, number: int) -
 
 
 def _draw_plan(axes: Axes, side: Side, solution: Solution | None) -> None:
-    """How a plan ends, where there is one, and where its tip goes."""
+    """Draw the start, the end and the path of the tip of a plan, if there is one."""
     if solution is None:
         return
     points, radius = solution.joint_positions, solution.problem.arm.radius

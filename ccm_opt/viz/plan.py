@@ -16,21 +16,21 @@ from ccm_opt.viz.room_section import least_gap_place
 from ccm_opt.viz.views import ARROW_SHARE, SeenScene, Sheet, draw_base, draw_pose, view_box
 
 ARROW_IN_LINKS = 3.0
-"""Length of a goal's arrow in space, where views differ in size, in links."""
+"""Length of a goal's arrow in space, in links, since the views differ in scale."""
 _LABEL_SIZE = 7.5
-"""Of labels in the drawing [points]."""
+"""Size of labels in the drawing [points]."""
 _POSES_ON_THE_WAY = 7
 """Poses drawn between start and goal."""
 _LEAST_DISC = 0.012
-"""Tolerances of a goal's place are drawn when wider than this share of the picture."""
+"""Share of the picture's width above which a goal's position tolerance is drawn."""
 _LEAST_SEEN = 0.1
-"""Directions that are seen shorter than this share of their length have no arrow to speak of."""
+"""Directions foreshortened to less than this share of their length are drawn without an arrow."""
 _LEAST_WEDGE = 0.05
-"""Tolerances of a goal's heading are drawn when wider than this [rad]."""
+"""Heading tolerance above which it is drawn [rad]."""
 
 
 def number_goal(axes: Axes, place: FloatArray, heading: float | None, number: int, size: float) -> None:
-    """The number of a goal in a disc, behind the goal's arrow."""
+    """Draw the number of a goal in a disc behind the goal's arrow."""
     away = 0.5 * np.pi if heading is None else heading + np.pi
     offset = (11.0 * np.cos(away), 11.0 * np.sin(away))
     axes.annotate(
@@ -41,12 +41,12 @@ def number_goal(axes: Axes, place: FloatArray, heading: float | None, number: in
 
 
 def plan_picture(plan: DrawnPlan, kind: FigureFormat = "png", scene: SeenScene | None = None) -> bytes:
-    """Return the picture of a plan: room, start, poses on the way, goals, path of the tip, least gap.
+    """Return the picture of a plan: workspace, start, poses on the way, goals, path of the tip, least gap.
 
     Args:
         plan: the plan.
-        kind: format of the file.
-        scene: in space the bodies as another picture of the problem shows them; None: they are made ready.
+        kind: file format.
+        scene: bodies in space, as prepared for another picture of the problem; when None they are prepared here.
 
     Returns:
         The content of a file of that format.
@@ -55,11 +55,11 @@ def plan_picture(plan: DrawnPlan, kind: FigureFormat = "png", scene: SeenScene |
 
 
 def plan_figure(plan: DrawnPlan, scene: SeenScene | None = None) -> Figure:
-    """Return the same picture as a matplotlib figure, made without pyplot.
+    """Return the picture of a plan as a matplotlib figure, made without pyplot; see ``plan_picture``.
 
     Args:
         plan: the plan.
-        scene: in space the bodies as another picture of the problem shows them; None: they are made ready.
+        scene: bodies in space, as prepared for another picture of the problem; when None they are prepared here.
     """
     problem, points = plan.problem, plan.points
     in_space = problem.dimension == 3
@@ -92,13 +92,13 @@ def plan_figure(plan: DrawnPlan, scene: SeenScene | None = None) -> Figure:
 
 
 def draw_goals(axes: Axes, plan: DrawnPlan, side: Side = PLANE, *, poses: bool = True) -> None:
-    """All goals, with their numbers where there are several, and perhaps the arm at those on the way.
+    """Draw all goals, numbered where there are several, and optionally the arm at the intermediate ones.
 
     Args:
-        axes: whose limits are set.
-        plan: whose goals they are.
-        side: from which they are seen.
-        poses: whether to draw the arm.
+        axes: axes with their limits set.
+        plan: plan with the goals.
+        side: direction of view.
+        poses: whether to draw the arm at the intermediate goals.
     """
     problem = plan.problem
     reach = 0.0 if side is PLANE else ARROW_IN_LINKS * problem.arm.link_length
@@ -114,18 +114,18 @@ def draw_goals(axes: Axes, plan: DrawnPlan, side: Side = PLANE, *, poses: bool =
             pointing = stop.goal.direction
             place = side(stop.goal.tip(problem.arm))
             across, up = (0.0, 0.0) if pointing is None else side(pointing)
-            # A direction that is seen from its end has no arrow to stand behind.
+            # A direction seen end-on has no arrow for the number to stand behind.
             heading = float(np.arctan2(up, across)) if np.hypot(across, up) > _LEAST_SEEN else None
             number_goal(axes, place, heading, number, _LABEL_SIZE - 0.5)
 
 
 def even_steps(points: FloatArray, count: int, *, ends: bool = False) -> IntArray:
-    """So many samples between start and end that are about equally far apart, by the distance that all joints travel.
+    """Choose samples between start and end about equally far apart in the mean travel of all joints.
 
     Args:
-        points: of the arm at all samples, shape (T, links + 1, 2) [m].
-        count: between the ends.
-        ends: whether the first and the last sample are among them, besides.
+        points: joints and tip at all samples, shape (T, links + 1, d) [m].
+        count: number of samples between the ends.
+        ends: whether to add the first and the last sample.
     """
     moved = np.linalg.norm(np.diff(points, axis=0), axis=2).mean(axis=1)
     travelled = np.concatenate(([0.0], np.cumsum(moved)))
@@ -142,19 +142,19 @@ def draw_goal(
     side: Side = PLANE,
     reach: float = 0.0,
 ) -> None:
-    """An arrow at the goal, where it points; only a ring where any direction will do, or for a whole pose.
+    """Draw a goal as a ring, with an arrow along its direction where it has one.
 
-    Tolerances that are wide enough to be seen are drawn too: the disc that the tip may end in, and in the plane the
-    headings that it may have there. Crosses mark places to pass on the way.
+    There is no arrow where any direction will do, or for a whole pose. Tolerances wide enough to be seen are drawn too:
+    the disc of positions, and in the plane the wedge of headings. Crosses mark the via points.
 
     Args:
-        axes: whose limits are set.
-        goal: what is drawn.
-        tolerances: of it.
-        tip: where the tip is to be, shape (d,) [m].
-        label: in the legend, where the places to pass are named too; empty for none.
-        side: from which it is seen.
-        reach: length of the arrow [m]; 0 for a share of what is shown, which differs between views.
+        axes: axes with their limits set.
+        goal: goal to draw.
+        tolerances: tolerances of the goal.
+        tip: goal position of the tip, shape (d,) [m].
+        label: label in the legend, where via points are named too; empty for none.
+        side: direction of view.
+        reach: length of the arrow [m]; 0 for a share of the width of the axes, which differs between views.
     """
     place = side(tip)
     axes.plot(

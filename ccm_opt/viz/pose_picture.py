@@ -1,4 +1,4 @@
-"""Pictures of poses and of where the tip can be."""
+"""Pictures of goal poses, and of reach maps."""
 
 from typing import Any
 
@@ -21,11 +21,11 @@ from ccm_opt.viz.settings import PICTURES
 from ccm_opt.viz.views import SeenScene, Sheet, draw_base, draw_pose, dress_view, figure_layout, view_box
 
 _SCALE_ROOM = 0.9
-"""Room for a scale of colours at the right [inch]."""
+"""Width of the colour scale at the right [inch]."""
 _CURVE_PLACES = 401
-"""Points by which a curve is drawn."""
+"""Points at which a curve is sampled for drawing."""
 _BAR_SHARE = 0.02
-"""Half the length of the bar at a side that a pose leans on, as a share of the arm's length."""
+"""Half the length of the bar on a side that a pose leans on, as a share of the arm's length."""
 
 
 def pose_png(found: StaticPose) -> bytes:
@@ -34,7 +34,7 @@ def pose_png(found: StaticPose) -> bytes:
 
 
 def pose_figure(found: StaticPose) -> Figure:
-    """Return the same picture as a matplotlib figure, made without pyplot."""
+    """Return the picture of a pose as a matplotlib figure, made without pyplot."""
     problem, points, curve = found.problem, found.joint_positions, found.curve
     in_space = problem.dimension == 3
     sheet = Sheet.of(problem, view_box(problem, points) if in_space else whole_room(problem.workspace))
@@ -61,7 +61,7 @@ def _pose_title(found: StaticPose) -> str:
 
 
 def _draw_curve(axes: Axes, line: FloatArray, ends: FloatArray) -> None:
-    """The curve, and a mark where one segment ends and the next begins; places as they are drawn, shape (n, 2)."""
+    """Draw the curve and the ends of its segments; places in the picture, shape (n, 2) [m]."""
     axes.plot(*line.T, color=style.TIP_PATH, linewidth=1.3, zorder=7, label="curve")
     axes.plot(
         *ends.T, linestyle="none", marker="D", markersize=4, markerfacecolor="white",
@@ -70,7 +70,7 @@ def _draw_curve(axes: Axes, line: FloatArray, ends: FloatArray) -> None:
 
 
 def _draw_binding(axes: Axes, found: StaticPose) -> None:
-    """A bar across the side that a link leans on, where the room that it has ends; the stronger the wider."""
+    """Draw a bar on each side that a link leans on, at the end of its clearance; wider bars bind more strongly."""
     if not found.binding:
         return
     strongest = max(side.multiplier for side in found.binding)
@@ -91,19 +91,19 @@ def _bar(found: StaticPose, side: BindingSide) -> list[tuple[float, float]]:
 
 
 def reach_png(found: ReachMap) -> bytes:
-    """Return the picture of a map: the content of a PNG file."""
+    """Return the picture of a reach map: the content of a PNG file."""
     return figure_file(lambda: reach_figure(found), "png")
 
 
 def reach_figure(found: ReachMap) -> Figure:
-    """Return the same picture as a matplotlib figure, made without pyplot."""
+    """Return the picture of a reach map as a matplotlib figure, made without pyplot."""
     return _reach_in_space(found) if found.problem.dimension == 3 else _reach_in_plane(found)
 
 
 def _reach_in_plane(found: ReachMap) -> Figure:
     workspace = found.problem.workspace
     (across, up), (left, bottom, width, height) = figure_layout(whole_room(workspace))
-    # Room for the scale of colours at the right.
+    # The colour scale takes up the space at the right.
     wider = across + _SCALE_ROOM
     figure = Figure(figsize=(wider, up), dpi=PICTURES.dots_per_inch)
     axes = figure.add_axes((left * across / wider, bottom, width * across / wider, height))
@@ -118,7 +118,7 @@ def _reach_in_plane(found: ReachMap) -> Figure:
 
 
 def _draw_cells(axes: Axes, found: ReachMap) -> None:
-    """Every cell in its colour, under the obstacles."""
+    """Draw every cell in its colour, under the obstacles."""
     shares = found.taken.mean(axis=2)
     colours = colormaps[style.HEADING_COLOURS](style.LEAST_SHADE + (1.0 - style.LEAST_SHADE) * shares)
     colours[~found.reachable] = to_rgba(style.NOT_FOUND)
@@ -127,7 +127,7 @@ def _draw_cells(axes: Axes, found: ReachMap) -> None:
     x, y = found.axes
     extent = (x[0] - half, x[-1] + half, y[0] - half, y[-1] + half)
     axes.autoscale(enable=False)
-    # Beyond the grid everything is farther away than the arm is long.
+    # Everything beyond the grid is farther from the base than the arm is long.
     boundary = found.problem.workspace.boundary
     room = polygon_patch(boundary, facecolor=style.PROVED, edgecolor=style.BOUNDARY, linewidth=1.6, zorder=0.4)
     axes.add_patch(room)
@@ -136,14 +136,14 @@ def _draw_cells(axes: Axes, found: ReachMap) -> None:
 
 
 def _name_colour(axes: Axes, colour: Any, label: str) -> None:
-    """A line of the legend for a colour of cells."""
+    """Add a cell colour to the legend."""
     axes.plot(
         [], [], linestyle="none", marker="s", markersize=8, color=colour, markeredgecolor=style.WALL_EDGE, label=label
     )
 
 
 def _scale(figure: Figure, left: float, bottom: float, height: float) -> None:
-    """What the colours of reached cells mean."""
+    """Draw the colour scale of reachable cells."""
     shades = colormaps[style.HEADING_COLOURS](np.linspace(style.LEAST_SHADE, 1.0, 256))
     axes = figure.add_axes((left, bottom, 0.02, height))
     axes.imshow(shades[:, None], origin="lower", aspect="auto", extent=(0.0, 1.0, 0.0, 360.0))
@@ -155,7 +155,7 @@ def _scale(figure: Figure, left: float, bottom: float, height: float) -> None:
 
 
 _ACROSS = (2, 1, 0)
-"""Which axis each of the three sides looks along."""
+"""Axis that each of the three views looks along."""
 
 
 def _reach_in_space(found: ReachMap) -> Figure:
@@ -192,7 +192,7 @@ def _reach_in_space(found: ReachMap) -> Figure:
 
 
 def _legend(figure: Figure, axes: Axes, found: ReachMap) -> None:
-    """What the colours of cells mean, in two lines below the views."""
+    """Draw the legend of the cell colours below the views."""
     with words_in(found.problem.length_unit):
         seen = short_length(found.seen)
     meanings = (
@@ -208,13 +208,13 @@ def _legend(figure: Figure, axes: Axes, found: ReachMap) -> None:
 
 
 def _shades(found: ReachMap, gap: FloatArray) -> FloatArray:
-    """Return the colours of cells that are reached, by their room, shape (..., 4)."""
+    """Return the colours of reachable cells by their clearance, shape (..., 4)."""
     share = np.clip(gap / found.seen, 0.0, 1.0)
     return np.asarray(colormaps[style.HEADING_COLOURS](style.LEAST_SHADE + (1.0 - style.LEAST_SHADE) * share))
 
 
 def _colours(found: ReachMap) -> FloatArray:
-    """Of all cells, shape (nx, ny, nz, 4)."""
+    """Return the colours of all cells, shape (nx, ny, nz, 4)."""
     colours = _shades(found, np.nan_to_num(found.gap))
     colours[~found.reachable] = to_rgba(style.NOT_FOUND)
     colours[found.proved] = to_rgba(style.PROVED)
@@ -222,7 +222,7 @@ def _colours(found: ReachMap) -> FloatArray:
 
 
 def _draw_cloud(axes: Axes, found: ReachMap, scene: SeenScene) -> None:
-    """All places that are reached, those behind first, among the bodies that are near them."""
+    """Draw all reachable places from back to front, among the bodies near them."""
     side: Side = SLANTED
     places = found.places[found.reachable]
     about = np.vstack((places, found.problem.arm.base))

@@ -1,4 +1,4 @@
-"""What pages say of clearance and survived errors."""
+"""Clearance and survived errors in words, and as sections of pages."""
 
 import re
 from collections.abc import Iterator
@@ -21,7 +21,7 @@ from ccm_opt.viz.checks_section import joint_in_words
 from ccm_opt.viz.document import Markup, PageUnits, coded, element, step_for
 
 _WANTED_GAPS_SHOWN = 4.0
-"""Gaps up to so many times the wanted one are drawn."""
+"""Range of the chart of gaps, in multiples of the wanted gap."""
 
 _BOUNDS = {
     "start": "the start pose has no more",
@@ -37,12 +37,12 @@ _CAUSES = {
 
 
 def room_sentences(room: RoomRecord, units: PageUnits, most: int = 3) -> Iterator[str]:
-    """Yield what a person wants to know of a motion's room, the most important first.
+    """Yield sentences on the clearance of a motion, the most important first.
 
     Args:
         room: the record.
-        units: in which lengths are told.
-        most: stretches with less than the wanted gap that are named, those that miss most.
+        units: units of lengths.
+        most: most stretches short of the wanted gap that are named, those that fall shortest.
     """
     yield _least_gap(room, units)
     worst = sorted(room.short, key=lambda part: part.nearest.gap - part.nearest.wanted)[:most]
@@ -60,11 +60,11 @@ def room_sentences(room: RoomRecord, units: PageUnits, most: int = 3) -> Iterato
 
 
 def _least_gap(room: RoomRecord, units: PageUnits) -> str:
-    """Return the least gap of the motion and where it is."""
+    """Return the least gap of the motion, and where it is."""
     near = room.nearest
     if not near.link:
         return f"least gap more than {units.given(room.reach, 'm')}, the farthest that the room is measured"
-    # Where there is no clearance, or another link is nearest, a gap is a distance and needs no more words.
+    # Without a clearance, or where another link is nearest, the gap is the distance itself.
     counted = room.clearance and not near.second_link
     beyond = f" beyond the clearance of {units.given(room.clearance, 'm')}" if counted else ""
     wanted = f" of the wanted {units.given(near.wanted, 'm')}" if near.wanted else ""
@@ -72,7 +72,7 @@ def _least_gap(room: RoomRecord, units: PageUnits) -> str:
 
 
 def _short_stretch(part: ShortStretch, units: PageUnits) -> str:
-    """Return when there is less than the wanted gap, and why."""
+    """Return when the gap is less than wanted, and why."""
     near = part.nearest
     gap = f"{units.length(near.gap)} of {units.given(near.wanted, 'm')}"
     times = f"{part.begin:.2f} to {part.end:.2f} s"
@@ -80,7 +80,7 @@ def _short_stretch(part: ShortStretch, units: PageUnits) -> str:
 
 
 def _bound(possible: PossibleGap, units: PageUnits) -> str:
-    """Return what stands against more room."""
+    """Return what bounds the gap of any motion."""
     most = units.length(possible.value)
     if possible.walls:
         one, other = possible.walls
@@ -89,7 +89,7 @@ def _bound(possible: PossibleGap, units: PageUnits) -> str:
 
 
 def room_section(room: RoomRecord | None, units: PageUnits) -> Markup | None:
-    """Return the section with its heading; nothing where nobody measured the room.
+    """Return the section on clearance; None if it was not measured.
 
     Args:
         room: the record.
@@ -109,7 +109,7 @@ def room_section(room: RoomRecord | None, units: PageUnits) -> Markup | None:
 
 
 def nearest_mark(solution: Solution, units: PageUnits) -> dict[str, object] | None:
-    """Return where the least gap is, with its words, for the scene; None where nothing is near."""
+    """Return the place of the least gap and its words, for the scene; None if nothing is near."""
     room = solution.room
     if room is None or not room.nearest.link:
         return None
@@ -118,7 +118,7 @@ def nearest_mark(solution: Solution, units: PageUnits) -> dict[str, object] | No
 
 
 def least_gap_place(problem: Problem, trajectory: JointTrajectory, near: NearPlace) -> FloatArray:
-    """Return the half-way between the two bodies of a least gap at its time, shape (2,) [m]."""
+    """Return the point midway between the two bodies at the least gap, shape (2,) [m]."""
     at = [np.interp(near.time, trajectory.time, column) for column in trajectory.positions.T]
     points = problem.arm.joint_positions_at(np.array(at))
     first = shapely.LineString(points[near.link - 1 : near.link + 1])
@@ -147,12 +147,12 @@ _TIME = re.compile(r" at t = (\d+(?:\.\d+)?) s")
 
 
 def survived_in_words(error: SurvivedError, units: PageUnits, *, in_space: bool) -> tuple[str, str, str]:
-    """Return what is otherwise than planned, the largest error that is survived, and what limits it, and when.
+    """Return the kind of error, the largest one that is survived, and what limits it and when.
 
     Args:
-        error: that is survived, with what limits it.
-        units: of the page or table.
-        in_space: whether joints have two bends, which are told apart.
+        error: the survived error, with what limits it.
+        units: units of the page or table.
+        in_space: whether joints have two bends, with names of their own.
     """
     where = _TIME.sub(lambda time: f" at {float(time[1]):.2f} s", error.where)
     least = "" if error.limited else "≥ "
@@ -164,7 +164,7 @@ def survived_in_words(error: SurvivedError, units: PageUnits, *, in_space: bool)
 
 
 def gap_data(room: RoomRecord) -> dict[str, object]:
-    """Return the record of a motion's room as the page's script reads it; lengths [m], times [s].
+    """Return the record of a motion's clearance as the page's script reads it; lengths [m], times [s].
 
     Args:
         room: the record.
@@ -187,8 +187,8 @@ def gap_data(room: RoomRecord) -> dict[str, object]:
 
 
 def chart_top(room: RoomRecord) -> float:
-    """Gap at the upper edge of the chart [m]: some times the wanted or the least one, the largest if that is less."""
-    # What is beyond the record's reach stands there as the reach, and is not shown as if it were a gap.
+    """Return the gap at the top of the chart [m]: a multiple of the wanted or least gap, at most the largest."""
+    # The record caps gaps at its search distance; capped values are not shown as if they were gaps.
     largest = 1.1 * float(room.gaps.max())
     shown = max(_WANTED_GAPS_SHOWN * room.wanted, 2.0 * float(room.gaps.min())) if room.wanted else room.reach
     return max(min(shown, largest, 0.98 * room.reach), 1.5 * room.wanted, 1e-3 * room.reach)

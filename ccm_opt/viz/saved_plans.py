@@ -1,4 +1,4 @@
-"""Plans kept and shown from Python: saved to a folder, loaded from one, drawn, and animated."""
+"""Plans in Python: saved to a folder, loaded from one, drawn and animated."""
 
 import sys
 from dataclasses import dataclass, field
@@ -23,14 +23,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, repr=False)
 class SavedPlan:
-    """A plan as its folder holds it.
+    """A plan as read from its folder.
 
     Attributes:
-        folder: where it was loaded from.
-        problem: what it solves.
-        trajectory: the motion in time.
-        joints: the same for the drives.
-        motion: all of its arrays.
+        folder: folder that the plan was loaded from.
+        problem: problem that the plan solves.
+        trajectory: the timed motion.
+        joints: the timed motion of the drives.
+        motion: all arrays of the motion.
     """
 
     folder: Path
@@ -46,14 +46,14 @@ class SavedPlan:
 def load(folder: str | Path) -> SavedPlan:
     """Load a plan from an output folder of ``ccm-opt solve`` or of ``save``.
 
-    What is loaded is read, not verified again: ``ccm_opt.check(plan.problem, plan.trajectory, plan.joints)`` does that.
+    The plan is not verified again; ``ccm_opt.check(plan.problem, plan.trajectory, plan.joints)`` does that.
 
     Args:
-        folder: the folder.
+        folder: the output folder.
 
     Raises:
         ProblemError: there is no such folder, or it is not readable.
-        VerificationError: it holds the record of a failure.
+        VerificationError: the folder holds the record of a failure.
     """
     expect(folder, (str, Path), "the path of an output folder")
     place = Path(folder)
@@ -67,13 +67,13 @@ def save(solution: Solution, folder: str | Path) -> Path:
 
     Args:
         solution: the plan.
-        folder: that is to hold it; an earlier plan in it gives way, files of yours stay.
+        folder: the output folder; an earlier plan in it is replaced, your own files stay.
 
     Returns:
         The folder.
 
     Raises:
-        ProblemError: it cannot be written, or holds something else.
+        ProblemError: the folder cannot be written, or holds something other than a plan.
     """
     expect(solution, Solution, "a ccm_opt.Solution", "ccm_opt.solve makes one")
     expect(folder, (str, Path), "the path of an output folder")
@@ -81,13 +81,13 @@ def save(solution: Solution, folder: str | Path) -> Path:
 
 
 def plot(plan: Solution | SavedPlan) -> "Figure":
-    """Draw a plan: room, start, poses on the way, goals, path of the tip, least gap.
+    """Draw a plan: workspace, start, poses on the way, goals, path of the tip, least gap.
 
     Args:
-        plan: just made, or loaded.
+        plan: a solution, or a plan loaded from its folder.
 
     Returns:
-        A matplotlib figure, which notebooks show, and ``savefig`` writes.
+        A matplotlib figure, which notebooks display and ``savefig`` writes.
     """
     from ccm_opt.viz.plan import plan_figure  # noqa: PLC0415 - loads matplotlib
 
@@ -98,14 +98,14 @@ def animate(plan: Solution | SavedPlan, file: str | Path) -> Path:
     """Write a film of a plan.
 
     Args:
-        plan: just made, or loaded.
-        file: ends with ``.gif``, or with ``.mp4`` where ffmpeg is installed.
+        plan: a solution, or a plan loaded from its folder.
+        file: path of the film, ending with ``.gif``, or with ``.mp4`` where ffmpeg is installed.
 
     Returns:
         The file.
 
     Raises:
-        ProblemError: for another ending, without ffmpeg, or where the file cannot be written.
+        ProblemError: for another ending, without ffmpeg, or if the file cannot be written.
     """
     from ccm_opt.viz.films import motion_gif, motion_mp4  # noqa: PLC0415 - loads matplotlib
 
@@ -119,7 +119,7 @@ def animate(plan: Solution | SavedPlan, file: str | Path) -> Path:
 
 
 def drawn(plan: Solution | SavedPlan) -> "DrawnPlan":
-    """Return what pictures show of a plan; of one that was loaded the simulated arm too."""
+    """Return the data that pictures show of a plan; a loaded planar plan includes the simulated arm."""
     from ccm_opt.viz.arm_drawing import DrawnPlan  # noqa: PLC0415 - loads matplotlib
 
     expect(plan, (Solution, SavedPlan), "a plan", "ccm_opt.solve makes one and ccm_opt.load reads one")

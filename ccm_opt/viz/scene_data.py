@@ -1,4 +1,4 @@
-"""What the page draws of a problem: room, obstacles, arm, goals, and what is looked at first."""
+"""The scene of a problem as data for its page: workspace, obstacles, arm, goals, and the initial view."""
 
 from base64 import b64encode
 
@@ -18,32 +18,32 @@ from ccm_opt.scene.surfaces import sharp_edges, within
 from ccm_opt.scene.workspace import Workspace
 
 _PLACE_STEP = 2e-5
-"""Of places in the page, as a share of the room's extent."""
+"""Resolution of places on the page, as a share of the workspace's extent."""
 _MOST_NAMED = 16
-"""Obstacles whose names stand in the scene at first."""
+"""Most obstacles whose names are shown initially."""
 _MOST_OBSTACLES = 80
-"""With more of them, routes and regions are left out, whose search would take too long."""
+"""Most obstacles for which routes and regions are computed; with more, the search would take too long."""
 
 _MOST_VERTICES = 60_000
-"""Of walls that are drawn with every corner; of more, small corners are left out. Taste."""
+"""Most corners of walls that are drawn exactly; beyond that, outlines are simplified. Taste."""
 _MOST_TRIANGLES = 60_000
-"""Of all bodies of a scene in space; of more, small ones are left out. Taste."""
+"""Most triangles of all bodies of a scene in space; beyond that, surfaces are simplified. Taste."""
 _CELL = 2e-3
 """Width of the cells in which corners are joined first, as a share of the scene's extent. Taste."""
 _SHARP = 0.6
-"""Angle between two faces from which on their edge is drawn [rad]. Taste."""
+"""Angle between two faces from which their edge is drawn [rad]. Taste."""
 _ROUND_SIDES = 24
-"""Of balls and bars in space. Taste."""
+"""Number of sides with which balls and bars are drawn in space. Taste."""
 
 SceneData = dict[str, object]
 
 
 def scene_data(problem: Problem, shown: FloatArray) -> SceneData:
-    """Return the arm, start, goals, room and obstacles of a problem, as the scripts of its page read them.
+    """Return arm, start, goals, workspace and obstacles of a problem, as the scripts of its page read them.
 
     Args:
-        problem: whose scene it is.
-        shown: points that the first look at the scene has to hold, shape (m, d) [m].
+        problem: problem with the scene.
+        shown: points that the initial view has to show, shape (m, d) [m].
     """
     arm = problem.arm
     room = _room_in_space if problem.dimension == 3 else _room_in_plane
@@ -64,7 +64,7 @@ def scene_data(problem: Problem, shown: FloatArray) -> SceneData:
 
 
 def _goal_data(number: int, stop: Stop, arm: Arm) -> SceneData:
-    """Return where a goal is marked, along which direction, and with what tolerances."""
+    """Return the position, direction, tolerances and via points of a goal."""
     goal = stop.goal
     return {
         "number": number,
@@ -80,7 +80,7 @@ def _goal_data(number: int, stop: Stop, arm: Arm) -> SceneData:
 def _room_in_plane(problem: Problem, low: FloatArray, high: FloatArray) -> SceneData:
     workspace = problem.workspace
     bounds = np.reshape(workspace.boundary.bounds, (2, 2))
-    # Obstacles may stand out of the room by far, and points may lie outside of it: both are cut for the first look.
+    # Obstacles may stick far out of the workspace and points may lie outside it; the initial view is cropped to it.
     low, high = np.maximum(low, bounds[0]), np.minimum(high, bounds[1])
     margin = 2.0 * problem.arm.radius + 0.06 * float(np.max(high - low))
     return {
@@ -105,7 +105,7 @@ def _room_in_space(problem: Problem, low: FloatArray, high: FloatArray) -> Scene
 
 
 def _walls(workspace: Workspace) -> SceneData:
-    """Boundary and obstacles as paths of SVG in whole steps from the corner of the room, with the size of a step."""
+    """Return boundary and obstacles as SVG paths in integer steps from a corner of the workspace, with the step."""
     xmin, ymin, xmax, ymax = workspace.boundary.bounds
     step = _PLACE_STEP * max(xmax - xmin, ymax - ymin)
     outlines = [obstacle.outline() for obstacle in workspace.obstacles]
@@ -130,7 +130,7 @@ def _walls(workspace: Workspace) -> SceneData:
 
 
 def _name_place(outline: shapely.Geometry) -> list[float | list[float]]:
-    """A point in an obstacle, and how far the obstacle goes from it to the left and right, and down and up [m]."""
+    """Return a point in an obstacle, and the obstacle's extent from there to left and right, and down and up [m]."""
     box = shapely.bounds(outline)
     x, y = shapely.get_coordinates(shapely.point_on_surface(outline))[0]
     reaches = (x, y), (x - box[0], box[2] - x), (y - box[1], box[3] - y)
@@ -139,7 +139,7 @@ def _name_place(outline: shapely.Geometry) -> list[float | list[float]]:
 
 
 def path_in_steps(geometry: shapely.Geometry, origin: FloatArray, step: float) -> str:
-    """A polygon or line as a path of SVG whose numbers are whole steps from an origin, each less the one before."""
+    """Return a polygon or line as an SVG path of relative moves, in integer steps from an origin."""
     if isinstance(geometry, shapely.Polygon):
         rings = (geometry.exterior, *geometry.interiors)
         return "".join(f"{_line_in_steps(ring, origin, step)}z" for ring in rings)
@@ -156,18 +156,18 @@ def _line_in_steps(line: shapely.Geometry, origin: FloatArray, step: float) -> s
 
 
 _NO_WIDTH = 1e-6
-"""Stands for the radius of an arm of no width, as a share of its length."""
+"""Radius assumed for an arm of no width, as a share of its length."""
 
 
 def route_layers(problem: Problem, end: FloatArray) -> dict[str, object]:
-    """Return the way that the arm takes round the obstacles in its last pose, drawn taut, and the regions along it.
+    """Return the arm's way around the obstacles in its last pose, pulled taut, and the regions along it.
 
     Args:
-        problem: what was asked.
-        end: the last pose, joints and tip, shape (links + 1, 2) [m].
+        problem: the problem as posed.
+        end: joints and tip of the last pose, shape (links + 1, 2) [m].
 
     Returns:
-        ``route``, ``length`` [m] and ``regions``; empty where there are too many obstacles or no such way.
+        ``route``, ``length`` [m] and ``regions``; empty if there are too many obstacles or no such way.
     """
     if len(problem.workspace.obstacles) > _MOST_OBSTACLES:
         return {}
@@ -178,21 +178,21 @@ def route_layers(problem: Problem, end: FloatArray) -> dict[str, object]:
         taut = space.sleeve_path(sleeve, end[0], end[-1])
         corridor = space.corridor(Route(sleeve, taut, path_length(taut)))
     except CcmError:
-        # The base may stand in a wall, and the mount may lead through one: then there is no such way.
+        # The base may stand in a wall, or the mount lead through one; then there is no way through free space.
         return {}
     regions = [np.round(region.vertices, 6).tolist() for region in corridor.regions]
     return {"route": np.round(taut, 6).tolist(), "length": path_length(taut), "regions": regions}
 
 
 _CORNER_STEPS = 65535
-"""Corners of bodies are told apart to this part of the extent of their body."""
+"""Resolution of the corners of a body: steps across its extent."""
 
 
 def _body_data(name: str, body: Body, share: int, extent: FloatArray) -> dict[str, object]:
-    """Return a body: corners as whole numbers of 16 bits, faces and sharp edges as numbers of corners, in base 64."""
+    """Return a body in base 64: corners as 16-bit integers, faces and sharp edges as indices of corners."""
     surface = body.surface(_ROUND_SIDES)
     vertices, faces = within(*surface, max(share, 500), _CELL * float(np.max(np.ptp(extent, axis=0))))
-    # Corners that several triangles have at one place are written once.
+    # Corners shared by several triangles are written once.
     places, number = np.unique(vertices, axis=0, return_inverse=True)
     joined = number.reshape(-1)[faces]
     low = places.min(axis=0)

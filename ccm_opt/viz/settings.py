@@ -1,11 +1,11 @@
-"""Numbers of pictures and pages."""
+"""Settings of pictures and films."""
 
 from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
 class PictureSettings:
-    """Sizes of the still pictures; all of them are taste.
+    """Sizes of still pictures. Taste, all of them.
 
     Attributes:
         dots_per_inch: resolution.
@@ -15,9 +15,9 @@ class PictureSettings:
         right: margin [inch].
         top: margin for the title [inch].
         bottom: margin for axis labels and legend [inch].
-        beside_room: the same round the whole room.
-        most_named_obstacles: with more obstacles than this their names would hide the picture.
-        least_error: smaller tracking errors are drawn at this one, on their logarithmic scale [rad] or [m].
+        beside_room: margin around the whole workspace, as a share of its longest side.
+        most_named_obstacles: with more obstacles than this, names are left out, since they would hide the picture.
+        least_error: smaller tracking errors are drawn as this one on their logarithmic scale [rad] or [m].
     """
 
     dots_per_inch: int = 120
@@ -34,16 +34,17 @@ class PictureSettings:
 
 @dataclass(frozen=True)
 class FilmSettings:
-    """Sizes of the film; all of them are taste.
+    """Sizes of films. Taste, all of them.
 
     Attributes:
-        longest_side: of a frame [pixel].
-        frames_a_second: while the motion is shorter than the film may be [1/s]; a film counts hundredths of a second.
-        most_frames: of longer motions, which are shown faster than they are.
-        last_frame: how long the last frame stands [ms].
-        colours: in the palette of the film.
+        longest_side: longest side of a frame [pixel].
+        frames_a_second: frame rate of motions that need no more than ``most_frames`` [1/s]; GIF times count in
+            hundredths of a second.
+        most_frames: most frames of a film; longer motions are shown faster than real time.
+        last_frame: duration of the last frame [ms].
+        colours: number of colours in the palette of the film.
         video_side: longest side of a frame of a video [pixel].
-        video_frames_a_second: of a video [1/s].
+        video_frames_a_second: frame rate of a video [1/s].
     """
 
     longest_side: int = 480
@@ -56,8 +57,8 @@ class FilmSettings:
 
 
 PICTURES = PictureSettings()
-"""Used where no other settings are given."""
+"""Default sizes of still pictures."""
 FILM = FilmSettings()
-"""Likewise."""
+"""Default sizes of films in the plane."""
 SPACE_FILM = FilmSettings(longest_side=520, frames_a_second=12, most_frames=60, last_frame=1500, colours=128)
-"""Likewise in space, where a frame holds more, and a film therefore fewer frames."""
+"""Default sizes of films in space: their frames hold more detail, so there are fewer of them."""

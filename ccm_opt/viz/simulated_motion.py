@@ -1,6 +1,6 @@
 """Pictures of simulated motions and survived errors.
 
-Each link is drawn as wide as the errors that the plan survives may take it, by the bound that is certified.
+Each link is drawn as wide as the survived errors may take it, by the certified bound.
 """
 
 import numpy as np
@@ -31,7 +31,7 @@ from ccm_opt.viz.views import (
 )
 
 _SIMULATED_POSES = (0.25, 0.5, 0.75)
-"""Shares of the duration at which the simulated arm is drawn on its way."""
+"""Shares of the duration at which the simulated arm is drawn."""
 
 
 def simulation_png(
@@ -40,16 +40,16 @@ def simulation_png(
     """Return the picture of a simulated motion: the content of a PNG file.
 
     Args:
-        problem: arm and room.
+        problem: arm and workspace.
         trajectory: the plan.
         joints: the plan for all revolutes.
-        simulated: what the arm did.
+        simulated: motion of the simulated arm.
     """
     return figure_file(lambda: _simulation_figure(problem, trajectory, joints, simulated), "png")
 
 
 def simulated_samples(trajectory: JointTrajectory, simulated: SimulatedMotion) -> int:
-    """Number of samples that the simulation reached: those after a run was stopped show nothing of the arm."""
+    """Return the number of samples that the simulation reached; later ones hold no data."""
     verdict = simulated.verdict
     if verdict.outcome != "diverged" or verdict.time is None:
         return len(trajectory.time)
@@ -59,7 +59,7 @@ def simulated_samples(trajectory: JointTrajectory, simulated: SimulatedMotion) -
 def draw_errors(
     axes: Axes, trajectory: JointTrajectory, joints: JointStates, simulated: SimulatedMotion, least: float
 ) -> None:
-    """Largest joint error over time, on a logarithmic scale, and when the arm ceased to follow."""
+    """Draw the largest joint error over time on a logarithmic scale, and when the arm ceased to follow."""
     reached = slice(simulated_samples(trajectory, simulated))
     time = trajectory.time[reached]
     errors = np.max(np.abs(simulated.angles - joints.angles), axis=1)[reached]
@@ -79,9 +79,9 @@ def draw_errors(
 def _simulation_figure(
     problem: Problem, trajectory: JointTrajectory, joints: JointStates, simulated: SimulatedMotion
 ) -> Figure:
-    """Return the planned end, simulated poses and end, in the plane or from above and from the front.
+    """Return the figure of a simulated motion, with its errors over time.
 
-    And the errors over time.
+    It shows the planned end, simulated poses and the simulated end, in the plane or from above and from the front.
     """
     arm, reached = problem.arm, simulated_samples(trajectory, simulated)
     carried = np.sum(simulated.base_positions[:reached], axis=1)
@@ -102,7 +102,7 @@ def _simulation_figure(
         axes = figure.add_subplot(grid[row, 0])
         scene.begin_view(axes, side, window)
         dress_view(axes, side, problem)
-        # The width of a band is known once its axes have their place.
+        # The width of the band depends on the place of its axes.
         figure.draw_without_rendering()
         draw_pose(axes, side, planned[-1], arm.radius, "start", "planned end")
         for k, pose in enumerate(between):
@@ -117,7 +117,7 @@ def _simulation_figure(
 
 
 def _sheet_with_errors(spans: list[FloatArray]) -> tuple[Figure, GridSpec]:
-    """A figure with room for views, one below the other, of extents of shape (2,) [m], and for the errors beside."""
+    """Return a figure for stacked views with extents of shape (2,) [m], and for the errors next to them."""
     scale = VIEW_SIDE / float(np.max(spans))
     width = max(scale * spans[0][0], 2.6)
     heights = [max(scale * span[1], 1.3) for span in spans]
@@ -127,12 +127,12 @@ def _sheet_with_errors(spans: list[FloatArray]) -> tuple[Figure, GridSpec]:
 
 
 def tolerance_png(problem: Problem, trajectory: JointTrajectory, error: SurvivedError) -> bytes:
-    """Return the picture of what errors of the joints may do: the content of a PNG file.
+    """Return the picture of the effect of joint errors: the content of a PNG file.
 
     Args:
-        problem: arm and room.
+        problem: arm and workspace.
         trajectory: the plan.
-        error: of the joints, that it survives.
+        error: the survived joint error.
     """
     return figure_file(lambda: _tolerance_figure(problem, trajectory, error), "png")
 
@@ -163,12 +163,12 @@ def _tolerance_figure(problem: Problem, trajectory: JointTrajectory, error: Surv
 
 
 def _draw_error_reach(axes: Axes, flat: FloatArray, half: FloatArray) -> None:
-    """Every link as wide as it may get.
+    """Draw every link as wide as errors may take it.
 
     Args:
-        axes: with their limits and aspect.
+        axes: axes with their limits and aspect set.
         flat: joints and tip in the picture, shape (links + 1, 2) [m].
-        half: width of each link to either side, shape (links,) [m].
+        half: distance of each link's edge to either side, shape (links,) [m].
     """
     scale = points_a_metre(axes)
     for link, width in enumerate(half):
@@ -181,7 +181,7 @@ def _draw_error_reach(axes: Axes, flat: FloatArray, half: FloatArray) -> None:
 
 
 def _mark_limiting_place(axes: Axes, side: Side, error: SurvivedError) -> None:
-    """A cross where the error is limited."""
+    """Draw a cross at the place that limits the error."""
     if error.place:
         axes.plot(
             *side(np.array(error.place)), marker="x", markersize=8, markeredgewidth=2.0, linestyle="none", zorder=9,

@@ -1,8 +1,8 @@
-"""Time series of a page.
+"""Time series of a plan for its page.
 
-The path is taken in the space of the bends, so that the speed along it is the length of the vector of joint velocities.
-For every sample each limit has a share: the greatest magnitude of its quantity by its bound. The limit with the
-greatest share is the one that binds; the velocity limits alone would bind at the speed divided by their share.
+The path is measured in bend space, so that the speed along it is the norm of the joint velocities. At every sample,
+each limit has a share: the greatest magnitude of its quantity divided by its bound. The limit with the greatest share
+binds; the velocity limits alone would allow the speed divided by their share.
 """
 
 import heapq
@@ -18,32 +18,34 @@ from ccm_opt.robot.frames import bends_from_revolutes
 from ccm_opt.viz.document import NUMBER_STEP, PageUnits, coded, step_for
 
 _MOST_NUMBERS = 70_000
-"""Of one chart with all its curves; with more curves each has fewer samples. Taste."""
+"""Most numbers in a chart with all its curves; with more curves, each has fewer samples. Taste."""
 _MOST_SAMPLES = 2000
-"""Of one chart. Taste."""
+"""Most samples of a chart. Taste."""
 _LEAST_SAMPLES = 120
-"""Of one chart, even where that takes more numbers. Taste."""
+"""Samples granted to a chart even where that takes more numbers. Taste."""
 _MOVING = 0.02
-"""Least share of a joint's velocity limit at which a sample says what limits the speed. Taste."""
+"""Share of the velocity limits above which the speed that they would allow is given for a sample. Taste."""
 _CURVE_ERROR = 2e-3
-"""Distance that a sample may have from its curve, as a share of the chart's range."""
+"""Largest distance of a sample from its drawn curve, as a share of the chart's range."""
 _POSE_ERROR = 1e-4
-"""The same of the joints' bends, from which the arm is drawn [rad]."""
+"""Largest distance of a joint bend from its curve, from which the arm is drawn [rad]."""
 
 
 def select_samples(time: FloatArray, columns: FloatArray, tolerance: float, most: int, always: IntArray) -> IntArray:
-    """Choose the samples that are kept, by their numbers, increasing.
+    """Select the samples to keep, as increasing indices.
 
-    Sample by sample, the one that is farthest from the lines between those kept so far is added (Ramer 1972, Douglas
-    and Peucker 1973, here for all columns at once and the worst first). Unlike the least and greatest of even stretches
-    of time this bounds the error, by which the page draws the arm, and keeps a tenth of the samples.
+    The sample farthest from the lines between those kept so far is added, one at a time (Ramer 1972, Douglas and
+    Peucker 1973, here for all columns at once and the worst first). Unlike keeping the minimum and maximum of even
+    stretches of time, this bounds the error, on which the page's drawing of the arm depends, and keeps a tenth of the
+    samples.
 
     Args:
         time: shape (T,), increasing.
         columns: one curve each, shape (T, C).
-        tolerance: largest distance of a sample from the lines that is left, unless ``most`` comes first.
-        most: samples that are kept besides those that are always kept.
-        always: samples that are kept in any case: first and last, least and greatest of every column are kept too.
+        tolerance: largest remaining distance of a sample from the lines, unless ``most`` is reached first.
+        most: most samples kept besides those that are always kept.
+        always: samples that are always kept; so are the first and the last, and the least and the greatest of every
+            column.
     """
     kept = {0, len(time) - 1, *np.argmin(columns, axis=0).tolist(), *np.argmax(columns, axis=0).tolist()}
     kept |= set(always.tolist())
@@ -62,9 +64,9 @@ def select_samples(time: FloatArray, columns: FloatArray, tolerance: float, most
 
 
 def _farthest(time: FloatArray, columns: FloatArray, begin: int, end: int) -> tuple[float, int, int, int] | None:
-    """Return the sample between two that is farthest from their line, with the negative distance first.
+    """Return the sample between two others that is farthest from their line, with the negative distance first.
 
-    None without any.
+    None if there is no sample between them.
     """
     if end - begin < 2:
         return None
@@ -76,11 +78,11 @@ def _farthest(time: FloatArray, columns: FloatArray, begin: int, end: int) -> tu
 
 
 _STILL = 1e-9
-"""Revolutes that do no more than this share of the greatest are rounding, and have no curve."""
+"""Revolutes whose peak is no more than this share of the greatest one show rounding, and get no curve."""
 
 
 _LEAST_TRACKING = 0.01
-"""No instrument tells an arm that is less off its plan from one that is on it [°]."""
+"""Least extent of the axis of tracking errors: no instrument could measure smaller ones [°]."""
 
 
 @dataclass(frozen=True)
@@ -88,14 +90,14 @@ class SeriesGroup:
     """Curves of one quantity over time.
 
     Attributes:
-        key: by which the page's script knows it.
-        title: above the chart.
-        unit: of the values.
-        names: of the curves.
+        key: name of the group in the page's script.
+        title: title above the chart.
+        unit: unit of the values.
+        names: names of the curves.
         values: shape (T, C), in ``unit``.
         limits: bound on the magnitude of each curve, shape (C,); inf where there is none.
-        error: distance that a sample may have from its drawn curve, in ``unit``; None for a share of the range.
-        least: what the axis reaches at least, in ``unit``: what is far below is nothing to people.
+        error: largest distance of a sample from its drawn curve, in ``unit``; None for a share of the range.
+        least: least extent of the axis, in ``unit``, so that negligible values look small.
     """
 
     key: str
@@ -109,7 +111,7 @@ class SeriesGroup:
 
 
 def series_data(solution: Solution) -> list[dict[str, object]]:
-    """Return all groups of a plan, thinned and coded, as the page's script reads them.
+    """Return all groups of a plan, thinned and encoded, as the page's script reads them.
 
     Args:
         solution: the plan.
@@ -135,7 +137,7 @@ def series_groups(solution: Solution) -> Iterator[SeriesGroup]:
 
 
 def _base_groups(solution: Solution) -> Iterator[SeriesGroup]:
-    """Yield what carries the base: its place and speed in the page's unit, and its force; nothing for a fixed base."""
+    """Yield position, velocity and force of the feed axis, lengths in the page's unit; nothing for a fixed base."""
     trajectory = solution.trajectory
     limits = solution.problem.limits
     names = trajectory.coordinates.base_names
@@ -152,7 +154,7 @@ def _base_groups(solution: Solution) -> Iterator[SeriesGroup]:
 
 
 def _drive_groups(solution: Solution) -> Iterator[SeriesGroup]:
-    """Yield the velocities, accelerations and torques of the revolutes that move or bear anything."""
+    """Yield velocities, accelerations and torques of the revolutes that move or carry load."""
     states = solution.joints
     limits = solution.problem.limits
     coordinates = solution.trajectory.coordinates
@@ -166,20 +168,20 @@ def _drive_groups(solution: Solution) -> Iterator[SeriesGroup]:
     ):
         peaks = np.max(np.abs(values), axis=0)
         moved = np.flatnonzero(peaks > _STILL * max(float(peaks.max(initial=0.0)), 1e-300))
-        # The bends' own drives have a curve in any case, so that every chart can show every joint.
+        # Drives of bends always get a curve, so that every chart can show every joint.
         kept = np.union1d(moved, list(bending))
         names = tuple(bending.get(int(k)) or _drive_name(int(k)) for k in kept)
         yield SeriesGroup(key, title, unit, names, values[:, kept], np.asarray(bounds)[kept])
 
 
 def _drive_name(number: int) -> str:
-    """Return a revolute that does not bend the arm by its place in the ball joint."""
+    """Return a name for a revolute that does not bend the arm, by its place in the ball joint."""
     joint, axis = divmod(number, 3)
     return f"joint {joint + 1}, {('first', 'second', 'third')[axis]} revolute"
 
 
 def _tip_speed(solution: Solution) -> SeriesGroup:
-    """Speed of the tip by differences between samples, in the page's unit, with its limit where there is one."""
+    """Return the speed of the tip by finite differences, in the page's unit, with its limit if any."""
     time = solution.trajectory.time
     tips = solution.joint_positions[:, -1]
     velocity = np.gradient(tips, time, axis=0) if len(time) > 1 else np.zeros_like(tips)
@@ -191,7 +193,7 @@ def _tip_speed(solution: Solution) -> SeriesGroup:
 
 
 def _simulated_groups(solution: Solution, joints: tuple[str, ...]) -> Iterator[SeriesGroup]:
-    """Yield how far the simulated arm is from its plan, and what its drives gave."""
+    """Yield the tracking errors and the torques of the simulated arm."""
     simulated = solution.simulation
     if len(simulated.angles) != len(solution.trajectory.time):
         return
@@ -230,12 +232,12 @@ def _coded_group(group: SeriesGroup, time: FloatArray, always: IntArray) -> dict
 
 @dataclass(frozen=True)
 class LimitShare:
-    """How much of one kind of limit a motion uses.
+    """Share of one kind of limit that a motion uses.
 
     Attributes:
-        name: of the kind.
-        share: greatest share of any drive at each sample, shape (T,).
-        drive: number of that drive, shape (T,).
+        name: name of the limit.
+        share: greatest share over all drives at each sample, shape (T,).
+        drive: index of that drive, shape (T,).
         drives: names of the drives.
     """
 
@@ -246,7 +248,7 @@ class LimitShare:
 
 
 def limit_shares(solution: Solution) -> list[LimitShare]:
-    """Return how much of every kind of limit a plan uses at each of its samples."""
+    """Return the share of every kind of limit that a plan uses at each sample."""
     states = solution.joints
     limits = solution.problem.limits
     trajectory = solution.trajectory
@@ -310,19 +312,19 @@ def phase_data(solution: Solution) -> dict[str, object]:
 
 
 def path_and_speed(solution: Solution) -> tuple[FloatArray, FloatArray]:
-    """Return the length of the path of the bends so far [rad], and the speed along it [rad/s], each of shape (T,)."""
+    """Return the path length in bend space so far [rad], and the speed along it [rad/s], each of shape (T,)."""
     trajectory = solution.trajectory
     steps = np.linalg.norm(np.diff(trajectory.bend_angles, axis=0), axis=1)
     return np.concatenate(([0.0], np.cumsum(steps))), np.linalg.norm(trajectory.bend_velocities, axis=1)
 
 
 def speed_at_velocity_limits(speed: FloatArray, shares: list[LimitShare], moving: float) -> FloatArray:
-    """Return the speed along the path at which some velocity would be at its limit, shape (T,) [rad/s].
+    """Return the speed along the path that the velocity limits would allow, shape (T,) [rad/s].
 
     Args:
-        speed: along the path, shape (T,) [rad/s].
-        shares: of all limits.
-        moving: share of the velocity limits below which the direction of motion is too uncertain; NaN there.
+        speed: speed along the path, shape (T,) [rad/s].
+        shares: shares of all limits.
+        moving: share of the velocity limits at or below which the direction of motion is too uncertain; NaN there.
     """
     used = np.max([each.share for each in shares if "velocity" in each.name or "speed" in each.name], axis=0)
     return np.where(used > moving, speed / np.maximum(used, 1e-300), np.nan)

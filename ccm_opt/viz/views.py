@@ -1,4 +1,4 @@
-"""Views of a scene in space: its bodies seen through from one side, the arm as a band."""
+"""Views of a scene: its bodies in space as if of glass, seen from one side, and the arm as a band."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -19,12 +19,11 @@ from ccm_opt.viz.figure_files import label_axis
 from ccm_opt.viz.settings import PICTURES
 
 _MOST_TRIANGLES = 6000
-"""Of all bodies together; of more, small ones are left out. Taste."""
+"""Most triangles of all bodies together; beyond that, surfaces are simplified. Taste."""
 _CELL = 0.008
-"""By how much surfaces may be off in a picture, before their corners are joined in cells of this width, as a share of
-the scene's extent. Taste."""
+"""Width of the cells in which corners are merged to simplify surfaces, as a share of the scene's extent. Taste."""
 _ROUND_SIDES = 24
-"""Of balls and bars. Taste."""
+"""Number of sides with which balls and bars are drawn. Taste."""
 _GLASS = 0.22
 """Opacity of one body. Taste."""
 _SHARP = 0.6
@@ -32,47 +31,47 @@ _SHARP = 0.6
 VIEW_SIDE = 4.6
 """Longest side of one view [inch]. Taste."""
 SPACE_DOTS_PER_INCH = 110
-"""Of PNG files. Taste."""
+"""Resolution of PNG files of space. Taste."""
 _LEAST_TRIANGLES = 200
-"""Of one body, however many there are."""
+"""Triangles granted to each body, however many bodies there are."""
 _FEWEST_SIDES = 12
-"""Of them where there are so many bodies that each may have few triangles only."""
+"""Number of sides of balls and bars where there are so many that each may have few triangles only."""
 _GLASS_PIXELS = 700
-"""Of the longer side of a view, in which bodies are drawn."""
+"""Pixels of the longer side of a view, at which bodies are rendered."""
 
 
 _LEAST_WIDTH = 2.6
-"""Of that drawing [inch], so that the legend finds its place."""
+"""Least width of a planar drawing [inch], so that the legend fits."""
 _BESIDE_ACTION = 0.07
-"""Room left round all that moves, as a share of its longest side."""
+"""Margin around everything that moves, as a share of its longest side."""
 _LEAST_ASPECT = 0.5
-"""Shorter side of what is shown, at least, as a share of the longer one."""
+"""Least ratio of the shorter side of the window to the longer one."""
 _MOST_OF_ROOM = 0.85
-"""Share of both sides of the room from which on all of it is shown."""
+"""Share of both sides of the workspace above which the whole workspace is shown."""
 ARROW_SHARE = 0.09
-"""Length of a goal's arrow, as a share of what is shown."""
+"""Length of a goal's arrow, as a share of the width of the axes."""
 
 
 def action_window(problem: Problem, points: FloatArray) -> FloatArray:
-    """Lower left and upper right corner of what is shown of the plane, shape (2, 2) [m].
+    """Return lower left and upper right corner of the visible part of the plane, shape (2, 2) [m].
 
     Args:
-        problem: its room bounds the picture, its goals are in it.
-        points: of the arm in all poses, shape (..., 2) [m].
+        problem: problem whose workspace bounds the window, and whose goals lie in it.
+        points: joints and tip in all poses, shape (..., 2) [m].
 
     Returns:
-        The whole room where the action takes up most of it.
+        The corners; those of the whole workspace if the motion takes up most of it.
     """
     goals = [stop.goal for stop in problem.goals]
     shown = np.concatenate((points.reshape(-1, 2), [goal.tip(problem.arm) for goal in goals]))
-    # An arrow points from a goal along its heading, and is to be seen too.
+    # The arrow from a goal along its heading has to be visible too.
     arrow = ARROW_SHARE * float(np.ptp(shown, axis=0).max())
     ahead = [goal.tip(problem.arm) + arrow * goal.direction for goal in goals if goal.direction is not None]
     shown = np.concatenate((shown, np.array(ahead).reshape(-1, 2)))
     spans = np.ptp(shown, axis=0)
     margin = problem.arm.radius + _BESIDE_ACTION * spans.max()
     spans = spans + 2.0 * margin
-    # A long and narrow strip would show nothing of what is beside it.
+    # A long and narrow strip would show nothing of the surroundings.
     margin = margin + 0.5 * np.maximum(_LEAST_ASPECT * spans.max() - spans, 0.0)
     room = whole_room(problem.workspace)
     window = np.clip(np.stack((shown.min(axis=0) - margin, shown.max(axis=0) + margin)), *room)
@@ -82,13 +81,13 @@ def action_window(problem: Problem, points: FloatArray) -> FloatArray:
 
 
 def figure_layout(window: FloatArray) -> tuple[tuple[float, float], tuple[float, float, float, float]]:
-    """Return the size of a figure as large as a window of the plane, with margins for labels, title and legend [inch].
+    """Return the size of a figure of a window of the plane, with margins for labels, title and legend [inch].
 
     Args:
         window: lower left and upper right corner, shape (2, 2) [m].
 
     Returns:
-        The size, and the place of the drawing in it (left, bottom, width, height as shares).
+        The size (width, height), and the place of the axes in it (left, bottom, width, height as shares).
     """
     sizes = PICTURES
     wide, high = np.ptp(window, axis=0) * sizes.longest_side / float(np.ptp(window, axis=0).max())
@@ -101,17 +100,17 @@ def figure_layout(window: FloatArray) -> tuple[tuple[float, float], tuple[float,
 
 @dataclass(frozen=True)
 class SeenScene:
-    """The bodies of a problem as triangles that are few enough to be drawn.
+    """The bodies of a problem as triangles, few enough to be drawn.
 
     Attributes:
-        problem: what is shown.
+        problem: problem with the scene.
     """
 
     problem: Problem
 
     @cached_property
     def bodies(self) -> list[tuple[FloatArray, IntArray]]:
-        """Corners, shape (v, 3) [m], and faces, shape (m, 3), of every body; the sides of the room are none."""
+        """Corners, shape (v, 3) [m], and faces, shape (m, 3), of every body; the workspace's sides are not bodies."""
         obstacles = self.problem.workspace.obstacles
         extent = float(np.max(np.ptp(self.problem.workspace.extent, axis=0), initial=self.problem.arm.length))
         # A ball of n sides has about n² triangles.
@@ -126,7 +125,7 @@ class SeenScene:
         return [vertices[sharp_edges(vertices, faces, _SHARP)] for vertices, faces in self.bodies]
 
     def begin_view(self, axes: Axes, side: Side, window: FloatArray) -> None:
-        """Draw room and obstacles from a side, within a box, whose corners have the shape (2, d) [m]."""
+        """Draw workspace and obstacles from a side, within a box whose corners have the shape (2, d) [m]."""
         if side is PLANE:
             draw_workspace(axes, self.problem.workspace, window)
             return
@@ -150,17 +149,17 @@ class SeenScene:
         picture[..., 3] = (1.0 - (1.0 - _GLASS) ** np.arange(len(self.bodies) + 1))[sheets]
         extent = (low[0], high[0], low[1], high[1])
         axes.imshow(picture, extent=extent, origin="lower", interpolation="bilinear", zorder=1, aspect="auto")
-        # Each edge by itself: where several lie upon each other they are darker.
+        # Edges are drawn one by one, so that overlapping ones are darker.
         ends = side(np.concatenate([np.zeros((0, 2, 3)), *self.edges]))
         axes.add_collection(LineCollection(list(ends), colors=style.WALL_EDGE, linewidths=0.4, alpha=0.7, zorder=1.5))
 
     def draw_cut(self, axes: Axes, side: Side, across: int, at: float) -> None:
-        """Draw the outlines along which a plane cuts the bodies.
+        """Draw the outlines in which a plane cuts the bodies.
 
         Args:
-            axes: drawn on.
-            side: from which the plane is seen.
-            across: the coordinate axis that the plane is normal to.
+            axes: axes to draw in.
+            side: direction of view.
+            across: number of the coordinate axis that is normal to the plane.
             at: coordinate of the plane [m].
         """
         for vertices, faces in self.bodies:
@@ -176,7 +175,7 @@ class SeenScene:
             axes.add_collection(LineCollection(list(side(ends)), colors=style.WALL_EDGE, linewidths=0.9, zorder=1.5))
 
     def draw_room(self, axes: Axes, side: Side) -> None:
-        """Draw the outline of the room where there is one."""
+        """Draw the outline of the workspace if it is bounded."""
         bounds = self.problem.workspace.bounds
         if bounds is None:
             return
@@ -187,15 +186,15 @@ class SeenScene:
 
 
 def _lay_sheet(sheets: IntArray, flat: FloatArray, faces: IntArray) -> None:
-    """Count one sheet more at all pixels that a body covers.
+    """Add one sheet of glass at all pixels that a body covers.
 
     Args:
-        sheets: of glass at every pixel, shape (height, width), y up.
+        sheets: number of sheets at every pixel, shape (height, width), y up; changed in place.
         flat: corners of the body, shape (v, 2) [pixel].
-        faces: shape (m, 3).
+        faces: indices of corners, shape (m, 3).
     """
     whole = np.floor(flat[faces]).astype(np.intp)
-    # Only the part of the picture that the body may cover is looked at.
+    # Only the part of the picture that the body may cover is rendered.
     first = np.maximum(whole.min(axis=(0, 1)), 0)
     last = np.minimum(whole.max(axis=(0, 1)) + 1, sheets.shape[::-1])
     if np.any(last <= first):
@@ -208,24 +207,24 @@ def _lay_sheet(sheets: IntArray, flat: FloatArray, faces: IntArray) -> None:
 
 
 def view_window(side: Side, window: FloatArray) -> FloatArray:
-    """Lower left and upper right corner of what is seen of a box, shape (2, d) [m], in the picture, shape (2, 2)."""
+    """Return lower left and upper right corner of a box, shape (2, d) [m], as seen in the picture, shape (2, 2)."""
     seen = side(_corners(window))
     return np.stack((seen.min(axis=0), seen.max(axis=0)))
 
 
 def _corners(box: FloatArray) -> FloatArray:
-    """All corners of a box between two of them, shape (2, d) [m], in the order of binary numbers, shape (2^d, d)."""
+    """Return all corners of a box, shape (2, d) [m], in the order of binary numbers, shape (2^d, d)."""
     dimension = box.shape[1]
     counted = np.arange(2**dimension)[:, None] >> np.arange(dimension) & 1
     return np.asarray(np.where(counted == 1, box[1], box[0]))
 
 
 def view_box(problem: Problem, points: FloatArray) -> FloatArray:
-    """Return the corners of the box in which the arm moves, and of what is near it, shape (2, d) [m].
+    """Return the corners of the box in which the arm moves, with its near surroundings, shape (2, d) [m].
 
     Args:
-        problem: what is shown.
-        points: of the arm in all poses, shape (..., d) [m].
+        problem: problem with the scene.
+        points: joints and tip in all poses, shape (..., d) [m].
     """
     points = points.reshape(-1, problem.dimension)
     if problem.dimension == 2:
@@ -233,7 +232,7 @@ def view_box(problem: Problem, points: FloatArray) -> FloatArray:
     margin = 3.0 * max(problem.arm.radius, 0.5 * problem.arm.link_length)
     low = points.min(axis=0) - margin
     high = points.max(axis=0) + margin
-    # Of a duct that the arm goes through so much is shown that one can tell where it leads.
+    # Enough is shown of a duct that the arm goes through to see where it leads.
     extent = problem.workspace.extent
     near = 0.15 * problem.arm.length
     if len(problem.workspace.soup):
@@ -243,17 +242,17 @@ def view_box(problem: Problem, points: FloatArray) -> FloatArray:
 
 
 _LEGEND_WIDTH = 8.0
-"""Of the arm in the legend, at most [point]."""
+"""Greatest line width of the arm in the legend [point]."""
 
 
 @dataclass(frozen=True)
 class Sheet:
-    """A figure with the scene of a problem: one view of the plane, or three of space and room for a section.
+    """A figure with the scene of a problem: one view of the plane, or three views of space and axes for a section.
 
     Attributes:
-        problem: whose scene is drawn.
-        figure: the whole.
-        views: axes, and the side from which they show the scene.
+        problem: problem with the scene.
+        figure: the whole figure.
+        views: axes of each view, and the side from which they show the scene.
         section: axes of the section; None in the plane.
     """
 
@@ -264,12 +263,12 @@ class Sheet:
 
     @classmethod
     def of(cls, problem: Problem, window: FloatArray, scene: "SeenScene | None" = None) -> "Sheet":
-        """Return the room and what is in it, drawn.
+        """Return a sheet with workspace and obstacles drawn.
 
         Args:
-            problem: what is shown.
-            window: corners of the box that is shown, shape (2, d) [m].
-            scene: bodies of space that are made ready already.
+            problem: problem with the scene.
+            window: corners of the visible box, shape (2, d) [m].
+            scene: bodies in space that are prepared already; when None they are prepared here.
         """
         if problem.dimension == 2:
             size, place = figure_layout(window)
@@ -284,10 +283,10 @@ class Sheet:
 
     @classmethod
     def of_box(cls, problem: Problem, box: FloatArray) -> "Sheet":
-        """Return an empty sheet for what lies in a box of space, whose corners have the shape (2, 3) [m]."""
+        """Return an empty sheet for a box of space, whose corners have the shape (2, 3) [m]."""
         spans = np.ptp(box, axis=0)
         scale = VIEW_SIDE / float(np.max(spans))
-        # From above at the upper left, from the front below it, from the left beside that: lengths stand in line.
+        # From above at the upper left, from the front below it, from the left next to that, so that the axes line up.
         widths = [max(scale * spans[0], 1.6), max(scale * spans[1], 2.6)]
         heights = [max(scale * spans[1], 1.3), max(scale * spans[2], 1.3)]
         figure = Figure(figsize=(sum(widths) + 1.7, sum(heights) + 2.27), dpi=SPACE_DOTS_PER_INCH)
@@ -307,7 +306,7 @@ class Sheet:
         return cls(problem, figure, tuple(zip(views, SIDES, strict=True)), figure.add_subplot(grid[0, 1]))
 
     def finish(self, title: str) -> None:
-        """Names of axes in the unit of the problem's file, the title, and one legend for all views below them."""
+        """Label the axes in the unit of the problem's file, and add the title and one legend below all views."""
         first, _ = self.views[0]
         for axes, side in self.views:
             dress_view(axes, side, self.problem)
@@ -320,7 +319,7 @@ class Sheet:
             frameon=False, handlelength=1.8, columnspacing=1.6, fontsize=style.FONT_SIZE,
         )  # fmt: skip
         for line in legend.get_lines():
-            # A thick arm would cover its own name.
+            # A thick arm would cover its own label.
             line.set_linewidth(min(line.get_linewidth(), _LEGEND_WIDTH))
 
 
@@ -329,19 +328,19 @@ LOOKS = {
     "end": (style.GOAL_ARM, style.GOAL_ARM_EDGE, 6.0, style.GOAL_ARM, 0.85),
     "pose": (style.REGION_TINT, style.GOAL_ARM, 3.0, style.GOAL_ARM, 0.85),
 }
-"""Of an arm in one pose: face, edge and height above others in the plane, colour and opacity of the band in space."""
+"""Looks of an arm in one pose: face, edge and drawing order in the plane, colour and opacity of the band in space."""
 
 
 def draw_pose(axes: Axes, side: Side, points: FloatArray, radius: float, look: str, label: str | None = None) -> None:
-    """The arm in one pose, to its outline in the plane, as a band in space.
+    """Draw the arm in one pose, as its outline in the plane, as a band in space.
 
     Args:
-        axes: with their limits and aspect.
-        side: from which it is seen.
+        axes: axes with their limits and aspect set.
+        side: direction of view.
         points: joints and tip, shape (links + 1, d) [m].
-        radius: of the arm [m].
-        look: of ``LOOKS``.
-        label: in the legend; that of the look when None.
+        radius: radius of the arm [m].
+        look: a key of ``LOOKS``.
+        label: label in the legend; the look when None.
     """
     face, edge, height, colour, opacity = LOOKS[look]
     label = look if label is None else label
@@ -352,20 +351,20 @@ def draw_pose(axes: Axes, side: Side, points: FloatArray, radius: float, look: s
 
 
 def draw_base(axes: Axes, place: FloatArray, size: float = 6.0) -> None:
-    """A square where the base stands in the picture, shape (2,) [m]; its size in points."""
+    """Draw a square at the base, at a place in the picture of shape (2,) [m]; its size is in points."""
     axes.plot(*place, marker="s", markersize=size, color=style.BOUNDARY, zorder=8, linestyle="none", label="base")
 
 
 def draw_arm(axes: Axes, flat: FloatArray, radius: float, colour: str, opacity: float, label: str) -> None:
-    """The arm in one pose as a band with round ends, as wide as it is in the drawing.
+    """Draw the arm in one pose as a band with round ends, to the scale of the drawing.
 
     Args:
-        axes: with their limits and aspect.
+        axes: axes with their limits and aspect set.
         flat: joints and tip in the picture, shape (links + 1, 2) [m].
-        radius: of the arm [m]; a line stands for zero.
+        radius: radius of the arm [m]; 0 draws a line.
         colour: of the band.
         opacity: of the band.
-        label: in the legend.
+        label: label in the legend.
     """
     width = max(2.0 * radius * points_a_metre(axes), 1.2)
     axes.plot(
@@ -376,20 +375,20 @@ def draw_arm(axes: Axes, flat: FloatArray, radius: float, colour: str, opacity: 
 
 
 def points_a_metre(axes: Axes) -> float:
-    """Return how many points of line width a metre of the drawing is."""
+    """Return the scale of the drawing in points of line width per metre."""
     box = axes.get_window_extent()
-    # The axes have the aspect of their limits only inside their box.
+    # The drawing may fill its box in one direction only: the aspect of the axes is fixed.
     pixels_a_metre = min(box.width / np.ptp(axes.get_xlim()), box.height / np.ptp(axes.get_ylim()))
     return float(pixels_a_metre * 72.0 / axes.figure.dpi)
 
 
 def dress_view(axes: Axes, side: Side, problem: Problem) -> None:
-    """Name the axes of a view, in the unit of the problem's file."""
-    # A title that is told its height need not look for the highest thing below it, which takes a fifth of the drawing.
+    """Label the axes of a view in the unit of the problem's file."""
+    # With y given, matplotlib does not search for the height of the title, which takes a fifth of the drawing time.
     axes.set_title(side.name, fontsize=style.FONT_SIZE, loc="left", pad=3, y=1.0)
     for axis, letter in zip((axes.xaxis, axes.yaxis), side.labels, strict=True):
         label_axis(axis, letter, problem.length_unit)
-        # Sizes are given here, for a figure may be drawn where the package's fonts are not in force.
+        # Font sizes are set here, since the figure may be drawn where the package's fonts are not in force.
         axis.label.set_fontsize(style.FONT_SIZE)
     axes.tick_params(length=2.5, color=style.WALL_EDGE, labelsize=style.FONT_SIZE)
     for spine in axes.spines.values():
