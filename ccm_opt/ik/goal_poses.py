@@ -176,7 +176,7 @@ class GoalPoses:
         ).solve()
 
     def strays(self, pose: ArmPose) -> bool:
-        """Whether a link has strayed beyond what its region was drawn for, or has less room than its sides say."""
+        """Return whether a link has moved beyond its region's reach, or has less clearance than its sides claim."""
         points = self.problem.arm.joint_positions_at(pose.q)
         hidden = self.settings.behind * self.problem.arm.length
         return self.gap(pose.q) < min(pose.gap, 0.0) - self.allowed or (

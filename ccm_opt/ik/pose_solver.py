@@ -298,8 +298,6 @@ class PoseQuestion:
         Just beyond the tube they are small, because a sharp bend there would have to be made, or undone, within a short
         length of feed.
 
-        A sharp bend just beyond the tube would have to be made, and taken back, over a short way of the feed.
-
         Args:
             share: share of the limits that a pose may use.
         """

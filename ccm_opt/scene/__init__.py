@@ -1,1 +1,1 @@
-"""Describe what an arm keeps away from: walls and free space, bodies as triangles, distances, certificates."""
+"""What the arm must avoid: walls and free space, bodies as triangles, distances, and certificates of motions."""

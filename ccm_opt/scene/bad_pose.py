@@ -1,4 +1,4 @@
-"""Poses in contact, and what would help."""
+"""Refusal of poses in contact, with advice."""
 
 import numpy as np
 import shapely
@@ -13,7 +13,7 @@ from ccm_opt.scene.workspace import Workspace
 
 
 def room_advice(radius: float, clearance: float) -> tuple[str, ...]:
-    """Return how the arm itself could need less room: one line, or none for a bare axis that keeps no clearance."""
+    """Return advice on how the arm could need less space: one line, or none for zero radius and clearance."""
     keys = []
     if radius > 0.0:
         keys.append("arm.radius")
@@ -23,17 +23,17 @@ def room_advice(radius: float, clearance: float) -> tuple[str, ...]:
 
 
 AT_LIMIT = 0.99
-"""Share of its limit from which on a joint counts as held by it. Taste."""
+"""Share of its limit from which a joint counts as held by it. Taste."""
 MOST_NAMED = 6
-"""Joints that are named one by one. Taste."""
+"""Most joints that are listed one by one. Taste."""
 
 
 def joints_at_limits(bends: FloatArray, limits: FloatArray) -> tuple[str, tuple[str, ...]]:
-    """Return which joints of a pose are held by their limits, in words, and what is advised; both may be empty.
+    """Return which joints of a pose are at their limits, in words, and advice; both may be empty.
 
     Args:
-        bends: of each joint, shape (links,), or in space (links, 2) [rad].
-        limits: of them, likewise [rad].
+        bends: bends of each joint, shape (links,), or in space (links, 2) [rad].
+        limits: their limits, in the same shape [rad].
     """
     bent = np.abs(bends.reshape(len(bends), -1))
     allowed = limits.reshape(bent.shape)
@@ -52,36 +52,39 @@ def joints_at_limits(bends: FloatArray, limits: FloatArray) -> tuple[str, tuple[
 
 
 def refuse_bad_pose(arm: Arm, workspace: Workspace, q: FloatArray, which: str, reach: float = 0.02) -> float:
-    """Return the least gap between the arm and anything near it [m]; infinite when nothing is near.
+    """Refuse a pose that breaks a joint limit or is in contact, and return its least clearance [m].
+
+    The clearance is that beyond the required one; infinite if nothing is near.
 
     Args:
         arm: the arm.
-        workspace: the room.
+        workspace: the workspace, in the plane.
         q: configuration, shape (c,) [rad, m].
-        which: names the pose in messages.
-        reach: what is nearer than this share of the arm's length is looked at.
+        which: name of the pose in messages.
+        reach: only what is nearer than this share of the arm's length is checked.
 
     Raises:
-        UnreachableGoal: the pose breaks a joint limit or touches something; names joint or link and obstacle.
+        UnreachableGoal: the pose breaks a joint limit or touches something; the message names joint or link and
+            obstacle.
     """
     _refuse_sharp_bends(arm, q[: arm.links], which)
     points = arm.joint_positions_at(q)
-    # Walls farther away can neither be touched nor hold the arm inside.
+    # Walls farther away can neither be touched nor contain the arm.
     farthest = arm.radius + workspace.clearance + reach * arm.length
     workspace = workspace.near(shapely.LineString(points), farthest)
     finder = WallFinder(arm, workspace.flat_walls, workspace.clearance, 0.0, reach * arm.length)
     contacts = finder.find(points)
-    # An axis without width that touched a wall could not be told from one that crosses it.
+    # For an axis without width, touching a wall cannot be told from crossing it.
     may_touch = allowed_contact(arm, workspace) > 0.0
     least = -DEFAULT_CERTIFICATE.rounding if may_touch else DEFAULT_CERTIFICATE.touch
     crossing = finder.crosses(points)
     touching = bool(np.any(contacts.gap < least)) or crossing
-    # A pose that stands still is a motion too: its certificate sees links inside obstacles, far from any wall.
+    # A stationary pose is a motion too: its certificate detects links inside obstacles, far from any wall.
     inside = not touching and len(Certificate.allowing_contact(arm, workspace).failures(np.stack((q, q)))) > 0
     if touching or inside:
         if (outside := _outside(arm, workspace, points)) is not None:
             raise UnreachableGoal(Diagnosis(f"the {which} {outside}", which, (f"move the {which} into the room",)))
-        # Where axes meet walls, or each other, no thinner arm would do.
+        # If axes meet walls, or each other, a thinner arm would not help.
         met = crossing or inside or float(contacts.gap.min()) <= -arm.radius - workspace.clearance
         room = () if met else room_advice(arm.radius, workspace.clearance)
         what = "a link lies inside an obstacle" if inside else finder.describe(contacts)
@@ -105,7 +108,10 @@ def _touching(which: str, contact: str, room: tuple[str, ...]) -> Diagnosis:
 
 
 def _outside(arm: Arm, workspace: Workspace, points: FloatArray) -> str | None:
-    """Return where a pose, joints and tip (links + 1, 2) [m], leaves the room, in words; None where it stays inside."""
+    """Return in words where a pose leaves the room, or None if it stays inside.
+
+    ``points`` are joints and tip, shape (links + 1, 2) [m].
+    """
     link, share = arm.mount_end
     behind_mount = np.vstack((points[link] + share * (points[link + 1] - points[link]), points[link + 1 :]))
     out = ~shapely.intersects_xy(workspace.boundary, behind_mount[:, 0], behind_mount[:, 1])

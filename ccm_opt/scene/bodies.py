@@ -1,9 +1,10 @@
-"""Bodies in space and where they stand.
+"""Bodies in space and their placements.
 
-A body gives ``triangles``, shape (m, 3, 3) [m], and ``rounding`` [m]: it is contained in the set of points that are
-within ``rounding`` of a triangle, together with what the triangles enclose. Boxes, spheres, capsules and meshes are met
-exactly; a cylinder is met by the prism about it, which stands out of it by ``SceneSettings.cylinder_error`` radii at
-most, its ``error``. Bodies are solid, but for meshes of which the user says that they are surfaces alone.
+A body has ``triangles``, shape (m, 3, 3) [m], and ``rounding`` [m]: it is contained in the set of points within
+``rounding`` of a triangle, together with the volume that the triangles enclose. Boxes, spheres, capsules and meshes are
+represented exactly; a cylinder is represented by its circumscribed prism, which protrudes by at most
+``SceneSettings.cylinder_error`` radii, its ``error``. Bodies are solid, except meshes that the user declares to be
+surfaces only.
 """
 
 from dataclasses import dataclass, field, replace
@@ -22,7 +23,7 @@ class RigidPlacement:
     """A rigid motion x ↦ R x + p.
 
     Attributes:
-        position: p, where the body's origin comes to lie, shape (3,) [m].
+        position: p, the position of the body's origin, shape (3,) [m].
         rotation: R, a rotation matrix, shape (3, 3).
     """
 
@@ -31,18 +32,18 @@ class RigidPlacement:
 
     @classmethod
     def turned(cls, position: FloatArray, angles: FloatArray) -> "RigidPlacement":
-        """Return the turned about the fixed x-axis, then the fixed y-axis, then the fixed z-axis, then moved.
+        """Return a placement that turns about the fixed x, y and z axes in this order, then moves.
 
         Args:
-            position: where the body's origin comes to lie, shape (3,) [m].
-            angles: about x, y and z, shape (3,) [rad].
+            position: position of the body's origin, shape (3,) [m].
+            angles: angles about x, y and z, shape (3,) [rad].
         """
         about_x, about_y, about_z = (_about(axis, angle) for axis, angle in enumerate(angles))
         return cls(position, about_z @ about_y @ about_x)
 
     @classmethod
     def of_quaternion(cls, position: FloatArray, quaternion: FloatArray) -> "RigidPlacement":
-        """Return the turned as a quaternion (w, x, y, z) of any length but zero says, then moved."""
+        """Return a placement that turns by a quaternion (w, x, y, z) of any non-zero length, then moves."""
         w, x, y, z = quaternion / np.linalg.norm(quaternion)
         rotation = np.array(
             [
@@ -56,7 +57,7 @@ class RigidPlacement:
     @property
     def quaternion(self) -> FloatArray:
         """The rotation as a unit quaternion (w, x, y, z), w not negative, shape (4,)."""
-        # The greatest of the four squares is divided by, so that nothing is lost to rounding.
+        # Divide by the greatest of the four squares, to avoid loss of digits.
         turn = self.rotation
         trace = float(np.trace(turn))
         squares = np.array([trace, *np.diag(turn)])
@@ -74,15 +75,15 @@ class RigidPlacement:
 
     @property
     def is_identity(self) -> bool:
-        """Whether nothing is moved at all."""
+        """Whether the placement leaves everything where it is."""
         return bool(np.all(self.position == 0.0) and np.array_equal(self.rotation, np.eye(3)))
 
     def placed(self, by: "RigidPlacement") -> "RigidPlacement":
-        """Return the placement that this one becomes where it is placed itself."""
+        """Return this placement followed by another one."""
         return RigidPlacement(by.points(self.position), by.rotation @ self.rotation)
 
     def points(self, own: FloatArray) -> FloatArray:
-        """Return the points of the body where they come to lie, shape (..., 3) [m]."""
+        """Return the placed positions of points of the body, shape (..., 3) [m]."""
         return np.asarray(own @ self.rotation.T + self.position)
 
 
@@ -102,20 +103,20 @@ class SceneSettings:
     """How bodies become triangles.
 
     Attributes:
-        cylinder_sides: of the prism about a cylinder. Taste: the prism stands out of the cylinder by 0.21 % of its
-            radius at most, and has 188 triangles.
+        cylinder_sides: number of sides of the prism around a cylinder. Taste: the prism protrudes by at most 0.21 % of
+            the radius, and has 188 triangles.
     """
 
     cylinder_sides: int = 48
 
     @property
     def cylinder_error(self) -> float:
-        """How far the prism stands out of its cylinder, as a share of the cylinder's radius."""
+        """Distance by which the prism protrudes from its cylinder, as a share of the cylinder's radius."""
         return float(1.0 / np.cos(np.pi / self.cylinder_sides) - 1.0)
 
 
 SCENE = SceneSettings()
-"""Used where no other settings are given."""
+"""Settings used if no others are given."""
 
 
 BOX_FACES = np.array(
@@ -125,17 +126,17 @@ BOX_FACES = np.array(
         *([0, 4, 6], [0, 6, 2], [1, 3, 7], [1, 7, 5]),
     ]
 )
-"""Triangles of a box by its corners, which are counted like binary numbers z y x; seen from outside they turn left."""
+"""Triangles of a box as indices of its corners, which are numbered as binary z y x; counter-clockwise from outside."""
 
 
 def box_corners(low: FloatArray, high: FloatArray) -> FloatArray:
-    """Return the eight corners of a box, shape (8, 3), counted like binary numbers z y x."""
+    """Return the eight corners of a box, shape (8, 3), numbered as binary z y x."""
     counted = np.arange(8)[:, None] >> np.arange(3) & 1
     return np.asarray(np.where(counted == 1, high, low), dtype=np.float64)
 
 
 def rotation_to_axis(axis: FloatArray) -> FloatArray:
-    """Return a rotation that turns x to an axis, shape (3, 3); the identity for an axis without length."""
+    """Return a rotation that turns x to an axis, shape (3, 3); the identity for an axis of zero length."""
     length = np.linalg.norm(axis)
     if length == 0.0:
         return np.eye(3)
@@ -146,7 +147,10 @@ def rotation_to_axis(axis: FloatArray) -> FloatArray:
 
 
 def capsule_surface(length: float, radius: float, sides: int) -> tuple[FloatArray, IntArray]:
-    """Return a cylinder along x with a half sphere at either end: rings of equal sides from pole to pole."""
+    """Return vertices and faces of a cylinder along x with a hemisphere at either end.
+
+    Its rings from pole to pole have ``sides`` vertices each, a multiple of four.
+    """
     quarters = sides // 4
     tilt = np.linspace(0.0, 0.5 * np.pi, quarters + 1)
     along = np.concatenate((-radius * np.cos(tilt), length + radius * np.sin(tilt)))
@@ -165,7 +169,7 @@ def capsule_surface(length: float, radius: float, sides: int) -> tuple[FloatArra
     for ring in range(last + 1):
         low = ring * sides
         high = low + sides
-        # At the poles a ring is one point, and one triangle of two has no area.
+        # At the poles a ring is a single point, and one of two triangles has no area.
         if ring > 0:
             faces.append(np.column_stack((low + here, low + following, high + following)))
         if ring < last:
@@ -174,68 +178,68 @@ def capsule_surface(length: float, radius: float, sides: int) -> tuple[FloatArra
 
 
 def loose_triangles(triangles: FloatArray) -> tuple[FloatArray, IntArray]:
-    """Return the triangles, shape (m, 3, 3), as corners, shape (3 m, 3) [m], and faces, shape (m, 3)."""
+    """Return triangles (m, 3, 3) as vertices, shape (3 m, 3) [m], and faces, shape (m, 3)."""
     return triangles.reshape(-1, 3), np.arange(3 * len(triangles)).reshape(-1, 3)
 
 
 class _Solid:
-    """What bodies have in common; where nothing else is said they are solid, closed, and met exactly."""
+    """Common base of bodies, which by default are solid, closed and represented exactly."""
 
     @property
     def rounding(self) -> float:
-        """Radius by which the body reaches beyond its triangles [m]."""
+        """Distance by which the body reaches beyond its triangles [m]."""
         return 0.0
 
     @property
     def error(self) -> float:
-        """How far what is met stands out of the body at most [m]."""
+        """Greatest distance by which the representation protrudes from the body [m]."""
         return 0.0
 
     @property
     def solid(self) -> bool:
-        """Whether what it encloses belongs to it."""
+        """Whether the enclosed volume belongs to the body."""
         return True
 
     @property
     def closed(self) -> bool:
-        """Whether it has an inside beyond doubt."""
+        """Whether the body has a well-defined inside."""
         return True
 
     @property
     def triangles(self) -> FloatArray:
-        """Its triangles, shape (m, 3, 3) [m]."""
+        """Triangles of the body, shape (m, 3, 3) [m]."""
         raise NotImplementedError
 
     @property
     def middle(self) -> FloatArray:
-        """Middle of the box about its triangles, shape (3,) [m]."""
+        """Centre of the bounding box of the body's triangles, shape (3,) [m]."""
         corners = self.triangles.reshape(-1, 3)
         return np.asarray(0.5 * (corners.min(axis=0) + corners.max(axis=0)))
 
     def placed(self, by: RigidPlacement) -> Self:
-        """Return the body turned and moved."""
+        """Return the body turned and moved by a placement."""
         raise NotImplementedError
 
     def surface(self, _sides: int) -> tuple[FloatArray, IntArray]:
-        """Return the corners, shape (v, 3) [m], and faces, shape (m, 3).
+        """Return the vertices, shape (v, 3) [m], and faces, shape (m, 3), of the surface.
 
-        What is round has so many sides, a multiple of four.
+        Round parts get the given number of sides, a multiple of four.
         """
         return loose_triangles(self.triangles)
 
     def moved(self, by: FloatArray) -> Self:
-        """Return the body moved by so much, shape (3,) [m]."""
+        """Return the body moved by a displacement, shape (3,) [m]."""
         return self.placed(RigidPlacement(by))
 
 
 @dataclass(frozen=True)
 class BoxBody(_Solid):
-    """A box, its sides along the axes of its own coordinates.
+    """A box with its sides along its own axes.
 
     Attributes:
-        low: its lower corner, shape (3,) [m].
-        high: its upper corner, shape (3,) [m].
-        placement: where it stands in the room, and how it is turned.
+        low: lower corner in the box's own axes, shape (3,) [m].
+        high: upper corner in the box's own axes, shape (3,) [m].
+        placement: placement of the box in the room.
     """
 
     low: FloatArray
@@ -246,16 +250,16 @@ class BoxBody(_Solid):
 
     @property
     def corners(self) -> FloatArray:
-        """Its corners in the room, shape (8, 3) [m]."""
+        """Corners of the box in the room, shape (8, 3) [m]."""
         return self.placement.points(box_corners(self.low, self.high))
 
     def placed(self, by: RigidPlacement) -> "BoxBody":
-        """Return the box turned and moved."""
+        """Return the box turned and moved by a placement."""
         return replace(self, placement=self.placement.placed(by))
 
     @property
     def triangles(self) -> FloatArray:
-        """Its twelve triangles, shape (12, 3, 3) [m]."""
+        """The twelve triangles of the box, shape (12, 3, 3) [m]."""
         return np.asarray(self.corners[BOX_FACES])
 
 
@@ -264,8 +268,8 @@ class SphereBody(_Solid):
     """A ball.
 
     Attributes:
-        center: shape (3,) [m].
-        radius: [m].
+        center: centre, shape (3,) [m].
+        radius: radius [m].
     """
 
     center: FloatArray
@@ -275,21 +279,21 @@ class SphereBody(_Solid):
 
     @property
     def rounding(self) -> float:
-        """Its radius about its centre [m]."""
+        """Radius of the ball, about its centre [m]."""
         return self.radius
 
     def surface(self, sides: int) -> tuple[FloatArray, IntArray]:
-        """Corners, shape (v, 3) [m], and faces, shape (m, 3), with so many sides all round, a multiple of four."""
+        """Return the vertices (v, 3) [m] and faces (m, 3) of the ball with a number of sides, a multiple of four."""
         corners, faces = capsule_surface(0.0, self.radius, sides)
         return corners + self.center, faces
 
     def placed(self, by: RigidPlacement) -> "SphereBody":
-        """Return the ball turned and moved."""
+        """Return the ball turned and moved by a placement."""
         return replace(self, center=by.points(self.center))
 
     @property
     def triangles(self) -> FloatArray:
-        """Its centre as a triangle without area, shape (1, 3, 3) [m]."""
+        """Centre of the ball as a degenerate triangle, shape (1, 3, 3) [m]."""
         return np.asarray(np.tile(self.center, (1, 3, 1)), dtype=np.float64)
 
 
@@ -299,8 +303,8 @@ class CapsuleBody(_Solid):
 
     Attributes:
         start: one end of its axis, shape (3,) [m].
-        end: the other, shape (3,) [m].
-        radius: [m].
+        end: the other end of its axis, shape (3,) [m].
+        radius: radius [m].
     """
 
     start: FloatArray
@@ -311,34 +315,37 @@ class CapsuleBody(_Solid):
 
     @property
     def rounding(self) -> float:
-        """Its radius about its axis [m]."""
+        """Radius of the capsule, about its axis [m]."""
         return self.radius
 
     def surface(self, sides: int) -> tuple[FloatArray, IntArray]:
-        """Corners, shape (v, 3) [m], and faces, shape (m, 3), with so many sides all round, a multiple of four."""
+        """Return the vertices (v, 3) [m] and faces (m, 3) of the capsule with a number of sides.
+
+        The number of sides is a multiple of four.
+        """
         axis = self.end - self.start
         corners, faces = capsule_surface(float(np.linalg.norm(axis)), self.radius, sides)
         return corners @ rotation_to_axis(axis).T + self.start, faces
 
     def placed(self, by: RigidPlacement) -> "CapsuleBody":
-        """Return the bar turned and moved."""
+        """Return the capsule turned and moved by a placement."""
         return replace(self, start=by.points(self.start), end=by.points(self.end))
 
     @property
     def triangles(self) -> FloatArray:
-        """Its axis as a triangle without area, shape (1, 3, 3) [m]."""
+        """Axis of the capsule as a degenerate triangle, shape (1, 3, 3) [m]."""
         return np.stack((self.start, self.end, self.end))[None].astype(np.float64)
 
 
 @dataclass(frozen=True)
 class CylinderBody(_Solid):
-    """A round bar with flat ends, met by the prism about it.
+    """A round bar with flat ends, represented by its circumscribed prism.
 
     Attributes:
-        start: middle of one end, shape (3,) [m].
-        end: middle of the other, shape (3,) [m].
-        radius: [m].
-        settings: how many sides the prism has.
+        start: centre of one end, shape (3,) [m].
+        end: centre of the other end, shape (3,) [m].
+        radius: radius [m].
+        settings: number of sides of the prism.
     """
 
     start: FloatArray
@@ -350,16 +357,16 @@ class CylinderBody(_Solid):
 
     @property
     def error(self) -> float:
-        """How far the prism stands out of the cylinder at most [m]."""
+        """Greatest distance by which the prism protrudes from the cylinder [m]."""
         return self.radius * self.settings.cylinder_error
 
     def placed(self, by: RigidPlacement) -> "CylinderBody":
-        """Return the bar turned and moved."""
+        """Return the cylinder turned and moved by a placement."""
         return replace(self, start=by.points(self.start), end=by.points(self.end))
 
     @property
     def triangles(self) -> FloatArray:
-        """The triangles of the prism about it, shape (4 sides − 4, 3, 3) [m]."""
+        """Triangles of the circumscribed prism, shape (4 sides − 4, 3, 3) [m]."""
         sides = self.settings.cylinder_sides
         ring = self._ring(sides)
         lower = self.start + ring
@@ -377,7 +384,7 @@ class CylinderBody(_Solid):
         return np.concatenate((*walls, *ends))
 
     def _ring(self, sides: int) -> FloatArray:
-        """Return the corners of the prism about the axis, turning left as seen from the end, shape (sides, 3) [m]."""
+        """Return the prism's corners about the axis, counter-clockwise seen from the end, shape (sides, 3) [m]."""
         axis = (self.end - self.start) / np.linalg.norm(self.end - self.start)
         across = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
         across /= np.linalg.norm(across)
@@ -388,21 +395,21 @@ class CylinderBody(_Solid):
 
 @dataclass(frozen=True, eq=False)
 class MeshBody(_Solid):
-    """A mesh from a file, where it stands in the room.
+    """A triangle mesh, usually from a file, in its place in the room.
 
     Attributes:
-        vertices: shape (v, 3) [m].
-        faces: vertices of each triangle, shape (m, 3).
-        file: path of the mesh's file as the problem file gives it.
+        vertices: vertices in the room, shape (v, 3) [m].
+        faces: vertex indices of each triangle, shape (m, 3).
+        file: path of the mesh's file as given in the problem file.
         digest: SHA-256 of that file, in hexadecimal digits.
-        solid: whether what it encloses belongs to it; otherwise its surface alone counts.
-        scale: metres in the mesh's unit.
-        placement: where it stands in the room, and how it is turned; the vertices are there already.
-        up: the axis of the mesh that points up, ``y`` or ``z``; where it was y, the vertices are turned already.
-        content: the bytes of the file, for who copies it; empty where they were not kept.
-        triangles_read: how many triangles the file has.
-        mended: what was put right, in words.
-        notes: what people should know of the file: its unit, its axes, what it holds besides.
+        solid: whether the enclosed volume belongs to the mesh; otherwise only its surface counts.
+        scale: length of the mesh's unit [m].
+        placement: placement in the room; it has already been applied to the vertices.
+        up: axis of the file that points up, ``y`` or ``z``; if it was y, the vertices have already been turned.
+        content: bytes of the file, for copying it; empty if they were not kept.
+        triangles_read: number of triangles in the file.
+        mended: repairs that were made, in words.
+        notes: remarks for the user on the file: its unit, its axes, its other content.
     """
 
     vertices: FloatArray
@@ -421,14 +428,14 @@ class MeshBody(_Solid):
 
     @classmethod
     def of_arrays(cls, vertices: object, faces: object) -> "MeshBody":
-        """Return a mesh that was made in Python, as it stands in the room.
+        """Return a mesh from arrays, in its place in the room.
 
         Args:
-            vertices: shape (v, 3) [m].
-            faces: vertices of each triangle, counted from 0, shape (m, 3).
+            vertices: vertices in the room, shape (v, 3) [m].
+            faces: vertex indices of each triangle, counted from 0, shape (m, 3).
 
         Raises:
-            ProblemError: they are no such arrays.
+            ProblemError: the arrays do not describe a mesh.
         """
         given = Arguments("this mesh")
         places = finite_array(vertices)
@@ -447,26 +454,26 @@ class MeshBody(_Solid):
         return cls(known, numbers, triangles_read=len(numbers))
 
     def surface(self, _sides: int) -> tuple[FloatArray, IntArray]:
-        """Return the corners, shape (v, 3) [m], and faces, shape (m, 3)."""
+        """Return the vertices, shape (v, 3) [m], and faces, shape (m, 3)."""
         return self.vertices, self.faces
 
     def placed(self, by: RigidPlacement) -> "MeshBody":
-        """Return the mesh turned and moved."""
+        """Return the mesh turned and moved by a placement."""
         return replace(self, vertices=by.points(self.vertices), placement=self.placement.placed(by))
 
     @cached_property
     def triangles(self) -> FloatArray:
-        """Its triangles, shape (m, 3, 3) [m]."""
+        """Triangles of the mesh, shape (m, 3, 3) [m]."""
         return np.ascontiguousarray(self.vertices[self.faces], dtype=np.float64)
 
     @cached_property
     def shells(self) -> Shells:
-        """The closed and open pieces of its surface."""
+        """The closed and open shells of the mesh's surface."""
         return find_shells(self.vertices, self.faces)
 
     @property
     def closed(self) -> bool:
-        """Whether every edge joins two triangles, so that it has an inside beyond doubt."""
+        """Whether every edge joins two triangles, so that the mesh has a well-defined inside."""
         return bool(self.shells.closed.all())
 
 

@@ -1,16 +1,17 @@
-"""The certificate of a motion in the plane.
+"""Certificates that a motion in the plane is free of collisions.
 
-A pair is apart when all eight corner differences keep their distance along the direction that is closest half-way; only
-the links between the two add to the sag of their difference.
+Between two keyframes the link headings are linear in u. A joint then deviates from the chord between its end positions
+by at most ⅛ Σ l Δφ² over the links before it, since |∂²P/∂u²| ≤ Σ l Δφ² and linear interpolation errs by ⅛ max|f''|
+(links are straight: no curvature term). So link j stays within the hull of its four end positions, grown by that chord
+deviation.
 
-A link is clear when the hull of its four end positions, grown by the sag, meets no wall.
+A link is clear if this grown hull meets no wall. A pair of links is apart if all eight corner differences keep their
+distance along the direction that is closest half-way; only the links between the two add to the chord deviation of
+their difference.
 
-The verifier has its own bounds, on purpose.
+Whatever is not proved is bisected, link by link and pair by pair: the chord deviation falls four-fold per level.
 
-Between two keyframes link headings are linear in u. A joint then leaves the chord of its two end positions by at
-most ⅛ Σ l Δφ² over the links before it, since |∂²P/∂u²| ≤ Σ l Δφ² and linear interpolation errs by ⅛ max|f''|
-(links are straight: no curvature term). So link j stays within the hull of its four end positions, grown by that much.
-What fails is bisected, link by link and pair by pair: the sag falls four-fold a level.
+The verifier computes its own bounds, so that it is independent of this certificate.
 """
 
 from dataclasses import dataclass
@@ -28,13 +29,13 @@ from ccm_opt.scene.workspace import Workspace
 
 @dataclass(frozen=True)
 class Stretches:
-    """Stretches of a motion under test, with positions and sag bounds.
+    """Stretches of a motion under test, with joint positions and bounds on the chord deviation.
 
     Attributes:
-        arm: that moves.
-        start: configurations, shape (m, c) [rad, m].
-        end: likewise.
-        owner: interval of the motion that each stretch belongs to, shape (m,).
+        arm: the moving arm.
+        start: configurations at the starts, shape (m, c) [rad, m].
+        end: configurations at the ends, shape (m, c) [rad, m].
+        owner: index of the interval of the motion that each stretch belongs to, shape (m,).
     """
 
     arm: Arm
@@ -64,39 +65,39 @@ class Stretches:
 
     @cached_property
     def sag(self) -> FloatArray:
-        """How far the joint at the end of each link may leave its chord, shape (m, links) [m]."""
-        # The base runs straight, so only the turning of the links adds to the sag.
+        """Bound on the chord deviation of the joint at the end of each link, shape (m, links) [m]."""
+        # The base moves straight, so only turning links contribute to the chord deviation.
         turned = np.cumsum((self.end - self.start)[:, : self.arm.links], axis=1)
         return np.asarray(np.cumsum(self.arm.link_length * turned**2, axis=1) / 8.0)
 
     @cached_property
     def moved(self) -> FloatArray:
-        """How far any point of a link may leave its mean place: half of the chord and the sag, shape (m,) [m]."""
+        """Bound on the distance of any point from its mean position, half the chord plus chord deviation, (m,) [m]."""
         return np.asarray(0.5 * np.linalg.norm(self.b - self.a, axis=2).max(axis=1) + self.sag[:, -1])
 
 
 Pairs: TypeAlias = tuple[IntArray, IntArray, IntArray]
-"""Stretch, link, and a later link, each of shape (k,)."""
+"""Indices of stretch, link, and a later link, each of shape (k,)."""
 
 
 @dataclass(frozen=True, eq=False)
 class PairProofs:
-    """What the certificate asks about pairs of links.
+    """Proofs that pairs of links stay apart.
 
     Attributes:
-        first_apart: least difference of the numbers of two links that count.
-        least: distance that the axes of two links keep, by the difference of their numbers, shape (links,) [m].
+        first_apart: least index difference of two links that must stay apart.
+        least: least distance between the axes of two links, by the difference of their indices, shape (links,) [m].
     """
 
     first_apart: int
     least: FloatArray
 
     def unproved(self, stretches: Stretches, pairs: Pairs | None) -> tuple[Pairs, IntArray]:
-        """Return the pairs that are not proved apart, and the stretches in which one of these touches half-way.
+        """Return the pairs not proved apart, and the stretches in which one of them touches half-way.
 
         Args:
-            stretches: of a motion.
-            pairs: what is looked at; None for all distant links that come anywhere near each other.
+            stretches: stretches of a motion.
+            pairs: pairs to test; None for all distant links that come anywhere near each other.
         """
         arm = stretches.arm
         call = NativeCall(
@@ -115,7 +116,7 @@ class PairProofs:
 
 
 def _called(call: NativeCall, capacity: int) -> tuple[IntArray, BoolArray]:
-    """Stretch and links of what is found, shape (3, capacity), and which of it touches, shape (capacity,)."""
+    """Call C, and return stretch and links found, shape (3, capacity), and which touch, shape (capacity,)."""
     found = np.empty((3, capacity), dtype=np.int64)
     touching = np.empty(capacity, dtype=np.bool_)
     call.set(capacity=capacity, stretch=found[0], first=found[1], second=found[2], touching=touching)
@@ -124,17 +125,17 @@ def _called(call: NativeCall, capacity: int) -> tuple[IntArray, BoolArray]:
 
 
 Links: TypeAlias = tuple[IntArray, IntArray]
-"""Stretch and link, each of shape (k,)."""
+"""Indices of stretch and link, each of shape (k,)."""
 
 
 @dataclass(frozen=True, eq=False)
 class WallProofs:
-    """What the certificate asks about links and walls.
+    """Proofs that links stay clear of walls.
 
     Attributes:
-        workspace: the walls.
-        least: distance that the axis of each link keeps, with what rounding takes, shape (links,) [m].
-        mount: link on which the mount ends, and where on it in [0, 1]; what lies before may touch.
+        workspace: the workspace with the walls.
+        least: least distance of the axis of each link from walls, rounding included, shape (links,) [m].
+        mount: index of the link on which the mount ends, and share of it in [0, 1]; the mount may touch.
     """
 
     workspace: Workspace
@@ -142,11 +143,11 @@ class WallProofs:
     mount: tuple[int, float]
 
     def unproved(self, stretches: Stretches, links: Links | None) -> tuple[Links, IntArray]:
-        """Return the links that are not proved clear, and the stretches in which one of these touches a wall half-way.
+        """Return the links not proved clear, and the stretches in which one of them touches a wall half-way.
 
         Args:
-            stretches: of a motion.
-            links: what is looked at; None for all links beyond the mount, stretch by stretch.
+            stretches: stretches of a motion.
+            links: links to test; None for all links beyond the mount, stretch by stretch.
         """
         mount, share = self.mount
         of_arm = stretches.arm.links
@@ -167,7 +168,7 @@ class WallProofs:
 
     @cached_property
     def _walls(self) -> dict[str, Any]:
-        """What C knows of the walls, by its names."""
+        """The walls as arguments of the C call, by name."""
         walls = self.workspace.wall_segments
         return {
             "least": self.least,
@@ -182,25 +183,26 @@ class WallProofs:
 
 
 UNIT = 2.0**-53
-"""Half the distance from 1 to the next number."""
+"""Half the distance from 1 to the next floating-point number."""
 
 
 def proof_rounding(arm: Arm, workspace: Workspace, depth: int) -> float:
-    """Return by how much a distance of an arm's axis from a wall, less its sag, may be off [m].
+    """Return a bound on the rounding error of an axis's distance from a wall minus chord deviation [m].
 
-    Twice that between links.
+    The error between two links is at most twice that.
 
     Args:
-        arm: whose headings, sums of bends, are at most those of joints that all bend by half a turn.
-        workspace: its walls.
-        depth: how often stretches are halved.
+        arm: the arm; its headings, sums of bends, are at most those of joints that all bend by half a turn.
+        workspace: the workspace with the walls.
+        depth: number of times that stretches are halved.
     """
     links = arm.links
     headings = abs(arm.base_heading) + np.pi * links
-    # Headings are sums and are halved, sines are off by four units in the last place, and running sums of lengths lose
-    # digits.
+    # Headings are sums and are halved, sines are off by four units in the last place, and cumulative sums of lengths
+    # lose digits.
     along = (depth + links + 2) * UNIT * headings + 8.0 * UNIT + 1.01 * (links + 2) * UNIT
-    # The sag is a sum as well; turns of one interval are below a whole one, and an eighth of its square below five.
+    # The chord deviation is a sum as well; the turns of one interval are below a whole one, and an eighth of its square
+    # is below five.
     of_sag = 1.01 * (links + 4) * UNIT * 5.0
     reach = float(np.max(np.abs(arm.base))) + arm.length
     size = max(2.0 * reach, float(np.max(np.abs(workspace.boundary.bounds))))
@@ -214,8 +216,8 @@ class Certificate:
     Attributes:
         arm: the arm.
         workspace: the workspace.
-        spare: gap beyond contact that is asked for [m].
-        settings: bisections and rounding.
+        spare: required clearance beyond contact [m].
+        settings: number of bisections, and tolerances.
     """
 
     arm: Arm
@@ -227,7 +229,7 @@ class Certificate:
     def allowing_contact(
         cls, arm: Arm, workspace: Workspace, settings: CertificateSettings = DEFAULT_CERTIFICATE
     ) -> "Certificate":
-        """Return the certificate that lets an arm with some width touch."""
+        """Return the certificate that allows contact to an arm with some width."""
         return cls(arm, workspace, -allowed_contact(arm, workspace, settings), settings)
 
     def failures(self, q: FloatArray, depth: int | None = None) -> IntArray:
@@ -235,7 +237,7 @@ class Certificate:
 
         Args:
             q: configurations at the keyframes, shape (K, c) [rad, m].
-            depth: bisections that are allowed; as many as the settings say when None.
+            depth: number of bisections; that of the settings if None.
 
         Returns:
             Sorted indices of intervals k (from keyframe k to k + 1); empty when the motion is safe.
@@ -249,7 +251,7 @@ class Certificate:
         for level in range(depth + 1):
             links, touching_links = self._wall_proofs.unproved(spans, links)
             pairs, touching_pairs = self._unproved_pairs(spans, pairs)
-            # What touches half-way is lost at once; what is merely unproved is lost after the last bisection.
+            # What touches half-way has failed; what is merely unproved fails after the last bisection.
             last = level == depth
             bad = np.concatenate((touching_links, touching_pairs, links[0] if last else [], pairs[0] if last else []))
             failed.append(np.unique(spans.owner[bad.astype(int)]))
@@ -259,15 +261,15 @@ class Certificate:
         return np.unique(np.concatenate(failed))
 
     def _halved(self, spans: Stretches, links: Links, pairs: Pairs, failed: IntArray) -> tuple[Stretches, Links, Pairs]:
-        """Return both halves of every stretch with something unsafe, and what is to be tested on them again."""
-        # An interval that has failed need not be looked at further: the caller only learns that it failed.
+        """Return both halves of every stretch with an open test, and the tests to be repeated on them."""
+        # An interval that has failed need no further tests: the caller only learns that it failed.
         alive = ~np.isin(spans.owner, failed)
         keep_link = alive[links[0]]
         keep_pair = alive[pairs[0]]
         links = (links[0][keep_link], links[1][keep_link])
         pairs = (pairs[0][keep_pair], pairs[1][keep_pair], pairs[2][keep_pair])
 
-        # Only stretches that still have something to test are halved; ``place`` leads from a test to its stretch.
+        # Only stretches with open tests are halved; ``place`` maps a test to its stretch.
         kept, place = np.unique(np.concatenate((links[0], pairs[0])), return_inverse=True)
         start = spans.start[kept]
         end = spans.end[kept]
@@ -284,7 +286,7 @@ class Certificate:
         return halves, twice_links, twice_pairs
 
     def _unproved_pairs(self, spans: Stretches, pairs: Pairs | None) -> tuple[Pairs, IntArray]:
-        """Pairs of links not proved apart, of those given or of all, and the stretches in which a pair touches."""
+        """Return the pairs not proved apart, of those given or of all, and the stretches with contact."""
         if not self.arm.self_collision:
             none = np.zeros(0, dtype=np.intp)
             return (none, none, none), none
@@ -292,7 +294,7 @@ class Certificate:
 
     @cached_property
     def _rounding(self) -> float:
-        """Distances are kept to this much more at least, so that rounding proves nothing that is not true."""
+        """Extra distance that proofs require, so that rounding proves nothing false [m]."""
         return proof_rounding(self.arm, self.workspace, self.settings.depth)
 
     @cached_property
@@ -317,8 +319,8 @@ class Certificate:
 
 
 def allowed_contact(arm: Arm, workspace: Workspace, settings: CertificateSettings = DEFAULT_CERTIFICATE) -> float:
-    """Return the depth below contact that may be [m]: none for axes that would then touch walls or each other."""
+    """Return the allowed depth of contact [m]; zero if axes could then touch walls or each other."""
     widths = [arm.radius + workspace.clearance, *([arm.radius] if arm.self_collision else [])]
-    # Rounding must not refuse an arm that begins in contact, but an axis without width would be on the other side of
-    # the wall.
+    # Rounding must not refuse an arm that starts in contact, but an axis without width would end up on the other side
+    # of the wall.
     return settings.contact if min(widths) > 2.0 * settings.contact else 0.0

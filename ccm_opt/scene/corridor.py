@@ -7,12 +7,12 @@ from ccm_opt.core.arrays import FloatArray
 
 @dataclass(frozen=True)
 class ConvexRegion:
-    """A convex polygon inside free space, also as half-planes ``normals @ x <= offsets``.
+    """A convex polygon inside free space, with its half-planes ``normals @ x <= offsets``.
 
     Attributes:
-        vertices: counter-clockwise, shape (m, 2) [m].
+        vertices: vertices in counter-clockwise order, shape (m, 2) [m].
         normals: unit outward normals of the edges, shape (m, 2).
-        offsets: shape (m,) [m].
+        offsets: offsets of the half-planes, shape (m,) [m].
     """
 
     vertices: FloatArray
@@ -22,13 +22,13 @@ class ConvexRegion:
 
 @dataclass(frozen=True)
 class Route:
-    """One homotopy class of paths from a start to a goal, named by the triangles its taut string crosses.
+    """One homotopy class of paths from a start to a goal, identified by the triangles its taut string crosses.
 
     Attributes:
         sleeve: indices of the triangles crossed, in order, without immediate returns.
         taut: the shortest path of the class, a polyline, shape (k, 2) [m].
-        length: of ``taut`` [m].
-        heading: that is asked for at its end [rad], or None.
+        length: length of ``taut`` [m].
+        heading: heading required at its end [rad], or None.
     """
 
     sleeve: tuple[int, ...]
@@ -39,7 +39,7 @@ class Route:
 
 @dataclass(frozen=True)
 class Corridor:
-    """Overlapping convex regions along a route, first holds the start, last the goal.
+    """Overlapping convex regions along a route; the first contains the start, the last the goal.
 
     Attributes:
         route: the route the corridor was built on.

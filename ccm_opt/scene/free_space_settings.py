@@ -1,19 +1,20 @@
-"""The numbers of free space, its routes and its corridors, in one place."""
+"""Settings of free space, its routes and its corridors."""
 
 from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
 class FreeSpaceSettings:
-    """How finely free space is drawn, how many classes of paths are looked at, and how regions are chosen.
+    """How finely free space is approximated, how paths are measured, and how dents are filled.
 
     Attributes:
-        corner_quad_segs: sides of the polygon round a quarter of a turn at corners, in place of tangents; 0 for
-            tangents and circles of few vertices. Taste: with 24, only 0.06 % of the inflation is given away.
+        corner_quad_segs: polygon sides per quarter turn around corners, instead of tangents; 0 for tangents and circles
+            with few vertices. Taste: with 24, only 0.06 % of the inflation is given away.
         dent: depth up to which dents of free space are filled, as a share of the inflation. Taste.
         edge_samples: points on each edge of the triangulation, ends included, between which paths are measured before
-            any is drawn taut. Taste; a walk costs its square.
-        bisections: times that a straight piece which meets a wall is halved before the shortest walk is taken. Taste.
+            any is pulled taut. Taste; the cost of a walk grows with the square of this number.
+        bisections: number of times that a straight piece which meets a wall is halved before the shortest walk is used
+            instead. Taste.
     """
 
     corner_quad_segs: int = 0
@@ -23,6 +24,6 @@ class FreeSpaceSettings:
 
 
 DEFAULT_FREE_SPACE = FreeSpaceSettings()
-"""The numbers that are used unless others are passed."""
+"""Settings used if no others are passed."""
 FINE_FREE_SPACE = FreeSpaceSettings(corner_quad_segs=24, dent=0.0)
-"""Many vertices, but next to nothing given away, where passages hardly let the arm through."""
+"""Many vertices, but almost no free space given away; for passages that barely let the arm through."""

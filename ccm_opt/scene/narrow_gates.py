@@ -1,12 +1,12 @@
-"""Narrow gates of free space, the junctions of its triangles and the widths between walls.
+"""Narrow gates of free space, chains of triangles between junctions, and widths between walls.
 
-A link is stiff. Where it has next to no play it passes only if it lies square to the gate, and so must the link that
-follows it; a taut string, which bends in the very gate, leads it in askew.
+A link is stiff. Through a gate with almost no play it passes only at a right angle to the gate, and so must the link
+that follows; a taut string, which bends right in the gate, would lead it in at a slant.
 
-Lengths are measured over a few sample points on every edge: from the sample points of one edge to those of another
-edge of the same triangle by straight lines, composed along a chain as min-plus matrix products. This approaches the
-taut length from above, within 0.03 (mostly 0.01) of it in clutter, more coarsely in near-empty rooms: enough to put
-homotopy classes nearly in order before their taut strings are known.
+Lengths are measured between a few sample points on every edge: straight lines lead from the sample points of one edge
+to those of another edge of the same triangle, and are composed along a chain as min-plus matrix products. The result
+approaches the taut length from above, within 0.03 (mostly 0.01) of it in clutter, more coarsely in near-empty rooms:
+enough to sort homotopy classes approximately before their taut strings are known.
 """
 
 import itertools
@@ -23,9 +23,9 @@ from ccm_opt.scene.triangulation import WALL, Triangulation
 from ccm_opt.scene.workspace import Workspace
 
 Tautening = Callable[[FloatArray], FloatArray]
-"""Draws a polyline (m, 2) [m] taut."""
+"""Pulls a polyline (m, 2) [m] taut."""
 Membership = Callable[[FloatArray], BoolArray]
-"""Tells which places (m, 2) [m] are free."""
+"""Returns which points (m, 2) [m] are free."""
 
 
 @dataclass(frozen=True)
@@ -33,12 +33,12 @@ class GateRuns:
     """Which gates are narrow, and how far paths run straight on either side of them.
 
     Attributes:
-        narrow: width of free space below which a passage is such a gate [m].
-        run: length of the straight runs, where they are free [m].
-        base: of the arm, round which space is narrow for no link, shape (2,) [m].
+        narrow: width of free space below which a passage is a narrow gate [m].
+        run: length of the straight runs, where these are free [m].
+        base: base of the arm, around which no gate counts as narrow, shape (2,) [m].
         about_base: distance from the base within which that holds [m].
-        samples: places of a run that have to be free.
-        shortenings: shares of the run that are tried.
+        samples: number of points of a run that must be free.
+        shortenings: shares of the run that are tried, in order.
     """
 
     narrow: float
@@ -49,18 +49,21 @@ class GateRuns:
     shortenings: tuple[float, ...] = (1.0, 0.7, 0.4)
 
     def gates(self, portals: FloatArray) -> list[tuple[int, int]]:
-        """Return the first and last portal, shape (n, 2, 2) [m], of each narrow gate."""
+        """Return the indices of the first and last portal of each narrow gate; portals have shape (n, 2, 2) [m]."""
         if len(portals) == 0:
             return []
         widths = np.linalg.norm(portals[:, 0] - portals[:, 1], axis=1)
         beside_base = np.linalg.norm(portals - self.base, axis=2).min(axis=1) < self.about_base
         narrow = np.flatnonzero((widths < self.narrow) & ~beside_base)
-        # Between the two ends of a thick gate a path crosses its diagonal.
+        # Between the two ends of a thick gate the path crosses a diagonal.
         groups = np.split(narrow, np.flatnonzero(np.diff(narrow) > 2) + 1)
         return [(int(group[0]), int(group[-1])) for group in groups if len(group)]
 
     def places(self, portals: FloatArray) -> FloatArray:
-        """Return the places along the middles of all narrow gates, shape (m, 2) [m]; portals of shape (n, 2, 2) [m]."""
+        """Return points along the middle lines of all narrow gates, shape (m, 2) [m].
+
+        Portals have shape (n, 2, 2) [m].
+        """
         ways = [portals[first : last + 1].mean(axis=1) for first, last in self.gates(portals)]
         share = np.linspace(0.0, 1.0, self.samples)[:, None]
         legs = [(1.0 - share) * a + share * b for way in ways for a, b in itertools.pairwise(way)]
@@ -69,13 +72,13 @@ class GateRuns:
 
 @dataclass(frozen=True)
 class _Gate:
-    """One gate on a path.
+    """One narrow gate on a path.
 
     Attributes:
-        first: number of the first portal.
-        last: number of the last.
-        before: where the straight run towards it begins, shape (2,) [m].
-        behind: where the straight run out of it ends, shape (2,) [m].
+        first: index of the first portal.
+        last: index of the last portal.
+        before: start of the straight run into the gate, shape (2,) [m].
+        behind: end of the straight run out of the gate, shape (2,) [m].
     """
 
     first: int
@@ -89,14 +92,14 @@ def straight_through_gates(
 ) -> FloatArray:
     """Return a taut path with straight runs through the narrow gates that it crosses.
 
-    The same path where it crosses none.
+    A path without narrow gates is returned unchanged.
 
     Args:
-        path: shape (k, 2) [m].
-        portals: that it crosses, shape (n, 2, 2) [m].
-        runs: which gates are narrow.
-        taut: draws what is between the gates.
-        free: places that runs may pass.
+        path: taut path, shape (k, 2) [m].
+        portals: portals that the path crosses, shape (n, 2, 2) [m].
+        runs: which gates are narrow, and the length of the runs.
+        taut: pulls the parts between the gates taut.
+        free: returns which points are free, so that runs may pass.
     """
     gates = _gates(path, portals, runs, free)
     if not gates:
@@ -106,7 +109,7 @@ def straight_through_gates(
     here = path[:1]
     crossed = 0
     for gate in gates:
-        # From portal to portal the polyline stays within triangles, so that its class is that of the path.
+        # From portal to portal the polyline stays within triangles, so it is in the path's homotopy class.
         pieces.append(taut(np.vstack((here, middles[crossed : gate.first + 1], gate.before))))
         pieces.append(middles[gate.first : gate.last + 1])
         here = gate.behind[None]
@@ -116,14 +119,17 @@ def straight_through_gates(
 
 
 def gate_rails(path: FloatArray, portals: FloatArray, runs: GateRuns, free: Membership) -> tuple[FloatArray, ...]:
-    """Return the middle lines of the gates on a path with their runs, each of shape (k, 2) [m]; arguments as above."""
+    """Return the middle lines of a path's gates with their runs, shape (k, 2) [m] each.
+
+    Arguments as for ``straight_through_gates``.
+    """
     middles = portals.mean(axis=1)
     gates = _gates(path, portals, runs, free)
     return tuple(np.vstack((gate.before, middles[gate.first : gate.last + 1], gate.behind)) for gate in gates)
 
 
 def _gates(path: FloatArray, portals: FloatArray, runs: GateRuns, free: Membership) -> list[_Gate]:
-    """Return the gates of a path with their runs, each at most half of the way to the next."""
+    """Return the gates of a path with their runs, each at most half of the distance to the next gate."""
     groups = runs.gates(portals)
     if not groups:
         return []
@@ -131,7 +137,7 @@ def _gates(path: FloatArray, portals: FloatArray, runs: GateRuns, free: Membersh
     entries = np.vstack([middles[first] for first, _ in groups] + [path[-1]])
     exits = np.vstack([path[0]] + [middles[last] for _, last in groups])
     between = np.linalg.norm(entries - exits, axis=1)
-    # The path's ends have no run of their own.
+    # The path's ends have no runs of their own.
     share = np.where(np.isin(np.arange(len(between)), (0, len(between) - 1)), 0.9, 0.45)
     lengths = np.minimum(runs.run, share * between)
     gates = []
@@ -145,7 +151,11 @@ def _gates(path: FloatArray, portals: FloatArray, runs: GateRuns, free: Membersh
 
 
 def _direction(portals: FloatArray) -> FloatArray:
-    """In which direction a gate is entered at its first portal, shape (2,): on to the next, or square to it."""
+    """Return the direction in which a gate is entered at its first portal, shape (2,).
+
+    It is the direction to the first portal farther away than the gate is wide, or else the normal of the narrowest
+    portal.
+    """
     middles = portals.mean(axis=1)
     width = float(np.linalg.norm(portals[0, 0] - portals[0, 1]))
     onward = middles - middles[0]
@@ -159,7 +169,7 @@ def _direction(portals: FloatArray) -> FloatArray:
 
 
 def _run(place: FloatArray, run: FloatArray, runs: GateRuns, free: Membership) -> FloatArray:
-    """Return the end of the longest free run from a place, the place itself where none is free, shape (2,) [m]."""
+    """Return the end of the longest free run from a point, or the point itself if none is free, shape (2,) [m]."""
     for share in runs.shortenings:
         end = place + share * run
         if free(np.linspace(place, end, runs.samples)).all():
@@ -169,13 +179,13 @@ def _run(place: FloatArray, run: FloatArray, runs: GateRuns, free: Membership) -
 
 @dataclass(frozen=True)
 class Chain:
-    """A directed way from one node of the junction graph to the next.
+    """A directed sequence of triangles from one node of the junction graph to the next.
 
     Attributes:
-        triangles: all triangles, both nodes included.
-        entry: the last triangle's edge that is crossed into it.
-        exit: the first triangle's edge that is crossed out of it.
-        lengths: least length from the sample points of the first edge crossed to those of the last, shape (m, m) [m].
+        triangles: indices of all triangles, including both nodes.
+        entry: edge of the last triangle through which it is entered.
+        exit: edge of the first triangle through which it is left.
+        lengths: least lengths from the sample points of the first edge crossed to those of the last, shape (m, m) [m].
     """
 
     triangles: tuple[int, ...]
@@ -185,17 +195,17 @@ class Chain:
 
     @property
     def head(self) -> int:
-        """The node it leads to."""
+        """The node that the chain leads to."""
         return self.triangles[-1]
 
 
 @dataclass(frozen=True)
 class EdgeMetric:
-    """Sample points on the edges of a triangulation and the distances between them within triangles.
+    """Sample points on the edges of a triangulation, and the distances between them within triangles.
 
     Attributes:
-        triangulation: of free space.
-        samples: points on each edge, ends included; m in the shapes of all arrays.
+        triangulation: triangulation of free space.
+        samples: number of points on each edge, ends included; m in the shapes of all arrays.
     """
 
     triangulation: Triangulation
@@ -203,12 +213,12 @@ class EdgeMetric:
 
     @cached_property
     def points(self) -> FloatArray:
-        """Sample points of each triangle's edges, alike seen from either side, shape (T, 3, m, 2) [m]."""
+        """Sample points of each triangle's edges, the same from either side, shape (T, 3, m, 2) [m]."""
         mesh = self.triangulation
         forward = mesh.triangles < np.roll(mesh.triangles, -1, axis=1)
         tails = mesh.corners
         heads = np.roll(mesh.corners, -1, axis=1)
-        # From the vertex of the lower number, so that both triangles of an edge see the same points.
+        # Start at the vertex with the lower index, so that both triangles of an edge see the same points.
         first = np.where(forward[..., None], tails, heads)[:, :, None]
         last = np.where(forward[..., None], heads, tails)[:, :, None]
         fraction = np.linspace(0.0, 1.0, self.samples)[:, None]
@@ -216,22 +226,22 @@ class EdgeMetric:
 
     @cached_property
     def across(self) -> FloatArray:
-        """Distances from the points of edge e to those of edge f of the same triangle, shape (T, 3, 3, m, m) [m]."""
+        """Distances from the points of edge e to those of edge f of a triangle, shape (T, 3, 3, m, m) [m]."""
         gaps = self.points[:, :, None, :, None] - self.points[:, None, :, None]
         return np.asarray(np.hypot(gaps[..., 0], gaps[..., 1]), dtype=np.float64)
 
 
 def min_plus(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Return the least sums over the middle index: (a ⊗ b)_ij = min_k a_ik + b_kj; a (..., i, k), b (..., k, j)."""
+    """Return the min-plus product (a ⊗ b)_ij = min_k a_ik + b_kj, for a (..., i, k) and b (..., k, j)."""
     return np.asarray((a[..., :, :, None] + b[..., None, :, :]).min(axis=-2), dtype=np.float64)
 
 
 def chains_between(metric: EdgeMetric, terminals: Sequence[int]) -> list[Chain]:
-    """Return all directed chains of the junction graph, dead ends left out.
+    """Return all directed chains of the junction graph, without dead ends.
 
     Args:
-        metric: of the triangulation.
-        terminals: triangles that are nodes whatever their degree, the start's and the goal's.
+        metric: metric of the triangulation.
+        terminals: triangles that are nodes whatever their degree: those of start and goal.
     """
     neighbours = _pruned(metric.triangulation, set(terminals))
     degrees = [sum(t != WALL for t in row) for row in neighbours]
@@ -245,7 +255,7 @@ def chains_between(metric: EdgeMetric, terminals: Sequence[int]) -> list[Chain]:
 
 
 def _pruned(mesh: Triangulation, terminals: set[int]) -> list[list[int]]:
-    """Return the neighbour lists with dead ends cut off, except those that lead to a terminal."""
+    """Return the neighbour lists with dead ends removed, except those that lead to a terminal."""
     neighbours = [list(row) for row in mesh.adjacency]
     leaves = [t for t, row in enumerate(neighbours) if row.count(WALL) >= 2]
     while leaves:
@@ -253,7 +263,7 @@ def _pruned(mesh: Triangulation, terminals: set[int]) -> list[list[int]]:
         if leaf in terminals or neighbours[leaf].count(WALL) != 2:
             continue
         stem = next(t for t in neighbours[leaf] if t != WALL)
-        # Cutting off a leaf may make a leaf of what it hung on.
+        # Removing a leaf may turn its stem into a leaf.
         neighbours[leaf] = [WALL] * 3
         neighbours[stem][neighbours[stem].index(leaf)] = WALL
         leaves.append(stem)
@@ -263,7 +273,7 @@ def _pruned(mesh: Triangulation, terminals: set[int]) -> list[list[int]]:
 def _follow(metric: EdgeMetric, neighbours: list[list[int]], nodes: set[int], node: int, exit_edge: int) -> Chain:
     """Return the chain that leaves ``node`` across its edge ``exit_edge``."""
     triangles = [node, neighbours[node][exit_edge]]
-    # The unit of min-plus products: no way from a sample point but to itself.
+    # The identity of min-plus products: each sample point is connected only to itself.
     lengths = np.where(np.eye(metric.samples, dtype=bool), 0.0, np.inf)
     while triangles[-1] not in nodes:
         row = neighbours[triangles[-1]]
@@ -276,12 +286,12 @@ def _follow(metric: EdgeMetric, neighbours: list[list[int]], nodes: set[int], no
 
 @dataclass(frozen=True)
 class Bottleneck:
-    """The narrowest place between a start and a goal.
+    """The narrowest passage between a start and a goal.
 
     Attributes:
         connected: whether a route exists.
-        width: of the free passage for the arm's axis there [m]; 0 when not connected.
-        place: the middle of the narrowest place, or of the missing link, shape (2,) [m].
+        width: width of the free passage for the arm's axis [m]; 0 if not connected.
+        place: middle of the narrowest passage, or of the gap between the components, shape (2,) [m].
         walls: names of the two walls nearest to it.
     """
 
@@ -292,7 +302,7 @@ class Bottleneck:
 
 
 def narrowest_passage(workspace: Workspace, mesh: Triangulation, sleeve: tuple[int, ...]) -> Bottleneck:
-    """Return the narrowest edge that a sleeve crosses; a sleeve of one triangle has none and infinite width."""
+    """Return the narrowest edge that a sleeve crosses; infinite width for a sleeve of a single triangle."""
     edges = mesh.portals(sleeve)
     if len(edges) == 0:
         place = mesh.centroids[sleeve[0]]
@@ -303,19 +313,19 @@ def narrowest_passage(workspace: Workspace, mesh: Triangulation, sleeve: tuple[i
 
 
 def missing_link(workspace: Workspace, mesh: Triangulation, start: int, goal: int) -> Bottleneck:
-    """Return the shortest gap between the components of two triangles."""
+    """Return the shortest gap between the components of two triangles, as a bottleneck of width 0."""
     around = [_component(mesh, mesh.components[triangle]) for triangle in (start, goal)]
     place = shapely.get_coordinates(shapely.shortest_line(*around)).mean(axis=0)
     return Bottleneck(connected=False, width=0.0, place=place, walls=nearest_walls(workspace, place))
 
 
 def nearest_walls(workspace: Workspace, place: FloatArray, count: int = 2) -> tuple[str, ...]:
-    """Return the names of the walls nearest to a place (2,) [m], nearest first."""
+    """Return the names of the walls nearest to a point (2,) [m], nearest first."""
     order = np.argsort(workspace.apart(shapely.Point(place)), kind="stable")
     return tuple(workspace.walls[k].name for k in order[:count])
 
 
 def _component(mesh: Triangulation, number: int) -> shapely.Geometry:
-    """Return all triangles of one component."""
+    """Return all triangles of one component as a geometry."""
     triangles: shapely.Geometry = shapely.multipolygons(shapely.polygons(mesh.corners[mesh.components == number]))
     return triangles

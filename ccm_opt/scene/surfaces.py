@@ -1,4 +1,4 @@
-"""Surfaces of bodies as triangles."""
+"""Surfaces of bodies as triangles, and their simplification for display."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -10,15 +10,15 @@ from ccm_opt.core.arrays import FloatArray, IntArray
 
 @dataclass(frozen=True, eq=False)
 class TriangleSoup:
-    """Triangles in no order; a place is as far from one as from its points, less its rounding.
+    """An unordered set of triangles; distances are to their points, minus their rounding.
 
     Triangles may have no area: a point with rounding is a ball, a segment with rounding a capsule.
 
     Attributes:
-        triangles: shape (m, 3, 3) [m].
-        rounding: of each, shape (m,) [m].
-        owner: to which of the names each belongs, shape (m,).
-        names: of the bodies, and of the room where there is one.
+        triangles: corners, shape (m, 3, 3) [m].
+        rounding: rounding of each triangle, shape (m,) [m].
+        owner: index of the name that each triangle belongs to, shape (m,).
+        names: names of the bodies, and of the room if there is one.
     """
 
     triangles: FloatArray
@@ -28,12 +28,15 @@ class TriangleSoup:
 
     @classmethod
     def joined(cls, named: Iterable[tuple[str, FloatArray, float]]) -> "TriangleSoup":
-        """The triangles of several things, each with its name, its triangles, shape (·, 3, 3), and its rounding."""
+        """Return the triangles of several things.
+
+        Each is given by its name, its triangles, shape (·, 3, 3), and its rounding.
+        """
         parts = list(named)
         counts = [len(triangles) for _, triangles, _ in parts]
         triangles = [np.zeros((0, 3, 3)), *(triangles for _, triangles, _ in parts if len(triangles))]
         return cls(
-            # Of a single large mesh no second copy is made.
+            # A single large mesh is not copied.
             np.ascontiguousarray(triangles[1] if len(triangles) == 2 else np.concatenate(triangles)),
             np.repeat(np.array([rounding for _, _, rounding in parts], dtype=np.float64), counts),
             np.repeat(np.arange(len(parts), dtype=np.intp), counts),
@@ -45,29 +48,29 @@ class TriangleSoup:
 
 
 def box_about(places: FloatArray) -> FloatArray:
-    """Lower and upper corner of the box about some places, shape (2, 3) [m].
+    """Return the lower and upper corner of the bounding box of points, shape (2, 3) [m].
 
     Args:
-        places: at least one, shape (..., 3) [m].
+        places: at least one point, shape (..., 3) [m].
     """
-    # Column by column: of many rows of three numpy takes the least some ten times as slowly.
+    # Column by column: numpy takes the minimum of many rows of three some ten times as slowly.
     columns = [places[..., axis] for axis in range(3)]
     return np.array([[column.min() for column in columns], [column.max() for column in columns]])
 
 
 def thinned(vertices: FloatArray, faces: IntArray, cell: float) -> tuple[FloatArray, IntArray]:
-    """Return a surface whose corners in each cell of a grid are one corner, their mean (Rossignac and Borrel 1993).
+    """Return a surface with all vertices in a grid cell merged into their mean (Rossignac and Borrel 1993).
 
     Args:
-        vertices: shape (v, 3) [m].
-        faces: shape (m, 3).
-        cell: width of a cell; no corner is moved by more than its diagonal [m].
+        vertices: vertices, shape (v, 3) [m].
+        faces: vertex indices of the triangles, shape (m, 3).
+        cell: width of a cell; no vertex moves by more than its diagonal [m].
 
     Returns:
-        Corners and faces, without faces that have collapsed and without those that are there twice.
+        Vertices and faces, without collapsed faces and duplicates.
     """
     cells = np.floor((vertices - vertices.min(axis=0)) / cell).astype(np.int64)
-    # One number a cell, which is sorted much faster than three.
+    # One number per cell, which sorts much faster than three.
     _, across, up = cells.max(axis=0) + 1
     cell_number = (cells[:, 0] * across + cells[:, 1]) * up + cells[:, 2]
     _, number, count = np.unique(cell_number, return_inverse=True, return_counts=True)
@@ -82,9 +85,9 @@ def thinned(vertices: FloatArray, faces: IntArray, cell: float) -> tuple[FloatAr
 
 
 def within(vertices: FloatArray, faces: IntArray, most: int, cell: float) -> tuple[FloatArray, IntArray]:
-    """Return a surface with at most so many triangles.
+    """Return a surface with at most ``most`` triangles.
 
-    It is thinned by cells of a width, and wider ones as long as needed.
+    It is thinned with cells of the given width, which are widened as needed.
     """
     if len(faces) <= most:
         return vertices, faces
@@ -98,13 +101,13 @@ def within(vertices: FloatArray, faces: IntArray, most: int, cell: float) -> tup
 def all_within(
     surfaces: Sequence[tuple[FloatArray, IntArray]], most: int, least: int, cell: float
 ) -> list[tuple[FloatArray, IntArray]]:
-    """Thin several surfaces to at most so many triangles in all; what small ones do not need is left for large ones.
+    """Thin several surfaces to a total number of triangles; what small surfaces leave over goes to large ones.
 
     Args:
         surfaces: vertices, shape (v, 3) [m], and faces, shape (m, 3), of each.
-        most: triangles in all.
-        least: triangles that each of them may have, however many there are.
-        cell: width of the cells in which corners are joined first [m].
+        most: greatest total number of triangles.
+        least: number of triangles that each surface may have in any case.
+        cell: width of the cells in which vertices are merged at first [m].
     """
     drawn = list(surfaces)
     left = most
@@ -117,12 +120,12 @@ def all_within(
 
 
 def sharp_edges(vertices: FloatArray, faces: IntArray, angle: float) -> IntArray:
-    """Return the edges at which a surface ends, or turns by more than an angle [rad]; their corners, shape (k, 2).
+    """Return the edges at which a surface ends or turns sharply, as vertex indices, shape (k, 2).
 
     Args:
-        vertices: shape (v, 3) [m]; corners at the same place count as one.
-        faces: shape (m, 3).
-        angle: between the normals of the two faces of an edge [rad].
+        vertices: vertices, shape (v, 3) [m]; vertices at the same position count as one.
+        faces: vertex indices of the triangles, shape (m, 3).
+        angle: angle between the normals of an edge's two faces above which it is sharp [rad].
     """
     _, first, same = np.unique(vertices, axis=0, return_index=True, return_inverse=True)
     joined = first[same.reshape(-1)][faces]
