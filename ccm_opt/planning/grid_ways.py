@@ -1,4 +1,4 @@
-"""Ways for the tip through a grid of places with room: labels say whether there is one, A* which is cheapest."""
+"""Paths for the tip through a grid: labels of connected cells tell whether there is one, A* finds the cheapest."""
 
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -13,17 +13,17 @@ from ccm_opt.core.native import NativeCall
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 
 LAYER = 8
-"""Cells along x between two looks at the clock: as many as are looked at as a whole first."""
+"""Number of cells along x between two checks of the deadline; these are evaluated together."""
 
 
 @dataclass(frozen=True, eq=False)
 class WaysBetween:
-    """All ways between two places that are no longer than some length; together they fill an ellipsoid.
+    """All paths between two places up to some length; together they fill an ellipsoid.
 
     Attributes:
-        start: where they begin, shape (3,) [m].
-        goal: where they end, shape (3,) [m].
-        longest: length of the longest [m].
+        start: where the paths begin, shape (3,) [m].
+        goal: where the paths end, shape (3,) [m].
+        longest: length of the longest path [m].
     """
 
     start: FloatArray
@@ -31,11 +31,11 @@ class WaysBetween:
     longest: float
 
     def pass_near(self, sides: tuple[FloatArray, FloatArray, FloatArray], near: float) -> BoolArray:
-        """Return which places of a grid such a way passes, or comes as near to.
+        """Return which places of a grid lie on such a path, or within a distance of one.
 
         Args:
             sides: x, y and z of the places [m].
-            near: what is near [m].
+            near: the distance [m].
 
         Returns:
             Shape (nx, ny, nz).
@@ -46,13 +46,13 @@ class WaysBetween:
 
 @dataclass(frozen=True, eq=False)
 class GridDistances:
-    """How far the places of a grid are from the surfaces.
+    """Distances of the places of a grid from the surfaces.
 
     Attributes:
-        low: the first place, the middle of its cell, shape (3,) [m].
-        cell: distance of the places along each axis [m].
-        values: distances, at most the reach; 0 where nothing was looked at, shape (nx, ny, nz) [m].
-        reach: distance from which on it does not matter how far it is [m].
+        low: the first place, the centre of its cell, shape (3,) [m].
+        cell: spacing of the places along each axis [m].
+        values: distances, at most the reach; 0 where they were not evaluated, shape (nx, ny, nz) [m].
+        reach: distance beyond which distances are not resolved [m].
     """
 
     low: FloatArray
@@ -71,16 +71,16 @@ class GridDistances:
         deadline: Deadline | None = None,
         ways: WaysBetween | None = None,
     ) -> "GridDistances":
-        """Return the distances over a box. Cells that are not looked at in time count as touched.
+        """Return the distances over a box; cells that are not evaluated by the deadline count as touched.
 
         Args:
-            tree: of the surfaces.
+            tree: tree of the surfaces.
             box: lower and upper corner, shape (3,) each [m].
-            cells: about how many.
-            reach: as above [m].
-            finest: size that cells have at least [m].
-            deadline: when to stop; never when None.
-            ways: that are asked for; cells that none of them passes are not looked at. Any when None.
+            cells: approximate number of cells.
+            reach: distance beyond which distances are not resolved [m].
+            finest: least size of cells [m].
+            deadline: time limit; none when None.
+            ways: paths of interest; cells that none of them passes are not evaluated. All cells when None.
         """
         low, high = box
         size = np.maximum(high - low, 1e-9)
@@ -96,7 +96,7 @@ class GridDistances:
             if ways is None:
                 values[block.slices] = tree.grid(first + cell * block.start, cell, block.counts, reach)
                 continue
-            # What passes between the middles of two cells comes within a diagonal of one.
+            # A path that passes between the centres of two cells comes within a diagonal of one.
             passed = ways.pass_near(block.sides(first, cell), 2.0 * cell)
             part, inside = block.part_with(passed)
             looked = tree.grid(first + cell * part.start, cell, part.counts, reach)
@@ -106,16 +106,16 @@ class GridDistances:
 
 @dataclass(frozen=True, eq=False)
 class TipGrid:
-    """Places with room for the tip, one a cell.
+    """A grid of places with their clearance for the tip, one per cell.
 
     Attributes:
         low: centre of the first cell, shape (3,) [m].
         cell: size of the cells [m].
-        gaps: distance of each cell's centre from the surfaces beyond what the arm needs, at most ``far``, negative
-            where there is no room, shape (nx, ny, nz) [m].
-        far: distance from which on walls do not matter [m].
-        kept: distance that the tip needs from surfaces, at which gaps begin [m].
-        deadline: when to stop; no way is found after it.
+        gaps: distance of each cell's centre from the surfaces in excess of ``kept``, at most ``far``, negative where
+            the tip does not fit, shape (nx, ny, nz) [m].
+        far: gap from which on obstacles do not matter [m].
+        kept: distance that the tip needs from surfaces [m].
+        deadline: time limit; no path is found after it.
     """
 
     low: FloatArray
@@ -127,25 +127,25 @@ class TipGrid:
 
     @classmethod
     def of(cls, distances: GridDistances, kept: float, far: float, deadline: Deadline | None = None) -> "TipGrid":
-        """Return the grid of places with some distance from surfaces.
+        """Return the grid of gaps from distances.
 
         Args:
-            distances: of the places, known up to both of the following together.
+            distances: distances of the places, known up to ``kept + far``.
             kept: distance that the tip needs from surfaces [m].
-            far: distance beyond that from which on walls do not matter [m].
-            deadline: when to stop; never when None.
+            far: gap from which on obstacles do not matter [m].
+            deadline: time limit; none when None.
         """
         gaps = np.minimum(distances.values, kept + far) - kept
         return cls(distances.low, distances.cell, gaps, far, kept, deadline or Deadline.never())
 
     def index(self, place: FloatArray) -> tuple[int, int, int]:
-        """Return the cell of a place; the nearest one where it lies outside."""
+        """Return the cell of a place; the nearest cell where the place lies outside."""
         found = np.rint((place - self.low) / self.cell).astype(int)
         x, y, z = np.clip(found, 0, np.array(self.gaps.shape) - 1)
         return int(x), int(y), int(z)
 
     def free_near(self, place: FloatArray, within: int = 2) -> tuple[int, int, int] | None:
-        """Return the cell with room nearest to a place, looked for so many cells around; None where there is none."""
+        """Return the free cell nearest to a place, at most ``within`` cells away along each axis; None without one."""
         centre = self.index(place)
         best: tuple[float, tuple[int, int, int]] | None = None
         for step in product(range(-within, within + 1), repeat=3):
@@ -166,9 +166,9 @@ class TipGrid:
         return np.asarray(labels)
 
     def joined(self, start: FloatArray, goal: FloatArray) -> tuple[tuple[int, int, int], tuple[int, int, int]] | None:
-        """Return the cells with room nearest to two places.
+        """Return the free cells nearest to two places.
 
-        None where there is none, or no way from one to the other.
+        None where there is none, or no path from one to the other.
         """
         first = self.free_near(start)
         last = self.free_near(goal)
@@ -177,11 +177,11 @@ class TipGrid:
         return first, last
 
     def prices(self, nearness: float, dear: FloatArray | None = None) -> npt.NDArray[np.float32]:
-        """Return what a way through each cell costs, as a multiple of its length; −1 where there is no room.
+        """Return the cost of a path through each cell per length; −1 where the tip does not fit.
 
         Args:
-            nearness: what a way along a wall costs more than one far away, as a multiple.
-            dear: further prices of the cells, of the shape of ``gaps``; none when None.
+            nearness: extra cost of a path along a surface, relative to one far away.
+            dear: extra costs of the cells, of the shape of ``gaps``; none when None.
         """
         near = 1.0 - np.clip(self.gaps / self.far, 0.0, 1.0)
         price = (1.0 + nearness * near**2).astype(np.float32)
@@ -191,14 +191,14 @@ class TipGrid:
         return price
 
     def costs_to_go(self, goal: FloatArray, price: npt.NDArray[np.float32]) -> FloatArray | None:
-        """Cost of the cheapest way from every cell to a place, inf where there is none, of the shape of ``gaps`` [m].
+        """Return the cost of the cheapest path from every cell to a place [m], inf where there is none.
 
         Args:
             goal: the place, shape (3,) [m].
-            price: of the cells, as ``prices`` makes them.
+            price: costs of the cells per length, as by ``prices``.
 
         Returns:
-            The costs; None where there is no room near the place, or the time is over.
+            The costs, of the shape of ``gaps``; None where no cell near the place is free, or the deadline has passed.
         """
         last = self.free_near(goal)
         if last is None:
@@ -211,15 +211,15 @@ class TipGrid:
     def cheapest_way(
         self, start: FloatArray, goal: FloatArray, nearness: float, dear: FloatArray | None = None
     ) -> FloatArray | None:
-        """Return the corners of the cheapest way between two places, shape (m, 3) [m].
+        """Return the corners of the cheapest path between two places, shape (m, 3) [m].
 
-        None where there is none, or not in time.
+        None where there is no path, or none is found in time.
 
         Args:
-            start: where it begins, shape (3,) [m].
-            goal: where it ends, shape (3,) [m].
-            nearness: what a way along a wall costs more than one far away, as a multiple.
-            dear: further prices of the cells, of the shape of ``gaps``; none when None.
+            start: where the path begins, shape (3,) [m].
+            goal: where the path ends, shape (3,) [m].
+            nearness: extra cost of a path along a surface, relative to one far away.
+            dear: extra costs of the cells, of the shape of ``gaps``; none when None.
         """
         ends = self.joined(start, goal)
         if ends is None:
@@ -241,15 +241,17 @@ class TipGrid:
     def _settled(
         self, price: npt.NDArray[np.float32], first: tuple[int, int, int], last: tuple[int, int, int] | None
     ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.float32]]:
-        """The cell before each on its cheapest way from the first, −1 where none is known, and what the way costs.
+        """Return the predecessor of each cell on its cheapest path from the first cell, and the cost of that path.
 
         Args:
-            price: of the cells.
-            first: where all ways begin.
-            last: the search ends here; None for all cells.
+            price: costs of the cells per length.
+            first: cell where all paths begin.
+            last: cell at which the search ends; None to search all cells.
 
         Returns:
-            Flat cells, shape (cells,), and costs in cells, shape of the grid, inf where none is known.
+            Flat indices of predecessors, shape (cells,), −1 where none is known, and costs in cells, of the shape of
+            the grid,
+            inf where none is known.
         """
         shape = price.shape
         capacity = 16 * price.size
@@ -265,17 +267,17 @@ class TipGrid:
             before=before, cost=cost, capacity=capacity, heap=np.empty(capacity, dtype=np.int64),
             key=np.empty(capacity, dtype=np.float32),
         )()  # fmt: skip
-        # Settled cells have the negative of their cost.
+        # Settled cells hold the negative of their cost.
         return before, np.abs(cost).reshape(shape)
 
 
 @dataclass(frozen=True, eq=False)
 class _Block:
-    """Cells of a grid from some number to another along each axis.
+    """A box of cells of a grid.
 
     Attributes:
-        start: shape (3,).
-        stop: one behind the last, shape (3,).
+        start: first cell along each axis, shape (3,).
+        stop: one beyond the last cell along each axis, shape (3,).
     """
 
     start: IntArray
@@ -289,18 +291,19 @@ class _Block:
 
     @property
     def slices(self) -> tuple[slice, ...]:
-        """To take them from an array."""
+        """Slices that select the block from an array of the grid."""
         return tuple(slice(int(start), int(stop)) for start, stop in zip(self.start, self.stop, strict=True))
 
     def sides(self, low: FloatArray, cell: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return the x, y and z of the middles of cells of a grid whose first one lies at a place [m]."""
+        """Return x, y and z of the block's cell centres, for a grid whose first centre is ``low``, shape (3,) [m]."""
         x, y, z = (low[axis] + cell * np.arange(self.start[axis], self.stop[axis]) for axis in range(3))
         return x, y, z
 
     def part_with(self, wanted: BoolArray) -> tuple["_Block", tuple[slice, ...]]:
-        """Return the smallest part that has all wanted cells, shape of the counts, none where none is.
+        """Return the smallest block that contains all wanted cells, and its slices within this block.
 
-        And its place in it.
+        Args:
+            wanted: mask over this block's cells; with none set, the part is empty.
         """
         low, high = np.zeros(3, dtype=np.intp), np.zeros(3, dtype=np.intp)
         for axis in range(3):
@@ -311,22 +314,22 @@ class _Block:
 
 
 def _distances(sides: tuple[FloatArray, FloatArray, FloatArray], place: FloatArray) -> FloatArray:
-    """Return the distances of the places of a grid from another, shape (nx, ny, nz) [m]."""
+    """Return the distances of the places of a grid from another place, shape (nx, ny, nz) [m]."""
     x, y, z = ((side - there) ** 2 for side, there in zip(sides, place, strict=True))
     return np.asarray(np.sqrt(x[:, None, None] + y[:, None] + z))
 
 
 def shortened(tree: SurfaceTree, way: FloatArray, kept: float, finest: float) -> FloatArray:
-    """Return a way with corners left out as long as the straight parts keep off the surfaces.
+    """Return a path with corners left out where the straight pieces keep their distance from the surfaces.
 
-    Each corner is tried with the farthest that is seen from it first; where a way is nearer to walls than asked it
-    keeps what it has.
+    From each corner the farthest visible one is tried first. Pieces that are closer to surfaces than asked must not
+    come closer.
 
     Args:
-        tree: of the surfaces.
-        way: corners, shape (m, 3) [m].
+        tree: tree of the surfaces.
+        way: corners of the path, shape (m, 3) [m].
         kept: distance to keep [m].
-        finest: distance that parts of the way that lie nearer lose at most [m].
+        finest: how far beyond ``kept`` distances are resolved [m].
     """
     if len(way) < 3:
         return way

@@ -21,40 +21,40 @@ from ccm_opt.core.polyline import arc_lengths, nearest_place, path_length, point
 from ccm_opt.planning.pose import CurveUnknowns, Pose, Term, turn_rows
 
 _UNKNOWN_WEIGHT = 0.0001
-"""Of the unknowns themselves, which ties down what turns no link. Taste."""
+"""Weight of the unknowns themselves, which fixes those that turn no link. Taste."""
 _LONGEST_ERROR = 1.0
-"""Error of the tip that is asked to be mended in one step, in nominal links. Taste."""
+"""Largest error of the tip that a step is asked to correct, in nominal links. Taste."""
 _TURN_WEIGHT = 0.01
-"""Of every link's turn, per nominal link: the arm moves as little as it can. Taste."""
+"""Weight of every link's turn, per nominal link: the arm moves as little as it can. Taste."""
 _MOTION_WEIGHT = 0.01
-"""Of every joint's motion, per nominal link. Taste."""
+"""Weight of every joint's displacement, per nominal link. Taste."""
 _LEASH = 1.5
-"""How far the tip may lag before the target waits, in nominal links. Taste."""
+"""Lag of the tip at which the target waits, in nominal links. Taste."""
 _TRACK_LEASH = 1.0
-"""The same where all joints are drawn onto the track. Measured: with the longer one an arm of 16 links among ribs gets
-through in no minute, with this one in 3 s."""
+"""Lag of the tip at which the target waits where all joints are pulled onto the track, in nominal links. Measured: with
+the longer one an arm of 16 links among ribs does not get through in a minute, with this one in 3 s."""
 _ADVANCE = 0.4
-"""Travel of the tip's target in one step, in nominal links. Taste."""
+"""Advance of the tip's target in one step, in nominal links. Taste."""
 _FOLLOWING_WEIGHT = 0.1
-"""Of a link's heading when it lies on the track, per nominal link. Taste."""
+"""Weight of the heading of a link that lies on the track, per nominal link. Taste."""
 ONTO_TRACK = 0.1
-"""Weight on distances from the track where all joints are drawn onto it."""
+"""Weight on distances from the track where all joints are pulled onto it."""
 
 _TURN_LEASH = 0.4
-"""Largest turn that any link may lag behind before the target waits [rad]. Taste."""
+"""Largest lag of any link at which the target waits [rad]. Taste."""
 _ARRIVED = 0.1
-"""Largest turn between a link and the end at which a pose is reached [rad]. Taste; what is left is settled or followed
-once more."""
+"""Largest turn between a link and the end at which a pose counts as reached [rad]. Taste; the rest is left to settling
+or to another guide."""
 _UNKNOWN_STEP = 1.0
 """Largest change of an unknown that is asked for in one step. Taste."""
 _TURN_ADVANCE = 0.1
-"""Turn of the fastest link by which the target goes on in one step [rad]. Taste; below the step's own limit, so that
+"""Turn of the fastest link by which the target advances in one step [rad]. Taste; below the step's own limit, so that
 the arm can keep up."""
 
 _FINE = 0.05
-"""Spacing of places at which links on a track are looked at, in links."""
+"""Spacing of the places at which links on a track are tabulated, in links."""
 _LONGEST = 2.0
-"""Of the arcs over which a link is a chord, in links; a half circle that it spans has π / 2."""
+"""Longest arc of which a link is assumed to be a chord, in links; a half circle that it spans has π / 2."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +62,7 @@ class TipTrack:
     """A path of the tip.
 
     Attributes:
-        points: of a polyline, shape (k, d) [m].
+        points: vertices of a polyline, shape (k, d) [m].
     """
 
     points: FloatArray
@@ -83,15 +83,21 @@ class TipTrack:
         return float(self.arcs[-1])
 
     def at(self, arcs: FloatArray | float) -> FloatArray:
-        """Return the places at arc lengths, clipped to the ends, shape (...) to (..., d) [m]."""
+        """Return the points at arc lengths, clipped to the ends, shape (...) to (..., d) [m]."""
         return points_at(self.points, self.arcs, arcs)
 
     def leads(self, arcs: FloatArray) -> BoolArray:
-        """Return whether there is something to follow at arc lengths, shape (m,): whether the track has begun."""
+        """Return whether the track exists at arc lengths, shape (m,): from its beginning on."""
         return arcs >= 0.0
 
     def nearest_arc(self, point: FloatArray, last: float, places: int = 200) -> float:
-        """Return the arc length of the place nearest to a point (d,), of so many not beyond ``last`` [m]."""
+        """Return the arc length nearest to a point, shape (d,), among evenly spaced samples [m].
+
+        Args:
+            point: the point, shape (d,) [m].
+            last: largest arc length that is sampled [m].
+            places: number of samples.
+        """
         candidates = np.linspace(0.0, min(last, self.length), places)
         return nearest_place(self.points, self.arcs, point, candidates)
 
@@ -99,16 +105,16 @@ class TipTrack:
 def tip_path(points: FloatArray) -> FloatArray:
     """Return a polyline without repeated points, shape (k, d) [m].
 
-    Of at least two, for the tip may be at its goal already.
+    It has at least two points, even where the tip is at its goal already.
     """
     points = without_repeats(points, ROUNDING)
-    # Any direction will do.
+    # The direction is arbitrary.
     return points if len(points) > 1 else np.vstack((points, points[-1] + ROUNDING * np.eye(points.shape[1])[0]))
 
 
 @dataclass(frozen=True, eq=False)
 class ArmTrack(TipTrack):
-    """A track from behind the arm's base along the arm to its tip, and on along a way.
+    """A track from behind the arm's base along the arm to its tip, and on along a path.
 
     Attributes:
         start: arc length of the tip when the motion begins [m].
@@ -119,33 +125,36 @@ class ArmTrack(TipTrack):
 
     @classmethod
     def behind(cls, joints: FloatArray, way: FloatArray) -> "ArmTrack":
-        """The track of an arm with joints and tip at places, shape (links + 1, d), along a way, (k, d), of its tip.
+        """Return the track along an arm and on along a path of its tip.
 
-        The way may begin anywhere on the arm: what of the arm lies beyond is not part of the track then, and the tip
-        is drawn back to it.
+        A path that begins away from the tip is joined to it by a straight piece.
+
+        Args:
+            joints: joints and tip of the arm, shape (links + 1, d) [m].
+            way: path of the tip, shape (k, d) [m].
         """
         corners = np.concatenate((joints, way))
         return cls(without_repeats(corners, 1e-9 * max(path_length(corners), 1e-9)), path_length(joints))
 
     def at(self, arcs: FloatArray | float) -> FloatArray:
-        """Return the places at arc lengths, shape (...) to (..., d) [m]; before its beginning it runs on straight."""
+        """Return the points at arc lengths, shape (...) to (..., d) [m]; straight on before the track's beginning."""
         first = self.points[1] - self.points[0]
         before = np.minimum(arcs, 0.0)[..., None] / np.linalg.norm(first)
         return np.asarray(super().at(arcs) + before * first)
 
     def leads(self, arcs: FloatArray) -> BoolArray:
-        """Return the everywhere: the track begins behind the arm's base."""
+        """Return True for every arc length, shape (m,): the track begins behind the arm's base."""
         return np.ones(len(arcs), dtype=bool)
 
     def joints_behind(self, tip: float, link: float, links: int) -> FloatArray:
-        """Arc lengths of the joints of an arm on the track with its tip at an arc length, shape (links + 1,) [m].
+        """Return the arc lengths of the joints and the tip of an arm that lies on the track, shape (links + 1,) [m].
 
-        Links are chords: in a bend they leave out a part of the arc.
+        Links are chords: in a bend they skip part of the arc.
 
         Args:
             tip: arc length of the tip [m].
             link: length of a link [m].
-            links: their number.
+            links: number of links.
         """
         ends, starts = self._chords(link)
         arcs = np.empty(links + 1)
@@ -158,12 +167,12 @@ class ArmTrack(TipTrack):
         return arcs
 
     def _chords(self, link: float) -> tuple[FloatArray, FloatArray]:
-        """Return the arc lengths of the ends of links on the track, and those of their starts, shape (m,) each [m]."""
+        """Return the arc lengths of the ends of links on the track, and of their starts, shape (m,) each [m]."""
         if link not in self._chord_tables:
             ends = np.arange(0.0, self.length, _FINE * link)
             behind = link * np.arange(1.0, _LONGEST, _FINE)
             apart = np.linalg.norm(self.at(ends[:, None] - behind) - self.at(ends)[:, None], axis=2)
-            # The first place behind that is a link away, and how far before it that is reached.
+            # The first place behind that is a link away, and the share by which it is beyond.
             first = np.argmax(apart >= link, axis=1)
             rows = np.arange(len(ends))
             before = np.maximum(first - 1, 0)
@@ -175,7 +184,7 @@ class ArmTrack(TipTrack):
 
 
 def shortened(error: FloatArray, longest: float) -> FloatArray:
-    """Return a vector (d,) of the same direction and at most some length."""
+    """Return a vector, shape (d,), in the same direction with its length capped at ``longest``."""
     distance = float(np.linalg.norm(error))
     return error * min(1.0, longest / max(distance, 1e-12))
 
@@ -185,13 +194,14 @@ class TipLed:
     """Leads the tip along a track.
 
     Attributes:
-        space: the map of the unknowns.
-        track: of the tip.
-        arc: where the target is on the track [m].
-        still: whether to move the arm as little as may be; where every step does so, a guide need not.
-        largest_turn: of a link onto the track that is asked for in one step [rad]. Taste.
-        at_once: whether the target goes on to the end of its leash at once, not by one advance a step; one at a time
-            motions in space last a twentieth longer in the mean, and at once others are found in the plane.
+        space: the map from the unknowns to configurations.
+        track: track of the tip.
+        arc: arc length of the target on the track [m].
+        still: whether to move the arm as little as possible; not needed where every step does so anyway.
+        largest_turn: largest turn of a link onto the track that is asked for in one step [rad]. Taste.
+        at_once: whether the target goes to the end of its leash at once, instead of one advance per step. Measured: one
+            advance per step makes motions in space a twentieth longer in the mean; at once, other motions are found in
+            the plane.
     """
 
     space: CurveUnknowns
@@ -206,7 +216,11 @@ class TipLed:
         self._end = self.track.length
 
     def terms(self, pose: Pose) -> list[Term]:
-        """Draw the tip to the target, links on the track into its direction, and move the rest as little as may be."""
+        """Return the terms that lead the arm on.
+
+        They pull the tip to the target and turn links on the track into its direction, and move the rest as little as
+        possible.
+        """
         unit = self.space.nominal_length
         per_link = self.space.nominal_per_link
         p = len(pose.v)
@@ -218,7 +232,7 @@ class TipLed:
             Term(pose.swinging.reshape(-1, p), turn.ravel(), _FOLLOWING_WEIGHT * per_link * on_track.ravel()),
         ]
         if self.still:
-            # the others do what moves the arm least, which holds the step definite too.
+            # the others move as little as possible, which also keeps the step's Hessian definite.
             turning = pose.turning.reshape(-1, p)
             moving = pose.moving[1:].reshape(-1, p) / unit
             terms.append(Term(turning, np.zeros(len(turning)), _TURN_WEIGHT * per_link))
@@ -226,10 +240,12 @@ class TipLed:
         return terms
 
     def _following(self, pose: Pose) -> tuple[FloatArray, FloatArray]:
-        """Turn of every link, towards its other axes, onto the chord of the track where it should lie, and its weight.
+        """Return the turn of every link onto the chord of the track where it should lie, and its weight.
+
+        The turns are towards the link's other axes.
 
         Returns:
-            Both of shape (links, d − 1); the weights in [0, 1].
+            Both of shape (links, d − 1); turns [rad], weights in [0, 1].
         """
         links = len(pose.frames)
         joints_at = self.arc - self.space.arm.link_length * np.arange(links, -1, -1.0)
@@ -239,16 +255,16 @@ class TipLed:
         angle = np.minimum(np.arctan2(aside, chords[:, 0]), self.largest_turn)
         turn = chords[:, 1:] * (angle / np.maximum(aside, TINY))[:, None]
 
-        # A link far from its place on the track would be turned for nothing, and pull the tip off its way.
+        # A link far from its place on the track would be turned in vain, and pull the tip off its path.
         middles = 0.5 * (pose.points[:-1] + pose.points[1:])
         chord_middles = 0.5 * (places[:-1] + places[1:])
         away = np.linalg.norm(middles - chord_middles, axis=1) / self.space.nominal_length
-        # The part of the arm that is longer than the track so far has nothing to follow.
+        # The part of the arm that is longer than the track so far has no chord to follow.
         on_track = np.where(self.track.leads(joints_at[:-1]), np.exp(-(away**2)), 0.0)
         return turn, np.broadcast_to(on_track[:, None], turn.shape)
 
     def progress(self, pose: Pose) -> bool:
-        """Move the target on if the tip keeps up."""
+        """Advance the target if the tip keeps up, and return whether it was advanced."""
         step = _ADVANCE * self.space.nominal_length
         moved = False
         while self.arc != self._end and self._keeps_up(pose):
@@ -259,17 +275,17 @@ class TipLed:
         return moved
 
     def finished(self, pose: Pose) -> bool:
-        """Return whether the target is at the end of its way and the tip near it."""
+        """Return whether the target is at the end of the track and the tip near it."""
         return self.arc == self._end and self._keeps_up(pose)
 
     def describe(self, pose: Pose) -> str:
-        """Return how far the tip has come."""
+        """Return in words how far the tip has come."""
         lag = short_length(self._lag(pose))
         done, way = (long_length(abs(arc - self._first)) for arc in (self.arc, self._end))
         return f"the tip stopped {lag} short of {done} on a path of {way}"
 
     def _keeps_up(self, pose: Pose) -> bool:
-        """Return whether the tip is within its leash of the target."""
+        """Return whether the tip lags behind the target by less than its leash."""
         return self._lag(pose) < _LEASH * self.space.nominal_length
 
     def _lag(self, pose: Pose) -> float:
@@ -278,13 +294,15 @@ class TipLed:
 
 
 class TrackLed(TipLed):
-    """Leads the tip along a track, forwards or back; the joints behind may be anywhere along it, but not beside it.
+    """Leads the tip along a track, forwards or back, with all joints kept on the track.
+
+    Joints may slide along the track but are pulled back from the side.
 
     Args:
-        space: the map of the unknowns.
-        track: of the tip, which begins with the shape that the arm has at first.
+        space: the map from the unknowns to configurations.
+        track: track of the tip, which begins with the shape that the arm has at first.
         end: arc length at which the tip ends, before or beyond where it begins; the track's own when None [m].
-        weight: on the joints' distances from the track.
+        weight: weight on the joints' distances from the track.
     """
 
     def __init__(
@@ -297,11 +315,11 @@ class TrackLed(TipLed):
             self._end = end
 
     def terms(self, pose: Pose) -> list[Term]:
-        """Return what draws the tip to its target, and all joints onto the track."""
+        """Return the terms that pull the tip to its target and all joints onto the track."""
         unit = self.space.nominal_length
         track = self._behind
         joints, d, p = pose.moving.shape
-        # The same number for every pose, for which the track keeps a table.
+        # Constant over all poses, so that the track's table can be reused.
         link = track.start / (joints - 1)
         # The place on the track, near the target, that is nearest to the tip.
         near = self.arc + unit * np.linspace(-2.0, 2.0, 41)
@@ -318,7 +336,7 @@ class TrackLed(TipLed):
         ]
 
     def _keeps_up(self, pose: Pose) -> bool:
-        """Return whether the tip is within its leash of the target."""
+        """Return whether the tip lags behind the target by less than its leash."""
         return self._lag(pose) < _TRACK_LEASH * self.space.nominal_length
 
 
@@ -327,10 +345,10 @@ class PoseLed:
     """Leads the arm along the straight line between two vectors of unknowns.
 
     Attributes:
-        space: the map of the unknowns.
+        space: the map from the unknowns to configurations.
         start: v_a, shape (p,).
         end: v_b, shape (p,).
-        u: how far the target has come, in [0, 1].
+        u: progress of the target, in [0, 1].
     """
 
     space: CurveUnknowns
@@ -339,20 +357,21 @@ class PoseLed:
     u: float = 0.0
 
     def terms(self, pose: Pose) -> list[Term]:
-        """Turn every link to where the target has it, and draw the surplus unknowns with them."""
+        """Return the terms that turn every link to its target, and move the redundant unknowns along."""
         missing = self._missing(pose)
         turning = turn_rows(self.space.arm, pose)
         return [
             Term(turning, turning @ missing, self.space.nominal_per_link),
-            # Arms of few links have fewer headings than unknowns: the rest would drift and bend the curve between.
+            # Arms of few links have fewer headings than unknowns: the redundant ones would drift and bend the curve
+            # between joints.
             Term(np.eye(len(missing)), np.clip(missing, -_UNKNOWN_STEP, _UNKNOWN_STEP), _UNKNOWN_WEIGHT),
         ]
 
     def progress(self, pose: Pose) -> bool:
-        """Move the target on if all links keep up."""
+        """Advance the target if all links keep up, and return whether it was advanced."""
         if self.u >= 1.0 or self.lag(pose) > _TURN_LEASH:
             return False
-        # In steps of equal turn, however far the two ends are apart.
+        # In steps of equal turn, whatever the distance between the two ends.
         whole_turn = float(np.max(np.abs(turn_rows(self.space.arm, pose) @ (self.end - self.start))))
         self.u = min(1.0, self.u + _TURN_ADVANCE / max(whole_turn, _TURN_ADVANCE))
         return True
@@ -362,7 +381,7 @@ class PoseLed:
         return self.u >= 1.0 and self.lag(pose) < _ARRIVED
 
     def describe(self, pose: Pose) -> str:
-        """Return how far the arm has come."""
+        """Return in words how far the arm has come."""
         return f"interpolation stopped {100 * self.u:.0f} % of the way, a link {np.rad2deg(self.lag(pose)):.0f}° behind"
 
     def lag(self, pose: Pose) -> float:
@@ -370,5 +389,5 @@ class PoseLed:
         return float(np.max(np.abs(turn_rows(self.space.arm, pose) @ self._missing(pose))))
 
     def _missing(self, pose: Pose) -> FloatArray:
-        """Return what of the unknowns the target has and the pose has not, shape (p,)."""
+        """Return the difference of the target's unknowns and the pose's, shape (p,)."""
         return self.start + self.u * (self.end - self.start) - pose.v

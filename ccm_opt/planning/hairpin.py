@@ -1,15 +1,15 @@
 """Hairpins that travel along the arm.
 
-Dragging the tip alone leaves it to buckling where the arm folds. Here every link has a heading reference, so that the
-fold is where it should be. Arc length s is counted from the base, L and l are the lengths of the arm and of a link;
-link k has its middle at m_k = (k + 1/2) l. The hairpin has length λ and begins at f on the old shape; f falls from L
-to 0, and on to -λ while the fold opens at the base.
+Dragging the tip alone leaves it to chance where the arm folds. Here every link has a reference heading, which
+determines the place of the fold. Arc length s is counted from the base, L and l are the lengths of the arm and of a
+link; link k has its middle at m_k = (k + 1/2) l. The hairpin has length λ and begins at f on the old shape; f falls
+from L to 0, and on to -λ while the fold opens at the base.
 
 - *Ahead of the fold*, m_k <= f, the arm stays on its old shape: heading φ_old(m_k).
-- *Behind it* the arm lies on a track that leads from the tip back beside the old arm, leaves it where the new route
-  does, and goes on to the goal. r(s) is the arc length on the track beside place s of the old shape; it is not
-  L - s, for in a bend the strand on the outside is longer. The strand that has turned round is L - f - λ long and
-  begins beside the fold, so that the tip's target is at
+- *Behind the fold* the arm lies on a track that leads from the tip back next to the old arm, leaves it where the new
+  route does, and goes on to the goal. r(s) is the arc length on the track next to place s of the old shape; it is not
+  L - s, because in a bend the outer strand is longer. The strand that has turned round is L - f - λ long and begins
+  next to the fold, so that the tip's target is at
 
       u = r(f) + (L - f - λ),
 
@@ -22,8 +22,8 @@ to 0, and on to -λ while the fold opens at the base.
   with x_k = clip((m_k - f) / λ, 0, 1) and b_k = x_k² (3 - 2 x_k). The two differ by half a turn, to the left or to
   the right: that is the hairpin.
 
-Each step draws the tip to its target and the links to the reference, and keeps the joints ahead of the fold where they
-are. The fold travels on as long as the tip keeps up.
+Each step pulls the tip to its target and the links to the reference, and keeps the joints ahead of the fold in place.
+The fold travels on as long as the tip keeps up.
 """
 
 from bisect import bisect_left
@@ -46,52 +46,52 @@ from ccm_opt.planning.step import Stepper
 from ccm_opt.planning.tip_paths import TipPath
 
 _LONGEST_ERROR = 1.5
-"""Error of the tip that is asked to be mended in one step, in nominal links. Taste."""
+"""Largest error of the tip that a step is asked to correct, in nominal links. Taste."""
 _HEADING_WEIGHT = 0.3
-"""Of every link's heading against the reference, per nominal link. Measured."""
+"""Weight of every link's heading against the reference, per nominal link. Measured."""
 _TURN_WEIGHT = 0.002
-"""Of every link's turn, per nominal link. Measured."""
+"""Weight of every link's turn, per nominal link. Measured."""
 _MOTION_WEIGHT = 0.02
-"""Of every joint's motion, per nominal link. Taste."""
+"""Weight of every joint's displacement, per nominal link. Taste."""
 _STILL_WEIGHT = 4.0
-"""Of a joint's motion ahead of the fold in addition, where the arm should stay. Taste."""
+"""Additional weight of a joint's displacement ahead of the fold, where the arm should stay. Taste."""
 
 _PLACES = 400
-"""Of the fold among which is the one where it would have led the tip to the end of its track. Taste."""
+"""Number of places of the fold that are sampled to find where the tip's target is at the end of its track. Taste."""
 
 _PASSAGE_QUANTILE = 0.25
-"""Of the widths along a path that counts as the passage's; the least alone may be a corner that is only touched.
-Taste."""
+"""Quantile of the widths along a path that counts as the passage's width; the least width may be a corner that is only
+touched. Taste."""
 _SAME_LENGTH = 0.5
-"""Hairpins whose lengths differ by less are the same, in nominal links. Taste."""
+"""Hairpins whose lengths differ by less count as one, in nominal links. Taste."""
 _LONGEST_SHAPE = 1.1
-"""The taut path from the base may be this share of the arm's length; it cuts no corner, so the arm itself may fit where
-the path seems a little too long. Taste."""
+"""Longest taut path from the base, as a share of the arm's length. Taste: above 1, because the arm itself may fit where
+the path, which cuts no corner, seems slightly too long."""
 
 
-# What is measured here was chosen on OMPL's kinematic chains of 12 to 96 links: a prototype with these numbers solved
-# all fifteen at the first attempt, and 150 of 150 from perturbed starts; tests/benchmarks/bench_ompl.py runs them.
+# Measured on OMPL's kinematic chains of 12 to 96 links: a prototype with these numbers solved all fifteen at the first
+# attempt, and 150 of 150 from perturbed starts; tests/benchmarks/bench_ompl.py runs them.
 FOLD_LENGTHS = (5.0, 7.0, 4.0, 9.0)
-"""Of the hairpin that are tried, in nominal links. Measured: what suits a passage lies between the least and the
-greatest."""
+"""Lengths of the hairpin that are tried, in nominal links. Measured: the length that suits a passage lies between the
+least and the greatest."""
 FOLD_SHARE = 1.18
-"""Length of the hairpin that fits a passage, as a share of its width. Measured."""
+"""Length of the hairpin that fits a passage, as a share of the passage's width. Measured."""
 _ADVANCE = 0.3
 """Travel of the fold in one step, in nominal links. Measured."""
 _HEADING_WINDOW = 2.0
 """Length over which a track's heading is smoothed, in nominal links. Measured."""
 _SAMPLES = 8
-"""Of the smoothed heading to such a window; between them it is linear."""
+"""Samples of the smoothed heading per window; in between it is linear."""
 _LEASH = 2.5
-"""How far the tip may lag behind its target before the fold waits, in nominal links. Measured."""
+"""Lag of the tip behind its target at which the fold waits, in nominal links. Measured."""
 
 
 @dataclass(frozen=True, eq=False)
 class FoldTrack(TipTrack):
-    """A path of the tip, and how links that lie on it head.
+    """A path of the tip with the headings of links that lie on it.
 
     Attributes:
-        sample_arcs: where ``sample_headings`` are taken, shape (m,) [m].
+        sample_arcs: arc lengths of ``sample_headings``, shape (m,) [m].
         sample_headings: unwrapped tangent, smoothed over a window, shape (m,) [rad].
     """
 
@@ -103,9 +103,9 @@ class FoldTrack(TipTrack):
         """Return a track along a polyline.
 
         Args:
-            points: shape (k, 2) [m]; repeated points are dropped.
+            points: vertices, shape (k, 2) [m]; repeated points are dropped.
             window: length over which the heading is smoothed [m].
-            first_heading: the winding of the first tangent is chosen nearest to it [rad].
+            first_heading: heading to which the first tangent is wound nearest [rad].
         """
         points = tip_path(points)
         arcs = arc_lengths(points)
@@ -120,27 +120,27 @@ class FoldTrack(TipTrack):
 
 
 def _moving_mean(samples: FloatArray, arcs: FloatArray, headings: FloatArray, window: float) -> FloatArray:
-    """Return the mean of a piecewise-constant heading over windows about samples, exact by its primitive.
+    """Return the exact mean of a piecewise-constant heading over windows about samples.
 
-    The ends go on.
+    Beyond both ends the track goes straight on.
 
     Args:
-        samples: middles of the windows, shape (m,) [m].
-        arcs: arc lengths at which the heading changes, both ends too, shape (k,) [m].
-        headings: between them, shape (k - 1,) [rad].
+        samples: centres of the windows, shape (m,) [m].
+        arcs: arc lengths at which the heading changes, both ends included, shape (k,) [m].
+        headings: headings in between, shape (k - 1,) [rad].
         window: length of a window [m].
 
     Returns:
         Shape (m,) [rad].
     """
-    # The integral of the heading is piecewise linear, so that interpolation gives it exactly at any arc length.
+    # The integral of the heading is piecewise linear, so interpolation gives it exactly at any arc length.
     primitive = np.concatenate(([0.0], np.cumsum(headings * np.diff(arcs))))
     left = samples - 0.5 * window
     right = samples + 0.5 * window
     to_right = np.interp(np.clip(right, 0.0, arcs[-1]), arcs, primitive)
     to_left = np.interp(np.clip(left, 0.0, arcs[-1]), arcs, primitive)
     inside = to_right - to_left
-    # Windows that reach beyond the ends: the track goes straight on there.
+    # In windows that reach beyond the ends, the track goes straight on.
     before = np.minimum(left, 0.0) * -headings[0]
     behind = np.maximum(right - arcs[-1], 0.0) * headings[-1]
     mean: FloatArray = (inside + (before + behind)) / window
@@ -153,12 +153,13 @@ class Hairpin:
 
     Attributes:
         space: the link space.
-        track: from the tip back along the arm and on to the goal.
-        retraced: r at the joints: arc length on the track beside each joint of the old shape, shape (links + 1,) [m];
+        track: track from the tip back along the arm and on to the goal.
+        retraced: r at the joints: arc length on the track next to each joint of the old shape, shape (links + 1,) [m];
             joints that the track does not pass have that of the joint where it leaves.
         old: headings φ_old of the old shape, shape (links,) [rad].
         fold_length: length λ of the hairpin [m].
-        fold_at: arc length f of the fold on the old shape [m]; runs from L to 0 and on while it opens at the base.
+        fold_at: arc length f of the fold on the old shape [m]; runs from L to 0 and on while the fold opens at the
+            base.
     """
 
     space: LinkSpace
@@ -170,15 +171,15 @@ class Hairpin:
 
     @property
     def nominal_length(self) -> float:
-        """The nominal link [m]."""
+        """Length of a nominal link [m]."""
         return self.space.nominal_length
 
     @property
     def tip_arc(self) -> float:
-        """Where on the track the tip should be, u [m]."""
+        """Arc length u of the tip's target on the track [m]."""
         arm = self.space.arm
         joints = np.arange(arm.links + 1) * arm.link_length
-        # Measured on the track: in a bend the strand on the outside is longer than the arm beside it.
+        # Measured on the track: in a bend the outer strand is longer than the arm next to it.
         beside_fold = np.interp(self.fold_at, joints, self.retraced)
         return float(beside_fold + arm.length - self.fold_at - self.fold_length)
 
@@ -187,19 +188,19 @@ class Hairpin:
         return self.track.at(self.tip_arc)
 
     def reference(self) -> FloatArray:
-        """Return the heading φ_ref that every link should have, shape (links,) [rad]."""
+        """Return the reference heading φ_ref of every link, shape (links,) [rad]."""
         arm = self.space.arm
         middle = self._middles()
         x = np.clip((middle - self.fold_at) / self.fold_length, 0.0, 1.0)
         blend = x * x * (3.0 - 2.0 * x)
-        # Inside the fold the old shape goes on as it is at the fold's beginning.
+        # Inside the fold the old shape continues with its heading at the fold's beginning.
         on_old_shape = np.interp(np.minimum(middle, self.fold_at), middle, self.old)
         on_track = self.track.heading(self.tip_arc - (arm.length - middle))
         reference: FloatArray = (1.0 - blend) * on_old_shape + blend * on_track
         return reference
 
     def terms(self, pose: Pose) -> list[Term]:
-        """Return what draws the arm towards the reference; the tip's error in nominal links has weight 1."""
+        """Return the terms that pull the arm towards the reference; the tip's error in nominal links has weight 1."""
         links = self.space.arm.links
         per_link = self.space.nominal_per_link
         turns = self.space.turns
@@ -219,7 +220,7 @@ class Hairpin:
         ]
 
     def _ahead(self) -> FloatArray:
-        """How much each link lies ahead of the fold, in [0, 1]: wholly from a nominal link on, shape (links,)."""
+        """Return how far each link lies ahead of the fold, in nominal links capped to [0, 1], shape (links,)."""
         middle = self._middles()
         before_fold = np.minimum((self.fold_at - middle) / self.nominal_length, 1.0)
         return np.where(middle < self.fold_at, before_fold, 0.0)
@@ -230,8 +231,8 @@ class Hairpin:
         return arm.link_length * (np.arange(arm.links, dtype=np.float64) + 0.5)
 
     def progress(self, pose: Pose) -> bool:
-        """Let the fold travel a little if the tip keeps up."""
-        # A fold that left its tip behind would ask for headings that fit no place where the arm can be.
+        """Move the fold on if the tip keeps up, and return whether it was moved."""
+        # A fold that left the tip behind would ask for headings that fit no place where the arm can be.
         if self._lag(pose) > _LEASH * self.nominal_length:
             return False
         self.fold_at -= _ADVANCE * self.nominal_length
@@ -239,11 +240,14 @@ class Hairpin:
 
     def finished(self, pose: Pose) -> bool:
         """Return whether the tip's target has reached the end of the track, or the fold has opened at the base."""
-        del pose  # the fold's travel alone decides; what the tip lags behind is led on later
+        del pose  # the fold's travel alone decides; a lag of the tip is made up by the next guide
         return self.tip_arc >= self.track.length or self.fold_at <= -self.fold_length
 
     def run_through(self) -> None:
-        """Put the fold where the tip's target is at the end of the track, at most where it has opened at the base."""
+        """Move the fold to where the tip's target is at the end of the track.
+
+        At most to where the fold has opened at the base.
+        """
         arm = self.space.arm
         places = np.linspace(-self.fold_length, arm.length, _PLACES)
         arcs = np.interp(places, np.arange(arm.links + 1) * arm.link_length, self.retraced) - places
@@ -251,7 +255,7 @@ class Hairpin:
         self.fold_at = float(places[reached].max(initial=-self.fold_length))
 
     def describe(self, pose: Pose) -> str:
-        """Return how far the fold has come."""
+        """Return in words how far the fold has come."""
         return (
             f"the fold stopped {long_length(self.fold_at)} from the base, "
             f"the tip {short_length(self._lag(pose))} short of {long_length(self.tip_arc)} "
@@ -266,31 +270,31 @@ class Hairpin:
 def fold_track(
     points: FloatArray, leave: int, route: FloatArray, side: float, offset: float, window: float, last_heading: float
 ) -> tuple[FoldTrack, FloatArray]:
-    """Return the track back along the arm, beside it, and on to the goal.
+    """Return the track back along the arm, next to it, and on to the goal.
 
     Args:
-        points: joints of the old shape, shape (links + 1, 2) [m].
+        points: joints and tip of the old shape, shape (links + 1, 2) [m].
         leave: joint where the route leaves the old shape.
-        route: from that joint to the goal, shape (k, 2) [m].
+        route: route from that joint to the goal, shape (k, 2) [m].
         side: +1 folds to the left, -1 to the right.
         offset: distance between the strands [m].
         window: smoothing length of the heading [m].
         last_heading: heading of the old shape's last link [rad].
 
     Returns:
-        The track, and the arc length on it beside every joint, shape (links + 1,).
+        The track, and the arc length on it next to every joint, shape (links + 1,) [m].
     """
     tangent = np.gradient(points, axis=0)
     tangent /= np.linalg.norm(tangent, axis=1)[:, None]
     left = np.stack((-tangent[:, 1], tangent[:, 0]), axis=1)
-    # The strand that comes back lies beside the old shape, on the side to which the arm folds.
+    # The returning strand lies next to the old shape, on the side to which the arm folds.
     beside = points + side * offset * left
     back = beside[leave:][::-1]
     onward = _route_beyond(route, back[-1], offset) if len(back) > 1 else route
     # The tip turns by half a turn to the fold's side, which fixes the winding of all headings on the track.
     track = FoldTrack.smoothed(np.vstack((back, onward)), window, last_heading + side * np.pi)
 
-    # Joints before the one where the route leaves stay, so the strand never passes them.
+    # Joints before the one where the route leaves stay in place, so the strand never passes them.
     arcs = arc_lengths(back)
     retraced = np.empty(len(points))
     retraced[leave:] = arcs[::-1]
@@ -299,9 +303,9 @@ def fold_track(
 
 
 def _route_beyond(route: FloatArray, place: FloatArray, lead: float) -> FloatArray:
-    """Return the route from a little beyond the point that is nearest to a place, shape (k, 2) [m].
+    """Return the route from slightly beyond its point nearest to a place, shape (k, 2) [m].
 
-    The strand so joins its route wherever the route's vertices lie.
+    So the strand joins its route properly wherever the route's vertices lie.
     """
     line = shapely.LineString(route)
     joined = line.project(shapely.Point(place)) + lead
@@ -312,10 +316,10 @@ def _route_beyond(route: FloatArray, place: FloatArray, lead: float) -> FloatArr
 
 
 def fitting_folds(stepper: Stepper, path: TipPath) -> tuple[float, ...]:
-    """Return the lengths of the hairpin in nominal links, the one that fits the passage first."""
+    """Return the lengths of the hairpin to try in nominal links, the one that fits the passage first."""
     arm = stepper.space.arm
     widths = passage_widths(stepper.finder.walls, path.taut, arm.length)
-    # A fold turns inside the width that the arm's own thickness leaves.
+    # A fold turns inside the width that remains beyond the arm's own thickness.
     width = float(np.quantile(widths, _PASSAGE_QUANTILE)) - 2.0 * arm.radius
     wanted = FOLD_SHARE * width / stepper.space.nominal_length
     fitting = float(np.clip(wanted, min(FOLD_LENGTHS), max(FOLD_LENGTHS)))
@@ -326,16 +330,16 @@ def fitting_folds(stepper: Stepper, path: TipPath) -> tuple[float, ...]:
 def pulled_over(
     stepper: Stepper, start: Pose, whole_arm: FloatArray | None, path: TipPath, lengths: tuple[float, ...]
 ) -> Iterator[GuideCandidate]:
-    """Yield the arm pulled over as a rope, for several lengths of the fold.
+    """Yield candidates that pull the arm over to its new route like a rope, for several lengths of the fold.
 
-    None when the route is too long for the arm.
+    There is none when the route is too long for the arm.
 
     Args:
-        stepper: of the link space.
-        start: where the motion begins.
-        whole_arm: coordinates of a goal for the whole arm, or None.
-        path: of the tip.
-        lengths: of the hairpin, in nominal links.
+        stepper: stepper of the link space.
+        start: pose where the motion begins.
+        whole_arm: coordinates of a whole-arm goal, or None.
+        path: path of the tip.
+        lengths: lengths of the hairpin, in nominal links.
     """
     leave = leaving_joint(stepper, start, path)
     if leave is None:
@@ -348,10 +352,10 @@ def pulled_over(
 
 
 def leaving_joint(stepper: Stepper, start: Pose, path: TipPath) -> tuple[int, FloatArray] | None:
-    """Return the joint where the new shape leaves the old one, and the route from there.
+    """Return the joint where the new shape leaves the old one, and the route from there; None where it is too long.
 
-    The new shape (old arm up to joint b, then the taut path to the goal) may not be longer than the arm; among those
-    the smallest b whose tip path is within one nominal link of the shortest.
+    The new shape (old arm up to joint b, then the taut path to the goal) must not be longer than the arm; of the joints
+    for which it is not, the smallest b is taken whose tip path is within one nominal link of the shortest.
     """
     arm = stepper.space.arm
 
@@ -368,12 +372,12 @@ def leaving_joint(stepper: Stepper, start: Pose, path: TipPath) -> tuple[int, Fl
     longest = _LONGEST_SHAPE * arm.length
     if new_length(0) > longest:
         return None
-    # Hardly too long: the arm leaves its old shape at the base, and may fit where the path keeps off corners.
+    # Only slightly too long: the arm leaves its old shape at the base, and may fit where the path keeps off corners.
     if new_length(0) > arm.length:
         return 0, path.from_joint(start.points, 0)
 
-    # Both lengths grow or fall with the joint, for the path from a joint differs from its neighbour's by at most a
-    # link; so bisection finds where they cross a bound, and few taut paths have to be drawn.
+    # Both lengths are monotonic in the joint, because the path from a joint differs from its neighbour's by at most a
+    # link; so bisection finds where they cross a bound, and few taut paths have to be computed.
     last = _last_true(lambda joint: new_length(joint) <= arm.length, arm.links)
     near_shortest = tip_path_length(last) + stepper.space.nominal_length
     first = last - _last_true(lambda back: tip_path_length(last - back) <= near_shortest, last)
@@ -381,17 +385,17 @@ def leaving_joint(stepper: Stepper, start: Pose, path: TipPath) -> tuple[int, Fl
 
 
 def _last_true(holds: Callable[[int], bool], last: int) -> int:
-    """Return the largest k in [0, last] for which a condition holds that holds at 0 and, once false, stays false."""
+    """Return the largest k in [0, last] for which a condition holds; it holds at 0 and, once false, stays false."""
     return bisect_left(range(1, last + 1), 1, key=lambda k: int(not holds(k)))
 
 
 def fold_about_to_travel(
     stepper: Stepper, start: Pose, path: TipPath, joint: int, route: FloatArray, length: float
 ) -> Hairpin:
-    """Return the guide of a fold of some length, in nominal links, that has not begun to travel yet."""
+    """Return the guide of a fold at the tip, of ``length`` nominal links, before it starts to travel."""
     arm = stepper.space.arm
     fold_length = length * stepper.space.nominal_length
-    # The strands lie at least so far apart that the arm keeps its planning margin from itself; a half circle of the
+    # The strands lie at least far enough apart that the arm keeps its planning margin from itself; a half circle of the
     # fold's length has them further apart.
     strands = max(2.0 * arm.radius + 2.0 * stepper.finder.margin, fold_length / np.pi)
     old = arm.headings(start.q)
@@ -401,11 +405,11 @@ def fold_about_to_travel(
 
 
 def _pulled_out(stepper: Stepper, path: TipPath, guide: Guide, pose: Pose) -> Guide:
-    """Return the tip drawn along what remains of a hairpin's track, the fold left to itself."""
+    """Return a guide that leads the tip along the rest of a hairpin's track, leaving the fold to itself."""
     if not isinstance(guide, Hairpin):
         raise TypeError(f"only a hairpin can be pulled out, got {type(guide).__name__}")
     track = guide.track
-    # The tip may have got ahead of its target or lag behind it: what remains begins beside it.
+    # The tip may be ahead of its target or lag behind it: the rest of the track begins next to the tip.
     rest = track.points[track.arcs > track.nearest_arc(pose.points[-1], guide.tip_arc)]
     remaining = np.vstack((pose.points[-1], rest, path.route[-1]))
     taut = path.free_space.taut_path(remaining, shrink=path.shrink)
@@ -413,10 +417,10 @@ def _pulled_out(stepper: Stepper, path: TipPath, guide: Guide, pose: Pose) -> Gu
 
 
 def _opened(stepper: Stepper, goal: FloatArray, _: Guide, pose: Pose) -> Guide:
-    """Return the fold opened onto a goal of the whole arm: all but the fold lies there already."""
+    """Return a guide that opens the fold onto a whole-arm goal, on which all but the fold lies already."""
     return PoseLed(stepper.space, pose.v, goal)
 
 
 def led_along(stepper: Stepper, taut: FloatArray) -> TipLed:
-    """Return the tip drawn along a taut path that begins there, shape (k, 2) [m]."""
+    """Return a guide that leads the tip along a taut path that begins at the tip, shape (k, 2) [m]."""
     return TipLed(stepper.space, TipTrack.along(taut))

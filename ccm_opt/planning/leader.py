@@ -1,4 +1,4 @@
-"""The leader of a fed arm and the path of a shape.
+"""The path that a fed arm follows with all its joints, and the path through the joints of a pose.
 
 Keyframes are rows of bends [rad] and the feed [m], shape (K, links + 1).
 """
@@ -18,26 +18,29 @@ from ccm_opt.problem import Limits
 from ccm_opt.robot.arm import Arm
 
 _SETTLED = 1e-13
-"""Step at which it has arrived [arm lengths]. Derived: rounding."""
+"""Step at which Newton's method for the next joint has converged [arm lengths]. Derived: rounding."""
 
 _MOST_STEPS = 40
-"""At most. Taste; from a chord's length ahead it needs four or five."""
+"""Most steps of that method. Taste; from a chord's length ahead it needs four or five."""
 
 _LEAST_SLOPE = 0.2
-"""Slope of distance over arc length that it assumes at least. Taste; a path that bends less than a U-turn has more."""
+"""Least slope of distance over arc length that the method assumes. Taste; a path that bends less than a U-turn has
+more."""
 _FEED_STEP = 1.0 / 8.0
-"""Feed between two keyframes, in link lengths; arms of many links take ``least_feed_step``. Taste."""
+"""Feed between two keyframes, in link lengths; for arms of many links ``_LEAST_FEED_STEP`` is larger and counts.
+Taste."""
 _LEAST_FEED_STEP = 1.0 / 300.0
-"""The same as a share of the arm's length; the larger of both counts. Taste."""
+"""Least feed between two keyframes, as a share of the arm's length. Taste."""
 _SAMPLES_PER_LINK = 32
-"""Of a leader's path. Derived: cubic Hermite interpolation between them errs by less than 1e-7 of a link."""
+"""Samples of a leader's path between two of its points. Derived: cubic Hermite interpolation between them errs by less
+than 1e-7 of a link."""
 SAMPLE_PERIOD = 5e-3
-"""Longest time between two samples of a trajectory, between which all joints move linearly [s]. Derived: what the
-timing samples with."""
+"""Longest time between two samples of a trajectory, between which all joints move linearly [s]. Derived: the sample
+period of the timing."""
 LINKS_PER_SAMPLE = 0.25
-"""Part of a link that the base passes at most between two samples. Taste; it holds back feeds that no arm needs."""
+"""Most travel of the base between two samples, in link lengths. Taste; it limits only feeds that no arm needs."""
 _LEAST_LEAD = 0.1
-"""How far the first joint off the feed axis must be ahead of where the path leaves the axis, in link lengths; nearer,
+"""Least distance along the axis from where the path leaves it to the first joint off it, in link lengths; with less,
 the spline through both would swing. Taste."""
 
 
@@ -46,11 +49,11 @@ class LeaderPath:
     """A path with a continuous heading; arc length is counted from ``Arm.base`` along the feed axis.
 
     Attributes:
-        arc: of the samples, increasing, shape (m,) [m].
-        points: shape (m, 2) [m].
-        headings: unwrapped, shape (m,) [rad].
+        arc: arc lengths of the samples, increasing, shape (m,) [m].
+        points: positions of the samples, shape (m, 2) [m].
+        headings: unwrapped headings of the samples, shape (m,) [rad].
         straight: arc length up to which the path is the feed axis [m].
-        name: how it was found, for messages.
+        name: how the path was found, for messages.
     """
 
     arc: FloatArray
@@ -70,7 +73,7 @@ class LeaderPath:
         return CubicHermiteSpline(self.arc, self.points, tangents)
 
     def positions(self, arc: FloatArray) -> FloatArray:
-        """Return the points of the path, shape (..., 2) [m]; straight on beyond its ends."""
+        """Return the points at arc lengths, shape (...) to (..., 2) [m]; straight on beyond the path's ends."""
         inside = np.clip(arc, self.arc[0], self.arc[-1])
         beyond = np.asarray(arc - inside)[..., None]
         first, last = unit_vector(self.headings[[0, -1]])
@@ -85,7 +88,7 @@ class LeaderPath:
             links: number of links.
             link_length: l [m].
         """
-        # One joint after the other, for all feeds at once.
+        # One joint after the other, vectorised over all feeds.
         arc = np.empty((len(feeds), links + 1))
         arc[:, 0] = feeds
         for j in range(links):
@@ -93,16 +96,16 @@ class LeaderPath:
         return arc
 
     def base_with_tip_at_end(self, links: int, link_length: float) -> float:
-        """Return the arc length of the base of an arm that lies on the path with its tip at the end [m]."""
+        """Return the arc length of the base of an arm on the path whose tip is at the path's end [m]."""
         arc = np.array([self.end])
         for _ in range(links):
             arc = self._next(arc, -link_length)
         return float(arc[0])
 
     def _next(self, arc: FloatArray, chord: float) -> FloatArray:
-        """Return the next places on the path a chord away, ahead of ``arc`` or, for a negative chord, behind.
+        """Return the arc lengths a chord away from ``arc``: ahead, or for a negative chord behind [m].
 
-        Newton.
+        Newton's method.
         """
         here = self.positions(arc)
         length = abs(chord)
@@ -113,7 +116,7 @@ class LeaderPath:
             apart = self.positions(guess) - here
             distance = np.hypot(apart[..., 0], apart[..., 1])
             slope = np.einsum("...i,...i->...", apart, self._tangents(guess)) / distance
-            # Newton's step would shoot far off where the path turns across the chord.
+            # Newton's step would overshoot where the path turns across the chord.
             safe_slope = np.where(sign * slope > least_slope, slope, sign * least_slope)
             step = (length - distance) / safe_slope
             guess = guess + np.clip(step, -0.5 * length, 0.5 * length)
@@ -126,7 +129,14 @@ class LeaderPath:
         return tangents
 
     def link_headings(self, joints: FloatArray) -> FloatArray:
-        """Return the headings of the links between joints on the path, each the one nearest to the path's own [rad]."""
+        """Return the headings of the links between joints on the path [rad].
+
+        Args:
+            joints: arc lengths of joints and tip, shape (..., links + 1) [m].
+
+        Returns:
+            Shape (..., links), each wound nearest to the path's own heading.
+        """
         steps = np.diff(self.positions(joints), axis=-2)
         chords = vector_headings(steps)
         middle = np.interp(0.5 * (joints[..., :-1] + joints[..., 1:]), self.arc, self.headings)
@@ -134,16 +144,16 @@ class LeaderPath:
 
 
 def pose_path(arm: Arm, bends: FloatArray, feed: float, straight: float) -> LeaderPath | None:
-    """Return a smooth path through all joints of a pose; it follows the feed axis at least up to a given arc length.
+    """Return a smooth path through all joints of a pose that follows the feed axis up to a given arc length.
 
     Beyond the axis it is a cubic spline through the joints, so that a joint that slides to its neighbour's place takes
-    over its bend gradually, and the arm lies on the path exactly with chords of its links.
+    over the neighbour's bend gradually, and the arm's links are exact chords of the path.
 
     Args:
-        arm: with a feed axis.
-        bends: of the pose, shape (links,) [rad].
-        feed: of the pose [m].
-        straight: arc length that the path follows the axis at least [m].
+        arm: arm with a feed axis.
+        bends: bends of the pose, shape (links,) [rad].
+        feed: feed of the pose [m].
+        straight: least arc length up to which the path follows the axis [m].
 
     Returns:
         The path, or None when a joint bends so near to the hole that no such path exists.
@@ -152,7 +162,7 @@ def pose_path(arm: Arm, bends: FloatArray, feed: float, straight: float) -> Lead
     joints = arm.joint_positions_at(arm.configuration(bends, feed))
     bent = np.flatnonzero(bends)
     first_bent = int(bent[0]) if len(bent) else arm.links
-    # On the axis up to the first bent joint at least, for all before it lies there.
+    # On the axis at least up to the first bent joint, because all joints before it lie there.
     leaves = max(straight, feed + first_bent * l)
 
     off_axis = joints[first_bent + 1 :]
@@ -170,21 +180,22 @@ def path_through(
     name: str,
     end_heading: float | None = None,
 ) -> LeaderPath:
-    """Return the path that follows the feed axis up to an arc length and then, a cubic spline, goes through points.
+    """Return the path that follows the feed axis up to an arc length, then a cubic spline through points.
 
     Args:
-        arm: with a feed axis.
+        arm: arm with a feed axis.
         leaves: arc length at which the path leaves the axis [m].
-        points: in order, shape (k, 2) [m]; with none the path is a piece of the axis.
-        name: of the path.
-        end_heading: heading at the last point [rad], or None when any will do.
+        points: points in order, shape (k, 2) [m]; without any the path is a piece of the axis.
+        name: name of the path.
+        end_heading: heading at the last point [rad], or None when any is acceptable.
     """
     curved = nodes = np.vstack((arm.base + leaves * arm.direction, points))
     arc = np.zeros(1)
     tangents = arm.direction[None]
     if len(points):
         chords = arc_lengths(nodes)
-        # The first derivative is that of the axis; at the end it is the heading's, or else the second one is zero.
+        # The first derivative is that of the axis; at the end it is the heading's, or else the second derivative is
+        # zero.
         end: tuple[Literal[1, 2], FloatArray]
         end = (2, np.zeros(2)) if end_heading is None else (1, unit_vector(end_heading))
         curve = CubicSpline(chords, nodes, bc_type=((1, arm.direction), end))
@@ -206,29 +217,35 @@ def path_through(
 
 
 def _parameters(chords: FloatArray, count: int) -> FloatArray:
-    """Return the parameters of the curve at which it is sampled: so many to a chord, all joints among them."""
+    """Return the parameters at which the curve is sampled: ``count`` per chord, including all nodes."""
     inner = [a + (b - a) * np.arange(count) / count for a, b in pairwise(chords)]
     return np.concatenate([*inner, chords[-1:]])
 
 
 def _on_axis(arm: Arm, leaves: float) -> FloatArray:
-    """Arc lengths of samples of the feed axis before the path leaves it, a link length behind the base's range on."""
+    """Return the arc lengths of samples on the feed axis before the path leaves it [m].
+
+    They begin a link length before the base's range.
+    """
     low, _ = arm.base_range
     arc = np.arange(min(low, leaves) - arm.link_length, leaves, arm.link_length)
-    # Two samples in one place would leave the interpolation no slope.
+    # Two samples in one place would leave the interpolation without a slope.
     return arc[arc < leaves - SHORTEST * arm.link_length]
 
 
 def travel_between_samples(arm: Arm, limits: Limits) -> float:
-    """How far the base can move between two samples of a trajectory [m], given that it is timed by ``feed_limits``."""
+    """Return how far the base can move between two samples of a trajectory [m].
+
+    Given that the trajectory is timed under ``feed_limits``.
+    """
     return SAMPLE_PERIOD * (feed_limits(arm, limits).feed_velocity or 0.0)
 
 
 def feed_limits(arm: Arm, limits: Limits) -> Limits:
-    """Return the limits under which a fed arm is timed: its base passes at most a part of a link between two samples.
+    """Return the limits under which a fed arm is timed; the travel of its base between two samples is bounded.
 
     Joints may bend only once they are out of the guide tube by what the base can travel from one sample to the next, so
-    a base that is allowed to be very fast is held back rather than its joints.
+    a base that is allowed to be very fast is slowed down to let its joints bend early.
     """
     if limits.feed_velocity is None:
         return limits
@@ -237,40 +254,40 @@ def feed_limits(arm: Arm, limits: Limits) -> Limits:
 
 
 _NO_BEND = 1e-10
-"""Bends below this are rounding of straight chords [rad]; the guide tube asks for exactly straight joints."""
+"""Bends below this are rounding of straight chords [rad]."""
 
 
 def slide(arm: Arm, path: LeaderPath, start: float, end: float) -> FloatArray:
-    """Return the keyframes of the arm carried along a path from one feed to another, shape (K, links + 1)."""
+    """Return the keyframes of the arm carried along a path from one feed to another [m], shape (K, links + 1)."""
     feeds = feeds_between(arm, start, end)
     joints = path.joints(feeds, arm.links, arm.link_length)
     bends = arm.bends(path.link_headings(joints))
-    # The guide tube takes exactly straight joints only.
+    # The guide tube accepts exactly straight joints only.
     bends = np.where(np.abs(bends) < _NO_BEND, 0.0, bends)
     return np.column_stack((bends, feeds))
 
 
 def pose_on_path(arm: Arm, path: LeaderPath, feed: float) -> FloatArray:
-    """Return the bends of the arm on a path, shape (links,) [rad]."""
+    """Return the bends of the arm on a path at a feed [m], shape (links,) [rad]."""
     return slide(arm, path, feed, feed)[0, :-1]
 
 
 def feeds_between(arm: Arm, start: float, end: float) -> FloatArray:
-    """Return the feeds from one to another, both held, at most a ``feed_step`` apart [m]."""
+    """Return the feeds from one to another, both included, at most a ``feed_step`` apart [m]."""
     if start == end:
         return np.array([start])
-    # Whole steps stay whole when rounding puts the distance a little beyond them.
+    # Whole steps stay whole when rounding puts the distance slightly above them.
     steps = np.ceil(abs(end - start) / feed_step(arm) - ROUNDING)
     return np.linspace(start, end, 1 + int(steps))
 
 
 def feed_step(arm: Arm) -> float:
-    """Feed between two keyframes [m]."""
+    """Return the feed between two keyframes [m]."""
     return max(_FEED_STEP * arm.link_length, _LEAST_FEED_STEP * arm.length)
 
 
 def joined_keyframes(*pieces: FloatArray) -> FloatArray:
-    """Return the keyframes of several pieces in a row, each beginning where the one before ends."""
+    """Return the keyframes of several pieces joined, each of which begins where the one before ends."""
     first, *others = [piece for piece in pieces if len(piece)]
     beginnings_dropped = [piece[1:] for piece in others]
     return np.concatenate((first, *beginnings_dropped))

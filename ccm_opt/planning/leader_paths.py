@@ -1,10 +1,10 @@
-"""Paths of a leader through free space.
+"""Paths of a leader through free space, smoothed as elastic bands.
 
 The band is a chain of points at equal distances h. A step moves every point by a along its own normal, left positive;
 its curvature then changes to first order by a'' + κ² a and its length by -κ a. The step minimises the band's bending,
-weighted up where it nears the tightest bend, the change of its curvature, which is 0 before and after it, and its
-length; walls to the left and right bound each point's a. That is a quadratic program with bounds alone. Then the band
-is divided into equal distances again.
+which counts more where it nears the tightest bend, the change of its curvature, which is 0 before and after the band,
+and its length; walls to the left and right bound each point's a. That is a quadratic program with bounds alone. Then
+the band is divided into equal distances again.
 """
 
 from collections.abc import Iterator
@@ -27,53 +27,54 @@ from ccm_opt.scene.free_space import FreeSpace
 from ccm_opt.scene.walls import Walls
 
 _STEPS = 80
-"""At most. Taste."""
+"""Most steps of a band. Taste."""
 _SETTLED = 0.002
 """Largest shift of a point, in distances between points, below which the band counts as settled. Taste."""
 _LARGEST_STEP = 0.3
-"""Of a point along its normal, in distances between points, so that neighbours do not cross. Taste."""
+"""Largest shift of a point along its normal, in distances between points, so that neighbours do not cross. Taste."""
 _TIGHTNESS = 30.0
-"""How much more bending counts at the curvature limit than on a straight band. Taste."""
+"""Additional weight of bending at the curvature limit, relative to a straight band. Taste."""
 _RIDGE = 0.001
 """Weight of the shifts themselves, which keeps the Hessian definite. Taste."""
 
 _TENSION = 0.02
-"""Weight of the band's length against its bending, both without units. Taste; just enough to take up slack."""
+"""Dimensionless weight of the band's length against its bending. Taste; just enough to take up slack."""
 _TIGHTNESS_POWERS = (6, 2)
-"""How suddenly it does so on the way to the limit; the other is tried after all margins. Measured behind an entrance at
-48 links: with 6 a band bends 2.5 times as much as the arm may, with 2 less than half of what it may."""
+"""Powers of curvature over its limit by which the weight of bending grows; the second is tried after all margins.
+Measured behind an entrance at 48 links: with 6 a band bends 2.5 times as much as the arm may, with 2 less than half of
+what it may."""
 _MOST_TIGHT = 1.5
-"""Curvature, as a share of the limit, beyond which bending counts no more than there; a kink would otherwise swamp all
-other terms. Taste."""
+"""Curvature, as a share of the limit, beyond which the weight of bending no longer grows; a kink would otherwise swamp
+all other terms. Taste."""
 _LEAST_SLANT = 0.3
 """Sine of the angle between the band and the direction of a wall below which the wall lies ahead or behind and bounds
 no shift sideways. Taste."""
 _FREE_SPACE_MARGINS = (1.0, 0.4, 0.1)
-"""Kept by free space beyond radius and clearance, widest first, as shares of a link's sagitta at its joint limit: links
-are chords of the path and cut its corners by that much. Taste."""
+"""Margins of free space beyond radius and clearance, widest first, as shares of a link's sagitta at its joint limit:
+links are chords of the path and cut its corners by that much. Taste."""
 _BAND_MARGINS = (0.2, 0.05, 0.01)
-"""Kept by elastic bands beyond radius and clearance where there is room, in link lengths. Taste."""
+"""Margins of elastic bands beyond radius and clearance, kept where possible, in link lengths. Taste."""
 _BAND_GAP = 0.8
-"""The same as a share of the wanted gap, tried first where it is more. Measured in tubes that leave just the wanted
-gap, at 48 links: at 1 the band has no play, swings, and lasts 1.5 times as long."""
+"""Margin as a share of the wanted gap, tried first where it is wider than the others. Measured in tubes that leave just
+the wanted gap, at 48 links: at 1 the band has no play, swings, and lasts 1.5 times as long."""
 _BAND_SPACING = 1.0 / 3.0
 """Distance between the points of a band, in link lengths. Taste."""
 _LEAST_BAND_SPACING = 1.0 / 90.0
-"""The same as a share of the arm's length, for arms of many links; the larger of both counts. Measured on clutter at 48
-links: points nearer together turn sharply one by one where corners push them, and a step costs the cube of their
-number."""
+"""Least distance between the points of a band, as a share of the arm's length; it counts for arms of many links.
+Measured on clutter at 48 links: points nearer together turn sharply one by one where corners push them, and the cost of
+a step is cubic in their number."""
 _BAND_EVENNESS = 1.0 / 16.0
 """Length over which a band's change of curvature weighs as much as its curvature, as a share of the arm's length.
 Taste."""
 _CHORD_ALLOWANCE = 1e-2
-"""Share of a path's length by which the arm on it may be longer than its chords. Taste."""
+"""Share by which a path may be longer than the chords of the arm on it. Taste."""
 _CURVATURE_SHARE = 0.9
 """Share of the tightest bend that a path may use, so that the arm can still be steered. Taste."""
 
 
 @dataclass(frozen=True)
 class ElasticBand:
-    """What a band has to keep to.
+    """The walls, margins and weights with which a band is smoothed.
 
     Attributes:
         walls: edges and vertices of the walls.
@@ -82,7 +83,7 @@ class ElasticBand:
         curvature_limit: bound on |κ| that the band tries to keep [1/m].
         spacing: h, distance between points [m].
         evenness: length over which a change of curvature weighs as much as the curvature itself [m].
-        tightness_power: how suddenly bending counts more on the way to the limit.
+        tightness_power: power by which the weight of bending grows on the way to the limit.
     """
 
     walls: Walls
@@ -98,7 +99,7 @@ class ElasticBand:
 
         Args:
             taut: a polyline, shape (k, 2) [m]; the band keeps its ends.
-            headings: at its beginning and at its end [rad]; None when any will do there.
+            headings: headings at its beginning and at its end [rad]; None at the end when any is acceptable.
 
         Returns:
             Points, shape (m, 2) [m].
@@ -112,11 +113,11 @@ class ElasticBand:
         return band
 
     def _step(self, band: FloatArray, headings: tuple[float, float | None]) -> tuple[FloatArray, FloatArray]:
-        """Shift of every point along its normal [m], shape (m,), and the normals, shape (m, 2)."""
+        """Return the shift of every point along its normal, shape (m,) [m], and the normals, shape (m, 2)."""
         h = float(np.hypot(*(band[1] - band[0])))
         around = _with_ghosts(band, headings, h)
 
-        # Central differences; κ h² is what the second one has along the normal.
+        # Central differences; κ h² is the second difference along the normal.
         ahead = around[2:] - around[:-2]
         tangents = ahead / np.maximum(np.hypot(*ahead.T), TINY)[:, None]
         normals = np.column_stack((-tangents[:, 1], tangents[:, 0]))
@@ -133,9 +134,10 @@ class ElasticBand:
         return (np.zeros(m) if shift is None else shift), normals
 
     def _quadratic_cost(self, scaled_curvature: FloatArray, h: float) -> tuple[FloatArray, FloatArray]:
-        """Return the Hessian (m, m) and gradient (m,) by the shifts of what a step minimises.
+        """Return the Hessian (m, m) and gradient (m,) of a step's objective by the shifts.
 
-        The sum of bending Σ w (κ h²)², its change (e/h)² Σ (Δκ h²)², length -2t Σ κ h² a and a ridge, over two.
+        The objective is half the sum of bending Σ w (κ h²)², its change (e/h)² Σ (Δκ h²)², length -2t Σ κ h² a and a
+        ridge.
 
         Args:
             scaled_curvature: κ h² at the points, shape (m,) [m].
@@ -161,10 +163,12 @@ class ElasticBand:
         return hessian, gradient
 
     def _bounds(self, band: FloatArray, tangents: FloatArray, curvature: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return how far every point may move to the right (negative) and left; to the middle where it is too narrow.
+        """Return how far every point may move to the right (negative) and to the left, shapes (m,) [m].
+
+        Where the passage is too narrow, both bounds lead to its middle.
 
         Args:
-            band: shape (m, 2) [m].
+            band: points, shape (m, 2) [m].
             tangents: unit vectors, shape (m, 2).
             curvature: |κ|, shape (m,) [1/m].
         """
@@ -173,13 +177,13 @@ class ElasticBand:
         need = self.least + sagitta
         gaps, slants = self._gaps(band, tangents)
 
-        # A shift by a towards a wall at slant s brings the point nearer by about s a.
+        # A shift by a towards a wall at slant s closes the gap by about s a.
         room = (gaps - need[:, None]) / np.maximum(np.abs(slants), least_slant)
         left = np.min(np.where(slants > least_slant, room, np.inf), axis=1, initial=np.inf)
         right = np.min(np.where(slants < -least_slant, room, np.inf), axis=1, initial=np.inf)
 
         narrow: BoolArray = left + right < 0.0
-        # Where there is no wall on either side there is no middle.
+        # Without a wall on either side there is no middle.
         middle = 0.5 * (np.where(narrow, left, 0.0) - np.where(narrow, right, 0.0))
         largest = _LARGEST_STEP * self.spacing
         high = np.clip(np.where(narrow, middle, left), -largest, largest)
@@ -187,12 +191,12 @@ class ElasticBand:
         return np.minimum(low, high), high
 
     def _gaps(self, band: FloatArray, tangents: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the distances of points from edges and vertices, and how far to the left each lies in [-1, 1].
+        """Return the distances of points from edges and vertices of walls, and to which side each wall lies.
 
-        (m, walls).
+        Both of shape (m, walls): distances [m], and sines in [-1, 1] that are positive to the left.
         """
         walls = self.walls
-        # A vertex is an edge whose two ends are one.
+        # A vertex is an edge whose two ends coincide.
         vertices = np.repeat(walls.vertices[:, None], 2, axis=1)
         edges = np.concatenate((walls.edges, vertices))
         rounding = np.concatenate((walls.rounding[walls.edge_wall], walls.rounding[walls.vertex_wall]))
@@ -203,7 +207,10 @@ class ElasticBand:
 
 
 def _with_ghosts(band: FloatArray, headings: tuple[float, float | None], h: float) -> FloatArray:
-    """Return the band with one more point before it and after it, where its headings put them, shape (m + 2, 2) [m]."""
+    """Return the band with one more point before and one after it, shape (m + 2, 2) [m].
+
+    The headings at the band's ends determine these points.
+    """
     first, last = headings
     if last is None:
         last = vector_heading(band[-1] - band[-2])
@@ -213,9 +220,12 @@ def _with_ghosts(band: FloatArray, headings: tuple[float, float | None], h: floa
 
 
 def divided(path: FloatArray, spacing: float) -> FloatArray:
-    """Return the points at equal distances along a polyline, or a cubic spline through fine ones, shape (m, 2) [m]."""
+    """Return points at equal distances along a path, shape (m, 2) [m].
+
+    Along a polyline, or where its points are dense along a cubic spline through them.
+    """
     arc = arc_lengths(path)
-    # At least four pieces, so that there are points between the ends that can move.
+    # At least four pieces, so that some points between the ends can move.
     places = np.linspace(0.0, arc[-1], max(4, round(arc[-1] / spacing)) + 1)
     coarse = np.max(np.diff(arc)) > 2.0 * spacing
     if coarse:
@@ -226,20 +236,20 @@ def divided(path: FloatArray, spacing: float) -> FloatArray:
 
 @dataclass(frozen=True)
 class LeaderPaths:
-    """Draws paths for the leader of one problem.
+    """Computes paths for the leader of one problem.
 
     Attributes:
-        problem: with a feed axis.
-        goal: where the tip has to arrive.
+        problem: problem with a feed axis.
+        goal: goal of the tip.
     """
 
     problem: Problem
     goal: GoalMember
 
     def bands(self, straight: float) -> Iterator[LeaderPath]:
-        """Yield the taut routes in different homotopy classes drawn smooth, shortest first.
+        """Yield smoothed routes in different homotopy classes, shortest first for each margin.
 
-        The base comes into its range.
+        Only paths for which the base is in its range at the end.
 
         Args:
             straight: arc length at which the path may leave the axis [m].
@@ -257,7 +267,7 @@ class LeaderPaths:
             within = [route for route in routes if straight + route.length + self._last_link <= most]
             for (k, route), kind in product(enumerate(within, start=1), self._band_kinds):
                 path = self._band(free_space, route, straight, kind, f"band {k}")
-                # In a duct all margins give the same band; bands are told apart by their length.
+                # In a duct all margins give the same band; bands are distinguished by their length.
                 length = round(path.end, 6)
                 if least <= path.end <= most * (1.0 + _CHORD_ALLOWANCE) and length not in seen:
                     seen.add(length)
@@ -265,9 +275,9 @@ class LeaderPaths:
 
     @property
     def _band_kinds(self) -> tuple[tuple[float, int], ...]:
-        """What bands keep beyond radius and clearance [m], widest first, with how suddenly they avoid tight bends.
+        """Pairs of a band's margin beyond radius and clearance [m], and its tightness power, in order of trial.
 
-        With short links, shares of them leave less room than is wanted, and turns as tight round corners.
+        With short links, shares of the links are less than the wanted gap, and make turns as tight around corners.
         """
         margins = tuple(self.problem.arm.link_length * share for share in _BAND_MARGINS)
         wanted = _BAND_GAP * self.problem.wanted_gap
@@ -280,7 +290,7 @@ class LeaderPaths:
     ) -> LeaderPath:
         """Return a band from the feed axis along a route to the goal.
 
-        With a heading there the last link is straight.
+        With a heading at the goal, the last link is straight.
         """
         arm = self.problem.arm
         margin, power = kind
@@ -294,7 +304,7 @@ class LeaderPaths:
             evenness=_BAND_EVENNESS * arm.length,
             tightness_power=power,
         )
-        # Routes are drawn with a distance from corners; the band finds its own.
+        # Routes keep a distance from corners; the band finds its own.
         taut = free_space.sleeve_path(route.sleeve, *self._band_ends(straight))
         points = band.smoothed(taut, (arm.base_heading, self.goal.heading))[1:]
         if self._last_link > 0.0:
@@ -302,7 +312,11 @@ class LeaderPaths:
         return path_through(arm, straight, points, name, self.goal.heading)
 
     def _free_space(self, margin: float) -> FreeSpace:
-        """Free space with a margin, as a share of a link's sagitta at its joint limit, beyond radius and clearance."""
+        """Return the free space with a margin beyond radius and clearance.
+
+        Args:
+            margin: share of a link's sagitta at its joint limit.
+        """
         arm = self.problem.arm
         workspace = self.problem.workspace
         sagitta = 0.125 * arm.joint_limit * arm.link_length  # κ l²/8 with κ = limit / l
@@ -310,12 +324,12 @@ class LeaderPaths:
         return FreeSpace(workspace, max(arm.radius + workspace.clearance + margin * sagitta, SHORTEST))
 
     def _band_ends(self, straight: float) -> tuple[FloatArray, FloatArray]:
-        """Return where the band begins and ends; with a goal heading the last link lies straight behind the goal."""
+        """Return where the band begins and ends; with a goal heading, the last link lies straight behind the goal."""
         arm = self.problem.arm
         back = self._last_link * unit_vector(self.goal.heading or 0.0)
         return arm.base + straight * arm.direction, self.goal.position - back
 
     @property
     def _last_link(self) -> float:
-        """Length behind the goal that the path runs straight, so that the last link takes the goal's heading [m]."""
+        """Length of the path's straight end, which gives the last link the goal's heading; 0 without one [m]."""
         return 0.0 if self.goal.heading is None else self.problem.arm.link_length
