@@ -1,7 +1,7 @@
 """Motions out of narrow passages: planned backwards from the goal, or slid out.
 
-In a gate with hardly any play an arm can only slide along itself. The way out is the easier one: a bow that is once
-begun grows, while a tip that is led in from afar brings the links behind it to the gate askew.
+In a gate with hardly any play an arm can only slide along itself. The way out is the easier one: a bow grows once it
+has begun, while a tip that is led in from afar brings the links behind it to the gate askew.
 """
 
 from collections.abc import Callable, Iterator
@@ -30,20 +30,20 @@ from ccm_opt.planning.tip_paths import TipPath, tip_paths_in, with_base_turn
 
 
 def backward_tasks(task: MotionTask, stepper: Stepper) -> Iterator[MotionTask | None]:
-    """Yield the task with its ends exchanged, for every known pose at the goal; None where a pose is of no use.
+    """Yield the task with its ends exchanged, for every known pose at the goal; None where a pose is unsuitable.
 
     Args:
-        task: with a goal for the tip or for the whole arm.
-        stepper: of the task.
+        task: task with a goal for the tip or for the whole arm.
+        stepper: stepper of the task.
     """
     if not task.tip_paths:
         return
     if task.goal_pose is not None:
         points = task.arm.joint_positions_at(task.goal_pose)
-        # Headings count full turns, paths do not: the way back has to undo what the base has turned.
+        # Headings count full turns, paths do not: the motion back has to undo the turn of the base.
         turn = float(task.start[0] - task.goal_pose[0])
         turned = _exchanged(task, task.goal_pose, points)
-        # A limit on keyframes is met at the start and at the goal by different rows: backwards it is another task.
+        # A limit on keyframes has different rows at the start and at the goal: backwards the task would differ.
         useful = not task.user_limits
         yield replace(turned, tip_paths=with_base_turn(turned.tip_paths, turn)) if useful else None
         return
@@ -53,7 +53,7 @@ def backward_tasks(task: MotionTask, stepper: Stepper) -> Iterator[MotionTask | 
 
 
 def laid_backward_tasks(task: MotionTask, stepper: Stepper) -> Iterator[MotionTask]:
-    """Yield the same from poses that are laid through narrow gates; none where the goal is the whole arm's."""
+    """Yield such tasks from poses laid through narrow gates; none where the goal is a pose of the whole arm."""
     if task.goal_pose is None:
         for guess in _laid_through_gates(task):
             goal = pose_at_goal(task, stepper, guess)
@@ -62,24 +62,24 @@ def laid_backward_tasks(task: MotionTask, stepper: Stepper) -> Iterator[MotionTa
 
 
 def _laid_through_gates(task: MotionTask) -> Iterator[FloatArray]:
-    """Yield the configurations (c,) of the arm laid along routes through narrow gates; none where there are no gates.
+    """Yield configurations (c,) of the arm laid along routes through narrow gates; none where there are no gates.
 
-    No curve of the goal's program may pass a gate that the arm itself hardly passes.
+    The curves of the goal's NLP may fail to pass a gate that the arm itself hardly passes.
     """
     arm = task.arm
     for path in task.tip_paths:
         if path.side < 0 or not path.rails:
-            continue  # both sides have one route
+            continue  # both sides share one route
         arcs = arc_lengths(path.route)
         along = leg_headings(path.route)
         along += whole_turns(arm.base_heading - along[0])
-        # What the arm is longer than its route lies along the last leg, beyond the goal, until it is settled.
+        # The surplus length of the arm lies along the last leg, beyond the goal, until the pose is settled.
         middles = arm.link_length * (np.arange(arm.links) + 0.5)
         yield arm.bends(along[leg_indices(arcs, np.minimum(middles, arcs[-1]))])
 
 
 def _exchanged(task: MotionTask, q: FloatArray, points: FloatArray) -> MotionTask:
-    """From a pose at the goal, its configuration and joints, to the start as a goal of the whole arm."""
+    """Return the task from a goal pose, given by configuration and joints, to the start as a goal of the whole arm."""
     start_points = task.arm.joint_positions_at(task.start)
     first = task.tip_paths[0]
     return replace(
@@ -93,7 +93,7 @@ def _exchanged(task: MotionTask, q: FloatArray, points: FloatArray) -> MotionTas
 
 
 def ending_in(task: MotionTask, q: FloatArray) -> MotionTask:
-    """Return the same task, but for a pose at its goal, a configuration (c,), as a goal of the whole arm."""
+    """Return the task with a pose at its goal, a configuration (c,), as a goal of the whole arm."""
     points = task.arm.joint_positions_at(q)
     first = task.tip_paths[0]
     return replace(
@@ -107,11 +107,11 @@ def ending_in(task: MotionTask, q: FloatArray) -> MotionTask:
 
 
 def pose_at_goal(task: MotionTask, stepper: Stepper, guess: FloatArray) -> Pose | None:
-    """Return a guess brought onto the goal; None when that fails or it would touch something.
+    """Return a guess brought onto the goal; None when that fails or the pose would touch something.
 
     Args:
-        task: with a goal for the tip alone.
-        stepper: of the task.
+        task: task with a goal for the tip alone.
+        stepper: stepper of the task.
         guess: configuration near the goal, shape (c,) [rad].
     """
     near = stepper.pose(stepper.space.nearest(guess))
@@ -123,16 +123,14 @@ def pose_at_goal(task: MotionTask, stepper: Stepper, guess: FloatArray) -> Pose 
         pose = settle(stepper, goal, near, task.deadline)[-1]
     except Stalled:
         return None
-    # Settling may have begun inside a wall; every pose after that was only asked to be no worse.
+    # Settling may have begun inside a wall; later poses only had to be no worse.
     if stepper.finder.find(pose.points).gap.min(initial=1.0) <= 0.0:
         return None
     return _pose_centred_in_gates(stepper, goal, pose) or pose
 
 
 def _pose_centred_in_gates(stepper: Stepper, goal: GoalPose, pose: Pose) -> Pose | None:
-    """Return the pose at the goal, near another, whose axis is in the middle of the gates it lies in.
-
-    None if there is none.
+    """Return the pose at the goal, near another, whose axis is in the middle of the gates it lies in; else None.
 
     From the very edge of a gate's play no step leads away.
     """
@@ -148,14 +146,14 @@ def _pose_centred_in_gates(stepper: Stepper, goal: GoalPose, pose: Pose) -> Pose
 
 
 def _within_limits(stepper: Stepper, pose: Pose) -> bool:
-    """Return whether a pose bends no joint farther than steps do."""
+    """Return whether a pose bends every joint within the limits of steps."""
     space = stepper.space
     share = stepper.settings.step.limit_share
     return bool(np.all(np.abs(space.bends(pose.q)) <= share * space.bend_limits))
 
 
 def reversed_motion(motion: Motion) -> Motion:
-    """Return the motion run from its end to its start."""
+    """Return the motion run backwards, from its end to its start."""
     return replace(
         motion,
         unknowns=motion.unknowns[::-1].copy(),
@@ -165,40 +163,40 @@ def reversed_motion(motion: Motion) -> Motion:
 
 
 _ADVANCE = 0.2
-"""By which the arm is drawn back in one step, in nominal links. Taste."""
+"""Distance that the arm is drawn back in one step, in nominal links. Taste."""
 _LONGEST_ERROR = 1.0
-"""Error of a joint that is asked to be mended in one step, in nominal links. Taste."""
+"""Largest error of a joint that one step is asked to correct, in nominal links. Taste."""
 _STRAND_WEIGHT = 1.0
-"""Of the joints that are drawn back, per nominal link, against their distance in nominal links. Taste."""
+"""Weight of the joints that are drawn back, per nominal link, on their distance in nominal links. Taste."""
 _BENDING = 0.03
 """Weight of the curvature, in nominal links. Taste: far more than elsewhere, so that the arm bows out in one bow and
 does not crumple."""
 _EVENNESS = 0.03
-"""Weight of its differences from knot to knot. Taste."""
+"""Weight of the curvature's differences from knot to knot. Taste."""
 _TURN_WEIGHT = 0.002
-"""Of every link's turn, per nominal link. Taste."""
+"""Weight of every link's turn, per nominal link. Taste."""
 _BOW = 0.1
-"""Curvature to which it is then drawn, in nominal links. Taste."""
+"""Curvature to which the arm is drawn at first, in nominal links. Taste."""
 
 _LEASH = 0.6
-"""How far a joint may lag before the arm is drawn on, in nominal links. Taste."""
+"""Largest lag of a joint for the arm to be drawn on, in nominal links. Taste."""
 _BESIDE = 0.5
-"""A gate lies about the arm if its middle is nearer to it than this, in nominal links. Taste."""
+"""Distance of a gate's middle from the arm below which the arm lies in the gate, in nominal links. Taste."""
 
 _BOWING = 3.0
-"""Way over which the arm is bent to a side at first, in nominal links. Taste."""
+"""Travel over which the arm is initially bent to a side, in nominal links. Taste."""
 
 
 @dataclass
 class SlidingOut:
-    """Draws every joint that is in the gates or beyond them back along the arm as it lay; the rest bends evenly.
+    """Guide that draws every joint in the gates or beyond back along the arm's first shape; the rest bends evenly.
 
     Attributes:
         space: the link space.
-        lying: joints and tip where the arm lay at first, shape (links + 1, 2) [m].
-        mouth: arc length on that line, from the base, at which the arm is out of the gates [m].
+        lying: joints and tip of the arm's first shape, shape (links + 1, 2) [m].
+        mouth: arc length on that shape, from the base, at which the arm is out of the gates [m].
         side: +1 to bow out to the left of the arm, -1 to its right.
-        back: how far the arm has been drawn back [m].
+        back: distance that the arm has been drawn back [m].
     """
 
     space: LinkSpace
@@ -212,11 +210,11 @@ class SlidingOut:
 
     @property
     def length(self) -> float:
-        """How far the arm is drawn back in all [m]."""
+        """Total distance that the arm is drawn back [m]."""
         return float(self._arcs[-1]) - self.mouth
 
     def terms(self, pose: Pose) -> list[Term]:
-        """Return the strand in the gates back along itself, and curvature small and even."""
+        """Return the terms that draw the strand in the gates back along itself, and curvature to be small and even."""
         unit = self.space.nominal_length
         links = self.space.arm.links
         per_link = self.space.nominal_per_link
@@ -243,7 +241,11 @@ class SlidingOut:
         ]
 
     def progress(self, pose: Pose) -> bool:
-        """Draw back farther if the strand keeps up."""
+        """Draw back farther if the strand keeps up.
+
+        Returns:
+            Whether it does.
+        """
         if self.back >= self.length or not self._keeps_up(pose):
             return False
         self.back = min(self.length, self.back + _ADVANCE * self.space.nominal_length)
@@ -263,11 +265,14 @@ class SlidingOut:
         return self._lag(pose) < _LEASH * self.space.nominal_length
 
     def _lag(self, pose: Pose) -> float:
-        """Return how far a joint of the strand is from its place at most [m]."""
+        """Return the largest distance of a joint of the strand from its place [m]."""
         return float(np.linalg.norm(self._strand(pose)[1], axis=1).max())
 
     def _strand(self, pose: Pose) -> tuple[IntArray, FloatArray]:
-        """Joints that are in the gates or beyond, the tip always one of them, and the ways to their places [m]."""
+        """Return the joints that are in the gates or beyond, and their offsets to their places, shape (joints, 2) [m].
+
+        The tip always counts as one of them.
+        """
         places = self._arcs - self.back
         joints = np.flatnonzero(places >= self.mouth)
         if len(joints) == 0:
@@ -276,7 +281,7 @@ class SlidingOut:
 
 
 WayOn: TypeAlias = Callable[[TipPath, Guide, Pose], Guide]
-"""Makes the guide that leads on from a pose, along a path of the tip, when another guide has ended there."""
+"""Creates the guide that leads on from a pose, along a tip path, when another guide has ended there."""
 
 
 def slid_out(
@@ -286,17 +291,17 @@ def slid_out(
     mouths: list[tuple[TipPath, float | None]],
     name: str,
 ) -> Iterator[GuideCandidate]:
-    """Yield the arm slid out of where it lies, to either side; none where no path leads out of anything.
+    """Yield candidates that slide the arm out of where it lies, bowed to either side; none where no mouth is given.
 
     Args:
-        stepper: of the link space.
-        start: where the motion begins.
+        stepper: stepper of the link space.
+        start: pose where the motion begins.
         whole_arm: coordinates of a goal for the whole arm, or None.
-        mouths: paths of the tip, each with the arc length from the base at which the arm is out [m].
-        name: of what is done.
+        mouths: tip paths, each with the arc length from the base at which the arm is out [m].
+        name: name of the candidates.
     """
     for onward in ways_on(stepper, whole_arm):
-        # What goes straight on from the gates does not ask along which path.
+        # A motion straight on from the gates does not depend on the path.
         tried: set[tuple[float, int]] = set()
         for path, mouth in mouths:
             if mouth is None:
@@ -313,23 +318,17 @@ def slid_out(
 
 
 def ways_on(stepper: Stepper, whole_arm: FloatArray | None) -> list[tuple[WayOn, ...]]:
-    """Return the guides, one after the other, that lead an arm on to its goal when it has come out.
-
-    The quickest way first.
-    """
+    """Return the sequences of guides that lead an arm on to its goal when it is out, the quickest first."""
     by_tip = partial(_by_tip, stepper)
     if whole_arm is None:
         return [(by_tip,)]
-    # Straight on, an arm that has come out may be swept back into the wall that it has come through.
+    # Led straight on, an arm that is out may be swept back into the wall that it has come through.
     straight = partial(_straight_on, stepper, whole_arm)
     return [(straight,), (by_tip, straight)]
 
 
 def gate_entry(stepper: Stepper, start: Pose, path: TipPath) -> float | None:
-    """Return the arc length from the base at which the arm enters the first gate that it lies in [m].
-
-    None if it lies in none.
-    """
+    """Return the arc length from the base at which the arm enters the first gate that it lies in, or None [m]."""
     axis = shapely.LineString(start.points)
     beside = _BESIDE * stepper.space.nominal_length
     lain_in = [rail for rail in path.rails if shapely.distance(shapely.Point(rail[len(rail) // 2]), axis) < beside]
@@ -338,14 +337,14 @@ def gate_entry(stepper: Stepper, start: Pose, path: TipPath) -> float | None:
 
 
 def _straight_on(stepper: Stepper, whole_arm: FloatArray, path: TipPath, guide: Guide, pose: Pose) -> Guide:
-    """From before the gates straight to a pose of the whole arm."""
+    """Return the guide from outside the gates straight to a pose of the whole arm."""
     del path
     del guide
     return PoseLed(stepper.space, pose.v, whole_arm)
 
 
 def _by_tip(stepper: Stepper, path: TipPath, guide: Guide, pose: Pose) -> Guide:
-    """From before the gates the tip along the rest of its path."""
+    """Return the guide that leads the tip from outside the gates along the rest of its path."""
     del guide
     line = shapely.LineString(path.taut)
     rest = path.taut[arc_lengths(path.taut) > line.project(shapely.Point(pose.points[-1]))]

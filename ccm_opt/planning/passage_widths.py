@@ -1,4 +1,4 @@
-"""How wide the passages are that a tip path leads through: the walls' distance across it, on both sides together."""
+"""Widths of the passages along a tip path: the distance across the path between the walls on both sides."""
 
 import numpy as np
 import shapely
@@ -11,34 +11,35 @@ from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
 from ccm_opt.scene.walls import Walls
 
 MARGINS = (0.06, 0.024)
-"""Planning margins that are tried in turn, in nominal links: the wide one finds smoother motions, the narrow one gets
-through. Measured: with less than the narrow one, the first candidate failed in one scene."""
+"""Planning margins that are tried in turn, in nominal links: the wide one finds smoother motions, the narrow one
+gets through. Measured: with a smaller narrow one, the first candidate failed in one scene."""
 WIDTH_SAMPLES = 96
-"""Places along a path at which its passage is measured. Taste."""
+"""Number of places along a path at which its passage is measured. Taste."""
 
 _LEAST_MARGIN = 0.001
 """Least planning margin, in nominal links. Taste."""
 
 _NARROW = 2.5
-"""Passages less wide than this many nominal links ask for shorter nominal links. Taste: a fold in a passage is about a
+"""Width below which passages require shorter nominal links, in nominal links. Taste: a fold in a passage is about a
 third of its width high, and should not be shorter than a nominal link."""
 
 _ROOMY = 3.2
-"""Width that such passages then have, in nominal links. Taste."""
+"""Width of such passages after the shortening, in nominal links. Taste."""
 _FITTING_SHARE = 0.8
-"""Share of the gap beside the arm that a planning margin may be. Taste: with all of it taken, a step could move
-nowhere."""
+"""Largest planning margin as a share of the gap next to the arm. Taste: with all of the gap taken, no step could
+move the arm."""
 _MARGIN_SHARE = 0.5
-"""Where no planning margin fits, this share of the gap that there is serves as one. Taste."""
+"""Share of the available gap that serves as margin where no planning margin fits. Taste."""
 
 SPARE = 1.001
-"""Rounding: lines are drawn by so much longer when the edges that they cross are looked for."""
+"""Factor on the length of the lines whose crossings with edges are sought, against rounding."""
 
 
 def required_nominal_links(task: MotionTask) -> float:
-    """Nominal links to the arm's length that the first tip path asks for: more than usual where passages are narrow.
+    """Return the number of nominal links to the arm's length that the first tip path requires.
 
-    A nominal link shorter than a link is of no use, so arms of few links are always planned with the usual ones.
+    More than usual where passages are narrow. A nominal link shorter than a link is of no use, so arms of few links are
+    always planned with the usual number.
     """
     if not task.tip_paths or task.arm.links <= NOMINAL_LINKS:
         return NOMINAL_LINKS
@@ -51,11 +52,9 @@ def required_nominal_links(task: MotionTask) -> float:
 
 
 def fitting_margins(task: MotionTask) -> tuple[float, ...]:
-    """Return the planning margins, in nominal links, that leave the way to the goal open.
+    """Return the planning margins, in nominal links, that leave the path to the goal open; smaller ones if none does.
 
-    A smaller one first when none does.
-
-    A wide margin closes passages that hardly pass the arm, and goals that hardly hold the tip: trying it costs time.
+    A wide margin closes passages that hardly admit the arm, and goals that hardly admit the tip: trying it costs time.
     """
     gap = gap_beside_arm(task) * task.nominal_links / task.arm.length
     if gap <= 0.0:
@@ -68,9 +67,9 @@ def fitting_margins(task: MotionTask) -> tuple[float, ...]:
 
 
 def gap_beside_arm(task: MotionTask) -> float:
-    """Gap that the arm has on either side in the narrowest passage of the widest tip path, and the tip at its goal [m].
+    """Return the gap on either side of the arm in the narrowest passage of the widest tip path, and at its goal [m].
 
-    Not positive when there is no tip path, or the paths are too narrow to be told apart from walls.
+    Not positive when there is no tip path, or the paths are too narrow to be distinguished from walls.
     """
     arm = task.arm
     walls = task.workspace.flat_walls
@@ -78,7 +77,7 @@ def gap_beside_arm(task: MotionTask) -> float:
     for path in task.tip_paths:
         if path.length > 0.0:
             half_width = 0.5 * float(passage_widths(walls, path.taut, arm.length).min())
-            # With a wider margin than it has at the goal the tip would never arrive.
+            # With a margin wider than its gap at the goal the tip would never arrive.
             rooms.append(
                 min(half_width, *(_room_about(task, places) for places in (path.gate_places, path.route[-1:])))
             )
@@ -93,15 +92,16 @@ def _room_about(task: MotionTask, places: FloatArray) -> float:
 def passage_widths(walls: Walls, path: FloatArray, widest: float) -> FloatArray:
     """Return the width of the passage at places evenly spread along a path, shape (``WIDTH_SAMPLES``,) [m].
 
-    Across the path, to the first wall on the left and on the right; a side without a wall counts ``widest``.
+    The width is measured across the path, to the first wall on the left and on the right; a side without a wall counts
+    as ``widest``, and so does a greater sum.
 
     Args:
         walls: the walls.
         path: shape (k, 2) [m].
-        widest: what is not looked beyond [m].
+        widest: largest width that is measured [m].
     """
     places, tangent = evenly_along(path)
-    # Along the normal to the first edge on either side; where there is none, as wide as is asked about.
+    # Along the normal to the first edge on either side; where there is none, the largest width measured.
     across = np.stack((-tangent[:, 1], tangent[:, 0]), axis=1)
     place, along = _crossings(walls, places, across, widest)
     left = np.full(WIDTH_SAMPLES, widest)
@@ -113,7 +113,7 @@ def passage_widths(walls: Walls, path: FloatArray, widest: float) -> FloatArray:
 
 
 def evenly_along(path: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the places evenly spread along a path (k, 2) between its ends, and the path's directions there."""
+    """Return ``WIDTH_SAMPLES`` places evenly spread along a path (k, 2) between its ends, and its directions there."""
     path = without_repeats(path, 0.0)
     arcs = arc_lengths(path)
     at = np.linspace(0.0, arcs[-1], WIDTH_SAMPLES + 2)[1:-1]
@@ -123,11 +123,11 @@ def evenly_along(path: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def _crossings(walls: Walls, places: FloatArray, directions: FloatArray, widest: float) -> tuple[IntArray, FloatArray]:
-    """Where lines through places (m, 2) meet edges: place of each crossing and its signed distance, each of shape (k,).
+    """Return the crossings of lines through places (m, 2) with edges: place and signed distance, each of shape (k,).
 
     Distances [m] are less the rounding of the wall; crossings farther than ``widest`` [m] may be left out.
     """
-    # Every edge that is crossed so near, and few others.
+    # This query returns every edge crossed within reach, and few others.
     reach = SPARE * (widest + float(walls.rounding.max(initial=0.0)))
     lines = np.stack((places - reach * directions, places + reach * directions), axis=1)
     place, edge = walls.edge_lines.query(shapely.linestrings(lines))

@@ -1,7 +1,7 @@
-"""Smooth paths through knots that are moved onto limits which have equations, or depend on the path parameter.
+"""Smooth paths through knots moved onto limits that have equations or depend on the path parameter.
 
 A cubic spline through points of a smooth curve leaves it by O(h⁴) (de Boor, *A Practical Guide to Splines*, chapter V),
-so halving the spans in which equations are missed brings the path back onto them quickly.
+so halving the spans in which equations are violated brings the path back onto them quickly.
 """
 
 from collections.abc import Callable
@@ -18,45 +18,46 @@ from ccm_opt.planning.limits.user_motion_rows import slope_norms
 from ccm_opt.planning.spline_path import DEGREE
 
 _EQUATION_SAMPLES = 8
-"""Samples of a span at which limits are looked at that the path is laid through. Taste."""
+"""Samples of a span at which the limits that the path is fitted to are checked. Taste."""
 _FIRST_SPANS = 48
-"""Spans of the first such path. Taste."""
+"""Number of spans of the first such path. Taste."""
 _MOST_SPANS = 1200
-"""Spans at which it is given up. Taste."""
+"""Number of spans above which refinement is given up. Taste."""
 _ROUNDS = 10
-"""Rounds of halving its spans. Taste."""
+"""Rounds of halving spans. Taste."""
 _NEWTON_STEPS = 12
 """Most steps of Newton's method that bring a knot onto the limits. Taste."""
 _MET = 1e-10
-"""By how much a knot may miss them, in their units. Derived: four orders below what the verifier allows."""
+"""Largest violation of the limits at a knot, in their units. Derived: four orders of magnitude below what the
+verifier allows."""
 _RANK = 1e-09
-"""Singular values below this share of the largest count as none. Taste."""
+"""Share of the largest singular value below which singular values count as zero. Taste."""
 _JOINT_SHARE = 0.995
-"""Share of a joint limit to which bends beyond that are brought back. Taste."""
+"""Share of a joint limit to which larger bends are reduced. Taste."""
 
 _CERTIFIED_SAMPLES = 12
-"""Samples of a span through knots between which the certificate takes the path to be linear. Taste."""
+"""Samples of a span through knots, between which the certificate takes the path to be linear. Taste."""
 _MOST_CERTIFIED = 6000
-"""Samples of the whole path at most. Taste: the certificate's cost."""
+"""Most samples of the whole path. Taste: the certificate's cost."""
 
 
 Free: TypeAlias = Callable[[FloatArray], FloatArray]
-"""1 for what a knot may move about a configuration, 0 for the rest, both of shape (c,)."""
+"""Returns 1 for each coordinate that a knot may move about a configuration, 0 for the rest, both of shape (c,)."""
 
 
 def spline_on_limits(base: BSpline, limits: tuple[UserLimit, ...], bends: FloatArray, free: Free) -> BSpline | None:
     """Return a spline through points of a base that are moved onto limits, refined until it keeps them throughout.
 
     Args:
-        base: a smooth path near a certified motion that knows its path parameter.
-        limits: that the path has to keep.
+        base: a smooth path near a certified motion with a path parameter.
+        limits: limits that the path has to keep.
         bends: limits of the joints' bends, shape (b,) [rad].
-        free: what knots may move.
+        free: coordinates that knots may move.
 
     Returns:
         None when that does not converge.
     """
-    # A constraint that begins inside a span would be met on one side of its beginning only.
+    # A constraint that begins inside a span would only be met on one side of its beginning.
     knots = _first_knots(base, [u for limit in limits for u in limit.breaks], _FIRST_SPANS)
     values: dict[float, FloatArray] = {0.0: np.asarray(base(0.0)), 1.0: np.asarray(base(1.0))}
     for _ in range(_ROUNDS):
@@ -84,7 +85,7 @@ def spline_on_limits(base: BSpline, limits: tuple[UserLimit, ...], bends: FloatA
 
 
 def _first_knots(base: BSpline, breaks: list[float], least: int) -> FloatArray:
-    """Return the knots of the base and the breaks, halved until there are at least so many spans."""
+    """Return the knots of the base and the breaks, halved until there are at least ``least`` spans."""
     knots = np.union1d(np.clip(base.t, 0.0, 1.0), breaks)
     while len(knots) - 1 < least:
         knots = np.union1d(knots, 0.5 * (knots[1:] + knots[:-1]))
@@ -94,13 +95,13 @@ def _first_knots(base: BSpline, breaks: list[float], least: int) -> FloatArray:
 def moved_onto(
     limits: tuple[UserLimit, ...], bends: FloatArray, free: Free, q: FloatArray, u: float
 ) -> FloatArray | None:
-    """Return a pose moved onto the equations, out of broken gaps and within joint limits, by least change.
+    """Return a pose moved by least change onto the equations, out of violated gaps and within joint limits.
 
     Args:
-        limits: that the path has to meet.
+        limits: limits that the path has to meet.
         bends: limits of the joints' bends, shape (b,) [rad].
-        free: what may move.
-        q: shape (c,).
+        free: coordinates that may move.
+        q: configuration, shape (c,).
         u: path parameter.
 
     Returns:
@@ -119,14 +120,14 @@ def moved_onto(
             return None
         if np.max(np.abs(change), initial=0.0) <= _MET:
             return q
-        # Rows of norm 1: units differ, and the rank has to be told from rounding.
+        # Rows are scaled to norm 1: units differ, and rounding must not affect the rank.
         scale = slope_norms(slopes)
         q = q + np.linalg.lstsq(slopes * moving / scale[:, None], change / scale, rcond=_RANK)[0]
     return None
 
 
 def _violated_spans(spline: BSpline, knots: FloatArray, limits: tuple[UserLimit, ...], samples: int) -> IntArray:
-    """Return the spans in which a limit is missed, sorted; each is looked at in so many samples."""
+    """Return the spans in which a limit is violated at one of ``samples`` samples, sorted."""
     # Even samples in every span, however long the spans are.
     places = np.interp(np.arange(samples * (len(knots) - 1) + 1) / samples, np.arange(len(knots)), knots)
     q = np.asarray(spline(places))
@@ -137,7 +138,7 @@ def _violated_spans(spline: BSpline, knots: FloatArray, limits: tuple[UserLimit,
 
 
 def _short_spans(spline: BSpline, knots: FloatArray, limits: tuple[UserLimit, ...]) -> IntArray:
-    """Return the spans in which a limit holds, but with less room than its certificate asks for, sorted."""
+    """Return the spans in which a limit holds, but with less clearance than its certificate asks for, sorted."""
     places = certified_samples(spline)
     # Sample i to i + 1 lies in the span whose first knot is the last at or before it.
     failing = places[failed_intervals(limits, np.asarray(spline(places)))]
@@ -145,7 +146,7 @@ def _short_spans(spline: BSpline, knots: FloatArray, limits: tuple[UserLimit, ..
 
 
 def certified_samples(spline: BSpline) -> FloatArray:
-    """Return the places along a path through knots, evenly spread in every span."""
+    """Return path parameters along a path through knots, evenly spread in every span."""
     knots = np.unique(np.clip(spline.t, 0.0, 1.0))
     count = max(2, min(_CERTIFIED_SAMPLES, _MOST_CERTIFIED // (len(knots) - 1)))
     return np.interp(np.arange(count * (len(knots) - 1) + 1) / count, np.arange(len(knots)), knots)

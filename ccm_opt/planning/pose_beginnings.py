@@ -1,4 +1,4 @@
-"""Where the goal-pose program begins: along routes to the goal or at a motion's end, and at poses that are drawn."""
+"""Initial guesses of the goal-pose NLP: along routes to the goal, at a motion's end, and at sampled poses."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -41,26 +41,26 @@ from ccm_opt.scene.corridor import Route
 from ccm_opt.scene.free_space import FreeSpace
 
 _DIFFERENT = 0.3
-"""Largest turn of a link by which two configurations count as different [rad]. Taste."""
+"""Largest turn of a link above which two configurations count as different [rad]. Taste."""
 _BEGINNINGS = 2
-"""Configurations along each route. Taste: the surplus length to either side."""
+"""Configurations along each route. Taste: one with the surplus length to either side."""
 _BROUGHT_ROUNDS = 20
 """Rounds of random poses that Newton's method brings onto the goal. Taste: a tenth of a second each."""
 
 
 @dataclass(frozen=True)
 class PoseSearchSettings:
-    """Of the search for the best pose at a goal.
+    """Settings of the search for the best pose at a goal.
 
     Attributes:
-        drawn: poses that are drawn, at most, each of which the goal-pose NLP improves. Taste: each takes a quarter
-            of a second.
-        rounds: most solutions from each beginning. Measured: among the shared problems the fork gains by ten.
-        draw_share: share of the time limit that drawing in space may take where a motion leads to a pose, too. Taste:
-            ducts hold so little of all poses that drawing finds none in any time; 1.5 s by default, in which an open
-            scene gives all that are wanted.
-        motion_share: share of the time limit that the search for a motion in space may take, at whose end is one more
-            beginning. Taste.
+        drawn: most poses that are sampled, each of which the goal-pose NLP improves. Taste: each takes a quarter of a
+            second.
+        rounds: most solutions from each initial guess. Measured: among the shared problems the fork gains by ten.
+        draw_share: share of the time limit that sampling in space may take where a motion leads to a pose, too. Taste:
+            ducts admit so few poses that sampling finds none in any time; 1.5 s by default, in which an open scene
+            yields all that are wanted.
+        motion_share: share of the time limit that the search for a motion in space may take, whose end is another
+            initial guess. Taste.
     """
 
     drawn: int = 6
@@ -71,12 +71,12 @@ class PoseSearchSettings:
 
 @dataclass(frozen=True, eq=False)
 class PoseBeginning:
-    """A pose at the goal that touches nothing much, or why there is none.
+    """An initial guess at the goal, nearly free of contact, or the reason why there is none.
 
     Attributes:
-        name: where it is from, in words.
+        name: origin of the guess, in words.
         q: the configuration, shape (c,) [rad, m]; None where there is none.
-        missing: why; None where there is one.
+        missing: why there is none; None where there is one.
     """
 
     name: str
@@ -88,8 +88,8 @@ def along_routes(problem: Problem, ends: Ends) -> Iterator[PoseBeginning]:
     """Yield the configurations of the curve along every route, shortest first.
 
     Args:
-        problem: in the plane, with a goal for the tip.
-        ends: its ends as planning takes them.
+        problem: problem in the plane, with a goal for the tip.
+        ends: its ends, as resolved for planning.
 
     Raises:
         UnreachableGoal: there is no route that the arm is long enough for.
@@ -110,7 +110,7 @@ def along_routes(problem: Problem, ends: Ends) -> Iterator[PoseBeginning]:
 def in_plane(
     problem: Problem, ends: Ends, search: PoseSearchSettings, settings: CurvePlannerSettings = DEFAULT_CURVE_PLANNER
 ) -> Iterator[PoseBeginning]:
-    """Yield those along routes, and random poses that are brought onto the goal."""
+    """Yield the guesses along routes, and random poses that are brought onto the goal."""
     yield from along_routes(problem, ends)
     members = goal_members(problem.arm, ends.goal, route_room(problem, ends))
     poses = islice(brought_poses(problem, problem.arm, ends, members, settings), search.drawn)
@@ -119,7 +119,7 @@ def in_plane(
 
 
 def in_space(task: SpaceTask, search: PoseSearchSettings) -> Iterator[PoseBeginning]:
-    """Yield the end of a motion to the goal, where there is one, and poses that are drawn there."""
+    """Yield the end of a motion to the goal, where one is found, and poses sampled at the goal."""
     limit = max(task.deadline.left, 0.0)
     try:
         motion = any_motion(task.deadline_within(search.motion_share * limit))
@@ -127,7 +127,7 @@ def in_space(task: SpaceTask, search: PoseSearchSettings) -> Iterator[PoseBeginn
         drawing = task.deadline_within(search.draw_share * limit)
     except NoPlanFound as failure:
         yield PoseBeginning("the end of a motion", missing=failure.diagnosis)
-        # Nothing else is left to spend time on.
+        # Without a motion, sampling may use all the time that is left.
         drawing = task
     curve, _ = CurveMap.through(drawing.arm, drawing.start)
     poses = goal_poses(drawing, drawing.stepper(curve), np.random.default_rng(drawing.seed))
@@ -136,7 +136,7 @@ def in_space(task: SpaceTask, search: PoseSearchSettings) -> Iterator[PoseBeginn
 
 
 def any_motion(task: SpaceTask) -> SpaceMotion:
-    """Return a motion from the start to the goal, as it is found.
+    """Return the first motion found from the start to the goal.
 
     Raises:
         NoPlanFound: none was found in the time.
@@ -159,17 +159,17 @@ def brought_poses(
     members: tuple[GoalMember, ...],
     settings: CurvePlannerSettings = DEFAULT_CURVE_PLANNER,
 ) -> Iterator[FloatArray]:
-    """Yield the random poses with the tip on members of the goal that touch nothing for all that samples show.
+    """Yield random poses with the tip on members of the goal that touch nothing as far as samples show.
 
     Args:
-        problem: with the walls, and a seed.
-        arm: that is to get there.
-        ends: with the goal.
-        members: of the goal, that have a route.
-        settings: numbers.
+        problem: problem with the walls, and a seed.
+        arm: the arm.
+        ends: ends with the goal.
+        members: members of the goal that have a route.
+        settings: settings of the planner.
 
     Yields:
-        Configurations of shape (c,) [rad]; of members in turn.
+        Configurations of shape (c,) [rad], for the members in turn.
     """
     rng = np.random.default_rng(problem.planner.seed)
     space, _ = LinkSpace.through(arm, ends.start, NOMINAL_LINKS, clamped=ends.clamped)
@@ -195,7 +195,7 @@ def _along(problem: Problem, ends: Ends, room: FreeSpace, route: Route) -> list[
     """Return the link headings of different configurations of the curve along a route, at least one.
 
     Raises:
-        ConfigurationNotFound: with all of its bend, too, the curve finds no way through the corridor.
+        ConfigurationNotFound: even with all of its bend, the curve does not fit through the corridor.
     """
     for share in (CURVATURE_SHARE, FULL_CURVATURE_SHARE):
         task = configuration_task(problem, ends, room, route, share)
@@ -220,7 +220,7 @@ def _configurations(problem: Problem, task: ConfigurationTask) -> tuple[list[Flo
             headings = problem.arm.headings(map_curve(problem.arm, outcome, problem.planner.mapping))
         except ProblemError:
             continue  # the links cannot follow this curve
-        # The surplus length may swing to either side of the route: two poses of one class, and neither the better.
+        # The surplus length may swing to either side of the route: two poses of one class, neither better in general.
         if all(np.max(np.abs(headings - other)) > _DIFFERENT for other in found):
             found.append(headings)
         if len(found) == _BEGINNINGS:

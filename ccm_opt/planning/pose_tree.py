@@ -1,4 +1,4 @@
-"""Trees of poses and how they grow."""
+"""Trees of poses of the whole arm, and the random extensions that grow them."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -19,48 +19,48 @@ from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.free_space import FreeSpace
 
 _TO_SHAPE = 0.25
-"""How often, against the other kinds, the whole arm is led to a random shape. Taste, as all of these: scenes differ in
-what helps, so every kind has its turn."""
+"""Probability weight of leading the whole arm to a random shape. Taste, as all of these: scenes differ in what
+helps, so every kind is used."""
 _TO_BUMP = 0.15
-"""How often a part of the arm is bent aside."""
+"""Probability weight of bending a part of the arm aside."""
 _TO_PLACE = 0.15
-"""How often the tip is led to a random place."""
+"""Probability weight of leading the tip to a random place."""
 _ALONG_ROUTE = 0.1
-"""How often the tip is led back along the arm and out along a route."""
+"""Probability weight of leading the tip back along the arm and out along a route."""
 _FOLDED = 0.15
-"""How often the arm is pulled over to a route as a rope."""
+"""Probability weight of pulling the arm over to a route like a rope."""
 _TO_OTHER = 0.2
-"""How often the whole arm is led to a pose of the other tree."""
+"""Probability weight of leading the whole arm to a pose of the other tree."""
 _BUMP_WIDTHS = (0.05, 0.3)
-"""Least and greatest width of such a change, as shares of the arm's length. Taste."""
+"""Least and greatest width of a bent part, as shares of the arm's length. Taste."""
 _PLACES_DRAWN = 64
-"""Places drawn at once when a free one is looked for. Taste."""
+"""Number of places sampled at once when a free one is sought. Taste."""
 
 _SHAPE_KNOTS = 6
-"""Curvature of a random shape is linear between so many knots. Taste."""
+"""Number of knots between which the curvature of a random shape is linear. Taste."""
 _SHAPE_CURVATURE = 3.0
 """Standard deviation of that curvature, times the arm's length. Taste."""
 _BUMP_TURN = 0.8
-"""Standard deviation of a local change of heading [rad]. Taste."""
+"""Standard deviation of the change of heading of a bent part [rad]. Taste."""
 _SHAPES_AS_ROUTES = 0.3
 """Share of routes that are shapes of the other tree. Taste."""
 _NODE_CHOICE = 4
-"""Of so many random nodes the least used is extended. Taste."""
+"""Number of random nodes of which the least used is extended. Taste."""
 _TIP_CHOICE = 6
-"""A place for the tip is given to the nearest of so many nodes, drawn at random. Taste."""
+"""Number of random nodes of which the one nearest to a place for the tip is extended. Taste."""
 
 
 @dataclass
 class PoseTree:
-    """Poses of the whole arm and how they are reached; several roots are allowed.
+    """Tree of poses of the whole arm, with the motions that lead to them; several roots are allowed.
 
     Attributes:
-        arm: whose poses they are.
-        heading_weight: of a radian of heading against the length of the arm in the distance of two poses.
-        poses: of the nodes.
+        arm: the arm.
+        heading_weight: weight of a radian of heading relative to the length of the arm in the distance of two poses.
+        poses: poses of the nodes.
         parents: number of each node's parent, -1 for a root.
         edges: poses from the parent, without it, to the node.
-        uses: how often each node was drawn.
+        uses: number of times that each node was sampled.
     """
 
     arm: Arm
@@ -74,11 +74,11 @@ class PoseTree:
         return len(self.poses)
 
     def add_root(self, pose: Pose) -> int:
-        """Add a pose that no other leads to; its number."""
+        """Add a pose without a parent, and return its number."""
         return self.add(-1, [pose])
 
     def add(self, parent: int, edge: list[Pose]) -> int:
-        """Add the last pose of an edge; its number.
+        """Add the last pose of an edge, and return its number.
 
         Args:
             parent: number of the node the edge begins at.
@@ -91,11 +91,9 @@ class PoseTree:
         return len(self) - 1
 
     def distances(self, pose: Pose) -> FloatArray:
-        """Return the distance of every node to a pose: of the joints in arm lengths and of the headings.
+        """Return the distance of every node to a pose: of joints in arm lengths plus of headings, shape (nodes,).
 
-        Shape (nodes,).
-
-        The headings tell poses apart that look the same but are wound round the base differently.
+        The headings distinguish poses that look the same but are wound round the base differently.
         """
         points = np.array([node.points for node in self.poses])
         headings = self.arm.headings(np.array([node.q for node in self.poses]))
@@ -105,7 +103,7 @@ class PoseTree:
         return distances
 
     def nearest(self, pose: Pose) -> int:
-        """Number of the node nearest to a pose."""
+        """Return the number of the node nearest to a pose."""
         return int(np.argmin(self.distances(pose)))
 
     def tip_distances(self, place: FloatArray) -> FloatArray:
@@ -114,7 +112,7 @@ class PoseTree:
         return distances
 
     def least_used(self, choice: IntArray) -> int:
-        """Of some nodes the one that was drawn least often, and count that it is drawn now."""
+        """Return the number of the least sampled of some nodes, and count it as sampled once more."""
         node = min((int(k) for k in choice), key=lambda k: self.uses[k])
         self.uses[node] += 1
         return node
@@ -129,18 +127,18 @@ class PoseTree:
 
 
 Extension: TypeAlias = tuple[int, Guide]
-"""Number of the node to begin at, and what to follow from there."""
+"""Number of the node to begin at, and the guide to follow from there."""
 
 
 @dataclass(frozen=True)
 class ExtensionSampler:
-    """Draws extensions of one tree.
+    """Samples extensions of one tree.
 
     Attributes:
-        stepper: of the link space.
-        free_space: of the tip, punctured at the base.
-        routes: from the base to where the tip should get to, each of shape (k, 2) [m].
-        shrink: distance kept from corners where there is room [m].
+        stepper: stepper of the link space.
+        free_space: free space of the tip, punctured at the base.
+        routes: routes from the base to where the tip should get to, each of shape (k, 2) [m].
+        shrink: distance kept from corners where possible [m].
         rng: source of every random choice.
     """
 
@@ -151,7 +149,7 @@ class ExtensionSampler:
     rng: np.random.Generator
 
     def draw(self, tree: PoseTree, other: PoseTree) -> Extension:
-        """Return an extension of a tree; the other tree attracts."""
+        """Return a sampled extension of a tree; some are drawn towards the other tree."""
         kinds: list[tuple[float, Callable[[], Extension]]] = [
             (_TO_SHAPE, partial(self.to_shape, tree)),
             (_TO_BUMP, partial(self.to_bump, tree)),
@@ -167,17 +165,17 @@ class ExtensionSampler:
         return draw()
 
     def to_shape(self, tree: PoseTree) -> Extension:
-        """Return the whole arm towards a smooth random shape, from the nearest node."""
+        """Return an extension of the nearest node to a smooth random shape of the whole arm."""
         arm = self.stepper.space.arm
         knots = self.rng.normal(0.0, _SHAPE_CURVATURE / arm.links, _SHAPE_KNOTS)
         bends = np.interp(self._middles(), np.linspace(0.0, 1.0, _SHAPE_KNOTS), knots)
-        # The base turns anywhere, but winds no more than half a turn more than some node.
+        # The base may turn anywhere, but at most half a turn away from some node.
         bends[0] = tree.poses[self._any(tree)].q[0] + self.rng.uniform(-np.pi, np.pi)
         shape = self._pose(bends)
         return self._towards(tree, tree.nearest(shape), shape)
 
     def to_bump(self, tree: PoseTree) -> Extension:
-        """Part of the arm of a random node bent aside: its headings changed near a random link."""
+        """Return an extension that bends a part of a random node's arm aside: headings change near a random link."""
         node = self._any(tree)
         width = self.rng.uniform(*_BUMP_WIDTHS)
         at = self.rng.uniform(0.0, 1.0)
@@ -186,21 +184,21 @@ class ExtensionSampler:
         return self._towards(tree, node, self._pose(tree.poses[node].q + np.diff(bump, prepend=0.0)))
 
     def to_other(self, tree: PoseTree, other: PoseTree) -> Extension:
-        """Return the whole arm towards a random pose of the other tree, from the nearest node."""
+        """Return an extension of the nearest node to a random pose of the other tree."""
         target = other.poses[self._any(other)]
         return self._towards(tree, tree.nearest(target), target)
 
     def to_place(self, tree: PoseTree) -> Extension:
-        """Return the tip towards a random free place, from a node whose tip is near it."""
+        """Return an extension that leads the tip of a nearby node to a random free place."""
         place = self._free_place()
         choice = self.rng.integers(len(tree), size=_TIP_CHOICE)
-        # The nearest of all would be drawn again and again where it is stuck.
+        # The nearest of all nodes would be chosen again and again where it is stuck.
         node = int(choice[np.argmin(tree.tip_distances(place)[choice])])
         tip = tree.poses[node].points[-1]
         return self._tip_led(tree, node, lambda: self.free_space.taut_path(np.stack((tip, place)), self.shrink))
 
     def along_route(self, tree: PoseTree, other: PoseTree) -> Extension:
-        """Return the tip of a random node back along its arm and out along a random route."""
+        """Return an extension that leads the tip of a random node back along its arm and out along a random route."""
         node = self._any(tree)
         side = int(self.rng.choice((-1, 1)))
         route = self._any_route(other)
@@ -208,9 +206,9 @@ class ExtensionSampler:
         return self._tip_led(tree, node, lambda: taut_round_base(self.free_space, points, route, side, self.shrink))
 
     def folded(self, tree: PoseTree, other: PoseTree) -> Extension:
-        """Return the arm of a random node pulled over to a random route as a rope.
+        """Return an extension that pulls the arm of a random node over to a random route like a rope.
 
-        A shape when the route is too long.
+        An extension to a shape when the route is too long.
         """
         node = self._any(tree)
         side = int(self.rng.choice((-1, 1)))
@@ -228,7 +226,7 @@ class ExtensionSampler:
         return node, candidate.make_guide()
 
     def _tip_led(self, tree: PoseTree, node: int, path_of_tip: Callable[[], FloatArray]) -> Extension:
-        """Return the tip of a node along a path; a shape when there is no such path."""
+        """Return an extension that leads the tip of a node along a path; one to a shape when there is no such path."""
         try:
             points = path_of_tip()
         except UnreachableGoal:
@@ -236,7 +234,7 @@ class ExtensionSampler:
         return node, led_along(self.stepper, points)
 
     def _towards(self, tree: PoseTree, node: int, target: Pose) -> Extension:
-        """Return the whole arm of a node straight towards a pose."""
+        """Return the extension of a node straight to a pose of the whole arm."""
         return node, PoseLed(self.stepper.space, tree.poses[node].v, target.v)
 
     def _pose(self, q: FloatArray) -> Pose:
@@ -249,7 +247,7 @@ class ExtensionSampler:
         return (np.arange(links) + 0.5) / links
 
     def _any(self, tree: PoseTree) -> int:
-        """Return a random node, rather one that has seldom been drawn."""
+        """Return a random node, preferring those that have seldom been sampled."""
         return tree.least_used(self.rng.integers(len(tree), size=_NODE_CHOICE))
 
     def _any_route(self, other: PoseTree) -> FloatArray:
@@ -261,7 +259,7 @@ class ExtensionSampler:
     def _free_place(self) -> FloatArray:
         """Return a free place within reach, shape (2,) [m]."""
         arm = self.stepper.space.arm
-        while True:  # the tip of the start is free, so places about it are too
+        while True:  # the tip of the start is free, so places near it are too
             places = arm.base + self.rng.uniform(-arm.length, arm.length, (_PLACES_DRAWN, 2))
             near = places[np.linalg.norm(places - arm.base, axis=1) < arm.length]
             free: FloatArray = near[self.free_space.contains(near)]

@@ -1,12 +1,12 @@
-"""Random ways of the tip among many walls.
+"""Random paths of the tip among many walls.
 
-Routes from the base, shortest first, seldom lead along the arm as it lies, for among many walls there are hundreds
-that are hardly longer than the shortest. But the arm keeps to the class that it lies in, and what its tip draws back
-bows out between the walls.
+Routes from the base, shortest first, seldom lead along the arm's current shape, since among many walls there are
+hundreds that are hardly longer than the shortest. But the arm keeps to its homotopy class, and the length that its tip
+draws back bows out between the walls.
 
-To lead a tip costs a twentieth of a second, and which margin and which side of which wall lets the arm through nobody
-can tell beforehand. So it is tried often: first along the arm as it lies and along the shortest path, then by way of
-places drawn at random, from the start and from where other walks have stalled.
+Leading a tip costs a twentieth of a second, and which margin and which side of which wall lets the arm through cannot
+be predicted. So it is tried often: first along the arm's shape and along the shortest path, then via random places,
+from the start and from where other walks have stalled.
 """
 
 from collections.abc import Iterator
@@ -35,39 +35,39 @@ from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
 from ccm_opt.scene.free_space import FreeSpace
 
 _FARTHEST = 0.3
-"""Greatest distance of drawn places from the tip, as a share of the arm's length. Taste."""
+"""Greatest distance of sampled places from the tip, as a share of the arm's length. Taste."""
 _PLACES_DRAWN = 16
-"""Places drawn at once when a free one is looked for. Taste."""
+"""Number of places sampled at once when a free one is sought. Taste."""
 _NEARNESS = 0.17
-"""How much rather walks begin at poses whose tip is near the goal: distance from it at which they begin 1/e as often as
-at the goal, as a share of the arm's length. Taste."""
+"""Preference of walks for beginning near the goal: distance of the tip from the goal at which they begin 1/e as
+often as at the goal, as a share of the arm's length. Taste."""
 
 _FROM_START = 0.35
-"""How often a walk begins at the start, and not where another has come to. Measured: with a tenth fewer fields are
-solved, and with none but these, too."""
+"""Probability that a walk begins at the start, and not where another has ended. Measured: fewer fields are solved
+with 0.1, and also with 1."""
 _ONTO_GOAL = 0.7
-"""How often a walk is led on to the goal, and not only to a place drawn at random. Taste."""
+"""Probability that a walk is led on to the goal, and not only to a random place. Taste."""
 _BY_PLACE = 0.85
-"""How often it is led there by way of such a place, which decides how it passes the walls. Taste."""
+"""Probability that it is led there via such a place, which decides how it passes the walls. Taste."""
 _ABOUT_GOAL = 0.7
-"""How often such places are drawn about the goal, and not about the tip. Taste."""
+"""Probability that such places are sampled around the goal, and not around the tip. Taste."""
 _NEAREST = 0.05
-"""Least distance of drawn places from the tip, as a share of the arm's length. Taste."""
+"""Least distance of sampled places from the tip, as a share of the arm's length. Taste."""
 _ROUNDING = (0.5, 1.0, 2.0)
-"""Distances that paths of walks keep from corners, as multiples of the usual one. Measured: with several the mean time
-to a solution was 3.3 s instead of 4.1."""
+"""Distances that paths of walks keep from corners, as multiples of the usual one. Measured: with several the mean
+time to a solution was 3.3 s instead of 4.1."""
 
 
 @dataclass(frozen=True)
 class TipWays:
-    """Draws taut paths of the tip; every one ends with a straight run onto the goal along its heading.
+    """Samples taut paths of the tip, each of which ends with a straight run onto the goal along its heading.
 
     Attributes:
         arm: the arm.
-        free_space: of the tip, punctured at the base.
-        goal: where the tip has to be.
-        shrink: distance kept from corners where there is room [m].
-        settings: numbers.
+        free_space: free space of the tip, punctured at the base.
+        goal: goal of the tip.
+        shrink: distance kept from corners where possible [m].
+        settings: settings of the walks.
     """
 
     arm: Arm
@@ -77,9 +77,9 @@ class TipWays:
     settings: TipWalkSettings
 
     def straight_on(self, pose: Pose) -> FloatArray | None:
-        """Return the back along the arm to the joint nearest to the goal, and over to it, shape (k, 2) [m].
+        """Return the path back along the arm to the joint nearest to the goal, and over to the goal, shape (k, 2) [m].
 
-        None where closed.
+        None where the path is blocked.
         """
         entry, place = self._run_in(pose)
         nearest = int(np.argmin(np.linalg.norm(pose.points - entry, axis=1)))
@@ -87,10 +87,7 @@ class TipWays:
         return self._led_onto(np.vstack((back, entry)), place, self.shrink)
 
     def drawn(self, pose: Pose, rng: np.random.Generator) -> tuple[FloatArray | None, bool]:
-        """Return a path drawn at random, shape (k, 2) [m], None where it is closed.
-
-        And whether it leads onto the goal.
-        """
+        """Return a random path, shape (k, 2) [m], or None where it is blocked, and whether it leads onto the goal."""
         entry, place = self._run_in(pose)
         tip = pose.points[-1:]
         shrink = self.shrink * float(rng.choice(_ROUNDING))
@@ -104,7 +101,10 @@ class TipWays:
         return self._led_onto(np.vstack((tip, via, entry)), place, shrink), True
 
     def _led_onto(self, polyline: FloatArray, place: FloatArray, shrink: float) -> FloatArray | None:
-        """Return the taut path in the class of a polyline (m, 2), led straight on to a place (2,), shape (k, 2) [m]."""
+        """Return the taut path in the class of a polyline (m, 2), led straight on to a place (2,), shape (k, 2) [m].
+
+        None where it is blocked.
+        """
         try:
             taut = self.free_space.taut_path(polyline, shrink)
         except UnreachableGoal:
@@ -114,14 +114,14 @@ class TipWays:
     def _run_in(self, pose: Pose) -> tuple[FloatArray, FloatArray]:
         """Return where the run onto the goal begins and ends, each of shape (2,) [m].
 
-        Onto the member nearest to a pose.
+        The run leads onto the member of the goal nearest to a pose.
         """
         member = self.goal.nearest_member(pose.tip, pose.tip_direction)
         length = self.arm.length / NOMINAL_LINKS
         return run_in(self.free_space, member.position, member.heading, length), member.position
 
     def _free_place(self, middle: FloatArray, rng: np.random.Generator) -> FloatArray:
-        """Return a place at some distance from another, free where that can be had with few draws, shape (2,) [m]."""
+        """Return a place at some distance from another, shape (2,) [m]; free where a few samples find one."""
         angles = rng.uniform(-np.pi, np.pi, _PLACES_DRAWN)
         distances = self.arm.length * rng.uniform(_NEAREST, _FARTHEST, _PLACES_DRAWN)
         places = middle + distances[:, None] * unit_vector(angles)
@@ -131,22 +131,22 @@ class TipWays:
 
 
 WALKS = "walks of the tip"
-"""Name of what is found, among the names of candidates."""
+"""Name, among the names of candidates, of motions found by walks."""
 
 
 def is_walked(task: MotionTask) -> bool:
-    """Return whether the tip is led among many walls; a goal of the whole arm is seldom met by a tip that is led."""
+    """Return whether the tip is led among many walls; a goal of the whole arm is seldom met by leading the tip."""
     fits = not task.parametric and task.goal_pose is None
     return fits and task.among_many_walls and len(task.tip_paths) > 0
 
 
 def find_by_walks(task: MotionTask, failures: list[Failure], *, late: bool = False) -> Motion | None:
-    """Return the first motion of a tip that is led among many walls that arrives and is certified.
+    """Return the first certified motion that arrives by leading the tip among many walls, or None.
 
     Args:
-        task: arm, room, ends and limits.
-        failures: is added to.
-        late: whether this is the turn before the trees, with more walks and others than in the first turn.
+        task: arm, workspace, ends and limits.
+        failures: failures of candidates are appended here.
+        late: whether this is the turn before the trees, with more and other walks than in the first turn.
     """
     settings = task.settings.tip_walks
     runs = [PlanarRun.from_task(task, margin) for margin in settings.margins]
@@ -157,7 +157,7 @@ def find_by_walks(task: MotionTask, failures: list[Failure], *, late: bool = Fal
             motion = run.run(_straight_on(run, ways), failures)
             if motion is not None or task.deadline.passed():
                 return motion
-        # Walks mostly arrive where the tip's way to the goal, along the arm as it lies, is short.
+        # Walks mostly arrive where the tip's path to the goal, along the arm's shape, is short.
         along_arm = ways.straight_on(runs[0].start)
         if along_arm is None or path_length(along_arm) > settings.longest_way * task.arm.length:
             return None
@@ -166,10 +166,7 @@ def find_by_walks(task: MotionTask, failures: list[Failure], *, late: bool = Fal
 
 
 def _straight_on(run: PlanarRun, ways: TipWays) -> Iterator[GuideCandidate]:
-    """Yield the tip led along the arm as it lies and over to the goal, and along its shortest path.
-
-    Then a fold there.
-    """
+    """Yield the tip led along the arm's shape and over to the goal, then along its shortest path, then a fold."""
     shortest = min(run.task.tip_paths, key=lambda path: path.length)
     along_arm = ways.straight_on(run.start)
     if along_arm is not None:
@@ -188,13 +185,13 @@ def _candidate(run: PlanarRun, which: str, taut: FloatArray) -> GuideCandidate:
 
 @dataclass
 class TipWalks:
-    """Walks in the making; what each has reached is kept, for others to begin there.
+    """Random walks under construction; the end pose of each is kept, so that others may begin there.
 
     Attributes:
-        runs: of one link space, with different margins.
-        ways: of the tip.
+        runs: runs of one link space, with different margins.
+        ways: sampler of tip paths.
         rng: source of every random choice.
-        settings: numbers.
+        settings: settings of the walks.
         reached: the start, and the last certified pose of every walk.
     """
 
@@ -209,7 +206,7 @@ class TipWalks:
         self.reached.add_root(self.runs[0].start)
 
     def search(self, walks: int, failures: list[Failure]) -> Motion | None:
-        """Walk so many times at most; the motion of the first walk that arrives, None and why where none does."""
+        """Return the motion of the first walk that arrives; None, with a recorded failure, after ``walks`` walks."""
         run = self.runs[0]
         for _ in range(walks):
             if run.task.deadline.passed():
@@ -219,13 +216,13 @@ class TipWalks:
                 try:
                     return run.motion(WALKS, run.certified_without_pauses(arrived))
                 except Stalled:
-                    continue  # a motion at the edge of what can be certified; another may be farther from it
+                    continue  # this motion can hardly be certified; another may have more clearance
         nearest = min(self.reached.poses, key=lambda pose: run.goal.errors(pose)[0])
         failures.append(run.failure(WALKS, Stalled(f"{walks} walks of the tip did not arrive", [nearest])))
         return None
 
     def _walk(self) -> list[Pose] | None:
-        """Return one more walk; all poses from the start to the goal where it arrives."""
+        """Walk once more, and return all poses from the start to the goal where the walk arrives, else None."""
         node = self._beginning()
         begin = self.reached.poses[node]
         run = self.runs[int(self.rng.integers(len(self.runs)))]
@@ -244,9 +241,9 @@ class TipWalks:
         return None
 
     def _led(self, run: PlanarRun, begin: Pose, taut: FloatArray, *, onto_goal: bool) -> tuple[list[Pose], bool]:
-        """Return the poses with the tip led along a path, no farther than into a goal that is a set, and onto it.
+        """Return the poses with the tip led along a path and onto the goal, and whether the whole path was followed.
 
-        Whether all.
+        The tip goes no farther than into a goal that is a set.
         """
         poses = [begin]
         guide = led_along(run.stepper, taut)
@@ -259,7 +256,7 @@ class TipWalks:
         return poses, True
 
     def _beginning(self) -> int:
-        """Number of the pose where the next walk begins: the start, or rather one near the goal and seldom used."""
+        """Return the number of the next walk's first pose: the start, or one likely near the goal and seldom used."""
         if self.rng.random() < _FROM_START:
             return 0
         reached = self.reached

@@ -1,9 +1,10 @@
 """Candidates that draw the arm back first.
 
-An arm that lies in a narrow place can leave it only as it came: along itself. Its base is fixed, so what comes out must
-go somewhere: a fold opens at the base, where there is room, and travels towards the tip. Links that the fold has passed
-lie where they are wanted, those ahead of it slide back along the old shape. Run backwards in time this is the hairpin
-that would lead the arm in, from the pose that is wanted; so its reference and its terms are the hairpin's.
+An arm that lies in a narrow place can leave it only the way it came: along itself. Its base is fixed, so the length
+that comes out must go somewhere: a fold opens at the base, where there is clearance, and travels towards the tip. Links
+that the fold has passed lie where they are wanted, those ahead of it slide back along the old shape. Run backwards in
+time this is the hairpin that would lead the arm in, from the wanted pose; so its reference and its terms are the
+hairpin's.
 """
 
 from collections.abc import Iterator
@@ -26,26 +27,26 @@ from ccm_opt.planning.step import Stepper
 from ccm_opt.planning.tip_paths import TipPath, tip_paths_in
 
 _LONGEST_ERROR = 1.0
-"""Error of a joint that is asked to be mended in one step, in nominal links. Taste."""
+"""Largest error of a joint that one step is asked to correct, in nominal links. Taste."""
 _STRAND_WEIGHT = 1.0
-"""Of the joints of the strand that is drawn back, per nominal link. Taste."""
+"""Weight of the joints of the strand that is drawn back, per nominal link. Taste."""
 _HEADING_WEIGHT = 0.3
-"""Of every link's heading against the reference, per nominal link. Taste."""
+"""Weight of every link's heading relative to the reference, per nominal link. Taste."""
 _TURN_WEIGHT = 0.002
-"""Of every link's turn, per nominal link. Taste."""
+"""Weight of every link's turn, per nominal link. Taste."""
 _MOTION_WEIGHT = 0.02
-"""Of every joint's motion, per nominal link. Taste."""
+"""Weight of every joint's motion, per nominal link. Taste."""
 
 _BESIDE = 2.5
-"""A place of the tip's way that is nearer to the arm than this lies beside it, in nominal links. Taste."""
+"""Distance from the arm below which a place of the tip path lies next to the arm, in nominal links. Taste."""
 _LEASH = 0.3
-"""How far the strand may lag before the fold waits, in nominal links. Taste."""
+"""Largest lag of the strand before the fold waits, in nominal links. Taste."""
 
 _LEAST_WAY = 2.0
-"""Of the tip back through passages in which the arm lies and a fold has no room, for drawing back to be tried first, in
-nominal links. Taste."""
+"""Length of the tip path back through passages in which the arm lies and a fold does not fit, above which drawing
+back is tried first, in nominal links. Taste."""
 _NEAR_BASE = 3.0
-"""Links nearer to the base along the arm than this do not count, in nominal links. Taste."""
+"""Distance along the arm from the base below which links do not count, in nominal links. Taste."""
 
 
 _ADVANCE = 0.15
@@ -54,14 +55,14 @@ _ADVANCE = 0.15
 
 @dataclass
 class Withdrawal:
-    """Leads a fold from where the arm leaves its new shape to the tip.
+    """Guide that leads a fold from where the arm leaves its new shape to the tip.
 
     Attributes:
         fold: the hairpin of the way in: its old shape is the one wanted here, its track leads from that shape's tip
-            back beside it and out to where the tip is when the withdrawal begins.
-        turns: whole turns of the base by which the way back winds the pose that is wanted [rad].
-        free_from: arc length on the track before which the arm fills no passage [m]: drawn back so far, the tip can go
-            on as it likes.
+            back next to it and out to where the tip is when the withdrawal begins.
+        turns: whole turns of the base by which the way back winds the wanted pose [rad].
+        free_from: arc length on the track before which the arm fills no passage [m]: drawn back so far, the tip can
+            move on freely.
     """
 
     fold: Hairpin
@@ -69,11 +70,11 @@ class Withdrawal:
     free_from: float = 0.0
 
     def afresh(self) -> "Withdrawal":
-        """Return the same with its fold where that is now, to be followed on its own."""
+        """Return a copy with the fold where it is now, to be followed on its own."""
         return replace(self, fold=replace(self.fold))
 
     def terms(self, pose: Pose) -> list[Term]:
-        """Return what draws the arm on from a pose."""
+        """Return the terms that draw the arm on from a pose."""
         space = self.fold.space
         links = space.arm.links
         per_link = space.nominal_per_link
@@ -94,34 +95,38 @@ class Withdrawal:
         ]
 
     def _errors(self, pose: Pose) -> FloatArray:
-        """From every joint but the base to its place on the track, shape (links, 2) [m]."""
+        """Return the offsets from every joint but the base to its place on the track, shape (links, 2) [m]."""
         arm = self.fold.space.arm
         behind_tip = arm.length - arm.link_length * np.arange(1, arm.links + 1, dtype=np.float64)
         return self.fold.track.at(self.fold.tip_arc - behind_tip) - pose.points[1:]
 
     def _on_strand(self) -> FloatArray:
-        """How much each joint belongs to the strand that is drawn back: wholly beyond the fold, shape (links,)."""
+        """Return each joint's weight in the strand that is drawn back: 1 well beyond the fold, 0 before, (links,)."""
         arm = self.fold.space.arm
         arcs = arm.link_length * np.arange(1, arm.links + 1)
         beyond = (arcs - self.fold.fold_at - self.fold.fold_length) / self.fold.nominal_length
         return np.clip(beyond, 0.0, 1.0)
 
     def progress(self, pose: Pose) -> bool:
-        """Let the fold travel a little towards the tip if that keeps up."""
+        """Advance the fold a little towards the tip if the strand keeps up.
+
+        Returns:
+            Whether it does.
+        """
         if self._lag(pose) > _LEASH * self.fold.nominal_length:
             return False
         self.fold.fold_at += _ADVANCE * self.fold.nominal_length
         return True
 
     def _lag(self, pose: Pose) -> float:
-        """Return how far the strand is from its track, at the end the tip [m]."""
+        """Return the mean distance of the strand from its track, at the end that of the tip [m]."""
         weight = self._on_strand()
         weight[-1] = 1.0
         return float(np.linalg.norm(self._errors(pose), axis=1) @ weight / weight.sum())
 
     def finished(self, pose: Pose) -> bool:
-        """Return whether the arm has been drawn back as far as it must, or the fold has reached the tip."""
-        del pose  # how the fold opens there is left to what leads the tip on
+        """Return whether the arm has been drawn back as far as needed, or the fold has reached the tip."""
+        del pose  # how the fold opens there is left to the guide that leads the tip on
         at_tip = self.fold.fold_at + self.fold.fold_length >= self.fold.space.arm.length
         return at_tip or self.fold.tip_arc < self.free_from
 
@@ -133,27 +138,27 @@ class Withdrawal:
         )
 
     def onward(self) -> FloatArray:
-        """Return what remains of the tip's way: along the new shape to its tip, shape (k, 2) [m]."""
+        """Return the rest of the tip's path: along the new shape to its tip, shape (k, 2) [m]."""
         track = self.fold.track
         return np.asarray(track.points[track.arcs < self.fold.tip_arc][::-1])
 
 
 WayBack: TypeAlias = tuple[TipPath, tuple[int, FloatArray]]
-"""A way of the tip back to the start, and the joint at which the arm leaves the pose at the goal, with the route."""
+"""A tip path back to the start, and the joint at which the arm leaves the goal pose, with the route."""
 
 
 def drawn_back(
     stepper: Stepper, start: Pose, wanted: FloatArray, path: TipPath, lengths: tuple[float, ...], *, whole_arm: bool
 ) -> Iterator[GuideCandidate]:
-    """Yield the arm drawn back along itself and laid on another shape, for both sides and several lengths of the fold.
+    """Yield candidates that draw the arm back along itself onto another shape, on both sides, by several folds.
 
     Args:
-        stepper: of the link space.
-        start: where the motion begins.
+        stepper: stepper of the link space.
+        start: pose where the motion begins.
         wanted: coordinates of a pose at the goal.
-        path: any of the tip's, for its free space.
-        lengths: of the fold, in nominal links.
-        whole_arm: whether the motion has to end in that very pose, and not only with its tip.
+        path: any tip path, for its free space.
+        lengths: lengths of the fold, in nominal links.
+        whole_arm: whether the motion has to end in exactly that pose, and not only with its tip there.
     """
     end = stepper.pose(wanted)
     led = partial(_led_out, stepper, path)
@@ -162,7 +167,7 @@ def drawn_back(
     for length in lengths:
         for name, guide in withdrawals(stepper, start, end, ways, length):
             if whole_arm and guide.turns != 0.0:
-                # The arm would come to lie where it should, but for whole turns of its base.
+                # The arm would end in the wanted shape, but with whole turns of its base left.
                 continue
             yield GuideCandidate(name, guide.afresh, (laid,) if whole_arm else (laid, led))
             if guide.free_from > 0.0:
@@ -171,13 +176,13 @@ def drawn_back(
 
 
 def ways_back(stepper: Stepper, start: Pose, end: Pose, path: TipPath) -> list[WayBack]:
-    """Return the ways of the tip from a pose at the goal back to the start, and where the arm leaves that pose on each.
+    """Return the tip paths from a pose at the goal back to the start, and where the arm leaves that pose on each.
 
     Args:
-        stepper: of the link space.
-        start: where the motion begins.
+        stepper: stepper of the link space.
+        start: pose where the motion begins.
         end: the pose at the goal.
-        path: any of the tip's, for its free space.
+        path: any tip path, for its free space.
     """
     ways = tip_paths_in(path.free_space, end.points, (start.points,), path.shrink)
     left = [(way, leaving_joint(stepper, end, way)) for way in ways]
@@ -187,14 +192,14 @@ def ways_back(stepper: Stepper, start: Pose, end: Pose, path: TipPath) -> list[W
 def withdrawals(
     stepper: Stepper, start: Pose, end: Pose, ways: list[WayBack], length: float
 ) -> list[tuple[str, Withdrawal]]:
-    """Return the named ways back to a pose at the goal, on either side, that with the least turn of the base first.
+    """Return named withdrawals to a pose at the goal, on either side, the one with the least turn of the base first.
 
     Args:
-        stepper: of the link space.
-        start: where the motion begins.
+        stepper: stepper of the link space.
+        start: pose where the motion begins.
         end: the pose at the goal.
-        ways: of the tip, from ``ways_back``.
-        length: of the fold, in nominal links.
+        ways: tip paths, from ``ways_back``.
+        length: length of the fold, in nominal links.
     """
     base_heading = stepper.space.arm.headings(start.q)[0]
     found = []
@@ -207,12 +212,12 @@ def withdrawals(
 
 
 def lies_confined(stepper: Stepper, start: Pose, path: TipPath) -> bool:
-    """Whether the tip's way leads back through a gate beside the arm that is too narrow for it, or far beside the arm.
+    """Return whether the path back along the arm has a gate too narrow for both, or is long where no fold fits.
 
     Args:
-        stepper: of the link space.
-        start: where the motion begins.
-        path: of the tip.
+        stepper: stepper of the link space.
+        start: pose where the motion begins.
+        path: tip path.
     """
     widths = widths_beside_arm(stepper, start, path.taut)
     gate = 4.0 * stepper.space.arm.radius + 2.0 * stepper.finder.margin
@@ -222,17 +227,17 @@ def lies_confined(stepper: Stepper, start: Pose, path: TipPath) -> bool:
 
 
 def fold_width(stepper: Stepper) -> float:
-    """Return the width of a passage in which a fold has room [m]."""
+    """Return the width of a passage in which a fold fits [m]."""
     return 2.0 * stepper.space.arm.radius + FOLD_LENGTHS[0] / FOLD_SHARE * stepper.space.nominal_length
 
 
 def widths_beside_arm(stepper: Stepper, start: Pose, way: FloatArray) -> FloatArray:
-    """Width of the passage at places evenly along a way of the tip where the arm lies in it, else inf, (samples,) [m].
+    """Return passage widths at places evenly along a tip path, inf where the arm does not lie there, (samples,) [m].
 
     Args:
-        stepper: of the link space.
-        start: the pose that counts.
-        way: of the tip, shape (k, 2) [m].
+        stepper: stepper of the link space.
+        start: pose of the arm.
+        way: tip path, shape (k, 2) [m].
     """
     unit = stepper.space.nominal_length
     if path_length(way) <= 0.0:
@@ -241,32 +246,32 @@ def widths_beside_arm(stepper: Stepper, start: Pose, way: FloatArray) -> FloatAr
     widths = passage_widths(stepper.finder.walls, way, stepper.space.arm.length)
     axis = shapely.LineString(start.points)
     apart = shapely.distance(shapely.points(places), axis)
-    # Near the base the way back and the way on lie beside the same links.
+    # Near the base, the paths back and onward lie next to the same links.
     beyond_base = shapely.line_locate_point(axis, shapely.points(places)) > _NEAR_BASE * unit
     beside = beyond_base & (apart < np.minimum(widths, _BESIDE * unit))
     return np.where(beside, widths, np.inf)
 
 
 def withdrawal(stepper: Stepper, start: Pose, end: Pose, way_back: WayBack, length: float) -> Withdrawal | None:
-    """Return the way in from a pose at the goal, about to be run backwards; None where the base could not turn so far.
+    """Return the way in from a pose at the goal, ready to be run backwards; None where the base could not turn so far.
 
     Args:
-        stepper: of the link space.
-        start: where the withdrawal begins.
+        stepper: stepper of the link space.
+        start: pose where the withdrawal begins.
         end: the pose at the goal.
-        way_back: of the tip from there to the start, and where the arm leaves the pose.
-        length: of the fold, in nominal links.
+        way_back: tip path from there to the start, and where the arm leaves the pose.
+        length: length of the fold, in nominal links.
     """
     arm = stepper.space.arm
     way, (joint, route) = way_back
     near_base = _NEAR_BASE * stepper.space.nominal_length
     if joint * arm.link_length <= near_base:
-        # An arm with length to spare curls round its base; from the base itself the way on knows nothing of that.
+        # An arm with surplus length curls round its base; a path from the base itself ignores that curl.
         joint = 0
         route = way.from_joint(end.points, 0)
     fold = fold_about_to_travel(stepper, end, way, joint, route, length)
     fold.run_through()
-    # Headings count full turns, paths do not: the way in has to end as the arm is wound now.
+    # Headings count full turns, paths do not: the way in has to end with the arm's current winding.
     turns = whole_turns(float(np.median(arm.headings(start.q) - fold.reference())))
     wound = end.q.copy()
     wound[0] += turns
@@ -278,13 +283,13 @@ def withdrawal(stepper: Stepper, start: Pose, end: Pose, way_back: WayBack, leng
 
 
 def _free_fold_start(stepper: Stepper, start: Pose, track: TipTrack) -> float:
-    """Arc length on a track from a goal pose's tip to the start's before which a fold has room beside the arm [m]."""
+    """Return the arc length on a track from a goal pose's tip up to which a fold has clearance by the arm [m]."""
     confined = np.flatnonzero(widths_beside_arm(stepper, start, track.points) < fold_width(stepper))
     return track.length * float(confined[0]) / WIDTH_SAMPLES if len(confined) else 0.0
 
 
 def _led_out(stepper: Stepper, path: TipPath, guide: Guide, pose: Pose) -> Guide:
-    """Return the tip drawn along what remains of its way to the goal."""
+    """Return the guide that draws the tip along the rest of its path to the goal."""
     if not isinstance(guide, Withdrawal):
         raise TypeError(f"only a withdrawal can be led out, got {type(guide).__name__}")
     remaining = np.vstack((pose.points[-1], guide.onward()))
@@ -293,7 +298,7 @@ def _led_out(stepper: Stepper, path: TipPath, guide: Guide, pose: Pose) -> Guide
 
 
 def _laid_out(stepper: Stepper, end: Pose, guide: Guide, pose: Pose) -> Guide:
-    """Return the whole arm drawn straight to the pose at the goal, wound as the withdrawal leads to it."""
+    """Return the guide that draws the whole arm straight to the goal pose, with the winding of the withdrawal."""
     wound = end.v.copy()
     if isinstance(guide, Withdrawal):
         wound[0] += guide.turns

@@ -1,7 +1,7 @@
 """RRT-Connect: two trees of straight motions that grow towards each other (J. Kuffner and S. LaValle, 2000).
 
-Where edges are rejected by samples, the way from start to goal is certified when the trees meet, and what of it cannot
-be proved is cut off.
+Where edges are rejected by samples, the motion from start to goal is certified when the trees meet, and the part that
+cannot be proved is cut off.
 """
 
 from collections.abc import Callable, Iterator
@@ -17,21 +17,21 @@ _LEAST = 0.01
 _GOAL_ROUNDS = 10
 """Rounds between two searches for more poses at the goal. Taste."""
 _MOST_GOALS = 40
-"""Poses at the goal that the tree may begin with. Taste."""
+"""Number of poses at the goal at which the tree accepts no more. Taste."""
 
 _DOUBLINGS = 16
-"""More doublings of a batch than there ever are."""
+"""Bound on the doublings of a batch, never reached."""
 
 FEW_LINKS = 10
-"""Arms with at most so many links are planned in all of their bends. Taste: beyond, shapes drawn at random in the bends
-crumple, and smooth ones are drawn."""
+"""Most links of an arm that is planned in all of its bends. Taste: with more, random shapes in the bends crumple,
+and smooth ones are sampled."""
 CONNECT = "RRT-Connect"
-"""Name of what is found, among the names of candidates."""
+"""Name, among the names of candidates, of motions found by RRT-Connect."""
 
 FreeShares = Callable[[FloatArray, FloatArray], FloatArray]
-"""How far straight motions, shapes (m, n) each, come before something is in the way, as shares of the whole, (m,)."""
+"""Returns the free shares of straight motions, shapes (m, n) each, before an obstruction, (m,)."""
 Unproved = Callable[[FloatArray], IntArray]
-"""Sorted intervals of a motion through points, shape (K, n), that are not certified."""
+"""Returns the sorted intervals of a motion through points, shape (K, n), that are not certified."""
 
 
 @dataclass
@@ -39,7 +39,7 @@ class PointTree:
     """Points that are reached from a root by straight motions; several roots are allowed.
 
     Attributes:
-        points: all nodes, with room to spare, shape (capacity, n).
+        points: all nodes, with spare capacity, shape (capacity, n).
         parents: number of each node's parent, -1 for a root, shape (capacity,).
         count: number of nodes.
     """
@@ -62,10 +62,10 @@ class PointTree:
         return self.points[: self.count]
 
     def add(self, points: FloatArray, parents: IntArray) -> IntArray:
-        """Add nodes; their numbers.
+        """Add nodes, and return their numbers.
 
         Args:
-            points: shape (m, n).
+            points: new nodes, shape (m, n).
             parents: number of each one's parent or -1, shape (m,).
         """
         numbers = np.arange(self.count, self.count + len(points))
@@ -77,7 +77,7 @@ class PointTree:
         return numbers
 
     def nearest(self, targets: FloatArray) -> IntArray:
-        """Number of the node nearest to each target, (m, n) to (m,)."""
+        """Return the number of the node nearest to each target, (m, n) to (m,)."""
         # |a − b|² without the part that is the same for all nodes.
         nodes = self.nodes
         squares = np.einsum("kn,kn->k", nodes, nodes)
@@ -92,7 +92,7 @@ class PointTree:
         return way[::-1]
 
     def cut(self, node: int) -> None:
-        """Take out a node and all that hang on it; the others are numbered anew."""
+        """Remove a node and all its descendants; the others are renumbered."""
         gone = np.zeros(self.count + 1, dtype=bool)
         gone[node] = True
         # A parent stands before its children; the last place stands for the parent of roots, number -1.
@@ -106,7 +106,7 @@ class PointTree:
         self.count = len(kept)
 
     def _grow(self, least: int) -> None:
-        """Room for twice as many nodes, so that adding some seldom copies all."""
+        """Double the capacity, so that adding nodes seldom copies all of them."""
         capacity = max(256, 2 * (self.count + least))
         points = np.zeros((capacity, self.points.shape[1]))
         parents = np.full(capacity, -1, dtype=np.intp)
@@ -117,45 +117,45 @@ class PointTree:
 
 
 class Draws(Protocol):
-    """Draws targets, and knows how far motions to them lead."""
+    """Samples targets, and measures motions to them."""
 
     @property
     def batch(self) -> tuple[int, int]:
-        """Targets that are drawn at once, at least and at most; the batch doubles from round to round."""
+        """Least and greatest number of targets sampled at once; the batch doubles from round to round."""
         ...
 
     @property
     def longest(self) -> float:
-        """Longest extension, by ``travel``."""
+        """Longest extension, as measured by ``travel``."""
         ...
 
     def travel(self, start: FloatArray, end: FloatArray) -> FloatArray:
-        """Return how far straight motions lead, shapes (m, n) to (m,) [rad]."""
+        """Return the lengths of straight motions, shapes (m, n) to (m,) [rad]."""
         ...
 
     def within_limits(self, start: FloatArray, end: FloatArray) -> FloatArray:
-        """Return how far straight motions stay within the limits of the joints, as shares of the whole, shape (m,)."""
+        """Return the shares of straight motions that lie within the limits of the joints, shape (m,)."""
         ...
 
     def draw(self, rng: np.random.Generator, count: int, tree: PointTree, other: PointTree) -> FloatArray:
-        """Return the targets for the extension of a tree, shape (count, n); the other may attract."""
+        """Return targets for the extension of a tree, shape (count, n); some may be drawn towards the other tree."""
         ...
 
 
 @dataclass
 class ConnectSearch:
-    """Two trees in the making.
+    """State of a search with two trees.
 
     Attributes:
-        free_shares: how far motions are free; perhaps by samples.
-        draws: of targets.
-        unproved: the certificate of a whole way.
+        free_shares: free shares of motions, perhaps by samples.
+        draws: sampler of targets.
+        unproved: certificate of a whole motion.
         goals: poses at the goal, shape (m, n) at a time; may end.
         over: whether the time is up.
         rng: source of every random choice.
-        trees: from the start, and from poses at the goal.
-        extensions: taken so far.
-        rounds: of extensions.
+        trees: trees from the start, and from poses at the goal.
+        extensions: number of extensions so far.
+        rounds: number of rounds of extensions.
         found: points of a certified motion, shape (K, n); None as long as there is none.
     """
 
@@ -171,17 +171,17 @@ class ConnectSearch:
     found: FloatArray | None = None
 
     def run(self, budget: int) -> FloatArray | None:
-        """Extend the trees in turn; points of a certified motion, shape (K, n), or None.
+        """Extend the trees in turn, and return the points of a certified motion, shape (K, n), or None.
 
         Args:
-            budget: extensions that may be taken from now on.
+            budget: number of further extensions allowed.
         """
         last = self.extensions + budget
         while self.found is None and self.extensions < last and not self.over():
             if self.rounds % _GOAL_ROUNDS == 0:
                 self._new_goals()
             side = self.rounds % 2
-            # As long as there is no pose at the goal only the start's tree can grow.
+            # While there is no pose at the goal, only the start's tree can grow.
             self._extend(side if len(self.trees[1]) else 0)
             self.rounds += 1
         return self.found
@@ -207,9 +207,9 @@ class ConnectSearch:
         end = self._shortened(start, targets)
         self.extensions += count
 
-        # All or nothing: nodes where an extension was stopped would all lie in contact, with little way on from there.
+        # All or nothing: nodes where an extension was stopped would all lie in contact, where little can follow.
         free = self.draws.travel(start, end) > _LEAST
-        # Where it is narrow most ends touch something, and one pose is soon looked at.
+        # In narrow places most ends touch something, and checking one pose is quick.
         free[free] = self.free_shares(end[free], end[free]) >= 1.0
         free[free] = self.free_shares(start[free], end[free]) >= 1.0
         added = tree.add(end[free], parents[free])
@@ -217,7 +217,7 @@ class ConnectSearch:
             self._connect(side, added)
 
     def _connect(self, side: int, nodes: IntArray) -> None:
-        """Extend the other tree as far as it goes towards new nodes; certify the way where it arrives."""
+        """Extend the other tree as far as possible towards new nodes; certify the motion where it arrives."""
         other = self.trees[1 - side]
         targets = self.trees[side].nodes[nodes]
         nearest = other.nearest(targets)
@@ -229,13 +229,13 @@ class ConnectSearch:
             self._add_steps(other, int(nearest[k]), targets[k], float(share[k]))
         if len(arrived) == 0:
             return
-        # The shortest of the ways that join the trees.
+        # Take the shortest of the motions that join the trees.
         ways = [self._joined(side, int(nodes[k]), int(nearest[k]))[0] for k in arrived]
         best = arrived[int(np.argmin([self.draws.travel(way[:-1], way[1:]).sum() for way in ways]))]
         self._settle(side, int(nodes[best]), int(nearest[best]))
 
     def _add_steps(self, tree: PointTree, node: int, target: FloatArray, share: float) -> None:
-        """Nodes at whole steps towards a target, as many as lie in the free share of the way."""
+        """Add nodes at whole steps towards a target, within the free share of the motion."""
         start = tree.nodes[node].copy()
         longest = self.draws.longest
         step = longest / max(float(self.draws.travel(start, target)), longest)
@@ -244,13 +244,13 @@ class ConnectSearch:
             node = int(added[0])
 
     def _settle(self, side: int, node: int, meeting: int) -> None:
-        """Certify the way through a node and a node of the other tree; cut off what cannot be proved."""
+        """Certify the motion through a node and a node of the other tree; cut off the part that cannot be proved."""
         way, first, second = self._joined(side, node, meeting)
         failing = self.unproved(way)
         if len(failing) == 0:
             self.found = way
             return
-        # Intervals of the way: those of the start's tree, the one between the trees, those of the goal's tree.
+        # Intervals of the motion: those of the start's tree, the one between the trees, those of the goal's tree.
         between = len(first) - 1
         at_start = failing[failing < between]
         at_goal = failing[failing > between]
@@ -260,7 +260,7 @@ class ConnectSearch:
             self.trees[1].cut(second[int(at_goal[-1]) - between - 1])
 
     def _joined(self, side: int, node: int, meeting: int) -> tuple[FloatArray, list[int], list[int]]:
-        """Return the way from start to goal, and the numbers of its nodes in either tree."""
+        """Return the motion from start to goal, and the numbers of its nodes in either tree."""
         ends = (node, meeting) if side == 0 else (meeting, node)
         first = self.trees[0].way_to(int(ends[0]))
         second = self.trees[1].way_to(int(ends[1]))[::-1]
@@ -268,7 +268,7 @@ class ConnectSearch:
         return way, first, second
 
     def _shortened(self, start: FloatArray, end: FloatArray) -> FloatArray:
-        """Return the ends of straight motions, none of which is too long or leaves the limits of the bends."""
+        """Return the ends of straight motions, shortened to the longest extension and to the limits of the bends."""
         longest = self.draws.longest
         share = longest / np.maximum(self.draws.travel(start, end), longest)
         share = np.minimum(share, self.draws.within_limits(start, end))

@@ -1,6 +1,6 @@
 """Checks of straight motions in space by samples, against a grid of distances and, near surfaces, their tree.
 
-What it lets pass is not proved; that is left to the certificate.
+A motion that passes is not proved to be free; that is left to the certificate.
 """
 
 from dataclasses import dataclass
@@ -15,24 +15,25 @@ from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 
 _CELLS = 300_000
-"""Of the grid. Measured in confined scenes: filled in 10 to 60 ms, a cell is a fiftieth of the reach."""
+"""Number of cells of the grid. Measured in confined scenes: filled in 10 to 60 ms, a cell is a fiftieth of the
+reach."""
 _TOLD = 0.1
-"""Distances that the grid tells apart, beyond the gap that is kept [arm lengths]. Taste."""
+"""Range of distances that the grid resolves, beyond the gap that is kept [arm lengths]. Taste."""
 _BEYOND = 0.02
-"""By how much the grid reaches farther than the arm [arm lengths]; what lies beyond counts as its border."""
+"""Distance that the grid extends beyond the arm's reach [arm lengths]; places outside count as its border."""
 _SPARED = 1e-4
-"""Gap that samples keep beyond contact [arm lengths]: most of what they let pass is then certified."""
+"""Gap that samples keep beyond contact [arm lengths]: most motions that pass are then certified."""
 
 
 @dataclass(frozen=True, eq=False)
 class SampledMotions:
-    """Looks at poses of straight motions of one arm on a fixed base, among the surfaces of one scene.
+    """Checks straight motions of one arm on a fixed base, among the surfaces of one scene.
 
     Attributes:
         arm: the arm.
-        tree: of the surfaces.
+        tree: tree of the surfaces.
         kept: distance that the arm's axis has to keep from them [m].
-        box: where the surfaces are, lower and upper corner, shape (2, 3) [m]; empty where there are none.
+        box: extent of the surfaces, lower and upper corner, shape (2, 3) [m]; empty where there are none.
     """
 
     arm: Arm
@@ -42,7 +43,7 @@ class SampledMotions:
 
     @cached_property
     def grid(self) -> GridDistances:
-        """Distances from the surfaces in what the arm reaches."""
+        """Distances from the surfaces within the arm's reach."""
         arm = self.arm
         margin = (1.0 + _BEYOND) * arm.length
         low, high = arm.base - margin, arm.base + margin
@@ -52,14 +53,14 @@ class SampledMotions:
         return GridDistances.over(self.tree, (low, np.maximum(high, low)), _CELLS, self.kept + _TOLD * arm.length)
 
     def free_shares(self, start: FloatArray, end: FloatArray) -> FloatArray:
-        """How far motions that are straight in the bends come before a pose touches something, as shares of the whole.
+        """Return the free shares of motions that are straight in the bends, up to the first pose in contact.
 
         Args:
             start: configurations, shape (m, c) [rad].
-            end: likewise.
+            end: configurations at the other end, shape (m, c) [rad].
 
         Returns:
-            Shape (m,): 1 where nothing was met, 0 where the end bends a joint beyond its limit.
+            Shape (m,): 1 where nothing was touched, 0 where the end bends a joint beyond its limit.
         """
         arm, grid = self.arm, self.grid
         link, _ = arm.mount_end
