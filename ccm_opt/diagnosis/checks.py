@@ -1,10 +1,10 @@
-"""Necessary checks of a problem, in their order.
+"""Necessary conditions of a problem, and the order in which they are checked.
 
-Near the base an arm has few joints, so that all poses of its first links can be looked at: their bends are divided into
-cells, and a cell is closed when a point of a link is too near to a wall in every pose of it. When no chain of open
-cells joins the start to the goal, no motion of the first links does, and so none of the arm. Links of the arm that meet
-each other are not looked at, nor is what lies between the cells' middles and their corners taken for closed, so the
-proof errs on the safe side alone.
+One check is implemented here: whether the first links can turn from the start to the goal. They have few joints, so all
+their poses can be covered by cells in their bends. A cell is closed if some point of a link is too close to a wall in
+every pose of the cell. If no chain of open cells joins the start to the goal, there is no motion of the first links,
+and hence none of the arm. Self-collision is ignored, and a cell is closed only if its centre is blocked by enough to
+cover the whole cell, so the check never rejects a solvable problem.
 """
 
 from collections.abc import Callable, Iterable, Iterator
@@ -32,33 +32,37 @@ from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.workspace import Workspace
 
 _RASTER_CELLS = 200
-"""Of the raster of blocked places, along a side, for every link. Taste: a hundredth of a link."""
+"""Cells along a side of the raster of blocked positions, per link. Taste: a hundredth of a link."""
 
 _SHARES = (0.1, 0.1, 0.3)
-"""For one link, two, three: how far a point may move within half a cell, as a share of the distance that an axis keeps
-from walls. Measured: of 8 goals for the whole arm among 30 polygons that nobody reaches two links prove 5 in 5 ms,
-three 2 more in 0.2 s."""
+"""Travel of a point within half a cell, as a share of the axis's distance from walls, for one, two and three links.
+
+Measured with 8 unreachable whole-arm goals among 30 polygons: two links prove 5 in 5 ms, three links 2 more in 0.2 s.
+"""
 _MOST_CELLS = 4_000_000
-"""Where there are more, nothing is proved. Taste: a second, for joints that turn by 90°."""
+"""Number of cells above which nothing is proved. Taste: one second, for joints that turn by 90°."""
 _PLACES = 5
-"""Along a link that are looked up. Taste: more prove hardly more."""
+"""Number of points tested along a link. Taste: more hardly prove more."""
 _MOST_REMOVED = 4
-"""Obstacles that are taken away one at a time, nearest to the base first. Taste."""
+"""Number of obstacles that are removed one at a time, nearest to the base first. Taste."""
 _BISECTIONS = 5
-"""Of the radius that would do. Taste: 3 %."""
+"""Number of bisections of the radius that would open the way. Taste: 3 %."""
 _ROUNDING = 1e-9
-"""Of bends and lengths, relative [rad]. Derived: more than all rounding together."""
+"""Tolerance of bends [rad] and relative tolerance of lengths. Derived: exceeds all rounding together."""
 
 CellLabels: TypeAlias = np.ndarray[tuple[int, ...], np.dtype[np.int32]]
 
 
 def two_links_turn(problem: Problem) -> Iterator[Finding]:
-    """Yield the goals of the whole arm that the first two links cannot turn to from the start; some milliseconds."""
+    """Yield the whole-arm goals that the first two links cannot turn to from the start; takes milliseconds."""
     yield from _shut_off(problem, 2)
 
 
 def three_links_turn(problem: Problem) -> Iterator[Finding]:
-    """Yield the same of the first two links, or else of the first three; some tenths of a second."""
+    """Yield the whole-arm goals that the first two, or else the first three, links cannot turn to from the start.
+
+    Takes tenths of a second.
+    """
     for links in (2, 3):
         found = tuple(_shut_off(problem, links))
         if found:
@@ -67,11 +71,11 @@ def three_links_turn(problem: Problem) -> Iterator[Finding]:
 
 
 def _shut_off(problem: Problem, links: int) -> Iterator[Finding]:
-    # A base that is fed turns about no place, and in space bends of three links have too many cells.
+    # A fed base has no fixed centre of rotation, and in space the bends of three links need too many cells.
     if problem.dimension == 3 or problem.arm.base_axes:
         return
     start, *others = whole_poses(problem)
-    # A goal that is a curve may be laid on the joints in other ways than one.
+    # A goal given as a curve does not determine the bends uniquely.
     goals = [pose for pose in others if np.isfinite(pose.bend_play)]
     if not goals or not np.isfinite(start.bend_play) or problem.arm.links < links:
         return
@@ -85,13 +89,13 @@ def _shut_off(problem: Problem, links: int) -> Iterator[Finding]:
 
 @dataclass(frozen=True)
 class FirstLinkCells:
-    """Cells of the bends of the first links.
+    """Cells of the configuration space of the first links.
 
     Attributes:
         arm: the arm.
-        workspace: its walls.
-        radius: of the links, perhaps another than the arm's [m].
-        links: how many, from the base on.
+        workspace: the walls.
+        radius: radius of the links, which may differ from the arm's [m].
+        links: number of links considered, from the base.
     """
 
     arm: Arm
@@ -101,26 +105,26 @@ class FirstLinkCells:
 
     @property
     def reach(self) -> float:
-        """Farthest place of the first links' axes from the base [m]."""
+        """Greatest distance of any point of the first links' axes from the base [m]."""
         return self.links * self.arm.link_length
 
     @property
     def near(self) -> Workspace:
-        """The walls that the first links can come near to."""
+        """The workspace reduced to the walls that the first links can come near."""
         gap = self.arm.radius + self.workspace.clearance
         return self.workspace.near(shapely.Point(self.arm.base), self.reach + gap)
 
     @property
     def useful(self) -> bool:
-        """Whether there is something to run into, and the cells are not too many."""
+        """Whether there are obstacles within reach and the number of cells is acceptable."""
         return len(self.near.obstacles) > 0 and 0 < int(np.prod(self.counts)) <= _MOST_CELLS
 
     @cached_property
     def counts(self) -> tuple[int, ...]:
-        """How many cells each bend's range has."""
+        """Number of cells in the range of each bend."""
         share = _SHARES[self.links - 1]
         gap = self.arm.radius + self.workspace.clearance
-        # The end of the last link moves by at most the sum of all turns of the links, half a cell a joint.
+        # The end of the last link moves by at most the sum of the rotations of all links, half a cell per joint.
         width = 2.0 * share * gap / (self.arm.link_length * np.arange(1, self.links + 1).sum())
         if width <= 0.0:
             return (0,)
@@ -128,25 +132,23 @@ class FirstLinkCells:
 
     @property
     def widths(self) -> FloatArray:
-        """Widths of a cell, shape (links,) [rad]."""
+        """Widths of a cell along each bend, shape (links,) [rad]."""
         return np.asarray(2.0 * self.arm.bend_limits[: self.links] / np.array(self.counts))
 
     def joined(self, start: WholePose, goal: WholePose, turns: float = 0.0) -> bool:
-        """Return whether a chain of open cells joins two poses within what they may be missed by.
-
-        True where one is closed.
+        """Return whether a chain of open cells joins two poses within their tolerances, or one of them is in contact.
 
         Args:
             start: one pose.
-            goal: the other.
-            turns: whole turns that are added to the first bend of the goal [rad].
+            goal: the other pose.
+            turns: full turns that are added to the first bend of the goal [rad].
         """
         first = self._pose_labels(start, 0.0)
         last = self._pose_labels(goal, turns)
         return not first or not last or bool(first & last)
 
     def _pose_labels(self, pose: WholePose, turns: float) -> set[int]:
-        """Return numbers of the pieces of open cells in which a pose may lie; none where it lies in closed cells."""
+        """Return the labels of the connected pieces in which a pose may lie; empty if all its cells are closed."""
         limits = self.arm.bend_limits[: self.links]
         bends = pose.q[: self.links].copy()
         bends[0] += turns
@@ -158,14 +160,17 @@ class FirstLinkCells:
 
     @cached_property
     def pieces(self) -> CellLabels:
-        """The number of the piece that each cell belongs to, 0 for closed ones; cells that share a corner hang on."""
+        """Label of the connected piece that each cell belongs to, 0 for closed cells; corners connect cells."""
         is_open = np.zeros(self.counts, dtype=bool)
         is_open[tuple(self._open_cells())] = True
         labels, _ = ndimage.label(is_open, structure=np.ones((3,) * self.links))
         return np.asarray(labels, dtype=np.int32)
 
     def _open_cells(self) -> list[IntArray]:
-        """Numbers of the open cells along every bend, link after link: what closes a link closes all beyond it."""
+        """Return the indices of the open cells along every bend, link by link.
+
+        Cells closed for one link are closed for all links beyond it.
+        """
         arm = self.arm
         link, share = arm.mount_end
         numbers: list[IntArray] = []
@@ -189,7 +194,7 @@ class FirstLinkCells:
         return numbers
 
     def _raster(self, link: int) -> BlockedRaster:
-        """Return the places at which a link is too near to a wall in every pose of a cell that has its middle there."""
+        """Return the positions of a point of a link, at a cell's centre, that are blocked in every pose of the cell."""
         half_widths = 0.5 * self.widths[: link + 1]
         moved = self.arm.link_length * float(np.cumsum(half_widths).sum())
         gap = self.radius + self.workspace.clearance - moved - touching_overlap(self.arm)
@@ -199,7 +204,7 @@ class FirstLinkCells:
 
 
 def _finding(problem: Problem, cells: FirstLinkCells, start: WholePose, goal: WholePose) -> Finding:
-    """Return what shuts the first links off from a goal, and what would open the way."""
+    """Return the finding that the first links cannot turn to a goal, with the changes that would open the way."""
     arm = problem.arm
     opening = _opening(cells, start, goal)
     nearest = _by_distance(cells)
@@ -239,7 +244,7 @@ def _by_distance(cells: FirstLinkCells) -> tuple[str, ...]:
 
 
 def _opening(cells: FirstLinkCells, start: WholePose, goal: WholePose) -> tuple[str, ...]:
-    """Return the obstacles near the base each of which alone shuts the way, the nearest first."""
+    """Return the obstacles near the base whose removal alone would open the way, the nearest first."""
     names = _by_distance(cells)[:_MOST_REMOVED]
 
     def opened(name: str) -> bool:
@@ -250,13 +255,10 @@ def _opening(cells: FirstLinkCells, start: WholePose, goal: WholePose) -> tuple[
 
 
 def _other_turn(cells: FirstLinkCells, start: WholePose, goal: WholePose) -> float | None:
-    """Return the first bend of the goal a whole turn on or back that is not shut off [rad].
-
-    None where there is none.
-    """
+    """Return the goal's first bend plus or minus a full turn if the goal is not shut off there [rad], else None."""
     bend = float(goal.q[0])
     for turns in (2.0 * np.pi, -2.0 * np.pi):
-        # A bend in no open cell would count as joined.
+        # A bend beyond the limit would lie in no open cell and count as joined.
         within = abs(bend + turns) <= cells.arm.base_limit
         if within and cells.joined(start, goal, turns):
             return bend + turns
@@ -264,7 +266,7 @@ def _other_turn(cells: FirstLinkCells, start: WholePose, goal: WholePose) -> flo
 
 
 def _opening_radius(cells: FirstLinkCells, start: WholePose, goal: WholePose) -> float:
-    """Return the largest radius, to some accuracy, of which the cells prove nothing [m]."""
+    """Return the largest radius found for which the cells no longer shut off the goal, 0 if none [m]."""
     low = 0.0
     high = cells.radius
     for _ in range(_BISECTIONS):
@@ -278,37 +280,37 @@ def _opening_radius(cells: FirstLinkCells, start: WholePose, goal: WholePose) ->
 
 
 Check: TypeAlias = Callable[..., Iterator[Finding]]
-"""What stands in the way, of a problem; of those that take long looked for until a deadline."""
+"""Function from a problem, and for slow checks a deadline, to the obstructions found."""
 AT_ONCE: tuple[Check, ...] = (
     *(contact_at_poses, contact_at_tips, within_joint_limits, within_reach, supple_enough),
     *(strong_enough, two_links_turn),
 )
-"""Checks that cost next to nothing; the planner makes those of the others itself before it searches."""
+"""Inexpensive checks; before it searches, the planner itself makes the others that it needs."""
 NECESSARY: tuple[Check, ...] = (
     *(contact_at_poses, contact_at_tips, within_joint_limits, within_reach, wide_and_short_enough, supple_enough),
     *(strong_enough, three_links_turn),
 )
 """All necessary checks, the most elementary first."""
 BUT_WAYS = tuple(check for check in NECESSARY if check is not wide_and_short_enough)
-"""All but the one that takes long to say what it has found."""
+"""All necessary checks but the one that takes long to explain its result."""
 
 
 def failed(
     problem: Problem, checks: tuple[Check, ...] = NECESSARY, until: Deadline | None = None
 ) -> tuple[Finding, ...]:
-    """Return what some checks find, in their order.
+    """Return the findings of checks, in the order of the checks.
 
     Args:
-        problem: what was asked.
-        checks: which ones.
-        until: when nothing more is looked at; each check has an end of its own, too.
+        problem: the problem to check.
+        checks: the checks to run.
+        until: deadline after which no search is started; slow checks also have their own deadlines.
     """
     last = until or Deadline.never()
     return find_scaled(problem, lambda p: (each for check in checks for each in _found(check, p, last)))
 
 
 def find_scaled(problem: Problem, find: Callable[[Problem], Iterable[Finding]]) -> tuple[Finding, ...]:
-    """Return what is found of a problem, in the plane in units of its arm as planning has them; told in metres."""
+    """Return the findings of a function, run in the plane on the problem scaled to the arm, and reported in metres."""
     if problem.dimension == 3:
         return tuple(find(problem))
     units = OwnUnits(problem.arm.length)
@@ -321,11 +323,11 @@ def _found(check: Check, problem: Problem, until: Deadline) -> Iterator[Finding]
 
 
 def no_way(problem: Problem, until: Deadline) -> bool:
-    """Return whether it is proved that no way to some goal is wide and short enough."""
+    """Return whether it is proved that no way to some goal is both wide and short enough for the arm."""
     scaled = OwnUnits(problem.arm.length).scaled(problem) if problem.dimension == 2 else problem
     return any_way_closed(scaled, until)
 
 
 def hopeless(problem: Problem, until: Deadline) -> bool:
-    """Return whether any necessary check proves that there is no plan, which takes far less than to say why."""
+    """Return whether any necessary check proves that there is no plan, which is much faster than explaining why."""
     return any(finding.proved for finding in failed(problem, BUT_WAYS, until)) or no_way(problem, until)

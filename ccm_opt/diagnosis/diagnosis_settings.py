@@ -1,4 +1,4 @@
-"""The numbers of the explanation of failures: how long changed problems are tried."""
+"""Settings of the explanation of failures: how long changed problems are tried."""
 
 from dataclasses import dataclass, field
 from functools import partial
@@ -6,14 +6,14 @@ from functools import partial
 
 @dataclass(frozen=True)
 class TrialSettings:
-    """How changed problems are tried, and for how long.
+    """Time limits of the trial solves of changed problems.
 
     Attributes:
-        longest_try: CPU time that one try may use at most [s]. Taste.
-        longest_further_try: the same when something that helps is known [s]. Taste.
-        longest_search: CPU time for causes and tries together, from when there is a reason on [s]. Taste: who waits
-            for changes has the reason already.
-        patience: CPU time after which nothing new is begun when something that helps is known [s]. Taste.
+        longest_try: CPU time limit of one trial [s]. Taste.
+        longest_further_try: CPU time limit of one trial once a helpful change is known [s]. Taste.
+        longest_search: CPU time limit of causes and trials together, counted from when a reason is known [s]. Taste:
+            users who wait for changes already have the reason.
+        patience: CPU time after which no new trial starts once a helpful change is known [s]. Taste.
     """
 
     longest_try: float = 2.5
@@ -24,11 +24,11 @@ class TrialSettings:
 
 @dataclass(frozen=True)
 class DiagnosisSettings:
-    """Numbers of the explanation of failures.
+    """Settings of the explanation of failures.
 
     Attributes:
-        trials: of the tries of changed problems.
-        space_trials: the same in space, where a motion takes some times as long to find.
+        trials: time limits of trial solves in the plane.
+        space_trials: time limits in space, where finding a motion takes several times as long.
     """
 
     trials: TrialSettings = field(default_factory=TrialSettings)

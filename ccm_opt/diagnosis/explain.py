@@ -1,4 +1,4 @@
-"""Why there is no plan: what is proved, what is likely, and what would help."""
+"""Explanation of why a problem has no plan: proved causes, likely causes, and changes that would help."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -22,24 +22,28 @@ from ccm_opt.problem import Problem
 from ccm_opt.scene.narrow_gates import nearest_walls
 
 _THOUSAND = (100.0, 10000.0)
-"""Ratios of lengths, least and greatest, that look like metres beside millimetres. Taste: such lengths are mostly from
-a tenth to ten times as long as the other would be."""
+"""Least and greatest ratio of two lengths that suggests metres mixed with millimetres.
+
+Taste: in the same unit, such lengths mostly differ by at most a factor of ten.
+"""
 _THICK = (1.0, 1000.0)
-"""The same of a radius or a clearance to the arm's length. Derived: arms are some ten to a thousand times as long as
-either."""
+"""The same for the ratio of a radius or clearance to the arm's length.
+
+Derived: arms are about ten to a thousand times as long as either.
+"""
 _SMALL_ROOM = 0.01
-"""A room smaller than this share of the arm's length looks wrong. Taste."""
+"""Size of the room, as a share of the arm's length, below which the room looks wrong. Taste."""
 _HARDLY_BENDS = 1.5707963267948966
-"""Sum of all bends below which a limit of a few degrees looks like radians [rad]. Taste: a right angle."""
+"""Sum of all joint limits below which a limit of a few degrees looks like radians [rad]. Taste: a right angle."""
 
 
 def likely(problem: Problem, until: Deadline) -> tuple[Finding, ...]:
-    """Return what is likely to stand in the way, the tightest first; looked for until a deadline."""
+    """Return the likely obstructions found until a deadline, the tightest first."""
     return find_scaled(problem, lambda p: (*tight_ways(p, until), *_curve(p)))
 
 
 def _curve(problem: Problem) -> Iterator[Finding]:
-    """Yield why the curve of the shortest route has no configuration at the goal, in the words of the NLP's rows."""
+    """Yield a finding, from the NLP's rows, if the curve of the shortest route has no configuration at the goal."""
     if problem.arm.base_axes or problem.dimension == 3:
         return
     try:
@@ -55,7 +59,7 @@ def _curve(problem: Problem) -> Iterator[Finding]:
 
 
 def _curve_fails(problem: Problem, error: ConfigurationNotFound) -> Finding:
-    """Return the NLP's broken rows as a finding: constraint, arc length, place, and the wall that is nearest there."""
+    """Return the NLP's violated rows as a finding: constraint, arc length, position, and the nearest wall there."""
     rows = error.diagnosis.evidence.get("rows")
     places = [tuple(row["place"]) for row in rows] if isinstance(rows, list) else []
     walls = tuple(dict.fromkeys(nearest_walls(problem.workspace, np.array(place), 1)[0] for place in places))
@@ -70,9 +74,9 @@ def _curve_fails(problem: Problem, error: ConfigurationNotFound) -> Finding:
 
 
 def unit_hints(problem: Problem) -> tuple[str, ...]:
-    """Return the advice where a unit looks wrong: lengths about a thousand times off, joint limits in radians.
+    """Return advice on quantities whose unit looks wrong; usually none.
 
-    Mostly none.
+    Suspicious are lengths that are off by about a factor of a thousand, and joint limits that look like radians.
     """
     return tuple(f"check the units: {hint}" for hint in _hints(problem))
 
@@ -93,12 +97,12 @@ def _hints(problem: Problem) -> Iterator[str]:
             yield f"{name} is {times:.3g} times the arm's length, as if one were in mm, the other in m"
     bounds = problem.workspace.box
     if bounds is not None:
-        # A room in which the arm is lost, into which it does not go, or from which its base is far away.
+        # Suspicious rooms are far larger than the arm, too small to hold it, or far from its base.
         share = float(np.ptp(bounds, axis=0).max()) / arm.length
         beyond = np.maximum(np.maximum(bounds[0] - arm.base, arm.base - bounds[1]), 0.0)
         if max(share, float(np.linalg.norm(beyond)) / arm.length) > _THOUSAND[0] or share < _SMALL_ROOM:
             yield f"the room is {share:.3g} times as large as the arm is long"
-    # A joint limit of as many degrees as one would give radians, with which the arm can hardly bend.
+    # A joint limit in degrees whose number would be plausible in radians, and with which the arm can hardly bend.
     degrees = float(np.rad2deg(arm.joint_limit))
     if degrees <= np.pi and (arm.links - 1) * arm.joint_limit < _HARDLY_BENDS:
         yield (
@@ -108,15 +112,14 @@ def _hints(problem: Problem) -> Iterator[str]:
 
 
 _ADVISED_STEPS = (0.0, 0.25, 0.6, 1.0)
-"""How far beyond its bound a change is looked at by the necessary checks alone, where every try failed, as a share of
-the bound. Taste."""
+"""Steps beyond the bound, as shares of the bound, at which changes are tested by the necessary checks alone.
+
+They are used when every trial solve failed. Taste.
+"""
 
 
 def with_proof(problem: Problem, error: NoPlanFound) -> NoPlanFound:
-    """Return the same error with what proves that there is no plan, if anything does.
-
-    No change of the problem is tried.
-    """
+    """Return an error with the findings that prove that there is no plan, if any; no changes are tried."""
     old = error.diagnosis
     findings = old.findings or ranked(failed(problem))
     reason = findings[0].reason if findings and not old.findings else old.reason
@@ -124,17 +127,17 @@ def with_proof(problem: Problem, error: NoPlanFound) -> NoPlanFound:
 
 
 def explained(problem: Problem, error: NoPlanFound, trials: Trials, stages: Stages | None = None) -> NoPlanFound:
-    """Return the same error with all that is known of why, and the changes with which the problem was solved.
+    """Return an error with all known causes, and the changes with which the problem was solved.
 
     Args:
-        problem: what was asked.
-        error: how the pipeline ended.
-        trials: solves changed problems in the time that is left.
-        stages: told what is known as soon as it is.
+        problem: the problem without a plan.
+        error: the error with which planning ended.
+        trials: solves changed problems in the remaining time.
+        stages: receives the diagnosis as it grows.
     """
     stages = stages or Stages()
     checked = failed(problem)
-    # What is proved leaves no use for what is likely; an overload is known of the path that was found, no more.
+    # Likely causes are of no use once there is a proof; an overload concerns only the path that was found.
     known = checked or _overloads(problem, error) or likely(problem, trials.until)
     old = error.diagnosis
     hints = unit_hints(problem)
@@ -145,13 +148,13 @@ def explained(problem: Problem, error: NoPlanFound, trials: Trials, stages: Stag
         for relaxation in relaxations(problem, known, telling):
             solved = tuple(sorted((*solved, relaxation), key=lambda each: each.change))
             stages.tell(known=_diagnosis(old, ranked(known, solved), solved, hints))
-        # What would be needed at least is of interest where no change is known that helps.
+        # Minimum requirements are of interest only if no change is known to help.
         advice = () if solved else _advice(problem, known, trials.until) or old.advice
     return type(error)(_diagnosis(old, ranked(known, solved), solved, (*hints, *advice)))
 
 
 def _overloads(problem: Problem, error: NoPlanFound) -> tuple[Finding, ...]:
-    """Return the joint that timing found too weak to hold the arm somewhere on the path, if that is how it ended."""
+    """Return a finding on the joint that timing found too weak to hold the arm on the path, if planning ended so."""
     evidence = error.diagnosis.evidence
     number, torque, place = (evidence.get(name) for name in ("revolute", "torque", "path_position"))
     if problem.limits.torque is None or not isinstance(number, int) or not isinstance(torque, float):
@@ -163,15 +166,15 @@ def _overloads(problem: Problem, error: NoPlanFound) -> tuple[Finding, ...]:
 def _diagnosis(
     old: Diagnosis, findings: tuple[Finding, ...], solved: tuple[Relaxation, ...], advice: tuple[str, ...]
 ) -> Diagnosis:
-    """Return the old diagnosis with what was found; a proof takes the place of its reason."""
+    """Return a diagnosis extended by findings, solved changes and advice; a proof replaces its reason."""
     reason = findings[0].reason if binding(findings[:1]) else old.reason
     return Diagnosis(reason, old.stage, advice, old.evidence, findings, solved)
 
 
 def _advice(problem: Problem, findings: tuple[Finding, ...], until: Deadline) -> tuple[str, ...]:
-    """Return what would be needed at least, as far as is known, when no try of it succeeded.
+    """Return the known minimum changes, for problems of which no trial solve succeeded.
 
-    Nothing is advised of which the necessary checks prove that it is not enough.
+    Changes that the necessary checks prove to be insufficient are left out.
     """
     proved = tuple(finding for finding in findings if finding.proved)
     words = []
@@ -193,7 +196,7 @@ def _least_with_hope(
     bound: float,
     until: Deadline,
 ) -> float | None:
-    """Return the least change, from the bound on, that the necessary checks let pass; None where none of them does."""
+    """Return the least value, from the bound on, that passes the necessary checks; None if none does."""
     beyond = tuple(bound * (1.0 + step) ** candidate.easier for step in _ADVISED_STEPS)
     for tried in candidate.tried or beyond:
         value = candidate.rounded(problem, tried)
@@ -203,25 +206,29 @@ def _least_with_hope(
 
 
 FEW_OBSTACLES = 30
-"""Among so many what closes the ways is found in half a second. Measured: 0.02 s a look, and some thirty looks."""
+"""Number of obstacles up to which those that close the ways are found in half a second.
+
+Measured: 0.02 s per test, and about thirty tests.
+"""
 
 
 def refuse_impossible(problem: Problem) -> None:
-    """Refuse a problem of which a check that costs next to nothing proves that it has no plan.
+    """Reject a problem if an inexpensive check proves that it has no plan.
 
     Raises:
-        UnreachableGoal: with the findings.
+        UnreachableGoal: there is no plan; carries the findings.
     """
     refuse(ranked(failed(problem, AT_ONCE)))
 
 
 def refuse_hopeless(problem: Problem) -> None:
-    """Refuse a problem of which any of the necessary checks proves that it has no plan, as soon as that is known.
+    """Reject a problem as soon as any necessary check proves that it has no plan.
 
-    What closes the ways in space, or among many obstacles, is for those to say who explain the failure.
+    In space, or among many obstacles, the obstacles that close the ways are left to the explanation of the failure.
 
     Raises:
-        UnreachableGoal: with the findings; without where no way will do and to say why takes long.
+        UnreachableGoal: there is no plan; carries the findings, except where all ways are closed and finding out why
+            would take long.
     """
     at_once = problem.dimension == 2 and len(problem.workspace.obstacles) <= FEW_OBSTACLES
     refuse(ranked(failed(problem, NECESSARY if at_once else BUT_WAYS)))
@@ -230,9 +237,9 @@ def refuse_hopeless(problem: Problem) -> None:
 
 
 def refuse_closed(problem: Problem) -> None:
-    """Refuse a problem of which any of the necessary checks proves that it has no plan.
+    """Reject a problem if any necessary check proves that it has no plan, with full findings.
 
     Raises:
-        UnreachableGoal: with the findings.
+        UnreachableGoal: there is no plan; carries the findings.
     """
     refuse(ranked(failed(problem)))

@@ -1,4 +1,4 @@
-"""How much room a motion can keep at most: by its start, by what its goals fix, and by the passages on every way."""
+"""Upper bound on the gap of any motion, from its start, its goals, and the passages on every way."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -17,19 +17,19 @@ from ccm_opt.problem.solution import PossibleGap, RoomRecord
 def possible_gap(problem: Problem, room: RoomRecord) -> PossibleGap | None:
     """Return an upper bound on the least gap of every motion that ends exactly at its goals.
 
-    No motion has more than its start has, than a pose of the whole arm that a goal fixes, or, where the goal is the
-    tip's, than the tip or the last link has there. And the arm, which reaches from its base to the goal at last, has
-    no more than the widest way between the two leaves it. That bounds ways of every class, and links so short that
-    they follow the way exactly: perhaps no motion keeps as much.
+    The gap of a motion is at most that of its start, that of a whole-arm goal, and, for a goal of the tip, that of the
+    tip or the last link there. In the end the arm reaches from its base to the goal, so the gap is also at most that of
+    the widest way between the two. This covers ways of every homotopy class and arms with links short enough to follow
+    a way exactly, so no motion may attain the bound.
 
     Args:
-        problem: what was asked.
-        room: of a plan for it, with the gaps of the poses at which the plan rests; more than its wanted gap is not
-            looked for.
+        problem: the problem.
+        room: the gap record of a plan, with the gaps of the poses at which the plan rests and the wanted gap, above
+            which gaps are not measured.
 
     Returns:
-        The bound, not above the wanted gap where one was wanted, and what decides it; None where all that is fixed is
-        farther from everything than the record looks.
+        The bound, capped at the wanted gap if there is one, and what determines it; None if everything fixed is farther
+        from all obstacles than the record measures.
     """
     bounds = [PossibleGap(room.at_start.gap, "start")] if room.at_start.link else []
     bounds += [PossibleGap(gap, "goal") for gap in _goal_gaps(problem, room)]
@@ -42,7 +42,7 @@ def possible_gap(problem: Problem, room: RoomRecord) -> PossibleGap | None:
     workspace: Any = problem.workspace
     grown: Any = replace(problem, workspace=replace(workspace, clearance=workspace.clearance + asked))
     for ways in tip_ways(grown, Deadline.never()):
-        # There is a plan, whose own axis is a way for an arm that asks for no gap.
+        # The plan's own axis is a way for an arm that needs no gap.
         kept = max(ways.room - asked, 0.0)
         widest = max(ways.bound(kept) - kept, 0.0)
         if widest < least.value:
@@ -51,7 +51,10 @@ def possible_gap(problem: Problem, room: RoomRecord) -> PossibleGap | None:
 
 
 def _goal_gaps(problem: Problem, room: RoomRecord) -> Iterator[float]:
-    """Yield what every goal leaves: its whole pose, the last link of a tip with a direction, or the tip [m]."""
+    """Yield the gap at every goal [m].
+
+    The gap is that of the whole arm or, for a goal of the tip, of the last link if there is a direction, or of the tip.
+    """
     gaps = gaps_of(problem.workspace)
     kept = problem.arm.radius + problem.workspace.clearance
     places = {place.key: place.goal for place in tip_places(problem)}
