@@ -1,8 +1,8 @@
-"""Strategies for an arm on a feed axis: it follows a leader, or changes its shape on the way to where it can.
+"""Strategies for an arm on a feed axis: it follows a leader, if need be after a change of its shape.
 
-The arm comes along a leader's path with every joint on it. A start that does not lie on the path is drawn back along
-its own shape, and the part beyond the hole changes its shape at a fixed feed, planned as an arm on a fixed base. Of the
-ways to one path that are found quickly the shortest is tried first.
+The arm moves along a leader's path with every joint on the path. A start that does not lie on the path is drawn back
+along its own shape, and the part beyond the hole changes its shape at a fixed feed, planned as an arm on a fixed base.
+Of the motions to one path that are found quickly, the shortest is tried first.
 """
 
 from collections.abc import Callable, Iterator
@@ -52,39 +52,42 @@ ShapeChange: TypeAlias = Callable[[Problem, Ends, Deadline], Motion]
 """Plans a problem of an arm on a fixed base between its ends; raises ``NoPlanFound``."""
 
 _SAME_POSE = 1e-7
-"""Bends that differ by less are the same [rad]. Taste; far above the rounding of chords, far below anything that
-shows."""
+"""Bends that differ by less are equal [rad]. Taste; far above the rounding of chords, far below any visible
+difference."""
 _SHORT_CHANGE = 0.8
 """CPU time of a change of shape that is only compared with others [s]. Measured on bent starts: those that are found
 take 0.1 to 0.4 s."""
 _CHANGE_SHARE = 0.25
-"""Share of the time limit that one change of shape may use where nothing else leads anywhere. Taste."""
+"""Share of the time limit that one change of shape may use where everything else has failed. Taste."""
 _PATHS_CHANGED_TO = 3
-"""Leaders' paths to which a change of shape is tried. Taste."""
+"""Number of leaders' paths to which a change of shape is tried. Taste."""
 _LEAST_LINKS_CHANGED = 2
 """Shapes of fewer links beyond the hole are not changed. Derived: a single link has no shape."""
 _SEPARATION = 2
-"""Further keyframes between feed and a change of shape near the hole. Derived: with two more of the same pose no span
-of the cubic spline, which four control points shape, mixes the two."""
+"""Additional keyframes between feed and a change of shape near the hole. Derived: with two more of the same pose no
+span of the cubic spline, which four control points shape, mixes the two."""
 _TIGHT_GAP = 0.05
-"""Room on either side of the arm, in link lengths, below which a place of the axis is tight: no joint can bend there as
-paths would have it. Taste."""
+"""Clearance on either side of the arm, in link lengths, below which a place on the axis is tight: joints cannot bend
+there as paths would require. Taste."""
 _TIGHT_SPACING = 0.05
-"""Places of the axis that are looked at, in link lengths. Taste."""
+"""Spacing of the places on the axis that are checked, in link lengths. Taste."""
 _TIGHT_PLACES = 3
-"""Of which paths are tried that stay straight up to their end. Taste."""
+"""Number of tight places for which paths are tried that stay straight up to the place's end. Taste."""
 
 
 def fed_strategies(problem: Problem, change: ShapeChange) -> tuple[Strategy[MotionTask, Motion], ...]:
-    """Return what is tried in turn for an arm on a feed axis.
+    """Return the strategies for an arm on a feed axis, in order of trial.
 
     Args:
-        problem: what is asked, in units of its arm.
+        problem: the problem, in units of its arm.
         change: plans a change of shape at a fixed feed.
     """
 
     def led(task: MotionTask, failures: list[Failure], *, patient: bool = False) -> Motion | None:
-        """The first motion along a leader's path that keeps all limits, tracked under the user's where it has to be."""
+        """Return the first motion along a leader's path that keeps all limits.
+
+        A motion that violates the user's limits is tracked under them.
+        """
         seconds = _CHANGE_SHARE * problem.planner.time_limit if patient else _SHORT_CHANGE
         ways = LedWays(problem, task, change, seconds)
         for motion in ways.changing() if patient else ways.quick():
@@ -103,9 +106,9 @@ def fed_strategies(problem: Problem, change: ShapeChange) -> tuple[Strategy[Moti
 
 
 def _kept(motion: Motion, task: MotionTask, failures: list[Failure]) -> Motion | None:
-    """Return the motion where it keeps all limits, or the same tracked under those of the user.
+    """Return the motion where it keeps all limits, or else one tracked under the user's limits.
 
-    None where it cannot be.
+    None where neither succeeds.
     """
     arm = task.arm
     q = motion.configurations
@@ -127,7 +130,10 @@ def _kept(motion: Motion, task: MotionTask, failures: list[Failure]) -> Motion |
 
 
 def _keeping_up(settings: MotionSettings, found: Motion) -> MotionSettings:
-    """Settings with which a motion that is tracked runs no faster than steps can follow: a long feed takes many."""
+    """Return settings with which tracking advances no faster than steps can follow.
+
+    A long feed takes many steps.
+    """
     tracking = settings.tracking
     length = float(np.abs(np.diff(found.curve.arm.poses(found.configurations), axis=0)).max(axis=1).sum())
     most = 0.5 * settings.step.largest_turn / max(length, TINY)
@@ -137,13 +143,15 @@ def _keeping_up(settings: MotionSettings, found: Motion) -> MotionSettings:
 
 @dataclass(frozen=True)
 class LedWays:
-    """Proposes motions; keyframes are rows of bends [rad] and the feed [m], shape (K, links + 1).
+    """Proposes motions along leaders' paths.
+
+    Keyframes are rows of bends [rad] and the feed [m], shape (K, links + 1).
 
     Attributes:
-        problem: with a feed axis.
-        task: the same as a task of the search.
+        problem: problem with a feed axis.
+        task: the problem as a task of the search.
         change: plans a change of shape at a fixed feed.
-        seconds: CPU time that one of these may take [s].
+        seconds: CPU time that one change of shape may take [s].
     """
 
     problem: Problem
@@ -152,7 +160,10 @@ class LedWays:
     seconds: float
 
     def quick(self) -> Iterator[Motion]:
-        """Along every path ahead, or else the ways to it that are found quickly, the shortest first."""
+        """Yield motions that are found quickly: for each path the motion that follows it from the start on.
+
+        Where there is none, the other motions to that path, the shortest first.
+        """
         at_once = self.at_once()
         for number, path in enumerate(self._paths()):
             ways = self._along(path, changing=number < _PATHS_CHANGED_TO)
@@ -161,42 +172,42 @@ class LedWays:
             yield from sorted(filter(None, (first, *others)), key=lambda motion: motion.busiest)
 
     def changing(self) -> Iterator[Motion]:
-        """Yield the changes of shape to some paths, and without any feed."""
+        """Yield motions with a change of shape: to the first few paths, then without any feed."""
         for number, path in enumerate(self._paths()):
             if number == _PATHS_CHANGED_TO:
                 break
             yield from self._along(path, changing=True)
         yield from self.at_once()
 
-    # ------------------------------------------------------------ what is asked
+    # ------------------------------------------------------------ lengths and the start's path
     @cached_property
     def _travel(self) -> float:
-        """Of the base between two samples of a trajectory [m]."""
+        """Most travel of the base between two samples of a trajectory [m]."""
         return travel_between_samples(self.problem.arm, self.problem.limits)
 
     @property
     def _outside(self) -> float:
         """Arc length from which on joints may bend while the feed moves [m].
 
-        Three control points of the smooth path shape each of its spans, and samples are taken as linear between.
+        Three control points of the smooth path shape each of its spans, and motions are linear between samples.
         """
         return self.problem.arm.hole + 3.0 * feed_step(self.problem.arm) + 2.0 * self._travel
 
     @property
     def _least_straight(self) -> float:
-        """Arc length that leaders' paths follow the feed axis at least [m].
+        """Least arc length up to which leaders' paths follow the feed axis [m].
 
-        The joint that bends is the one before the one that leaves the axis, a link length behind it.
+        The joint that bends is the one before the joint that leaves the axis, a link length behind it.
         """
         return self._outside + self.problem.arm.link_length
 
     @cached_property
     def _start_path(self) -> LeaderPath | None:
-        """The path that the arm lies on at the start."""
+        """The path that the arm lies on at the start, or None."""
         return self._current_path(self.task.start)
 
     def _current_path(self, q: FloatArray) -> LeaderPath | None:
-        """Return the path that the arm lies on; None when it bends too near to the hole to have come by one."""
+        """Return the path that the arm lies on; None when it bends too near to the hole to have come along one."""
         return pose_path(self.problem.arm, q[:-1], float(q[-1]), self._least_straight)
 
     # ------------------------------------------------------------ paths
@@ -204,7 +215,7 @@ class LedWays:
         """Yield the leaders' paths, most promising first."""
         if self.task.goal_pose is not None:
             own = self._current_path(self.task.goal_pose)
-            # A goal that bends too near to the hole is reached from the straight arm.
+            # A goal that bends too near to the hole is approached with the straight arm.
             path = own or self._current_path(np.append(np.zeros(self.problem.arm.links), self.task.goal_pose[-1]))
             yield from () if path is None else (path,)
             return
@@ -214,17 +225,17 @@ class LedWays:
                 yield _path_to_member(path, self.task.goal, self.problem.arm)
 
     def _members(self) -> tuple[GoalMember, ...]:
-        """Return the places at the goal to lead paths to."""
+        """Return the members of the goal to lead paths to."""
         goal = self.task.goal
         if not goal.is_set:
             return (GoalMember(goal.position, goal.heading),)
         workspace = self.problem.workspace
         arm = self.problem.arm
         room = FreeSpace(workspace, max(arm.radius + workspace.clearance, SHORTEST))
-        # What lies within reach begins at the hole, where the guide tube ends.
+        # The reach is counted from the hole, where the guide tube ends.
         at_hole = replace(arm, base=arm.base + arm.hole * arm.direction)
         members = goal_members(at_hole, goal, room, fed=max(arm.base_range[1] - arm.hole, 0.0))
-        # Along the shortest way there is nothing to go round, and as it arrives nothing to turn to.
+        # The shortest path goes around nothing, and its own heading at the end needs no further turn.
         begin = arm.base + self._straights()[0] * arm.direction
         shrink = CORNER_DISTANCE * arm.length
         ways = [way for each in members for way in room.routes(begin, each.position, 1, shrink=shrink)]
@@ -239,7 +250,7 @@ class LedWays:
         straights = [] if self.task.start[:-1].any() else [float(self.task.start[-1]) + arm.length]
         # any arm can be drawn back as far as the feed's range allows,
         straights.append(low + arm.length)
-        # no joint can bend where a guide or a hole is hardly wider than the arm before the place where it widens,
+        # no joint can bend in a guide or hole hardly wider than the arm, before the place where it widens,
         straights += [max(end + arm.link_length, least) for end in self._tight_place_ends()]
         # the earliest bend reaches most goals; but the base cannot leave the axis, so where its range goes farther a
         # path may have to be straight for as long.
@@ -247,7 +258,7 @@ class LedWays:
         return [straight for straight in straights if straight >= least]
 
     def _tight_place_ends(self) -> list[float]:
-        """Return the arc lengths at which the axis leaves what is hardly wider than the arm, nearest first [m]."""
+        """Return the arc lengths at which the axis leaves passages hardly wider than the arm, nearest first [m]."""
         arm = self.problem.arm
         spacing = _TIGHT_SPACING * arm.link_length
         along = np.arange(arm.hole - arm.link_length, arm.base_range[1] + arm.length, spacing)
@@ -255,7 +266,7 @@ class LedWays:
         need = arm.radius + self.problem.workspace.clearance
         walls = self.problem.workspace.walls
         gaps = np.min([shapely.distance(wall.core, points) - wall.rounding - need for wall in walls], axis=0)
-        # Nothing passes a wall across the axis; what touches, within the tolerance of contact, does pass.
+        # The arm cannot pass a wall across the axis; one that it touches within the contact tolerance, it can.
         blocked = np.flatnonzero(gaps < -self.problem.contact_tolerance)
         tight = gaps[: blocked[0] if len(blocked) else None] < _TIGHT_GAP * arm.link_length
         leaves = np.flatnonzero(tight[:-1] & ~tight[1:])
@@ -263,21 +274,23 @@ class LedWays:
 
     # ------------------------------------------------------------ ways
     def _along(self, path: LeaderPath, *, changing: bool) -> Iterator[Motion]:
-        """Motions along the start's shape to some feed, there onto the path, by a change of shape if need be, and on.
+        """Yield motions along the start's shape to some feed, from there onto the path, and along it to its end.
+
+        A change of shape leads onto the path where the start's shape does not lie on it.
 
         Args:
-            path: to follow.
+            path: path to follow.
             changing: whether the shape may be changed.
         """
         arm = self.problem.arm
         low, high = arm.base_range
         end = path.base_with_tip_at_end(arm.links, arm.link_length)
         if self.task.goal_pose is not None:
-            end = float(self.task.goal_pose[-1])  # the same but for rounding
+            end = float(self.task.goal_pose[-1])  # equal up to rounding
         if not low <= end <= min(high, path.straight):
             return
         first = min(float(self.task.start[-1]), end)
-        # Drawn back so far, the arm lies on the axis, which is common to both paths.
+        # Drawn back this far, the arm lies on the axis, which both paths share.
         common = min(each.straight for each in (path, self._start_path) if each is not None) - arm.length
         for feed in dict.fromkeys((first, max(min(common, first), low), low, 0.5 * (first + low))):
             there = self._drawn_to(feed)
@@ -288,7 +301,7 @@ class LedWays:
             name = "follow the leader" if feed == first else "draw back, then follow the leader"
             changed: FloatArray | None = there[-1:]
             if not follows:
-                # Where the feed does not move before the change, joints may bend right up to the hole.
+                # Where the feed does not move before the change of shape, joints may bend right up to the hole.
                 outside = arm.hole if len(there) == 1 else self._outside
                 changed = self._changed(there[-1], JointPose(wanted), outside) if changing else None
                 name = f"change shape at a feed of {long_length(feed)}"
@@ -300,7 +313,10 @@ class LedWays:
                 yield replace(self._motion(keyframes, f"{name}, {path.name}"), follows=ahead)
 
     def _settled(self, keyframes: FloatArray) -> FloatArray | None:
-        """Return keyframes along a path, and at its end the change to a goal for the whole arm that is not on it."""
+        """Return keyframes along a path, with a change of shape at the end for a whole-arm goal that is off the path.
+
+        None where there is no such change.
+        """
         if self.task.goal_pose is None or np.max(np.abs(keyframes[-1] - self.task.goal_pose)) < _SAME_POSE:
             return keyframes
         changed = self._changed(keyframes[-1], JointPose(self.task.goal_pose[:-1]), self.problem.arm.hole)
@@ -308,7 +324,7 @@ class LedWays:
         return None if changed is None else joined_keyframes(keyframes, rest, changed)
 
     def _drawn_to(self, feed: float) -> FloatArray | None:
-        """Return keyframes along the start's own shape to a feed, or None when the shape bends too near to the hole."""
+        """Return keyframes along the start's own shape to a feed; None when it bends too near to the hole."""
         if feed == self.task.start[-1]:
             return self.task.start[None]
         if self._start_path is None:
@@ -316,7 +332,7 @@ class LedWays:
         return slide(self.problem.arm, self._start_path, float(self.task.start[-1]), feed)
 
     def at_once(self) -> Iterator[Motion]:
-        """Yield a motion without any feed, for goals that are reached from where the base is."""
+        """Yield a motion without any feed, for goals that can be reached from the base's position."""
         goal = self.problem.goal
         if self.task.goal_pose is not None:
             goal = JointPose(self.task.goal_pose[:-1])
@@ -327,17 +343,17 @@ class LedWays:
             yield self._motion(keyframes, "change shape at the start's feed")
 
     def _motion(self, keyframes: FloatArray, name: str) -> Motion:
-        """Return the motion of keyframes, its ends those of the task without rounding."""
+        """Return the motion through keyframes, with the task's exact ends."""
         keyframes[0] = self.task.start
         if self.task.goal_pose is not None:
             keyframes[-1] = self.task.goal_pose
         return Motion(*self.task.space_through(keyframes), keyframes, name)
 
     def _changed(self, start: FloatArray, goal: Goal, outside: float) -> FloatArray | None:
-        """Return the keyframes from a configuration to a goal at its feed; None without a motion.
+        """Return the keyframes from a configuration to a goal at the same feed; None where no motion is found.
 
         Args:
-            start: shape (links + 1,) [rad, m].
+            start: configuration, shape (links + 1,) [rad, m].
             goal: other bends, or a goal of the tip.
             outside: arc length from which on joints may bend [m].
         """
@@ -348,7 +364,7 @@ class LedWays:
         bent = start[:first].any() or (whole is not None and whole[:first].any())
         if arm.links - first < _LEAST_LINKS_CHANGED or bent:
             return None
-        # An arm has an even number of links: an odd part gets one link more, which the guide tube keeps straight.
+        # An arm has an even number of links: an odd part gets one more link, which the guide tube keeps straight.
         clamped = (arm.links - first) % 2 == 1
         first -= int(clamped)
         part = part_beyond(self.problem, start, goal, first)
@@ -367,7 +383,7 @@ class LedWays:
 
 
 def _way_end(way: FloatArray, goal: GoalPose) -> GoalMember:
-    """Return the end of a way, shape (k, 2) [m], with the heading that a goal allows nearest to the way's own."""
+    """Return the end of a path, shape (k, 2) [m], with the allowed heading nearest to the path's own."""
     if goal.heading is None:
         return GoalMember(way[-1], None)
     turn = wrap(float(leg_headings(way)[-1]) - goal.heading)
@@ -375,15 +391,15 @@ def _way_end(way: FloatArray, goal: GoalPose) -> GoalMember:
 
 
 def _path_to_member(path: LeaderPath, goal: GoalPose, arm: Arm) -> LeaderPath:
-    """Return a path to a member of a goal up to where the tip of an arm on it comes to the goal.
+    """Return a path to a member of a goal set, cut where the tip of an arm on it enters the set.
 
-    The path itself without.
+    For a goal that is not a set, the path itself.
     """
     if not goal.is_set:
         return path
     met = np.linalg.norm(path.points - goal.position, axis=1) <= goal.room[0]
     if goal.heading is not None:
-        # The last link is a chord, that heads as the path does in its middle.
+        # The last link is a chord, whose heading is that of the path at its middle.
         headings = np.interp(path.arc - 0.5 * arm.link_length, path.arc, path.headings)
         met &= np.abs(wrap(headings - goal.heading)) <= goal.room[1]
     met[-1] = True
@@ -392,10 +408,10 @@ def _path_to_member(path: LeaderPath, goal: GoalPose, arm: Arm) -> LeaderPath:
 
 
 def part_beyond(problem: Problem, start: FloatArray, goal: Goal, first: int) -> Problem:
-    """Return the problem of the arm from a joint on, on a fixed base, with what is before it as an obstacle.
+    """Return the problem of the arm from a joint on, on a fixed base; the links before it become an obstacle.
 
     Args:
-        problem: of the whole arm, with a feed axis.
+        problem: problem of the whole arm, with a feed axis.
         start: configuration, shape (links + 1,) [rad, m].
         goal: other bends at the same feed, or a goal of the tip.
         first: number of links before the part.
@@ -432,15 +448,15 @@ def part_beyond(problem: Problem, start: FloatArray, goal: Goal, first: int) -> 
         start=JointPose(start[first:-1]),
         goal=goal if whole is None else JointPose(whole[first:-1]),
         stops=(),
-        # What is wanted by default is a share of the arm's length.
+        # The default of the wanted gap is a share of the arm's length, which differs for the part.
         planner=replace(problem.planner, mapping="least-squares", wanted_gap=problem.wanted_gap),
     )
 
 
 def _with_held_links(problem: Problem, feed: float, first: int) -> Workspace:
-    """Return the workspace with those links in the guide tube that the arm from a joint on might meet."""
+    """Return the workspace with an obstacle for the links in the guide tube that the part beyond it might touch."""
     arm = problem.arm
-    # Self-contact is measured between distant links only, so the last links in the guide tube are left out.
+    # Self-contact is checked between distant links only, so the last links in the guide tube are left out.
     held = first + 1 - arm.first_self_pair
     if held < 1 or not arm.self_collision:
         return problem.workspace

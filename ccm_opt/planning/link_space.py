@@ -1,14 +1,14 @@
-"""Configurations in the coordinates of the curve: q = B v + q₀, the space in which motions are planned.
+"""The space in which motions in the plane are planned: configurations q = B v + q₀ by coordinates v of the curve.
 
 The curve has ``SEGMENTS`` equal segments that share curvature values at their ends, so
 v = [θ(0), C_0, …, C_20]: 22 numbers at any number of links. θ(s) is linear in v; with A_j the mean over link j of
 ∂θ/∂v, A v is the mean heading of the curve on each link, and the bend of joint j is (A_j − A_{j−1}) v: the rows of B.
-The offset q₀ = q_start − B v_start keeps the start exact whatever mapping made it. A whole-arm goal adds one more
-coordinate that blends the goal's offset in.
+The offset q₀ = q_start − B v_start reproduces the start exactly whatever mapping made it. A whole-arm goal adds one
+more coordinate, which blends the goal's offset in.
 
-A curve of few coordinates cannot be straight up to a hole and bend behind it, wherever the hole is along the arm; so of
-an arm on a feed axis every bend is a coordinate of its own, v = [bends, feed in link lengths]. What the guide tube
-holds straight is a limit, as walls are (``limits.guide_tube``).
+A curve of few coordinates cannot be straight up to a hole and bend behind it, wherever the hole is along the arm; so
+for an arm on a feed axis every bend is a coordinate of its own, v = [bends, feed in link lengths]. The guide tube is a
+limit, as walls are (``limits.guide_tube``).
 """
 
 from dataclasses import dataclass, replace
@@ -29,9 +29,9 @@ KNOTS = 4 * SEGMENTS + 1
 _FIT_WEIGHT = 1e-6
 """Weight on curvature differences, which break ties of the fit."""
 _METRIC_SHARE = 1e-6
-"""Share of its diagonal that is added to the metric, so that it is definite."""
+"""Share of its diagonal that is added to the metric to make it definite."""
 _METRIC_RIDGE = 1e-9
-"""What is added to it in every direction."""
+"""Multiple of the identity that is added to the metric."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,19 +52,19 @@ class LinkSpace(CurveUnknowns):
     def through(
         cls, arm: Arm, q: FloatArray, nominal_links: float = NOMINAL_LINKS, *, clamped: bool = False
     ) -> tuple["LinkSpace", FloatArray]:
-        """Return the space that holds a configuration exactly, and its coordinates there.
+        """Return the space that reproduces a configuration exactly, and the coordinates of that configuration.
 
         Args:
             arm: the arm.
             q: configuration of the start, shape (c,) [rad].
-            nominal_links: to the arm's length.
-            clamped: keep the heading of the first link in all of the space.
+            nominal_links: number of nominal links in the arm's length.
+            clamped: whether the first link keeps its heading in all of the space.
 
         Returns:
             The space and v_start, shape (p,).
         """
         headings = mean_heading_matrix(arm.links, arm.length)
-        # The bend of the first joint is its link's heading: of a clamped one θ(0) has no effect, and the fit leaves it
+        # The bend of the first joint is its link's heading: for a clamped one θ(0) has no effect, and the fit leaves it
         # at 0.
         slopes = np.diff(headings, axis=0, prepend=headings[:1] if clamped else 0.0)
         space = cls(arm, slopes, q, clamped, nominal_links=nominal_links)
@@ -72,32 +72,42 @@ class LinkSpace(CurveUnknowns):
         return replace(space, offset=q - slopes @ start), start
 
     def fitted(self, q: FloatArray) -> FloatArray:
-        """Return coordinates of the curve whose mean headings come nearest to the links', shape (..., c) to (..., p).
+        """Return the coordinates of the curve whose mean headings come nearest to the links'.
 
-        Few links leave many curves with the same mean headings; the smoothest of them is taken.
+        Shape (..., c) to (..., p). Few links leave many curves with the same mean headings; the smoothest of them is
+        taken.
         """
         arm = self.arm
         headings = arm.poses(q) - (self.offset[0] + arm.base_heading if self.clamped else 0.0)
         return np.asarray(fit_coordinates(self.turns, headings.T, arm.length).T)
 
     def nearest(self, q: FloatArray) -> FloatArray:
-        """Coordinates whose configuration, offset and all, comes nearest to a given one, shape (..., c) to (..., p)."""
+        """Return the coordinates whose configuration comes nearest to a given one, shape (..., c) to (..., p).
+
+        The offset is taken into account; a coordinate that blends a goal in stays 0.
+        """
         headings = self.arm.poses(q) - self.arm.poses(self.offset)
         return np.asarray(fit_coordinates(self.turns, headings.T, self.arm.length).T)
 
     def closest(self, q: FloatArray) -> FloatArray:
-        """Coordinates, those that blend a goal in among them, whose links are turned least off, (K, c) to (K, p)."""
+        """Return the coordinates whose links are turned least from given configurations, shape (K, c) to (K, p).
+
+        Least squares over the links; coordinates that blend a goal in are free too.
+        """
         headings = self.arm.poses(q) - self.arm.poses(self.offset)
         return np.asarray(np.linalg.lstsq(self.turns, headings.T, rcond=None)[0].T)
 
     def blended_to(self, q: FloatArray) -> tuple["LinkSpace", FloatArray]:
-        """Return the space with one more coordinate w, so that w = 1 holds another configuration exactly too.
+        """Return the space with one more coordinate w, which at w = 1 reproduces another configuration exactly.
+
+        Args:
+            q: the other configuration, shape (c,) [rad, m].
 
         Returns:
             The larger space and the coordinates of ``q`` in it, shape (p + 1,).
         """
         goal = self.fitted(q)
-        # What the curve cannot show of the goal; w from 0 to 1 trades the offset of the start for it.
+        # The part of the goal that the curve cannot reproduce; w from 0 to 1 trades the offset of the start for it.
         column = q - self.slopes @ goal - self.offset
         return replace(self, slopes=np.column_stack((self.slopes, column))), np.append(goal, 1.0)
 
@@ -107,7 +117,7 @@ class LinkSpace(CurveUnknowns):
 
     @cached_property
     def turns(self) -> FloatArray:
-        """Turns of the links, and ways of the base in link lengths, by the coordinates, shape (c, p)."""
+        """Derivatives by v of the links' headings, and of the base's travel in link lengths, shape (c, p)."""
         links = self.arm.links
         return np.vstack((np.cumsum(self.slopes[:links], axis=0), self.slopes[links:] / self.arm.link_length))
 
@@ -116,7 +126,7 @@ class LinkSpace(CurveUnknowns):
         return self.poses(v[None])[0]
 
     def poses(self, unknowns: FloatArray) -> tuple[Pose, ...]:
-        """Return the poses at several coordinates, shape (m, p)."""
+        """Return the poses of several vectors of coordinates, shape (m, p)."""
         q = self.configurations(unknowns)
         headings = self.arm.headings(q)
         cos = np.cos(headings)
@@ -134,7 +144,14 @@ class LinkSpace(CurveUnknowns):
         return self.turns[: self.arm.links, None]
 
     def jacobians(self, headings: FloatArray) -> FloatArray:
-        """Derivatives of joint and tip positions by v, shape (..., links) to (..., links + 1, 2, p) [m per unit]."""
+        """Return the derivatives of joint and tip positions by v [m per unit].
+
+        Args:
+            headings: headings of the links, shape (..., links) [rad].
+
+        Returns:
+            Shape (..., links + 1, 2, p).
+        """
         l = self.arm.link_length
         links = self.arm.links
         turns = self.turns[:links]
@@ -143,7 +160,7 @@ class LinkSpace(CurveUnknowns):
         np.cumsum((-l * np.sin(headings))[..., None] * turns, axis=-2, out=jacobians[..., 1:, 0, :])
         np.cumsum((l * np.cos(headings))[..., None] * turns, axis=-2, out=jacobians[..., 1:, 1, :])
         if len(self.slopes) > links:
-            # What carries the base carries all joints alike.
+            # The feed moves all joints alike.
             jacobians += np.multiply.outer(self.arm.direction, self.slopes[links:].sum(axis=0))
         return jacobians
 
@@ -154,33 +171,33 @@ class LinkSpace(CurveUnknowns):
 
     @property
     def bend_rows(self) -> FloatArray:
-        """Derivative of the joint bends by v, shape (links, p)."""
+        """Derivatives of the joint bends by v, shape (links, p)."""
         return self.slopes[: self.arm.links]
 
     @property
     def drive_rows(self) -> FloatArray:
-        """Derivative of what the drives move by v, shape (c, p)."""
+        """Derivatives of the drives' positions by v, shape (c, p)."""
         return self.slopes
 
     @cached_property
     def curvature_rows(self) -> FloatArray:
-        """Derivative by v of the curve's curvature at its knots, times a unit of length, shape (KNOTS, p) [1/m]."""
+        """Derivatives of the curve's curvature at its knots by v, shape (KNOTS, p) [1/m]."""
         rows = np.zeros((KNOTS, self.dimension))
         rows[:, 1 : KNOTS + 1] = np.eye(KNOTS)
         return rows
 
     @property
     def heading_metric(self) -> FloatArray:
-        """Squared turns of the links by v, shape (p, p)."""
+        """Metric of the squared turns of the links by v, shape (p, p)."""
         return self.turns.T @ self.turns
 
     @cached_property
     def of_shape(self) -> BoolArray:
-        """Which coordinates shape the arm; the others blend a goal in. Shape (p,), boolean."""
+        """Mask of the coordinates that shape the arm; the others blend a goal in. Shape (p,)."""
         return np.arange(self.dimension) <= KNOTS
 
     def metric(self, pose: Pose) -> FloatArray:
-        """Return the squared turns of the links by the coordinates, the same in every pose, a little regularised."""
+        """Return the metric of the squared turns of the links, the same for all poses, slightly regularised, (p, p)."""
         del pose
         return self._metric
 
@@ -198,11 +215,11 @@ class LinkSpace(CurveUnknowns):
 
 @dataclass(frozen=True, eq=False)
 class FedSpace(LinkSpace):
-    """The space of all configurations of an arm, in its bends and the base's way in link lengths.
+    """The space of all configurations of an arm, by its bends and the base's travel in link lengths.
 
     Attributes:
-        turn_per_link: turn of a joint that counts as much as a link length of the base's way [rad]: what a joint turns
-            in the time that the base needs for it.
+        turn_per_link: turn of a joint that counts as much as a link length of the base's travel [rad]: the turn that a
+            joint makes in the time that the base needs for it.
     """
 
     turn_per_link: float = 1.0
@@ -214,16 +231,16 @@ class FedSpace(LinkSpace):
         return cls(arm, slopes, np.zeros(len(slopes)), turn_per_link=turn_per_link)
 
     def fitted(self, q: FloatArray) -> FloatArray:
-        """Return the coordinates of configurations, all of which the space holds, shape (..., c)."""
+        """Return the coordinates of configurations, all of which the space reproduces exactly, shape (..., c)."""
         return q / np.diag(self.slopes)
 
     def drives(self, q: FloatArray) -> FloatArray:
-        """Joint bends, and the base's way as the turn of a joint that takes as long, shape (..., c) [rad]."""
+        """Return the joint bends, and the base's travel as a turn of equal duration, shape (..., c) [rad]."""
         return self.fitted(q) * self._weights
 
     @cached_property
     def drive_rows(self) -> FloatArray:
-        """Derivative of that by v, shape (c, p)."""
+        """Derivatives of the drives' positions, in the unit of ``drives``, by v, shape (c, p)."""
         return np.diag(self._weights)
 
     @cached_property
@@ -232,21 +249,24 @@ class FedSpace(LinkSpace):
         return np.concatenate((np.ones(self.arm.links), np.full(axes, self.turn_per_link)))
 
     def blended_to(self, q: FloatArray) -> tuple[LinkSpace, FloatArray]:
-        """Return the space itself, which holds any configuration, and the coordinates of one, shape (p,)."""
+        """Return the space itself, which reproduces any configuration, and the coordinates of ``q``, shape (p,)."""
         return self, self.fitted(q)
 
     @cached_property
     def curvature_rows(self) -> FloatArray:
-        """Derivative by v of the curvature at every joint, bend over link length, shape (links, p) [1/m]."""
+        """Derivatives of the curvature at every joint, bend over link length, by v, shape (links, p) [1/m]."""
         return self.bend_rows / self.arm.link_length
 
     @cached_property
     def of_shape(self) -> BoolArray:
-        """All coordinates: none blends a goal in. Shape (p,), boolean."""
+        """Mask of the coordinates that shape the arm: all, since none blends a goal in. Shape (p,)."""
         return np.ones(self.dimension, dtype=bool)
 
     def spread(self, pose: Pose, rows: FloatArray) -> FloatArray:
-        """Return as of any space, but joints that the guide tube holds do not move, nor does the base."""
+        """Return M⁻¹ Rᵀ for rows R, as in any space, but without the base and the joints in the guide tube, (p, k).
+
+        These do not move: their entries are 0.
+        """
         free = np.zeros(self.dimension, dtype=bool)
         free[: self.arm.links] = ~self.arm.held(float(self.arm.coordinates.advance(pose.q)))
         spread = np.zeros((self.dimension, len(rows)))
@@ -259,8 +279,8 @@ def fit_coordinates(matrix: FloatArray, headings: FloatArray, length: float) -> 
 
     Args:
         matrix: A, shape (links, p).
-        headings: shape (links,), or (links, k) for many poses [rad].
-        length: of the arm [m].
+        headings: headings, shape (links,), or (links, k) for k poses [rad].
+        length: length of the arm [m].
 
     Returns:
         Shape (p,), or (p, k).
@@ -283,9 +303,9 @@ def fit_coordinates(matrix: FloatArray, headings: FloatArray, length: float) -> 
 
 @lru_cache(maxsize=1)
 def _turned() -> PPoly:
-    """Return by how much a curve of length 1 has turned at its places, for every knot value, values (KNOTS,)."""
+    """Return the heading along a curve of length 1, relative to its start, per unit of each of the KNOTS values."""
     width = 1.0 / (4 * SEGMENTS)
-    # By falling powers, pieces and knots; neighbouring segments share a knot: five knots a segment and four pieces.
+    # By falling powers, pieces and knots. Neighbouring segments share a knot: five knots and four pieces per segment.
     of_segment = piece_coefficients(np.full(4, width), np.eye(5)).transpose(1, 0, 2)[::-1]
     coefficients = np.zeros((4, 4 * SEGMENTS, KNOTS))
     for k in range(0, 4 * SEGMENTS, 4):
@@ -301,15 +321,20 @@ def _unit_matrix(links: int) -> FloatArray:
 
 
 def mean_heading_matrix(links: int, length: float) -> FloatArray:
-    """Return the row j: mean over link j of ∂θ/∂v, shape (links, KNOTS + 1)."""
+    """Return the matrix A whose row j is the mean over link j of ∂θ/∂v, shape (links, KNOTS + 1)."""
     matrix = _unit_matrix(links).copy()
-    # Curvature values count per metre: on a curve of length L they turn it L times as far as on one of length 1.
+    # Curvature is per metre: on a curve of length L it turns the curve L times as far as on one of length 1.
     matrix[:, 1:] *= length
     return matrix
 
 
 def nearest_curves(arm: Arm, q: FloatArray) -> tuple[Configuration, ...]:
-    """The continuous curves whose mean headings on the links come nearest to those of configurations, shape (k, c)."""
+    """Return the continuous curves whose mean headings on the links come nearest to those of configurations.
+
+    Args:
+        arm: the arm.
+        q: configurations, shape (k, c).
+    """
     coordinates = fit_coordinates(mean_heading_matrix(arm.links, arm.length), arm.headings(q).T, arm.length).T
     length = arm.length / SEGMENTS
     begin = coordinates[:, :1] + arm.length * coordinates[:, 1:] @ _turned()(np.arange(SEGMENTS) / SEGMENTS).T
