@@ -312,7 +312,10 @@ class Certificate:
 
     @cached_property
     def _mount(self) -> tuple[int, float]:
-        """Link on which the mount ends, and where on it in [0, 1]; past the last where it is the whole arm."""
+        """Index of the link on which the mount ends, and share of it in [0, 1].
+
+        The index is past the last link if the mount is the whole arm.
+        """
         links = self.arm.mount_length / self.arm.link_length
         whole = min(int(links + 1e-9), self.arm.links)
         return whole, max(0.0, links - whole) if whole < self.arm.links else 0.0

@@ -14,21 +14,21 @@ from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from ccm_opt.scene.walls import Walls
 
 WALL = -1
-"""Stands for the second link of a contact with a wall."""
+"""Stands for the second link in a contact with a wall."""
 
 
 @dataclass(frozen=True)
 class Contacts:
-    """Near pairs of one pose.
+    """Pairs of bodies that are close to each other in one pose.
 
     Attributes:
-        first: link of the point that ``normal`` pushes away, shape (m,).
-        first_at: its place on the link in [0, 1], shape (m,).
-        second: the other link, or ``WALL``, shape (m,).
-        second_at: place on the other link, shape (m,).
-        normal: unit direction from the other body to the first point, shape (m, 2).
-        gap: distance between the surfaces beyond the clearance asked for, shape (m,) [m].
-        margin: gap to keep while planning, shape (m,) [m].
+        first: index of the link that ``normal`` pushes away, shape (m,).
+        first_at: nearest point on that link, as a share in [0, 1], shape (m,).
+        second: index of the other link, or ``WALL``, shape (m,).
+        second_at: nearest point on the other link, as a share in [0, 1], shape (m,).
+        normal: unit direction from the other body to the first point, shape (m, d).
+        gap: distance between the surfaces beyond the required clearance, shape (m,) [m].
+        margin: gap that planning keeps, shape (m,) [m].
         wall: index of the wall, or the number of walls for self-contacts, shape (m,).
     """
 
@@ -55,17 +55,18 @@ class Contacts:
 
 @dataclass(frozen=True)
 class CertificateSettings:
-    """Numbers of the certificate.
+    """Settings of certificates.
 
     Attributes:
-        depth: bisections of an interval before its certificate is refused. Taste: the sag falls four-fold at each.
-        touch: gap that even an arm of no width keeps [arm lengths]. Derived: above what rounding takes in a room of up
-            to a hundred thousand arm's lengths; where ``proof_rounding`` is more, that counts.
-        rounding: depth of contact in these units, and bend beyond a joint limit [rad], that counts as none at an end of
-            a motion. Derived: likewise.
-        contact: depth below contact that motions of an arm with some width may have where they begin or end in
-            contact, in these units. Derived: half of what the verifier allows; where the problem asks the verifier for
-            more or less, half of that.
+        depth: number of bisections of an interval before its certificate is refused. Taste: the chord deviation falls
+            four-fold at each.
+        touch: clearance that even an arm of zero width keeps [arm lengths]. Derived: above the rounding error in a room
+            of up to a hundred thousand arm lengths; if ``proof_rounding`` is larger, that is used.
+        rounding: depth of contact in the same units, and bend beyond a joint limit [rad], that count as none at either
+            end of a motion. Derived: as for ``touch``.
+        contact: depth of contact, in the same units, allowed for motions of an arm with some width that start or end in
+            contact. Derived: half of what the verifier allows; if the problem sets another tolerance for the verifier,
+            half of that.
     """
 
     depth: int = 7
@@ -75,23 +76,23 @@ class CertificateSettings:
 
 
 DEFAULT_CERTIFICATE = CertificateSettings()
-"""The numbers that are used unless others are given."""
+"""Settings used if no others are given."""
 
 
 _PLANES = 14
-"""Most half-spaces that a link in space is given."""
+"""Most half-spaces per link in space."""
 _RUN = 8
 """``RUN`` of near_pairs.c."""
 
 
 class ContactFinder(ABC):
-    """Finds the contacts of poses of one arm; not for use by two threads at once.
+    """Finds the contacts of poses of one arm; not safe for use by two threads at once.
 
     Args:
         arm: the arm.
-        names: of what it may touch.
-        margin: planning margin beyond contact [m].
-        reach: pairs with a gap below this are reported [m].
+        names: names of the things it may touch.
+        margin: margin that planning keeps beyond contact [m].
+        reach: contacts with a gap below this are reported [m].
     """
 
     def __init__(self, arm: Arm, names: Sequence[str], margin: float, reach: float) -> None:
@@ -109,15 +110,15 @@ class ContactFinder(ABC):
         """
 
     def crosses(self, points: FloatArray) -> bool:
-        """Return whether a link of a pose cuts something that gaps do not tell of.
+        """Return whether a link of a pose crosses something that gaps do not reveal.
 
-        Distances from triangles are 0 there.
+        Not in space, where the distance from a crossed triangle is 0.
         """
         del points
         return False
 
     def describe(self, contacts: Contacts) -> str:
-        """Return the contact that is furthest inside its margin, in words."""
+        """Return in words the contact that violates its margin most, or comes closest to it."""
         tightest = self.tightest(contacts)
         if tightest is None:
             return "nothing near"
@@ -125,7 +126,10 @@ class ContactFinder(ABC):
         return f"link {link} and {other}, gap {short_length(gap)}"
 
     def tightest(self, contacts: Contacts) -> tuple[int, str, float] | None:
-        """Of the contact that is furthest inside its margin: link from 1, what it is near to, gap [m]; None if none."""
+        """Return the contact that violates its margin most or comes closest to it; None if there is none.
+
+        It is given as the link, counted from 1, what it is near to, and the gap [m].
+        """
         if len(contacts) == 0:
             return None
         k = int(np.argmin(contacts.gap - contacts.margin))
@@ -135,14 +139,14 @@ class ContactFinder(ABC):
 
 
 class WallFinder(ContactFinder):
-    """Finds contacts among fixed walls in the plane.
+    """Finds contacts with fixed walls, and between links, in the plane.
 
     Args:
         arm: the arm.
         walls: the walls.
-        clearance: gap to keep to walls beyond the radius [m].
-        margin: planning margin on top of it [m].
-        reach: pairs with a gap below this are reported [m].
+        clearance: clearance required to walls beyond the radius [m].
+        margin: further margin that planning keeps [m].
+        reach: contacts with a gap below this are reported [m].
     """
 
     def __init__(self, arm: Arm, walls: Walls, clearance: float, margin: float, reach: float) -> None:
@@ -150,7 +154,7 @@ class WallFinder(ContactFinder):
         self.walls = walls
         link, at = arm.mount_end
         apart = np.arange(arm.links)
-        # Distance of the arm's axis from each wall's core where they touch.
+        # Distance between the arm's axis and each wall's core at contact.
         wall_gap = arm.radius + clearance + walls.rounding
         self._points = np.empty((arm.links + 1, 2))
         self._call = NativeCall(
@@ -170,9 +174,9 @@ class WallFinder(ContactFinder):
         self._make_room(64)
 
     def find(self, points: FloatArray) -> Contacts:
-        """Return as of any finder, shape (links + 1, 2) [m]."""
-        # By identity, not by value: a step and its check ask for the same array twice. Arrays of points must not be
-        # changed in place.
+        """Return the contacts of a pose with a gap below the reach; points have shape (links + 1, 2) [m]."""
+        # By identity, not by value: a step and its check ask about the same array twice. Callers must not change arrays
+        # of points in place.
         if self._latest is not None and self._latest[0] is points:
             return self._latest[1]
         self._points[:] = points
@@ -186,12 +190,12 @@ class WallFinder(ContactFinder):
         return contacts
 
     def crosses(self, points: FloatArray) -> bool:
-        """Return whether any link of a pose cuts an edge of a wall or a distant link."""
+        """Return whether any link of a pose crosses an edge of a wall or a distant link."""
         self.find(points)
         return bool(self._call.fields.crosses)
 
     def _make_room(self, capacity: int) -> None:
-        """Room for so many results."""
+        """Allocate arrays for a number of results."""
         first, second, wall = np.empty((3, capacity), dtype=np.int64)
         first_at, second_at, gap, margin = np.empty((4, capacity))
         normal = np.empty((capacity, 2))
@@ -203,15 +207,15 @@ class WallFinder(ContactFinder):
 
 
 class SurfaceFinder(ContactFinder):
-    """Finds contacts with surfaces in space.
+    """Finds contacts with surfaces, and between links, in space.
 
     Args:
         arm: the arm.
-        tree: of the surfaces.
-        names: of their owners.
-        clearance: gap to keep from them beyond the radius [m].
-        margin: planning margin on top of it [m].
-        reach: pairs with a gap below this are reported [m].
+        tree: distance tree of the surfaces.
+        names: names of their owners.
+        clearance: clearance required to surfaces beyond the radius [m].
+        margin: further margin that planning keeps [m].
+        reach: contacts with a gap below this are reported [m].
     """
 
     def __init__(
@@ -225,7 +229,10 @@ class SurfaceFinder(ContactFinder):
         self._make_room(256)
 
     def find(self, points: FloatArray) -> Contacts:
-        """Return as of any finder, shape (links + 1, 3) [m]: the half-spaces about links that are free of surfaces."""
+        """Return the contacts of a pose with a gap below the reach; points have shape (links + 1, 3) [m].
+
+        Those with surfaces are the half-spaces around links that are free of surfaces.
+        """
         mounted, segments = self.arm.exposed_links(points)
         begins = self.arm.mount_end[1]
         planes = self.tree.planes(segments, self.kept + self.reach, _PLANES)
@@ -242,7 +249,10 @@ class SurfaceFinder(ContactFinder):
         return Contacts(*(np.concatenate(parts) for parts in joined))
 
     def near_links(self, points: FloatArray, reach: float) -> Contacts:
-        """Return the pairs of distant links whose gap is below a reach [m] in a pose, shape (links + 1, 3) [m]."""
+        """Return the contacts between distant links with a gap below a reach [m].
+
+        ``points`` are joints and tip of the pose, shape (links + 1, 3) [m].
+        """
         self._pairs.set(points=checked_joints(self.arm, points[None])[0], reach=2.0 * self.arm.radius + reach)
         self._pairs()
         if self._pairs.fields.count > self._pairs.fields.capacity:
@@ -257,7 +267,7 @@ class SurfaceFinder(ContactFinder):
         return Contacts(first, first_at, second, second_at, normal, gap, margin, np.full(k, len(self.names)))
 
     def _make_room(self, capacity: int) -> None:
-        """Room for so many pairs."""
+        """Allocate arrays for a number of pairs."""
         self._numbers = np.zeros((2, capacity), dtype=np.int64)
         self._reals = np.zeros((3, capacity))
         self._normals = np.zeros((capacity, 3))
@@ -271,12 +281,12 @@ class SurfaceFinder(ContactFinder):
 
 @dataclass(frozen=True, eq=False)
 class NearestLinks:
-    """The nearest pair of distant links in each of some poses in space.
+    """The nearest pair of distant links in each of several poses in space.
 
     Attributes:
-        first: link nearer to the base; −1 where none is in reach, shape (T,).
-        second: the other, shape (T,).
-        distance: of the axes; the reach where none is in reach, shape (T,) [m].
+        first: index of the link nearer to the base; −1 if no pair is within reach, shape (T,).
+        second: index of the other link, shape (T,).
+        distance: distance between the axes; the reach if no pair is within reach, shape (T,) [m].
     """
 
     first: IntArray
@@ -285,12 +295,12 @@ class NearestLinks:
 
 
 def nearest_links(arm: Arm, points: FloatArray, reach: float) -> NearestLinks:
-    """Return the nearest pair of distant links in every pose, the first of equally near ones.
+    """Return the nearest pair of distant links in every pose; of equally near pairs the first.
 
     Args:
         arm: the arm.
         points: joints and tip, shape (T, links + 1, 3) [m].
-        reach: distance of the axes from which on they are left out [m].
+        reach: pairs whose axes are at least this far apart are left out [m].
     """
     poses = len(checked_joints(arm, points))
     first, second = np.full((2, poses), -1, dtype=np.int64)
@@ -304,7 +314,7 @@ def nearest_links(arm: Arm, points: FloatArray, reach: float) -> NearestLinks:
 
 
 def checked_joints(arm: Arm, points: FloatArray) -> FloatArray:
-    """Return the joints and tips of poses in space for C.
+    """Return the joints and tips of poses in space, after checking their shape for C.
 
     Raises:
         ValueError: their shape is not (T, links + 1, 3).

@@ -1,12 +1,11 @@
 """Convex regions of free space that cover a route.
 
-Each wall is shut out by one half-plane through its point nearest to the cell, nearest walls first, walls already
-outside left aside: the first step of IRIS (Deits & Tedrake, 2015) with the cell in the place of the ellipse, so the
-result holds the cell.
+A region is grown from a cell: each wall is excluded by one half-plane through the wall's point nearest to the cell,
+nearest walls first, skipping walls that are already outside. This is the first step of IRIS (Deits & Tedrake, 2015)
+with the cell in place of the ellipse, so the result contains the cell.
 
-Candidates are the regions grown from the cells on the route and from the edges between them. Each covers a span of
-the taut string; as few as overlap well are kept, and each overlap gets a portal, a chord that the taut string
-crosses.
+Candidates are the regions grown from the cells on the route and from the edges between them. Each covers a span of the
+taut string. As few as overlap well are kept, and each overlap gets a portal, a chord that the taut string crosses.
 """
 
 import itertools
@@ -33,29 +32,29 @@ from ccm_opt.scene.sleeve import TautString
 from ccm_opt.scene.triangulation import Partition, Triangulation, merge
 
 _WALLS_FIRST = 48
-"""Walls that are shut out of a growing region before the others are looked at; these usually hide all others, so the
-number moves the time only. Taste."""
+"""Number of walls that are excluded from a growing region before the others are checked; these usually hide all others,
+so the number affects only the time. Taste."""
 _PORTAL_WIDTH = 0.5
 """Width that a portal should have, as a share of the route's narrowest edge. Taste."""
 _PORTAL_TRIALS = 6
-"""Crossings of the string at which a portal is tried, at most. Taste."""
+"""Most crossings of the string at which a portal is tried. Taste."""
 _OVERLAP_THICKNESS = 0.2
 """Least thickness of an overlap, as a share of the width that its portal should have. Taste."""
 
 UNUSABLE = -1.0
-"""Marks a pair of regions whose overlap is away from the string: taken where nothing else leads on."""
+"""Quality of a pair of regions that overlap away from the string: used only if nothing else leads on."""
 WORTHLESS = 1e-7
-"""Overlaps worse than this are as bad as none: rounding, 100 times what counts as touching [m]."""
+"""Overlaps of lower quality count as none [m]: rounding, 100 times what counts as touching."""
 
 
 @dataclass(frozen=True)
 class RegionSpan:
-    """A region with the part of a taut string that it covers.
+    """A region and the part of a taut string that it covers.
 
     Attributes:
-        region: convex and free.
-        first: arc length of the taut string where it enters the region [m].
-        last: where it leaves [m].
+        region: a convex free region.
+        first: arc length at which the taut string enters the region [m].
+        last: arc length at which it leaves the region [m].
     """
 
     region: ConvexRegion
@@ -66,21 +65,22 @@ class RegionSpan:
     def around(
         cls, region: ConvexRegion, first: float, last: float, taut: TautString, slack: float = 0.0
     ) -> "RegionSpan":
-        """Return a region with all of the string that it covers around a span known to be covered.
+        """Return a region with the whole part of the string that it covers around a known covered span.
 
         Args:
             region: the region.
-            first: where the known span begins [m].
-            last: where it ends [m].
-            taut: the string.
-            slack: how far outside the string may run and still count as covered, except at its ends [m].
+            first: arc length at which the known span begins [m].
+            last: arc length at which the known span ends [m].
+            taut: the taut string.
+            slack: distance that the string may run outside the region and still count as covered, except at its ends
+                [m].
         """
         slacks = np.full(len(taut.stations), max(slack, ROUNDING))
         slacks[[0, -1]] = ROUNDING
         outside = taut.stations[np.max(taut.points @ region.normals.T - region.offsets, axis=1) > slacks]
 
         # The covered part reaches from the station after the last one outside before the known span to the station
-        # before the first one outside behind it.
+        # before the first one outside after it.
         entered = 0.0
         left = taut.length
         before = outside[outside < first]
@@ -94,13 +94,13 @@ class RegionSpan:
 
 @dataclass(frozen=True)
 class Cover:
-    """Looks for a short sequence of candidates that cover a taut string and overlap well.
+    """Searches a short sequence of candidates that cover a taut string and overlap well.
 
     Attributes:
-        candidates: in order along the string; each one's span meets that of the next.
-        taut: the string.
-        slack: how far outside the regions the string may run, and how far beside the portals pass [m].
-        settings: numbers of the choice of portals.
+        candidates: candidates in order along the string; each one's span meets that of the next.
+        taut: the taut string.
+        slack: distance that the string may run outside the regions, and pass the portals at [m].
+        settings: settings for the choice of portals.
     """
 
     candidates: Sequence[RegionSpan]
@@ -113,24 +113,24 @@ class Cover:
         return {}
 
     def link(self, here: int, there: int) -> "Link":
-        """Return how two candidates overlap."""
+        """Return the overlap of two candidates, computed once."""
         if (here, there) not in self._links:
             pair = self.candidates[here], self.candidates[there]
             self._links[here, there] = link_between(*pair, self.taut, self.slack)
         return self._links[here, there]
 
     def portals(self, sequence: Sequence[int]) -> FloatArray:
-        """Return portals between following candidates, left end then right end, in order; shape (n - 1, 2, 2) [m]."""
+        """Return portals between consecutive candidates, left end then right end, shape (n - 1, 2, 2) [m]."""
         choices = [self.link(here, there).chords for here, there in itertools.pairwise(sequence)]
         return np.array([choice.ends for choice in _in_order(choices)]).reshape(-1, 2, 2)
 
     def sequence(self, wanted: float) -> list[int]:
-        """Return candidates that cover the string with overlaps of the quality wanted [m], or nearly the best there is.
+        """Return candidates that cover the string with overlaps of the wanted quality [m], or nearly the best possible.
 
         Raises:
-            ValueError: when the spans of following candidates do not meet.
+            ValueError: the spans of consecutive candidates do not meet.
         """
-        # Wide overlaps serve the curve's planner best, so ask for less only when nothing else leads through.
+        # Wide overlaps suit the curve planner best, so accept less only if nothing else leads through.
         wanted = min(wanted, self.taut.length)
         while wanted > WORTHLESS:
             found = self._search(wanted)
@@ -143,7 +143,10 @@ class Cover:
         return found
 
     def _search(self, wanted: float) -> list[int]:
-        """Return the depth-first search that tries the candidate that leads farthest first and enters each once."""
+        """Return a covering sequence, or nothing, by depth-first search with the farthest-reaching candidate first.
+
+        Each candidate is entered once.
+        """
         seen: set[int] = set()
         stack = [[k] for k in self._nearest_first(range(len(self.candidates)), 0.0)]
         while stack:
@@ -159,19 +162,19 @@ class Cover:
         return []
 
     def _nearest_first(self, which: Sequence[int], reached: float) -> list[int]:
-        """Return those candidates that hold the string at ``reached`` [m], the one leading farthest last."""
-        # Spans of candidates that follow each other must meet, or the string is uncovered between them.
+        """Return the candidates that cover the string at ``reached`` [m], the farthest-reaching one last."""
+        # Spans of consecutive candidates must meet, or the string would be uncovered between them.
         holding = [k for k in which if self.candidates[k].first <= reached <= self.candidates[k].last]
         return sorted(holding, key=lambda k: self.candidates[k].last)
 
 
 @dataclass(frozen=True)
 class Chord:
-    """A chord of the overlap of two regions that a taut string crosses.
+    """A chord of the overlap of two regions, crossed by a taut string.
 
     Attributes:
-        place: arc length of the string where it crosses [m].
-        ends: left and right end as seen along the string, shape (2, 2) [m].
+        place: arc length at which the string crosses it [m].
+        ends: left and right end seen along the string, shape (2, 2) [m].
         score: width times squareness [m].
     """
 
@@ -182,11 +185,11 @@ class Chord:
 
 @dataclass(frozen=True)
 class Link:
-    """How two regions overlap.
+    """The overlap of two regions.
 
     Attributes:
-        quality: width of the best portal, less when the overlap is thin [m].
-        chords: portals to choose from, by increasing place.
+        quality: width of the best portal, reduced if the overlap is thin [m].
+        chords: possible portals, sorted by place.
     """
 
     quality: float
@@ -199,15 +202,15 @@ def link_between(
     taut: TautString,
     beside: float,
 ) -> Link:
-    """Return the overlap of two regions whose spans meet; its chords pass the string by ``beside`` at most."""
+    """Return the overlap of two regions whose spans meet; its chords pass within ``beside`` [m] of the string."""
     first = max(here.first, there.first)
     last = min(here.last, there.last)
     overlap = intersection(here.region.vertices, there.region.normals, there.region.offsets)
     normals = np.concatenate((here.region.normals, there.region.normals))
     offsets = np.concatenate((here.region.offsets, there.region.offsets))
 
-    # Where the string runs beside the overlap, portals are tried at the nearest points of the overlap; they count in
-    # full only where they pass the string by no more than is allowed.
+    # Where the string runs next to the overlap, portals are tried at the overlap's nearest points; they count in full
+    # only if they pass the string within the allowed distance.
     places = _trial_places(taut, first, last, _PORTAL_TRIALS)
     points = [_nearest_within(overlap, normals, offsets, taut.at(place)) for place in places]
     near = [k for k, place in enumerate(places) if np.linalg.norm(points[k] - taut.at(place)) <= beside + ROUNDING]
@@ -224,7 +227,7 @@ def link_between(
 def _chords(
     trials: Sequence[tuple[float, FloatArray, FloatArray, float]], normals: FloatArray, offsets: FloatArray
 ) -> tuple[Chord, ...]:
-    """Return the chords within half-planes, one for each place, point, direction and squareness tried."""
+    """Return the chords within half-planes, one per tried place, point, direction and squareness."""
     places, points, directions, squareness = zip(*trials, strict=True)
     ends = chords(normals, offsets, np.array(points), np.array(directions))[:, ::-1]
     scores = np.array(squareness) * np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1)
@@ -232,7 +235,7 @@ def _chords(
 
 
 def _trial_places(taut: TautString, first: float, last: float, trials: int) -> list[float]:
-    """Arc lengths where portals are tried: the ends and the middle of a span and some of the crossings in it."""
+    """Return the arc lengths where portals are tried: ends and middle of a span, and some crossings in it."""
     crossings = taut.crossings_within(first, last)
     some = crossings[:: 1 + len(crossings) // trials]
     places: list[float] = np.unique(np.concatenate(([first, 0.5 * (first + last), last], some))).tolist()
@@ -240,10 +243,13 @@ def _trial_places(taut: TautString, first: float, last: float, trials: int) -> l
 
 
 def _in_order(links: Sequence[Sequence[Chord]]) -> list[Chord]:
-    """One chord of each link, places not decreasing, with the greatest product of scores (dynamic programming)."""
+    """Return one chord per link, in order along the string, with the greatest product of scores.
+
+    Found by dynamic programming.
+    """
     best: list[tuple[float, list[Chord]]] = [(0.0, [])]
     for options in links:
-        # Options before every chain are of no use; should all be, the last is taken as it is.
+        # Options that precede every chain are useless; if all do, the last is used anyway.
         reached = min((chosen[-1].place for _, chosen in best if chosen), default=0.0)
         longer: list[tuple[float, list[Chord]]] = []
         for choice in [c for c in options if c.place >= reached] or options[-1:]:
@@ -255,7 +261,10 @@ def _in_order(links: Sequence[Sequence[Chord]]) -> list[Chord]:
 
 
 def _nearest_within(polygon: FloatArray, normals: FloatArray, offsets: FloatArray, point: FloatArray) -> FloatArray:
-    """The point (2,) if the half-planes hold it or the polygon (m, 2) is empty, else the nearest of the polygon."""
+    """Return the point of a polygon (m, 2) nearest to a point (2,).
+
+    A point within the half-planes, or any point if the polygon is empty, is returned unchanged.
+    """
     if len(polygon) == 0 or bool(np.all(normals @ point <= offsets + ROUNDING)):
         return point
     feet = nearest_on_segments(point, np.stack((polygon, after_each(polygon)), axis=1))
@@ -264,16 +273,16 @@ def _nearest_within(polygon: FloatArray, normals: FloatArray, offsets: FloatArra
 
 
 def _thickness(overlap: FloatArray) -> float:
-    """Return twice the area over the perimeter of a polygon (m, 2) [m]: for a long one its mean thickness.
+    """Return twice the area of a polygon (m, 2) over its perimeter [m], the mean thickness of a long one.
 
-    Of a point 0.
+    0 for a point.
     """
     perimeter = float(np.sum(np.linalg.norm(overlap - after_each(overlap), axis=1))) if len(overlap) > 2 else 0.0
     return 2.0 * signed_area(overlap) / perimeter if perimeter > 0.0 else 0.0
 
 
 def make_region(vertices: FloatArray) -> ConvexRegion:
-    """Return a convex polygon, counter-clockwise vertices of shape (m, 2) [m], with its half-planes."""
+    """Return the convex region of a polygon with counter-clockwise vertices, shape (m, 2) [m]."""
     vertices = without_short_edges(vertices, ROUNDING)
     return ConvexRegion(vertices, *half_planes(vertices))
 
@@ -283,9 +292,9 @@ def grow(cell: FloatArray, walls: FloatArray, room: FloatArray) -> ConvexRegion:
 
     Args:
         cell: counter-clockwise vertices, shape (m, 2) [m]; m = 2 for a segment.
-        walls: the edges of free space, free space on their left, shape (w, 2, 2) [m].
-        room: a convex polygon that holds free space, counter-clockwise, shape (r, 2) [m].
-        settings: number of walls to begin with.
+        walls: edges of free space, with free space on their left, shape (w, 2, 2) [m].
+        room: a convex polygon that contains free space, counter-clockwise, shape (r, 2) [m].
+        settings: -
 
     Returns:
         The region; it contains the cell and meets no wall, both within 1e-9 m.
@@ -298,41 +307,41 @@ def grow(cell: FloatArray, walls: FloatArray, room: FloatArray) -> ConvexRegion:
 
 
 def _nearest_first(cell: FloatArray, walls: FloatArray) -> IntArray:
-    """Return the walls in the order of a lower bound of their distance to the middle of the cell."""
+    """Return the walls sorted by a lower bound on their distance from the middle of the cell."""
     middles = walls.mean(axis=1)
     halves = 0.5 * np.linalg.norm(walls[:, 1] - walls[:, 0], axis=1)
     return np.argsort(np.linalg.norm(middles - cell.mean(axis=0), axis=1) - halves, kind="stable")
 
 
 def _shut_out(cell: FloatArray, walls: FloatArray, region: FloatArray) -> FloatArray:
-    """Return the part of a convex region around the cell that is left when each wall is shut out, nearest first."""
+    """Return the part of a convex region around the cell that remains after excluding walls, nearest first."""
     gaps, on_cell, on_wall = nearest_points(cell, walls)
     inside = np.ones(len(walls), dtype=bool)
     for wall in np.argsort(gaps, kind="stable"):
         if not inside[wall]:
             continue
-        # A nearer wall is shut out by an edge line: its nearest point gives no sharp direction.
+        # A nearer wall is excluded by the line of an edge: its nearest point gives no reliable direction.
         if gaps[wall] > SHORTEST:
             normal = (on_wall[wall] - on_cell[wall]) / gaps[wall]
             offset = float(normal @ on_wall[wall])
         else:
             normal, offset = _touching_half_plane(cell, walls[wall], region)
         region = clip(region, normal, offset)
-        # Walls that this half-plane shuts out as well need none of their own.
+        # Walls that this half-plane also excludes need no half-plane of their own.
         inside &= np.any(walls @ normal < offset - ROUNDING, axis=1)
         inside[wall] = False
     return region
 
 
 def nearest_points(cell: FloatArray, walls: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the gap between a convex cell and each wall that does not cross it, and where it is.
+    """Return the distance between a convex cell and each wall that does not cross it, and the nearest points.
 
     Args:
-        cell: vertices, shape (m, 2) [m].
-        walls: shape (w, 2, 2) [m].
+        cell: vertices of the cell, shape (m, 2) [m].
+        walls: end points of the walls, shape (w, 2, 2) [m].
 
     Returns:
-        Gaps, shape (w,) [m], nearest points of the cell, shape (w, 2) [m], and of the walls, shape (w, 2) [m].
+        Distances, shape (w,) [m], nearest points on the cell, shape (w, 2) [m], and on the walls, shape (w, 2) [m].
     """
     edges = np.stack((cell, after_each(cell)), axis=1)
     feet_on_walls = nearest_on_segments(cell[:, None], walls[None])  # (m, w, 2)
@@ -349,11 +358,11 @@ def nearest_points(cell: FloatArray, walls: FloatArray) -> tuple[FloatArray, Flo
 
 
 def _touching_half_plane(cell: FloatArray, wall: FloatArray, region: FloatArray) -> tuple[FloatArray, float]:
-    """Return the half-plane between a cell and a wall that touch which leaves most of the region.
+    """Return the half-plane between a touching cell and wall that leaves most of the region.
 
-    Two convex sets that do not overlap are separated by the line of an edge of one of them (separating axis
-    theorem); squares to the wall at its ends are tried as well. A line along a cell that is a segment would leave one
-    side of it only: the last resort.
+    Two convex sets that do not overlap are separated by the line of an edge of one of them (separating axis theorem);
+    perpendiculars to the wall at its ends are tried as well. A line along a cell that is a segment would keep only one
+    side of it, so that is the last resort.
     """
     normals, offsets = _separators(cell, wall)
     overlap = np.maximum(
@@ -367,7 +376,7 @@ def _touching_half_plane(cell: FloatArray, wall: FloatArray, region: FloatArray)
 
 
 def _separators(cell: FloatArray, wall: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the half-planes (k, 2), (k,) worth trying between a cell (m, 2) and a wall (2, 2)."""
+    """Return candidate separating half-planes (k, 2), (k,) for a cell (m, 2) and a wall (2, 2)."""
     wall_normals, wall_offsets = half_planes(wall)
     cell_normals, cell_offsets = half_planes(cell)
     squares = wall_normals[:, ::-1] * (-1.0, 1.0)
@@ -386,13 +395,13 @@ def contains(region: ConvexRegion, points: FloatArray, tolerance: float = ROUNDI
 
 @dataclass(frozen=True)
 class CorridorMaker:
-    """Makes corridors in one triangulated free space; cells and grown regions are kept for the next route.
+    """Makes corridors in one triangulated free space; cells and grown regions are reused for later routes.
 
     Attributes:
-        triangulation: of free space.
-        slack: how far beside the regions the taut string may cut a corner [m]; must be less than the inflation by which
-            the obstacles were grown, so that no obstacle fits in between.
-        settings: numbers of the choice of regions.
+        triangulation: triangulation of free space.
+        slack: distance by which the taut string may leave the regions where it cuts a corner [m]; must be less than the
+            inflation of the obstacles, so that no obstacle fits in between.
+        settings: settings for the choice of regions.
     """
 
     triangulation: Triangulation
@@ -401,7 +410,7 @@ class CorridorMaker:
 
     @cached_property
     def partition(self) -> Partition:
-        """The convex cells."""
+        """The convex cells of free space."""
         return merge(self.triangulation)
 
     @cached_property
@@ -416,7 +425,7 @@ class CorridorMaker:
         return {}
 
     def grown(self, seed: FloatArray) -> ConvexRegion:
-        """Return the region grown from a convex free polygon or segment, vertices (m, 2) [m]."""
+        """Return the region grown from a convex free polygon or segment, vertices (m, 2) [m], computed once."""
         key = seed.tobytes()
         if key not in self._grown:
             self._grown[key] = grow(seed, self.triangulation.walls, self._room)
@@ -426,22 +435,22 @@ class CorridorMaker:
         """Return the corridor of a route, with as few regions as overlap well.
 
         Args:
-            route: its sleeve names the cells.
+            route: the route; its sleeve determines the cells.
             path: the free part of the route's taut string, shape (k, 2) [m]; the whole string by default.
 
         Returns:
-            Regions in order, the first holding the path's start, the last its end, and their directed portals.
+            Regions in order, the first containing the path's start, the last its end, and their directed portals.
         """
         edges = self.triangulation.portals(route.sleeve)
         taut = TautString.through(edges, route.taut if path is None else path, self.settings)
-        # Portals need not be wider than the route allows; without an edge to cross any width is wide enough.
+        # Portals need not be wider than the route allows; if no edge is crossed any width will do.
         narrowest = float(np.min(np.linalg.norm(edges[:, 0] - edges[:, 1], axis=1), initial=np.inf))
         cover = Cover(self._candidates(route.sleeve, edges, taut), taut, self.slack, self.settings)
         kept = cover.sequence(_PORTAL_WIDTH * narrowest)
         return Corridor(route, tuple(cover.candidates[k].region for k in kept), cover.portals(kept))
 
     def _candidates(self, sleeve: tuple[int, ...], edges: FloatArray, taut: TautString) -> list[RegionSpan]:
-        """Return regions grown from the cells along a sleeve and, in between, from the edges where the cell changes."""
+        """Return regions grown from the cells along a sleeve and from the edges at which the cell changes."""
         cells = self.partition.cell_of[list(sleeve)]
         changes = np.flatnonzero(np.diff(cells))
         times = np.concatenate(([0.0], taut.crossings[changes], [taut.length]))
@@ -450,7 +459,7 @@ class CorridorMaker:
             inside = self.grown(self.partition.cells[cell])
             found.append(RegionSpan.around(inside, times[k], times[k + 1], taut, self.slack))
             if k < len(changes):
-                # A region grown from the edge itself overlaps both neighbours, where their own overlap may be thin.
+                # A region grown from the edge itself overlaps both neighbours, whose own overlap may be thin.
                 across = self.grown(edges[changes[k]])
                 found.append(RegionSpan.around(across, times[k + 1], times[k + 1], taut, self.slack))
         return found

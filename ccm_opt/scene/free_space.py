@@ -1,14 +1,14 @@
 """Free space of a disc among walls, and routes through it.
 
-Walks through the junction graph that pass no triangle twice are enumerated best first (A*). The estimate of the way
-that remains is exact in the sampled metric of ``junctions``, turning on the spot excluded, so that they come out in
-the order of their sampled length.
+Walks through the junction graph that pass no triangle twice are enumerated best first (A*). The estimate of the
+remaining length is exact in the sampled metric of ``narrow_gates``, except for turning on the spot, so walks come out
+in the order of their sampled length.
 
-The classes come nearly in order of length; each gets its taut string, and these are put in the order of true length.
+The homotopy classes thus come nearly in order of length; each gets its taut string, and they are sorted by true length.
 
-Everything here errs to the safe side: the polygons made are subsets of the true free set (the points farther than the
-inflation from all walls). Sides are offset exactly; a convex corner's arc is replaced by at most two tangents, a circle
-by the tangents of a 12-gon.
+All approximations are on the safe side: the polygons are subsets of the true free set (the points farther than the
+inflation from all walls). Sides are offset exactly; the arc at a convex corner is replaced by at most two tangents, a
+circle by the tangents of a 12-gon.
 """
 
 import bisect
@@ -46,20 +46,19 @@ from ccm_opt.scene.triangulation import Triangulation, triangulate
 from ccm_opt.scene.workspace import Obstacle, Workspace
 
 _MITRE_LIMIT = 1.02
-"""Distance of a grown corner's tangent, as a multiple of the inflation. Derived: with 1.02, turns below 22° need one
-vertex only, and nothing is given away but 2 % of the inflation."""
+"""Distance of the tangent at a grown corner, as a multiple of the inflation. Derived: with 1.02, turns below 22° need
+only one vertex, and only 2 % of the inflation is given away."""
 
 _ROUTE_SURPLUS = 6
-"""Classes that are drawn taut for each route wanted, at most. Taste."""
+"""Most homotopy classes that are pulled taut per wanted route. Taste."""
 _LEAST_CLASSES = 20
-"""But so many in any case: in near-empty rooms the sampled length is at its coarsest. Taste."""
+"""Least number of classes that are pulled taut: in near-empty rooms the sampled length is at its coarsest. Taste."""
 _SAMPLED_EXCESS = 1.25
-"""The sampled length of a class is at most this multiple of its taut length; mostly 1.01 in clutter. Taste, with room
-to spare."""
+"""Greatest ratio of the sampled to the taut length of a class; mostly 1.01 in clutter. Taste, with a wide margin."""
 _WALKS_PER_ROUTE = 400
-"""Partial walks looked at for each route wanted. Taste."""
+"""Number of partial walks examined per wanted route. Taste."""
 _LEAST_ROUTES = 4
-"""Routes for which that effort is spent even if fewer are wanted. Taste."""
+"""Least number of routes for which that effort is spent, even if fewer are wanted. Taste."""
 
 
 @dataclass(frozen=True, order=True)
@@ -67,9 +66,9 @@ class _Partial:
     """The beginning of a walk.
 
     Attributes:
-        total: its length with the least way that remains [m].
-        history: the chains walked.
-        walked: length to each sample point of the last edge, shape (m,) [m].
+        total: its length plus the least remaining length [m].
+        history: indices of the chains walked.
+        walked: length walked to each sample point of the last edge, shape (m,) [m].
     """
 
     total: float
@@ -79,12 +78,13 @@ class _Partial:
 
 @dataclass(frozen=True)
 class ClassGraph:
-    """Directed chains as nodes, with the steps from chain to chain and the way that remains to the goal.
+    """Directed chains as nodes, with the steps from chain to chain and the remaining lengths to the goal.
 
     Attributes:
         chains: all directed chains.
-        steps: for each chain the chains that may follow it, with the lengths from last edge to last edge, (m, m) [m].
-        rest: least length to the goal from the sample points of each chain's last edge, shape (chains, m) [m].
+        steps: for each chain the chains that may follow, with the lengths from last edge to last edge, (m, m) [m].
+        rest: least remaining length to the goal from the sample points of each chain's last edge, shape (chains, m)
+            [m].
     """
 
     chains: list[Chain]
@@ -92,21 +92,21 @@ class ClassGraph:
     rest: FloatArray
 
     def partial(self, history: tuple[int, ...], walked: FloatArray) -> _Partial:
-        """Return a walk along chains, with the estimate of its whole length."""
+        """Return a walk along chains, with the estimate of its total length."""
         return _Partial(float((walked + self.rest[history[-1]]).min()), history, walked)
 
 
 def homotopy_classes(
     metric: EdgeMetric, ends: IntArray, points: FloatArray, longest: float, effort: int
 ) -> Iterator[tuple[float, tuple[int, ...]]]:
-    """Yield the sampled lengths and reduced sleeves that pass no triangle twice, by increasing sampled length.
+    """Yield sampled length and reduced sleeve of the walks that pass no triangle twice, shortest first.
 
     Args:
-        metric: of the triangulation.
-        ends: the triangles of start and goal, shape (2,).
+        metric: metric of the triangulation.
+        ends: triangles of start and goal, shape (2,).
         points: start and goal, shape (2, 2) [m].
-        longest: sampled length beyond which no sleeve is looked for [m].
-        effort: number of partial walks looked at.
+        longest: longer sleeves, by sampled length, are not sought [m].
+        effort: number of partial walks examined.
     """
     start, goal = ends.tolist()
     if start == goal:
@@ -127,7 +127,7 @@ def homotopy_classes(
 
 
 def _first_steps(metric: EdgeMetric, graph: ClassGraph, start: int, point: FloatArray) -> Iterator[_Partial]:
-    """Yield the walks along one chain from the start."""
+    """Yield the walks along a single chain from the start."""
     for index, chain in enumerate(graph.chains):
         if chain.triangles[0] == start:
             first = np.linalg.norm(metric.points[start, chain.exit] - point, axis=1)
@@ -135,8 +135,8 @@ def _first_steps(metric: EdgeMetric, graph: ClassGraph, start: int, point: Float
 
 
 def _further_steps(graph: ClassGraph, before: _Partial, start: int, goal: int) -> Iterator[_Partial]:
-    """Yield the walks one chain longer that pass no node twice; the goal may be the start."""
-    # The goal may be the start; then a walk comes back to it.
+    """Yield the walks longer by one chain that pass no node twice."""
+    # The goal may be the start; a walk then returns to it.
     passed = {start, *(graph.chains[index].head for index in before.history)} - {goal}
     for index, lengths in graph.steps[before.history[-1]]:
         if graph.chains[index].head not in passed:
@@ -144,12 +144,12 @@ def _further_steps(graph: ClassGraph, before: _Partial, start: int, goal: int) -
 
 
 def _joined(chains: list[Chain]) -> tuple[int, ...]:
-    """Return the triangles of chains one after the other."""
+    """Return the triangles of consecutive chains."""
     return (*chains[0].triangles, *(t for chain in chains[1:] for t in chain.triangles[1:]))
 
 
 def class_graph(metric: EdgeMetric, ends: IntArray, goal_point: FloatArray) -> ClassGraph:
-    """Return chains, the steps between them, and the least remaining lengths by one Dijkstra search from the goal."""
+    """Return the chains, their steps, and the remaining lengths by one Dijkstra search from the goal."""
     start, goal = ends.tolist()
     chains = chains_between(metric, (start, goal))
     leaving: dict[int, list[int]] = {}
@@ -173,7 +173,7 @@ def class_graph(metric: EdgeMetric, ends: IntArray, goal_point: FloatArray) -> C
 
 
 def _step_lengths(metric: EdgeMetric, chains: list[Chain], pairs: IntArray) -> FloatArray:
-    """Return the lengths from the end of each pair's first chain along the second one, shape (pairs, m, m) [m]."""
+    """Return the lengths from the end of each pair's first chain along its second chain, shape (pairs, m, m) [m]."""
     if len(pairs) == 0:
         return np.empty((0, metric.samples, metric.samples))
     heads = np.array([chain.head for chain in chains])[pairs[:, 0]]
@@ -192,13 +192,13 @@ def _remaining(
     sample = np.arange(samples)
     tail = np.broadcast_to(samples * pairs[:, 0, None, None] + sample[:, None], lengths.shape).ravel()
     head = np.broadcast_to(samples * pairs[:, 1, None, None] + sample, lengths.shape).ravel()
-    # In a sparse matrix zero means no edge, so that edges of no length need a little.
+    # In a sparse matrix zero means no edge, so edges of zero length need a tiny weight.
     weight = lengths.ravel() + TINY
     finite = np.isfinite(weight)
     last = [index for index, chain in enumerate(chains) if chain.head == goal]
     final = (samples * np.array(last, dtype=np.intp)[:, None] + sample).ravel()
     to_goal = [np.linalg.norm(metric.points[goal, chains[index].entry] - point, axis=1) + TINY for index in last]
-    # One node more stands for the goal. All steps run backwards, so that one search from it finds all lengths.
+    # One extra node stands for the goal. All steps run backwards, so that a single search from it finds all lengths.
     backwards = scipy.sparse.coo_array(
         (
             np.concatenate((weight[finite], *to_goal)),
@@ -217,18 +217,18 @@ def shortest_routes(
     longest: float = np.inf,
     shrink: float = 0.0,
 ) -> tuple[Route, ...]:
-    """Return the up to ``count`` routes in different homotopy classes by increasing taut length.
+    """Return up to ``count`` routes in different homotopy classes, in order of taut length.
 
     Args:
-        metric: of the triangulation of free space.
-        ends: the triangles of start and goal, shape (2,).
-        points: start and goal, free points, shape (2, 2) [m].
+        metric: metric of the triangulation of free space.
+        ends: triangles of start and goal, shape (2,).
+        points: start and goal, which are free points, shape (2, 2) [m].
         count: number of routes wanted.
         longest: routes with a longer taut string are left out [m].
-        shrink: distance kept from corners where there is room [m].
+        shrink: distance to keep from corners where space allows [m].
 
     Returns:
-        The routes; none when start and goal are in different components or all routes are too long.
+        The routes; none if start and goal are in different components or all routes are too long.
     """
     mesh = metric.triangulation
     if mesh.components[ends[0]] != mesh.components[ends[1]]:
@@ -238,7 +238,8 @@ def shortest_routes(
     effort = _WALKS_PER_ROUTE * max(count, _LEAST_ROUTES)
     classes = homotopy_classes(metric, ends, points, excess * longest, effort)
     for sampled, sleeve in itertools.islice(classes, max(_ROUTE_SURPLUS * count, _LEAST_CLASSES)):
-        # The classes come by sampled length: once it exceeds the worst kept by all that sampling may add, none is left.
+        # The classes come by sampled length: once it exceeds the worst length kept by more than sampling may add, no
+        # further class can be better.
         if len(best) >= count and sampled > excess * best[count - 1][0]:
             break
         route = sleeve_route(mesh, sleeve, points[0], points[1], shrink)
@@ -249,34 +250,35 @@ def shortest_routes(
 def sleeve_route(
     mesh: Triangulation, sleeve: tuple[int, ...], start: FloatArray, goal: FloatArray, shrink: float
 ) -> Route:
-    """Return the route with the taut string of a sleeve."""
+    """Return the route along the taut string of a sleeve."""
     taut = taut_string(mesh.portals(sleeve), start, goal, shrink)
     return Route(sleeve, taut, path_length(taut))
 
 
 _CIRCLE_QUAD_SEGS = 3
-"""Sides of the polygon around a quarter of a circle; with 3, a circle becomes a 12-gon, 3.5 % wider at its vertices.
-Taste."""
+"""Polygon sides per quarter of a circle; with 3, a circle becomes a 12-gon, 3.5 % wider at its vertices. Taste."""
 _CORNER_SLACK = 0.9
-"""Share of the inflation by which a taut string may leave a corridor where it bends round a corner. Derived: less than
+"""Share of the inflation by which a taut string may leave a corridor where it bends around a corner. Derived: less than
 1, so that no obstacle fits in between."""
 
 
 def free_set(
     workspace: Workspace, inflation: float, settings: FreeSpaceSettings = DEFAULT_FREE_SPACE
 ) -> shapely.MultiPolygon:
-    """Return all places of the arm's axis farther than ``inflation`` from every wall, less a little at rounded corners.
+    """Return the positions of the arm's axis farther than ``inflation`` from every wall.
+
+    A little less is returned at rounded corners.
 
     Args:
         workspace: the room and its obstacles.
-        inflation: the arm's radius plus clearance [m], positive; for an arm of no width a tiny number.
-        settings: how finely corners and circles are drawn.
+        inflation: the arm's radius plus clearance [m], positive; a tiny number for an arm of zero width.
+        settings: how finely corners and circles are approximated.
 
     Returns:
-        The free set; empty when nothing is free. Components may be several.
+        The free set, possibly in several components; empty if nothing is free.
 
     Raises:
-        ValueError: when ``inflation`` is not positive.
+        ValueError: ``inflation`` is not positive.
     """
     if inflation <= 0.0:
         raise ValueError(f"got inflation = {inflation} m, expected a positive length: for an arm of no width pass 1e-6")
@@ -284,7 +286,7 @@ def free_set(
     grown = shapely.union_all([grown_outline(obstacle, inflation, settings) for obstacle in workspace.obstacles])
     pieces = shapely.get_parts(shapely.difference(room, grown))
     dent = settings.dent * inflation
-    # Smaller pieces of free space [m²] are left over by rounding.
+    # Smaller pieces of free space [m²] are artefacts of rounding.
     polygons = [_without_dents(piece, dent) for piece in pieces if shapely.area(piece) > TINY]
     return shapely.MultiPolygon([polygon for polygon in polygons if isinstance(polygon, shapely.Polygon)])
 
@@ -306,7 +308,7 @@ def grown_outline(
 
 
 def _capsule(a: FloatArray, b: FloatArray, radius: float) -> shapely.Polygon:
-    """Return the octagon of tangents around the points within ``radius`` of the segment a–b."""
+    """Return the octagon of tangents around all points within ``radius`` of the segment a–b."""
     heading = vector_heading(b - a)
     angles = heading + np.deg2rad([-67.5, -22.5, 22.5, 67.5])
     corners = radius / np.cos(np.pi / 8) * unit_vector(angles)
@@ -314,7 +316,7 @@ def _capsule(a: FloatArray, b: FloatArray, radius: float) -> shapely.Polygon:
 
 
 def _without_dents(polygon: shapely.Polygon, depth: float) -> shapely.Polygon:
-    """Return the polygon without those convex corners that stick out by less than ``depth`` [m]; a subset of it."""
+    """Return a subset of a polygon without convex corners that protrude by less than ``depth`` [m]."""
     oriented = shapely.orient_polygons(polygon)
     shell = _cut_corners(shapely.get_coordinates(oriented.exterior)[:-1], depth)
     holes = [_cut_corners(shapely.get_coordinates(ring)[:-1], depth) for ring in oriented.interiors]
@@ -323,31 +325,34 @@ def _without_dents(polygon: shapely.Polygon, depth: float) -> shapely.Polygon:
 
 
 def _cut_corners(ring: FloatArray, depth: float) -> FloatArray:
-    """A ring (m, 2), free space on its left, less its flat and barely convex vertices, no two neighbours at once."""
+    """Return a ring (m, 2) without its flat and barely convex vertices, never two neighbours at once.
+
+    Free space is on the left of the ring.
+    """
     before = np.roll(ring, 1, axis=0)
     after = np.roll(ring, -1, axis=0)
     base = np.linalg.norm(after - before, axis=1)
     height = cross(ring - before, after - ring) / np.maximum(base, 1e-300)
     drop = (height >= 0.0) & (height < depth)
-    # Heights hold for one vertex at a time: without its neighbour too the ring might leave free space.
+    # Heights hold for one vertex at a time: if its neighbour went too, the ring might leave free space.
     drop &= ~np.roll(drop, 1)
     return ring[~drop] if np.count_nonzero(~drop) >= 3 else ring
 
 
 @dataclass(frozen=True)
 class FreeSpace:
-    """The places of the arm's axis farther than its inflation from all walls; parts are made when first needed.
+    """Positions of the arm's axis farther than the inflation from all walls, computed as needed.
 
     Points a little outside, for example a base that stands on a wall, count as the nearest free points.
 
     Attributes:
         workspace: the room and its obstacles.
-        inflation: the arm's radius plus clearance [m], positive; a tiny number, as 1e-6, for an arm of no width.
-        settings: numbers of the method.
-        gate_runs: taut paths run straight through gates that are so narrow; None for paths that are taut throughout.
+        inflation: the arm's radius plus clearance [m], positive; a tiny number such as 1e-6 for an arm of zero width.
+        settings: settings of the approximation and of the routes.
+        gate_runs: narrow gates through which taut paths run straight; None for paths that are taut throughout.
 
     Raises:
-        ValueError: when the inflation is not positive.
+        ValueError: the inflation is not positive.
     """
 
     workspace: Workspace
@@ -375,7 +380,7 @@ class FreeSpace:
 
     @cached_property
     def corridor_maker(self) -> CorridorMaker:
-        """Convex cells and the regions grown from them."""
+        """Maker of corridors, with convex cells and the regions grown from them."""
         return CorridorMaker(self.triangulation, _CORNER_SLACK * self.inflation, self.settings)
 
     @cached_property
@@ -388,11 +393,11 @@ class FreeSpace:
         return np.asarray(shapely.intersects_xy(self.polygons, points[:, 0], points[:, 1]), dtype=np.bool_)
 
     def snapped(self, points: FloatArray) -> FloatArray:
-        """Return the nearest free points to points (m, 2) [m]; shape (m, 2)."""
+        """Return the free points nearest to points (m, 2) [m]; shape (m, 2)."""
         return self.triangulation.nearest(np.asarray(points, dtype=np.float64))[1]
 
     def component(self, point: FloatArray) -> int:
-        """Return the number of the connected component that a point (2,) [m] belongs to."""
+        """Return the index of the connected component that a point (2,) [m] belongs to."""
         triangle = self.triangulation.nearest(np.asarray(point, dtype=np.float64)[None])[0][0]
         return int(self.triangulation.components[triangle])
 
@@ -400,7 +405,7 @@ class FreeSpace:
         """Return the homotopy class of a polyline (m, 2) [m]: the reduced sequence of triangles it crosses.
 
         Raises:
-            UnreachableGoal: when its ends lie in different components.
+            UnreachableGoal: the ends lie in different components.
         """
         return sleeves.sleeve_of(self.triangulation, np.asarray(polyline, dtype=np.float64), self.settings.bisections)
 
@@ -409,17 +414,19 @@ class FreeSpace:
         return self.sleeve_of(one) == self.sleeve_of(other)
 
     def taut_path(self, polyline: FloatArray, shrink: float = 0.0) -> FloatArray:
-        """The shortest path with the ends and of the homotopy class of a polyline, straight through narrow gates.
+        """Return the shortest path homotopic to a polyline, with the same ends.
+
+        It runs straight through narrow gates if ``gate_runs`` is set.
 
         Args:
-            polyline: shape (m, 2) [m]; may leave free space a little and run back over itself.
-            shrink: distance kept from corners where there is room [m].
+            polyline: shape (m, 2) [m]; may leave free space slightly and double back.
+            shrink: distance to keep from corners where space allows [m].
 
         Returns:
             Vertices, shape (k, 2) [m].
 
         Raises:
-            UnreachableGoal: when its ends lie in different components.
+            UnreachableGoal: the ends lie in different components.
         """
 
         def taut(line: FloatArray) -> FloatArray:
@@ -435,9 +442,9 @@ class FreeSpace:
     def sleeve_path(
         self, sleeve: tuple[int, ...], start: FloatArray, goal: FloatArray, shrink: float = 0.0
     ) -> FloatArray:
-        """Return the shortest path from start to goal, each (2,) [m], through the triangles of a sleeve.
+        """Return the shortest path from start to goal through the triangles of a sleeve, shape (k, 2) [m].
 
-        Shape (k, 2) [m].
+        Start and goal have shape (2,) [m].
         """
         ends = np.array([start, goal], dtype=np.float64)
         free = self.snapped(ends)
@@ -446,17 +453,19 @@ class FreeSpace:
     def routes(
         self, start: FloatArray, goal: FloatArray, count: int, longest: float = np.inf, shrink: float = 0.0
     ) -> tuple[Route, ...]:
-        """Return routes in different homotopy classes by increasing taut length, none of which passes a triangle twice.
+        """Return routes in different homotopy classes, in order of taut length.
+
+        No route passes a triangle twice.
 
         Args:
-            start: shape (2,) [m].
-            goal: shape (2,) [m].
+            start: start point, shape (2,) [m].
+            goal: goal point, shape (2,) [m].
             count: number of routes wanted.
-            longest: longer ones are left out [m].
-            shrink: distance kept from corners where there is room [m].
+            longest: longer routes are left out [m].
+            shrink: distance to keep from corners where space allows [m].
 
         Returns:
-            At most ``count`` routes; none when start and goal are not connected or all routes are too long.
+            At most ``count`` routes; none if start and goal are not connected or all routes are too long.
         """
         ends = np.array([start, goal], dtype=np.float64)
         triangles, free = self.triangulation.nearest(ends)
@@ -469,13 +478,16 @@ class FreeSpace:
     def corridor(self, route: Route) -> Corridor:
         """Return the overlapping convex regions along a route, from its first free point to its last."""
         free = self.snapped(route.taut[[0, -1]])
-        # Ends that are not free are no part of the corridor.
+        # Ends that are not free are not part of the corridor.
         moved = np.linalg.norm(free - route.taut[[0, -1]], axis=1) > ROUNDING
         path = route.taut[int(moved[0]) : len(route.taut) - int(moved[1])]
         return self.corridor_maker.corridor_along(route, path if len(path) > 1 else np.repeat(path, 2, axis=0))
 
     def bottlenecks(self, start: FloatArray, goal: FloatArray) -> Bottleneck:
-        """The narrowest place on the shortest route between two points (2,) [m], or the gap that keeps them apart."""
+        """Return the narrowest passage on the shortest route between two points (2,) [m].
+
+        If they are not connected, return the gap between their components.
+        """
         ends, free = self.triangulation.nearest(np.array([start, goal], dtype=np.float64))
         routes = shortest_routes(self._metric, ends, free, 1)
         if not routes:
@@ -484,7 +496,7 @@ class FreeSpace:
 
 
 def _with_ends(path: FloatArray, ends: FloatArray) -> FloatArray:
-    """Return a path (k, 2) between free points, led on to the ends (2, 2) that they stand for."""
+    """Return a path (k, 2) between free points, extended to the ends (2, 2) that these stand for."""
     first = ends[:1] if np.linalg.norm(ends[0] - path[0]) > ROUNDING else ends[:0]
     last = ends[1:] if np.linalg.norm(ends[1] - path[-1]) > ROUNDING else ends[:0]
     return np.concatenate((first, path, last))

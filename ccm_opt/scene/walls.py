@@ -1,8 +1,8 @@
-"""Walls of the workspace as segments with rounding.
+"""Walls of the workspace as segments with rounding, and bounding-box trees over them.
 
-The items are ordered along a Morton curve (Morton, 1966), so that neighbours in the order are neighbours in the plane;
-every box of a level encloses two boxes of the level below. Nothing is balanced or stored as pointers: the children of
-box k are boxes 2 k and 2 k + 1 of the level below.
+The items of a tree are ordered along a Morton curve (Morton, 1966), so that neighbours in the order are neighbours in
+the plane; every box of a level encloses two boxes of the level below. No balancing and no pointers are needed: the
+children of box k are boxes 2 k and 2 k + 1 of the level below.
 """
 
 from dataclasses import dataclass
@@ -24,12 +24,12 @@ _BITS = 16
 
 @dataclass(frozen=True)
 class BoxTree:
-    """Boxes about boxes about items.
+    """A binary tree of bounding boxes over items in the plane.
 
     Attributes:
-        items: the items in the order of the lowest level, shape (n,).
-        boxes: all levels from the top, each box as x low, y low, x high, y high, shape (nodes, 4) [m].
-        offsets: index of the first box of every level, then the number of boxes, shape (levels + 1,).
+        items: indices of the items in the order of the lowest level, shape (n,).
+        boxes: boxes of all levels from the top, each as low x, low y, high x, high y, shape (nodes, 4) [m].
+        offsets: index of the first box of every level, then the total number of boxes, shape (levels + 1,).
     """
 
     items: IntArray
@@ -38,7 +38,7 @@ class BoxTree:
 
     @classmethod
     def over(cls, low: FloatArray, high: FloatArray) -> "BoxTree":
-        """Return the over items with bounding boxes from low to high, each of shape (n, 2) [m]."""
+        """Return the tree over items with bounding boxes from low to high, each of shape (n, 2) [m]."""
         items = np.argsort(_morton(0.5 * (low + high)), kind="stable")
         levels = [np.hstack((low[items], high[items]))]
         while len(levels[-1]) > 1:
@@ -52,7 +52,7 @@ class BoxTree:
         return cls(items, np.ascontiguousarray(np.concatenate(levels)), offsets)
 
     def for_c(self) -> dict[str, Any]:
-        """Return the tree as ``Tree`` of box_tree.h."""
+        """Return the tree as the fields of ``Tree`` in box_tree.h."""
         levels = len(self.offsets) - 1 if len(self.items) else 0
         return {"levels": levels, "items": self.items, "boxes": self.boxes, "offsets": self.offsets}
 
@@ -70,7 +70,7 @@ class BoxTree:
 
 
 def _morton(places: FloatArray) -> IntArray:
-    """Return the numbers along the Morton curve through the bounding box of places (n, 2), shape (n,)."""
+    """Return the positions of points (n, 2) along the Morton curve through their bounding box, shape (n,)."""
     if len(places) == 0:
         return np.zeros(0, dtype=np.intp)
     low = places.min(axis=0)
@@ -87,11 +87,11 @@ class Walls:
     """Edges and vertices of every wall of a workspace.
 
     Attributes:
-        names: of the walls.
-        edges: end points, shape (E, 2, 2) [m].
-        edge_wall: wall of each edge, shape (E,).
-        vertices: shape (V, 2) [m].
-        vertex_wall: wall of each vertex, shape (V,).
+        names: names of the walls.
+        edges: end points of the edges, shape (E, 2, 2) [m].
+        edge_wall: index of the wall of each edge, shape (E,).
+        vertices: positions of the vertices, shape (V, 2) [m].
+        vertex_wall: index of the wall of each vertex, shape (V,).
         rounding: radius of the disc that sweeps each wall's core, shape (walls,) [m].
     """
 
@@ -104,14 +104,14 @@ class Walls:
 
     @classmethod
     def of(cls, walls: "Sequence[Obstacle]") -> "Walls":
-        """Flatten walls: polygons with their rings, lines, and points."""
+        """Return the edges and vertices of walls: polygons with their rings, lines, and points."""
         cores: Any = np.array([wall.core for wall in walls])
         lines, owner = _lines_and_points(cores)
         points, line = shapely.get_coordinates(lines, return_index=True)
         joined = line[1:] == line[:-1]
         edges = np.stack((points[:-1][joined], points[1:][joined]), axis=1)
 
-        # A ring repeats its first point at the end; every line's points are sorted, and repeats left out.
+        # A ring repeats its first point at the end; sort each line's points to drop duplicates.
         order = np.lexsort((points[:, 1], points[:, 0], line))
         same = (line[order][1:] == line[order][:-1]) & np.all(points[order][1:] == points[order][:-1], axis=1)
         kept = order[np.concatenate(([True], ~same))]
@@ -126,24 +126,24 @@ class Walls:
 
     @cached_property
     def edge_tree(self) -> BoxTree:
-        """Index of the edges."""
+        """Bounding-box tree over the edges."""
         return BoxTree.over(self.edges.min(axis=1), self.edges.max(axis=1))
 
     @cached_property
     def edge_lines(self) -> shapely.STRtree:
-        """The edges as lines, for questions about what crosses them."""
+        """The edges as lines in a tree, for crossing queries."""
         return shapely.STRtree(np.asarray(shapely.linestrings(self.edges)))
 
     @cached_property
     def vertex_tree(self) -> BoxTree:
-        """Index of the vertices."""
+        """Bounding-box tree over the vertices."""
         return BoxTree.over(self.vertices, self.vertices)
 
 
 def _lines_and_points(cores: Any) -> tuple[Any, IntArray]:
-    """Return the rings of polygons, and all else as it is, with the number of the core that each belongs to.
+    """Return the rings of polygons, and all other cores unchanged, with the index of each one's core.
 
-    In order.
+    They are in the order of the cores.
     """
     kinds = shapely.get_type_id(cores)
     areas = np.flatnonzero(kinds == shapely.GeometryType.POLYGON)
@@ -156,13 +156,13 @@ def _lines_and_points(cores: Any) -> tuple[Any, IntArray]:
 
 @dataclass(frozen=True)
 class WallSegments:
-    """The edges of all walls, and the points of those that have no edge.
+    """The edges of all walls, and the points of those without edges.
 
     Attributes:
-        ends: shape (E, 2, 2) [m].
-        rounding: radius of the disc that sweeps each, shape (E,) [m].
-        owner: wall of each, shape (E,).
-        solids: first segment of every wall whose core has an inside, and the one past its last, shape (S, 2).
+        ends: end points of the segments, shape (E, 2, 2) [m].
+        rounding: radius of the disc that sweeps each segment, shape (E,) [m].
+        owner: index of the wall of each segment, shape (E,).
+        solids: index of the first segment of every wall whose core has an inside, and one past its last, shape (S, 2).
     """
 
     ends: FloatArray
@@ -172,13 +172,13 @@ class WallSegments:
 
     @classmethod
     def of(cls, obstacles: "Sequence[Obstacle]", walls: Walls) -> "WallSegments":
-        """Return the segments of walls, given as they are and as arrays of edges and vertices."""
-        # A round obstacle is a point swept by a disc: it has no edge, and becomes a segment of length 0.
+        """Return the segments of walls, which are given both as obstacles and as arrays of edges and vertices."""
+        # A round obstacle is a point swept by a disc: it has no edge, and becomes a segment of zero length.
         lone = ~np.isin(walls.vertex_wall, walls.edge_wall)
         points = np.repeat(walls.vertices[lone][:, None], 2, axis=1)
         owner = np.concatenate((walls.edge_wall, walls.vertex_wall[lone]))
 
-        # The edges come wall by wall; the edge of the room is a line.
+        # Edges are stored wall by wall; the edge of the room is a line, not a solid.
         cores: Any = np.array([obstacle.core for obstacle in obstacles])
         solid = np.flatnonzero(shapely.get_type_id(cores) == shapely.GeometryType.POLYGON)
         solids = np.stack([np.searchsorted(walls.edge_wall, solid, side=side) for side in ("left", "right")], axis=1)
@@ -187,7 +187,7 @@ class WallSegments:
     @cached_property
     def tree(self) -> shapely.STRtree:
         """Spatial index of the segments."""
-        # A line of length 0 is no valid geometry, so such segments enter the tree as points.
+        # A line of zero length is not a valid geometry, so such segments enter the tree as points.
         lone = np.all(self.ends[:, 0] == self.ends[:, 1], axis=1)
         lines: Any = shapely.linestrings(self.ends)
         lines[lone] = shapely.points(self.ends[lone, 0])
@@ -195,16 +195,16 @@ class WallSegments:
 
     @cached_property
     def boxes(self) -> BoxTree:
-        """The same index as flat arrays, for C."""
+        """Bounding-box tree over the segments, as flat arrays for C."""
         return BoxTree.over(self.ends.min(axis=1), self.ends.max(axis=1))
 
     @cached_property
     def solid_boxes(self) -> BoxTree:
-        """Index of the solids."""
+        """Bounding-box tree over the solids."""
         if len(self.solids) == 0:
             return BoxTree.over(np.zeros((0, 2)), np.zeros((0, 2)))
-        # Outlines are closed: the places where their segments begin are all there are. Between the runs of two solids
-        # may be other segments: every other run is a solid.
+        # Outlines are closed, so the start points of their segments are all their points. Other segments may lie
+        # between the runs of two solids: every second run is a solid.
         places = self.ends[: self.solids[-1, 1], 0]
         runs = self.solids.ravel()[:-1]
         low = np.minimum.reduceat(places, runs)[::2]
