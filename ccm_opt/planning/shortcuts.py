@@ -1,7 +1,7 @@
-"""Short cuts of a found motion.
+"""Shortcuts of a found motion.
 
-A motion that needs many keyframes to be certified is dear to optimise, step by step, and mostly long because a guide
-went to and fro. Random shortcuts, refuted by samples and certified, take half of it away at a small part of that cost.
+A motion that needs many keyframes to be certified is costly to optimise, step by step, and mostly long because a guide
+went to and fro. Random shortcuts, refuted by samples and certified, remove half of it at a small part of that cost.
 """
 
 from collections.abc import Callable
@@ -18,23 +18,24 @@ from ccm_opt.planning.rrt_connect import FEW_LINKS
 from ccm_opt.planning.sampled_check import SampledCheck
 
 _TURN = 0.15
-"""Most that a link turns between two keyframes of the result [rad]. Derived: that of a step."""
+"""Largest turn of a link between two keyframes of the result [rad]. Derived: that of a step."""
 _STREAM = 7
-"""Tells its random numbers from those of others. Taste."""
+"""Number of this module's random stream. Taste."""
 MANY_INTERVALS = 40
-"""Motions that need no more intervals to be certified are optimised as they are. Taste."""
+"""Number of intervals for the certificate up to which a motion is optimised without shortcuts. Taste."""
 
 
 @dataclass(frozen=True)
 class Shortcuts:
-    """Shortens ways that were found at random, many tries at once.
+    """Shortens certified motions by random shortcuts, many tries at once.
 
     Attributes:
-        check: the cheap one.
-        unproved: the certificate: intervals of a motion, link headings of shape (K, links), that it refuses.
-        rounds: in each of which one stretch may be replaced. Taste.
+        check: the check by samples, applied first.
+        unproved: the certificate: returns the intervals of a motion, link headings of shape (K, links), that it
+            refuses.
+        rounds: number of rounds, in each of which one stretch may be replaced. Taste.
         tries: stretches that are tried in each round. Taste.
-        saved: least share of the way that a shortcut saves. Taste.
+        saved: least share of the motion that a shortcut saves. Taste.
     """
 
     check: SampledCheck
@@ -44,10 +45,10 @@ class Shortcuts:
     saved: float = 0.01
 
     def shortened(self, way: FloatArray, rng: np.random.Generator) -> FloatArray:
-        """Return a certified way made shorter, link headings of shape (K, links) [rad]; the ends stay."""
+        """Return a certified motion made shorter, link headings of shape (K, links) [rad]; the ends stay."""
         for _ in range(self.rounds):
             arcs = arc_lengths(way)
-            # The whole way first: in plain scenes it was there all the time.
+            # First try is the whole motion: in simple scenes a straight one exists.
             at = np.sort(rng.uniform(0.0, arcs[-1], (self.tries, 2)), axis=1)
             at[0] = (0.0, arcs[-1])
             way = self._cut_once(way, arcs, at)
@@ -56,7 +57,7 @@ class Shortcuts:
         return way
 
     def _cut_once(self, way: FloatArray, arcs: FloatArray, at: FloatArray) -> FloatArray:
-        """The way with the shortcut that saves most among some that are free, from arc to arc, shape (m, 2) [rad]."""
+        """Return the motion with the best certified shortcut among those between arc lengths, shape (m, 2) [rad]."""
         start = _at(way, arcs, at[:, 0])
         end = _at(way, arcs, at[:, 1])
         saved = at[:, 1] - at[:, 0] - np.linalg.norm(end - start, axis=1)
@@ -76,12 +77,12 @@ class Shortcuts:
 
 
 def _at(way: FloatArray, arcs: FloatArray, at: FloatArray) -> FloatArray:
-    """Return the poses of a way at some of its arc lengths, shape (m, links)."""
+    """Return the poses of a motion at given arc lengths, shape (m, links)."""
     return np.column_stack([np.interp(at, arcs, column) for column in way.T])
 
 
 def dense(way: FloatArray, turn: float) -> FloatArray:
-    """Return a way with so many keyframes that no link turns by more between two of them, shape (K, links) [rad]."""
+    """Return a motion with keyframes added so that no link turns more than ``turn`` between two, (K, links) [rad]."""
     turns = np.abs(np.diff(way, axis=0)).max(axis=1)
     counts = np.maximum(1, np.ceil(turns / turn)).astype(int)
     pieces = [
@@ -92,13 +93,13 @@ def dense(way: FloatArray, turn: float) -> FloatArray:
 
 
 def straightened(motion: Motion, task: MotionTask) -> Motion:
-    """Return a certified motion made shorter where it needs many keyframes; the same motion where it does not.
+    """Return a certified motion made shorter where it needs many keyframes; otherwise the motion itself.
 
     Args:
-        motion: certified, in its link space.
-        task: it was found for.
+        motion: certified motion, in its link space.
+        task: its task.
     """
-    # Users' limits and tubes do not judge straight motions, few links do not say which curve they stand for.
+    # Not under users' limits or in guide tubes, which cannot judge straight motions; few links determine no curve.
     fits = motion.u is None and not (task.user_limits or task.arm.base_axes) and task.arm.links > FEW_LINKS
     if not fits or task.optimiser == "none" or task.deadline.passed():
         return motion
@@ -113,5 +114,5 @@ def straightened(motion: Motion, task: MotionTask) -> Motion:
     coordinates = motion.curve.closest(task.arm.bends(dense(way, _TURN)))
     coordinates[[0, -1]] = motion.unknowns[[0, -1]]
     straight = motion.through(coordinates)
-    # The same way but for rounding.
+    # Equal to the certified motion except for rounding, so it may fail.
     return motion if len(task.certificate.failures(straight.configurations)) else straight

@@ -28,22 +28,22 @@ from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.bad_pose import room_advice
 
 PATH_SAMPLES = 4
-"""Of a span between which it is looked whether the guide tube holds a joint that is bent."""
+"""Samples of a span between which it is checked whether the guide tube holds a joint that is bent."""
 _LOOKS = 5
-"""Places for every keyframe of the motion at which the room of the path is looked at."""
+"""Samples per keyframe of the motion at which the clearance of the path is measured."""
 
 _USER_SAMPLES = 32
-"""Of a span at which users' constraints are looked at, which are not proved between; taste."""
+"""Samples of a span at which users' constraints are checked, which are not proved in between. Taste."""
 _LOST_ROOM = 0.02
-"""Share of the wanted gap by which a path may lack more of it than its motion does; taste."""
+"""Share of the wanted gap by which a path may lack more clearance than its motion does. Taste."""
 _ROOMY_REFINEMENTS = 2
-"""How often legs of the control polygon are halved to keep room; a path has ever more corners."""
+"""Number of times that legs of the control polygon are halved to keep clearance; each adds corners to the path."""
 _LIMIT_SLACK = 1e-8
-"""By how much rounding may carry coordinates beyond their limits [rad, m]."""
+"""Largest excess of coordinates over their limits by rounding [rad, m]."""
 
 
 CurveType = TypeVar("CurveType", bound=CurveUnknowns)
-"""The kind of map of a motion."""
+"""Type of the map of a motion."""
 
 
 @dataclass(frozen=True)
@@ -63,8 +63,8 @@ def joint_path(task: SearchTask, *motions: CurveMotion[CurveType], legs: bool = 
     """Return the smooth, certified path through joint space along the first of some motions that has one.
 
     Args:
-        task: what was asked.
-        motions: certified.
+        task: the task.
+        motions: certified motions, in order of preference.
         legs: whether the arm will move on straight legs between the keyframes, and not along the path.
 
     Raises:
@@ -81,7 +81,7 @@ def joint_path(task: SearchTask, *motions: CurveMotion[CurveType], legs: bool = 
 
 
 def _no_path(task: SearchTask) -> Diagnosis:
-    """Return why a motion was found, and no path along it."""
+    """Return the diagnosis where a motion was found, but no path along it."""
     advice = room_advice(task.arm.radius, task.kept - task.arm.radius)
     if not task.constraints:
         return Diagnosis("a motion was found, but it leaves no room for a smooth path", "motion", advice)
@@ -96,12 +96,12 @@ def _no_path(task: SearchTask) -> Diagnosis:
 def smooth_path(motion: CurveMotion[CurveType], task: SearchTask) -> SmoothPath | None:
     """Return the certified path through joint space along a motion; None when there is none.
 
-    A path near the keyframes is short, and smooth by itself, but leaves equations, and may break a gap of the user
-    between the keyframes. One through knots that are moved onto the limits meets them, and leaves nothing to timing.
+    A path near the keyframes is short, and smooth by itself, but leaves equations, and may violate a user's gap between
+    the keyframes. One through knots that are moved onto the limits meets them, but leaves no spare gap to timing.
 
     Args:
-        motion: certified; where limits have equations, its keyframes are on them.
-        task: with the limits that the path has to meet.
+        motion: certified motion; where limits have equations, its keyframes are on them.
+        task: task with the limits that the path has to meet.
     """
     limits = task.user_limits
     shaped = any(limit.shapes_path for limit in limits)
@@ -109,7 +109,7 @@ def smooth_path(motion: CurveMotion[CurveType], task: SearchTask) -> SmoothPath 
     if spline is None:
         near = _near_keyframes(motion, task)
         if near is not None:
-            # Where constraints are kept exactly, timing may use nothing of what is spared.
+            # Where constraints are kept exactly, timing may not use the spare gap.
             exact = any(limit.names for limit in limits)
             return SmoothPath(near, 0.0 if exact else certified_spare(near, task.certificate))
         spline = _through_knots(motion, task) if limits and not shaped else None
@@ -121,8 +121,8 @@ def _through_knots(motion: CurveMotion[CurveType], task: SearchTask) -> BSpline 
     """Return the certified path through knots that meet the limits; None where there is none.
 
     Args:
-        motion: linear in its unknowns, or else there is none.
-        task: with the limits.
+        motion: motion that is linear in its unknowns, or else there is no path.
+        task: task with the limits.
     """
     if not motion.curve.affine:
         return None
@@ -132,7 +132,7 @@ def _through_knots(motion: CurveMotion[CurveType], task: SearchTask) -> BSpline 
     keyframes = motion.configurations
     parametric = any(limit.parametric for limit in task.user_limits)
     near = None if parametric else certified_spline(keyframes, task.certificate)
-    # Smooth in itself; and less smooth, but nearer to what is certified.
+    # The first base is smooth in itself; the second less so, but nearer to the certified motion.
     bases = (near or clamped_spline(keyframes, parameter_spans(u)), make_interp_spline(u, keyframes, k=DEGREE))
     for base in bases:
         spline = spline_on_limits(base, task.user_limits, task.arm.bend_limits, task.free)
@@ -142,28 +142,28 @@ def _through_knots(motion: CurveMotion[CurveType], task: SearchTask) -> BSpline 
 
 
 def _is_safe(spline: BSpline, task: SearchTask) -> bool:
-    """Return whether a path keeps the limits of joints and is certified, linear between its samples."""
+    """Return whether a path keeps the limits of joints and is certified when linear between its samples."""
     q = np.asarray(spline(certified_samples(spline)))
     limits = task.arm.bend_limits
     bends = np.abs(q[:, : len(limits)])
-    # Ends are as the problem gives them; a bend there may stand at its limit but for rounding.
+    # The problem gives the ends; a bend there may exceed its limit by rounding.
     most = np.maximum(limits, np.max(bends[[0, -1]], axis=0)) + _LIMIT_SLACK
     return bool(np.all(bends <= most)) and len(task.certificate.failures(q)) == 0
 
 
 # ------------------------------------------------------------ near the keyframes
 def _near_keyframes(motion: CurveMotion[CurveType], task: SearchTask) -> BSpline | None:
-    """Return a spline near a certified motion, itself certified at samples and linear between them; None where none is.
+    """Return a spline near a certified motion, itself certified at samples and linear between them; None without one.
 
-    It is a spline in the unknowns, in which a fed arm follows its own shape. With the keyframes as control points it
-    cuts their corners by a sixth of the second differences. That makes motions of fixed arms quicker. A fed one, which
-    moves far from keyframe to keyframe in narrow places, would lose room, and so it is drawn half-way onto the
+    The spline is in the unknowns, in which a fed arm follows its own shape. With the keyframes as control points it
+    cuts their corners by a sixth of the second differences. That makes motions of fixed arms quicker. A fed arm, which
+    moves far from keyframe to keyframe in narrow places, would lose clearance, so its spline is drawn half-way onto the
     keyframes, and leaves neither them nor the legs between them by more than a twelfth. Where that is refused, or keeps
-    less of the wanted room than the motion does, it is drawn onto the legs, and where that does not help either, the
-    configurations that were certified are the control points.
+    less of the wanted gap than the motion does, the spline is drawn onto the legs, and where that fails too, the
+    certified configurations are the control points.
     """
     curve = motion.curve
-    # Between the fine samples of a leader's path no room is lost that would have to be looked for.
+    # Between the fine samples of a leader's path no clearance is lost that would have to be checked.
     sought = task.wanted_gap > 0.0 and not motion.follows
     room = _Room.of(task, motion.configurations) if sought else None
     failing = partial(_failing_places, task, room, tube=not curve.affine)
@@ -174,7 +174,7 @@ def _near_keyframes(motion: CurveMotion[CurveType], task: SearchTask) -> BSpline
             nearest = None
         elif room is None or len(room.lost_places(nearest)) == 0:
             return nearest
-    # A leg may break a gap that both its ends keep.
+    # A leg may violate a gap that both its ends keep.
     mended = partial(restored_keyframes, task.user_limits, curve) if task.user_limits else None
     near = drawn_near(motion.unknowns, curve.along, failing, task.deadline, u=motion.u, mended=mended)
     if nearest is not None and (near is None or (room is not None and room.lacking(near) >= room.lacking(nearest))):
@@ -185,11 +185,11 @@ def _near_keyframes(motion: CurveMotion[CurveType], task: SearchTask) -> BSpline
 
 
 def path_near_configurations(keyframes: FloatArray, task: SearchTask) -> BSpline | None:
-    """Return the same near certified configurations that no curve shows, which are its control points.
+    """Return a certified path with certified configurations, shown by no curve, as control points; else None.
 
     Args:
-        keyframes: shape (K, c) [rad, m].
-        task: with the certificate.
+        keyframes: configurations, shape (K, c) [rad, m].
+        task: task with the certificate.
     """
     failing = partial(_failing_places, task, None, tube=bool(task.arm.base_axes))
     return drawn_near(keyframes, lambda spline: spline, failing, task.deadline)
@@ -197,12 +197,12 @@ def path_near_configurations(keyframes: FloatArray, task: SearchTask) -> BSpline
 
 @dataclass(frozen=True, eq=False)
 class _Room:
-    """What a path keeps of the room that its motion keeps.
+    """Clearance of a path compared with that of its motion.
 
     Attributes:
-        task: with the wanted room.
-        keyframes: of the motion, their number.
-        lack: what the motion itself lacks of it at most [m].
+        task: task with the wanted gap.
+        keyframes: number of keyframes of the motion.
+        lack: largest shortfall of the motion itself from the wanted gap [m].
     """
 
     task: SearchTask
@@ -211,7 +211,7 @@ class _Room:
 
     @classmethod
     def of(cls, task: SearchTask, configurations: FloatArray) -> "_Room":
-        """Return that of a motion, configurations of shape (K, c)."""
+        """Return the measure for a motion, configurations of shape (K, c)."""
         return cls(task, len(configurations), float(np.max(task.room_lacking(configurations))))
 
     @property
@@ -220,17 +220,17 @@ class _Room:
         return np.linspace(0.0, 1.0, _LOOKS * self.keyframes + 1)
 
     def lost_places(self, spline: BSpline) -> FloatArray:
-        """Return where a path lacks more, but for a small share of the wanted room."""
+        """Return where a path lacks more of the wanted gap than its motion, except for a small share of that gap."""
         lacking = self.task.room_lacking(np.asarray(spline(self._looks)))
         return self._looks[lacking > self.lack + _LOST_ROOM * self.task.wanted_gap]
 
     def lacking(self, spline: BSpline) -> float:
-        """Return what a path lacks of the wanted room at most [m]."""
+        """Return the largest shortfall of a path from the wanted gap [m]."""
         return float(np.max(self.task.room_lacking(np.asarray(spline(self._looks)))))
 
 
 def _halfway_onto(keyframes: FloatArray) -> FloatArray:
-    """Control points whose spline lies half as far from keyframes, shape (K, p), as it would with these themselves."""
+    """Return control points whose spline is half as far from keyframes, (K, p), as if these were control points."""
     control = keyframes.copy()
     control[1:-1] -= np.diff(keyframes, 2, axis=0) / 12.0
     return control
@@ -239,25 +239,25 @@ def _halfway_onto(keyframes: FloatArray) -> FloatArray:
 def _failing_places(
     task: SearchTask, room: _Room | None, spline: BSpline, refinement: int, *, tube: bool
 ) -> FloatArray:
-    """Return the places of a path at which it is refused, shape (m,).
+    """Return the path parameters at which a path is refused, shape (m,).
 
     Args:
-        task: what it has to keep.
-        room: what it is asked to keep as well, in its first refinements; None for nothing.
+        task: limits that the path has to keep.
+        room: clearance that the path should also keep in its first refinements; None for none.
         spline: the path, linear between samples of every span.
-        refinement: how many came before.
-        tube: whether it may bend joints that the guide tube holds.
+        refinement: number of refinements so far.
+        tube: whether the path may bend joints that the guide tube holds.
     """
     knots = spline.t[DEGREE:-DEGREE]
     middles = 0.5 * (knots[:-1] + knots[1:])
-    # Cheap to see, and asked first.
+    # Cheap, so checked first.
     bent = _bent_inside(task.arm, spline) if tube else ()
     if len(bent) > 0:
         return np.asarray(middles[bent])
     failing = [middles[uncertified_spans(spline, task.certificate)]]
     if task.user_limits:
         finer = (knots[:-1, None] + np.arange(_USER_SAMPLES) / _USER_SAMPLES * np.diff(knots)[:, None]).ravel()
-        # A constraint that begins between two of these places is missed the most where it begins.
+        # A constraint that begins between two of these samples is violated most where it begins.
         finer = np.union1d(finer, [u for limit in task.user_limits for u in limit.breaks])
         q = np.asarray(spline(finer))
         failing += [finer[limit.misses_path(q, finer)] for limit in task.user_limits]
@@ -269,12 +269,12 @@ def _failing_places(
 def _bent_inside(arm: Arm, spline: BSpline) -> IntArray:
     """Return the spans on which a joint may be bent while the guide tube holds it.
 
-    A joint bends on the whole of a span when one of the span's four control points bends it; the feed is within half of
-    the way between samples of what they have.
+    A joint bends on the whole of a span when one of the span's four control points bends it; the feed between samples
+    is within half of their difference from them.
 
     Args:
-        arm: with a feed axis.
-        spline: of configurations.
+        arm: arm with a feed axis.
+        spline: spline of configurations.
     """
     control = np.asarray(spline.c)
     spans = len(control) - DEGREE

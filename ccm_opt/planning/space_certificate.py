@@ -1,15 +1,14 @@
 """The certificate of a motion in space.
 
-Over an interval the coordinates are linear in t from 0 to 1. With the axes of the joints in the middle,
-ω_j = Σ_{i≤j} (Δa_i z_i + Δb_i y_i) is the rate of turning of link j there, in which turns and turns back cancel. Axes
-turn with the links before them, so that ω_j changes at a rate of at most D_j = D_{j−1} + S_{j−1} √(Δa_j² + Δb_j²) +
-|Δa_j Δb_j|, and |ω_j| is at most S_j = |ω_j(½)| + ½ D_j all the while. A joint k then has a second derivative of at
-most c_k = Σ_{j<k} l (S_j² + D_j), and since its mean velocity is the chord from end to end, a velocity of at most
-|chord_k| + ½ c_k.
+Over an interval the coordinates are linear in t from 0 to 1. With the axes of the joints half-way, ω_j = Σ_{i≤j} (Δa_i
+z_i + Δb_i y_i) is the angular velocity of link j there, in which opposite turns cancel. Axes turn with the links before
+them, so that ω_j changes at a rate of at most D_j = D_{j−1} + S_{j−1} √(Δa_j² + Δb_j²) + |Δa_j Δb_j|, and |ω_j| is at
+most S_j = |ω_j(½)| + ½ D_j throughout. A joint k then has a second derivative of at most c_k = Σ_{j<k} l (S_j² + D_j),
+and since its mean velocity is the chord from end to end, a velocity of at most |chord_k| + ½ c_k.
 
 A point that moves by at most v over an interval, and whose distance from the walls is d(0) and d(1) at its ends, has at
-any time a distance of at least ½ (d(0) + d(1) − v). What is not proved so is halved in time, link by link and pair by
-pair, so that few of them are looked at again.
+any time a distance of at least ½ (d(0) + d(1) − v). Intervals not proved this way are halved in time, link by link and
+pair by pair, so that few of these are checked again.
 """
 
 from dataclasses import dataclass, field
@@ -24,7 +23,7 @@ from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 
 _DEEPEST = 60
-"""Halvings after which numbers have no middle any more."""
+"""Number of halvings after which floating-point numbers have no middle any more."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,11 +32,11 @@ class SpaceCertificate:
 
     Attributes:
         arm: the arm.
-        tree: of the surfaces.
-        gap: from every wall that has to be left beyond the arm's radius [m].
-        pair_gap: between links beyond two radii [m].
-        settings: how often intervals are halved, and by which share of a link's motion distances may be told too small
-            where that is enough for the proof.
+        tree: tree of the surfaces.
+        gap: gap to every wall that has to be left beyond the arm's radius [m].
+        pair_gap: gap between links that has to be left beyond two radii [m].
+        settings: number of halvings, and the share of a link's motion by which distances may be underestimated where
+            that suffices for the proof.
     """
 
     arm: Arm
@@ -53,17 +52,17 @@ class SpaceCertificate:
 
     @property
     def kept(self) -> float:
-        """Distance from the axes of the links that surfaces are proved to keep [m]."""
+        """Distance that surfaces are proved to keep from the axes of the links [m]."""
         return self.arm.radius + self.gap
 
     @cached_property
     def _ends(self) -> FloatArray:
-        """Of the interval that C looks at, shape (2, c)."""
+        """Ends of the interval that the C code checks, shape (2, c)."""
         return np.empty((2, len(self.arm.coordinates)))
 
     @cached_property
     def _call(self) -> NativeCall:
-        """The proof of one interval; it knows where the one before has ended."""
+        """The proof of one interval; it keeps what it computed at the end of the previous interval."""
         arm = self.arm
         return NativeCall(
             "prove_interval",
@@ -73,7 +72,7 @@ class SpaceCertificate:
             wall=self.kept, pair=2.0 * arm.radius + self.pair_gap, slack=self.settings.slack,
             start=arm.base, base=arm.base_rotation, before=self._ends[0], after=self._ends[1],
             surfaces=None if self.tree.search is None else self.tree.search.for_c,
-            # What is known of the end of the interval before: nothing at first.
+            # Results at the end of the previous interval: none at first.
             end=np.full(len(arm.coordinates), np.nan), told=np.zeros((2, 2, arm.links)),
         )  # fmt: skip
 
@@ -81,9 +80,9 @@ class SpaceCertificate:
         """Return whether the motion between two configurations, each of shape (c,), is proved to touch nothing.
 
         Args:
-            before: at its beginning.
-            after: at its end.
-            depth: how often it may be halved; as often as the settings say when None.
+            before: configuration at its start.
+            after: configuration at its end.
+            depth: number of halvings allowed; that of the settings when None.
         """
         depth = self.settings.depth if depth is None else depth
         self._ends[:] = before, after

@@ -1,4 +1,4 @@
-"""Splines near keyframes, certified."""
+"""Certified splines near the keyframes of a motion."""
 
 from collections.abc import Callable
 from functools import lru_cache
@@ -15,40 +15,40 @@ _LEAST_SAMPLES = 4
 _MOST_SAMPLES = 96
 """Most samples of a span. Taste."""
 _SPARE_SHARE = 0.5
-"""Share of the certificate's spare gap that linear interpolation between samples may err by; a path keeps the rest.
-Taste."""
+"""Largest error of linear interpolation between samples, as a share of the certificate's spare gap; a path keeps the
+rest. Taste."""
 _LEAST_ERROR = 2e-06
-"""Share of the arm's length that it may err by, whatever the certificate spares. Derived: a few times the depth that
+"""Error allowed whatever the certificate spares, as a share of the arm's length. Derived: a few times the depth that
 still counts as contact."""
 _REFINEMENTS = 5
 """Rounds of halving legs where a span fails. Taste."""
 _MOST_REFINEMENTS = 16
-"""The same where users' limits, or room, are asked for too. Taste."""
+"""Rounds of halving where users' limits, or clearance, are asked for too. Taste."""
 _MOST_CONTROL = 400
-"""Control points beyond which none are added. Taste."""
+"""Number of control points above which none are added. Taste."""
 _MOST_GROWTH = 8
-"""The same as a multiple of the keyframes, where these are many. Taste."""
+"""The same number as a multiple of the keyframes, where that is more. Taste."""
 
 DEGREE = 3
-"""Of the spline: the least with a continuous second derivative."""
+"""Degree of the spline: the least with a continuous second derivative."""
 
 
 def clamped_spline(control: FloatArray, ends: FloatArray | None = None) -> BSpline:
     """Return the clamped cubic B-spline over [0, 1] with given control points.
 
     Args:
-        control: shape (m ≥ 4, c).
-        ends: where its spans begin and end, shape (m − 2,); even ones when None.
+        control: control points, shape (m ≥ 4, c).
+        ends: boundaries of its spans, shape (m − 2,); evenly spaced when None.
     """
     if ends is None:
         ends = np.linspace(0.0, 1.0, len(control) - DEGREE + 1)
-    # End knots of multiplicity four: the curve begins and ends on its first and last control point.
+    # End knots of multiplicity four: the curve begins and ends at its first and last control point.
     return BSpline(np.concatenate((np.zeros(DEGREE), ends, np.ones(DEGREE))), control, DEGREE)
 
 
 @lru_cache(maxsize=64)
 def smoothing_matrix(keyframes: int) -> FloatArray:
-    """Return where the spline is beside each of its control points, as a matrix on them, shape (keyframes, keyframes).
+    """Return the spline's values next to its control points as a matrix on these, shape (keyframes, keyframes).
 
     Row k is the spline's value at the Greville abscissa of control point k, the mean of the three knots inside its
     support, where the spline is near it (de Boor, *A Practical Guide to Splines*, chapter IX). Fewer than four
@@ -60,7 +60,7 @@ def smoothing_matrix(keyframes: int) -> FloatArray:
 
 
 def places_along(keyframes: int, samples: int) -> FloatArray:
-    """Parameters of the spline, so many for each leg of its control polygon, shape (samples (keyframes − 1) + 1,).
+    """Return ``samples`` parameters of the spline per leg of its control polygon, shape (samples (keyframes − 1) + 1,).
 
     Even steps of the parameter would be long ones near the ends, where the legs are followed faster.
     """
@@ -70,7 +70,7 @@ def places_along(keyframes: int, samples: int) -> FloatArray:
 
 @lru_cache(maxsize=64)
 def _beside(keyframes: int) -> FloatArray:
-    """Return the spline's parameter beside each of at least four control points, shape (keyframes,)."""
+    """Return the spline's parameter nearest to each of at least four control points, shape (keyframes,)."""
     knots = clamped_spline(np.eye(keyframes)).t
     return np.array([knots[k + 1 : k + DEGREE + 1].mean() for k in range(keyframes)])
 
@@ -78,11 +78,11 @@ def _beside(keyframes: int) -> FloatArray:
 def certified_spline(
     keyframes: FloatArray, certificate: IntervalCertificate, refinements: int = _REFINEMENTS
 ) -> BSpline | None:
-    """Return a spline near certified keyframes, itself certified on a fine grid; None when refinement does not help.
+    """Return a spline near certified keyframes, itself certified on a fine grid; None when refinement does not suffice.
 
     Args:
-        keyframes: shape (K, c) [rad, m].
-        certificate: of the arm among the walls.
+        keyframes: configurations, shape (K, c) [rad, m].
+        certificate: certificate of the arm among the walls.
         refinements: rounds of halving legs.
     """
 
@@ -102,18 +102,18 @@ def drawn_near(
     mended: Callable[[FloatArray, FloatArray], FloatArray] | None = None,
     refinements: int = _MOST_REFINEMENTS,
 ) -> BSpline | None:
-    """Return the path along the spline of control points, drawn onto their polygon until it is accepted.
+    """Return the path along a spline of control points, drawn onto their polygon until the path is accepted; else None.
 
-    A cubic B-spline leaves its control polygon by at most a sixth of the second difference, so halving the legs of
-    the control polygon where a span fails draws the spline onto the polygon, which is certified.
+    A cubic B-spline leaves its control polygon by at most a sixth of the second difference, so halving the legs of the
+    control polygon where a span fails draws the spline onto the polygon, which is certified.
 
     Args:
-        keyframes: shape (K, p).
-        path: from a spline of them to the path.
-        failing: places at which a path is refused, shape (m,), by how many refinements came before.
-        deadline: after which it is given up.
+        keyframes: first control points, shape (K, p).
+        path: maps a spline of control points to the path.
+        failing: returns the parameters at which a path is refused, shape (m,), given the number of refinements so far.
+        deadline: when to give up.
         u: path parameters near which the path has to pass the keyframes, shape (K,); even ones when None.
-        mended: moves control points, shape (m, p), onto what has to hold at their parameters, shape (m,).
+        mended: restores control points, shape (m, p), onto the limits that hold at their parameters, shape (m,).
         refinements: rounds of halving legs.
     """
     # The last column is the path parameter, which is halved with the rest.
@@ -128,8 +128,8 @@ def drawn_near(
             return spline
         if len(control) > most or (deadline is not None and deadline.passed()):
             return None
-        # Not the insertion of a knot, which would leave the curve as it is: the polygon stays, and its second
-        # differences, by which the curve leaves it, become smaller.
+        # Unlike knot insertion, which would leave the curve unchanged, this keeps the polygon and makes its second
+        # differences, by which the curve leaves it, smaller.
         control = halved(control, span_legs(control, spans))
         if mended is not None:
             control[:, :-1] = mended(control[:, :-1], control[:, -1])
@@ -137,32 +137,32 @@ def drawn_near(
 
 
 def parameter_spans(u: FloatArray) -> FloatArray:
-    """Where the spans of a spline begin and end that passes its control points near path parameters, shape (m − 2,).
+    """Return span boundaries, shape (m − 2,), of a spline that passes its control points near given path parameters.
 
     Args:
-        u: of the control points, shape (m,).
+        u: path parameters of the control points, shape (m,).
     """
-    # A control point counts most at the middle one of the three knots behind its first.
+    # A control point has most weight at the middle one of the three knots inside its support.
     return np.concatenate(([0.0], u[2:-2], [1.0]))
 
 
 def uncertified_spans(spline: BSpline, certificate: IntervalCertificate) -> IntArray:
-    """Return spans of a clamped spline that are not certified when they are linear between enough samples, sorted."""
+    """Return the spans of a clamped spline that are not certified when linear between enough samples, sorted."""
     counts = _samples_a_span(spline, certificate)
-    # Sample i lies in the span k with ends[k] ≤ i < ends[k + 1]; that is undone below to name the spans that fail.
+    # Sample i lies in the span k with ends[k] ≤ i < ends[k + 1]; inverted below to find the spans that fail.
     ends = np.concatenate(([0], np.cumsum(counts)))
     samples = np.interp(np.arange(ends[-1] + 1), ends, spline.t[DEGREE:-DEGREE])
     return np.unique(np.searchsorted(ends, certificate.failures(np.asarray(spline(samples))), side="right") - 1)
 
 
 def certified_spare(spline: BSpline, certificate: IntervalCertificate) -> float:
-    """Gap beyond contact that a certified spline keeps: what is spared, less the error of linear interpolation [m]."""
+    """Return the gap beyond contact that a certified spline keeps: the spare gap less the interpolation error [m]."""
     errors = _interpolation_errors(spline, certificate) / _samples_a_span(spline, certificate) ** 2
     return max(0.0, certificate.spare - float(np.max(errors)))
 
 
 def _samples_a_span(spline: BSpline, certificate: IntervalCertificate) -> IntArray:
-    """Samples of each span that bring linear interpolation within its share of the gap that the certificate spares."""
+    """Return the samples per span that keep linear interpolation within its share of the certificate's spare gap."""
     allowed = max(_SPARE_SHARE * certificate.spare, _LEAST_ERROR * certificate.arm.length)
     # The error falls with the square of the number of samples.
     wanted = np.ceil(np.sqrt(_interpolation_errors(spline, certificate) / allowed))
@@ -170,10 +170,10 @@ def _samples_a_span(spline: BSpline, certificate: IntervalCertificate) -> IntArr
 
 
 def _interpolation_errors(spline: BSpline, certificate: IntervalCertificate) -> FloatArray:
-    """Return how far each span, interpolated linearly between its ends, may be off, shape (spans,) [m].
+    """Return the bound on the error of linear interpolation between the ends of each span, shape (spans,) [m].
 
-    It errs by ⅛ h² max|q''| in a coordinate, so by how far such a change moves the arm in a position; q'' is linear on
-    a span, its control points are its values at the knots.
+    The error in a coordinate is at most ⅛ h² max|q''|, and in a position the travel of the arm for such a change; q''
+    is linear on a span, and its control points are its values at the knots.
     """
     ends = spline.t[DEGREE:-DEGREE]
     moving = certificate.arm.coordinates.travel(spline.derivative(2).c[: len(ends)], certificate.arm.link_length)
@@ -181,7 +181,7 @@ def _interpolation_errors(spline: BSpline, certificate: IntervalCertificate) -> 
 
 
 def at_least_four(control: FloatArray) -> FloatArray:
-    """Return the same polygon with enough control points for a spline; a single one is a leg that goes nowhere."""
+    """Return the polygon with enough control points for a spline; a single point is taken as a leg of length 0."""
     if len(control) == 1:
         control = np.repeat(control, 2, axis=0)
     while len(control) < DEGREE + 1:
@@ -195,5 +195,5 @@ def span_legs(control: FloatArray, spans: IntArray) -> IntArray:
 
 
 def halved(control: FloatArray, legs: IntArray) -> FloatArray:
-    """Return the control polygon with the middles of some of its legs put in."""
+    """Return the control polygon with the middles of some of its legs inserted."""
     return np.insert(control, legs + 1, 0.5 * (control[legs] + control[legs + 1]), axis=0)

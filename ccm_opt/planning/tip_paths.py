@@ -1,7 +1,7 @@
-"""Paths of the tip: back along the arm, round the base on one side, and out along a route, drawn taut.
+"""Paths of the tip, pulled taut: back along the arm, round the base on one side, and out along a route.
 
-The arm cannot be crossed and its base cannot be moved, so what matters of a path is its class among the obstacles
-*and the base*: the base is a puncture of free space, passed on the left or on the right.
+The arm cannot be crossed and its base cannot be moved, so a path is characterised by its class among the obstacles *and
+the base*: the base is a puncture of free space, passed on the left or on the right.
 """
 
 from dataclasses import dataclass, replace
@@ -27,28 +27,29 @@ from ccm_opt.scene.narrow_gates import gate_rails
 from ccm_opt.scene.workspace import Obstacle, PlaneShape
 
 CORNER_DISTANCE = 0.016
-"""Distance that taut paths keep from corners where there is room, as a share of the arm's length. Taste."""
+"""Distance that taut paths keep from corners where possible, as a share of the arm's length. Taste."""
 _ARC_STEP = 0.3
-"""Angle between points on an arc round a punctured base [rad]. Taste; the arc is drawn taut, only its class counts."""
+"""Angle between points on an arc round a punctured base [rad]. Taste; the arc is pulled taut, so only its class
+counts."""
 _ARC_RADIUS = 1e-3
 """Radius of that arc as a share of how far the shorter path strays from the base. Taste; well inside every obstacle's
 gap."""
 _LEAST_CURL = 2.4
-"""An arm whose first link turns by more than this when the arm is drawn taut is curled round its base [rad]. Taste:
-well beyond how bends to and fro lie off the taut line."""
+"""Turn of the first link, when the arm is pulled taut, above which the arm is curled round its base [rad]. Taste:
+well above the deviations of alternating bends from the taut line."""
 
 
 @dataclass(frozen=True)
 class TipPath:
-    """One class of motions of the tip.
+    """One homotopy class of motions of the tip.
 
     Attributes:
         side: +1 when the tip comes back along the left of the arm and passes the base on that side, else -1.
-        route: from the base to the goal, shape (k, 2) [m].
-        taut: from the tip to the goal, shape (m, 2) [m].
-        turn: by which the first link turns on the way, from its heading at the start to the route's first [rad].
-        free_space: punctured at the base, in which the class is meant.
-        shrink: distance kept from corners where there is room [m].
+        route: route from the base to the goal, shape (k, 2) [m].
+        taut: taut path from the tip to the goal, shape (m, 2) [m].
+        turn: turn of the first link along the path, from its heading at the start to the route's first [rad].
+        free_space: free space, punctured at the base, in which the class is defined.
+        shrink: distance kept from corners where possible [m].
     """
 
     side: int
@@ -65,7 +66,7 @@ class TipPath:
 
     @property
     def name(self) -> str:
-        """For messages."""
+        """Name for messages."""
         return f"{'left' if self.side > 0 else 'right'} of the arm, path of {long_length(self.length)}"
 
     @cached_property
@@ -74,7 +75,7 @@ class TipPath:
         room = self.free_space
         if room.gate_runs is None:
             return np.zeros((0, 2))
-        # Places evenly along the path may all miss a gate: every edge that it crosses in free space is looked at.
+        # Even samples of the path may all miss a gate, so every edge that it crosses in free space is checked.
         return room.gate_runs.places(room.triangulation.portals(room.sleeve_of(self.taut)))
 
     @cached_property
@@ -87,20 +88,20 @@ class TipPath:
         return gate_rails(self.taut, portals, room.gate_runs, room.contains)
 
     def from_joint(self, points: FloatArray, joint: int) -> FloatArray:
-        """The taut path from a joint of the arm, back along the arm and out along the route, shape (k, 2) [m]."""
+        """Return the taut path from a joint, back along the arm and out along the route, shape (k, 2) [m]."""
         return taut_round_base(self.free_space, points[: joint + 1], self.route, self.side, self.shrink)
 
 
 def find_tip_paths(
     room: FreeSpace, points: FloatArray, routes: tuple[FloatArray, ...], shrink: float
 ) -> tuple[TipPath, ...]:
-    """Return both sides of every route, shortest tip path first.
+    """Return the tip paths on both sides of every route, the shortest first.
 
     Args:
         room: free space, without the puncture at the base.
         points: joints and tip at the start, shape (links + 1, 2) [m].
-        routes: from the base to the goal, each of shape (k, 2) [m].
-        shrink: distance kept from corners where there is room [m].
+        routes: routes from the base to the goal, each of shape (k, 2) [m].
+        shrink: distance kept from corners where possible [m].
     """
     puncture = Obstacle("base", PlaneShape(shapely.Point(points[0])))
     punctured = replace(room.workspace, obstacles=(*room.workspace.obstacles, puncture))
@@ -110,7 +111,7 @@ def find_tip_paths(
 def tip_paths_in(
     free_space: FreeSpace, points: FloatArray, routes: tuple[FloatArray, ...], shrink: float
 ) -> tuple[TipPath, ...]:
-    """Return both sides of every route in a free space that is punctured at the base, shortest tip path first."""
+    """Return the tip paths on both sides of every route in a free space punctured at the base, the shortest first."""
     arm, curl = without_curl(free_space, points, shrink)
     first_link = vector_heading(arm[1] - arm[0])
     paths = []
@@ -126,18 +127,18 @@ def tip_paths_in(
 
 
 def without_curl(free_space: FreeSpace, points: FloatArray, shrink: float) -> tuple[FloatArray, float]:
-    """Return the arm as the tip's paths have to follow it, and by how much its first link turns to come to lie so.
+    """Return the arm's line that tip paths have to follow, and the turn of its first link that removes a curl.
 
-    An arm with length to spare may curl round its own base; drawn taut, its base turns and the curl is gone. Paths back
-    along the curl would lead the tip round the base for nothing, and wind the arm the wrong way.
+    An arm with surplus length may curl round its own base; pulled taut, its base turns and the curl is gone. Paths back
+    along the curl would lead the tip round the base needlessly, and wind the arm the wrong way.
 
     Args:
-        free_space: punctured at the base.
+        free_space: free space punctured at the base.
         points: joints from the base outwards, shape (m ≥ 2, 2) [m].
-        shrink: distance kept from corners where there is room [m].
+        shrink: distance kept from corners where possible [m].
 
     Returns:
-        Points from the base outwards, shape (k, 2) [m], and the turn [rad], 0 where the arm is taken as it lies.
+        Points from the base outwards, shape (k, 2) [m], and the turn [rad], 0 where the arm's own line is used.
     """
     try:
         taut = _taut_route(free_space, points, shrink)
@@ -145,7 +146,7 @@ def without_curl(free_space: FreeSpace, points: FloatArray, shrink: float) -> tu
         return points, 0.0
     lying = leg_headings(points)
     drawn = leg_headings(without_repeats(taut, ROUNDING))
-    # Both end at the tip: wound alike there, their first headings differ by what the base has to turn.
+    # Both end at the tip: with equal winding there, their first headings differ by the turn of the base.
     curl = (drawn[0] - drawn[-1]) - (lying[0] - lying[-1]) + wrap(float(drawn[-1] - lying[-1]))
     if abs(curl) < _LEAST_CURL:
         return points, 0.0
@@ -153,24 +154,24 @@ def without_curl(free_space: FreeSpace, points: FloatArray, shrink: float) -> tu
 
 
 def with_base_turn(paths: tuple[TipPath, ...], turn: float) -> tuple[TipPath, ...]:
-    """Return the paths along which the base turns by a given angle; all when there is none.
+    """Return the paths along which the base turns by a given angle; all paths when there is none.
 
     By continuity the first link turns by the angle between arm and route on the path's side, so that a whole-arm goal
     is only met along paths that agree with its first bend; other angles differ by whole turns.
 
     Args:
-        paths: of the tip.
-        turn: from the first link at the start to the first link of the goal [rad].
+        paths: tip paths.
+        turn: turn from the first link at the start to the first link of the goal [rad].
     """
     agreeing = tuple(path for path in paths if abs(path.turn - turn) < np.pi)
     return agreeing or paths
 
 
 def turning_least(paths: tuple[TipPath, ...], first: float, limit: float) -> tuple[TipPath, ...]:
-    """Return the paths, those last on which the first link would have to turn beyond its limit.
+    """Return the paths, with those last on which the first link would have to turn beyond its limit.
 
     Args:
-        paths: of the tip.
+        paths: tip paths.
         first: bend of the first joint at the start [rad].
         limit: largest bend of the first joint [rad].
     """
@@ -181,31 +182,28 @@ def turning_least(paths: tuple[TipPath, ...], first: float, limit: float) -> tup
 def taut_round_base(
     free_space: FreeSpace, points: FloatArray, route: FloatArray, side: int, shrink: float
 ) -> FloatArray:
-    """Return the taut path in the class of: back along joints to the base, round it, out along a route.
-
-    Shape (k, 2) [m].
-    """
+    """Return the taut path of the class back along joints to the base, round it and out along a route, (k, 2) [m]."""
     if len(points) < 2:
         return _taut_route(free_space, route, shrink)
     return free_space.taut_path(round_base(points, route, side), shrink=shrink)
 
 
 def _taut_route(free_space: FreeSpace, route: FloatArray, shrink: float) -> FloatArray:
-    """Return the taut path along a route; the puncture at its own base is no obstacle to it, so the first bit stays."""
-    span = float(np.linalg.norm(route[-1] - route[0]))  # the end must lie outside, however far the route strays
+    """Return the taut path along a route; its first bit stays, as the puncture at its own base is no obstacle to it."""
+    span = float(np.linalg.norm(route[-1] - route[0]))  # the end must lie outside, however far the route extends
     outside = _beyond(route, min(free_space.inflation + 2.0 * shrink, 0.5 * span))
     inside = route[: len(route) - len(outside) + 1]
     path = np.vstack((inside, free_space.taut_path(outside, shrink=shrink)))
-    # Corners that lie on the line between their neighbours, but for rounding, are left out.
+    # Corners on the line between their neighbours, up to rounding, are removed.
     return shapely.get_coordinates(shapely.LineString(path).simplify(SHORTEST))
 
 
 def round_base(points: FloatArray, route: FloatArray, side: int) -> FloatArray:
-    """Return the back along the arm, round its base on one side, out along a route.
+    """Return the path back along the arm, round its base on one side, and out along a route.
 
     Args:
         points: joints from the base outwards, shape (m ≥ 2, 2) [m].
-        route: from the base outwards, shape (k, 2) [m].
+        route: route from the base outwards, shape (k, 2) [m].
         side: +1 turns counter-clockwise from the arm to the route, -1 clockwise.
 
     Returns:
@@ -226,10 +224,7 @@ def round_base(points: FloatArray, route: FloatArray, side: int) -> FloatArray:
 
 
 def _beyond(path: FloatArray, radius: float) -> FloatArray:
-    """Return what is left of a path once it last leaves a disc about its first point, from the edge on.
-
-    At least its end.
-    """
+    """Return the part of a path from where it last leaves a disc about its first point; at least its end."""
     distance = np.linalg.norm(path - path[0], axis=1)
     inside = int(np.nonzero(distance <= radius)[0][-1])
     if inside == len(path) - 1:
