@@ -294,7 +294,6 @@ def grow(cell: FloatArray, walls: FloatArray, room: FloatArray) -> ConvexRegion:
         cell: counter-clockwise vertices, shape (m, 2) [m]; m = 2 for a segment.
         walls: edges of free space, with free space on their left, shape (w, 2, 2) [m].
         room: a convex polygon that contains free space, counter-clockwise, shape (r, 2) [m].
-        settings: -
 
     Returns:
         The region; it contains the cell and meets no wall, both within 1e-9 m.

@@ -14,14 +14,14 @@ from scipy.spatial import cKDTree
 from ccm_opt.core.arrays import BoolArray, FloatArray, IntArray
 
 ROUNDING_SHARE = 1e-6
-"""Of a mesh's extent: vertices so near count as one. Eight roundings of a coordinate in single precision, far below any
-gap that an arm could pass."""
+"""Vertices within this share of the mesh's extent count as one. Eight roundings of a coordinate in single precision,
+far below any gap that an arm could pass."""
 _MOST_OPEN = 200_000
-"""Edges without a partner from which on none is mended: a mesh with more is a soup of triangles, and open."""
+"""Number of edges without a partner above which none is repaired: a mesh with more is a triangle soup, and open."""
 _WHOLE_NUMBERS = 2**64
-"""That many fit into 64 bits."""
+"""Number of integers that fit into 64 bits."""
 _MOST_AT_VERTEX = 64
-"""Edges without a partner at one vertex that are compared with each other."""
+"""Most edges without a partner at one vertex that are compared with each other."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,12 +29,12 @@ class Shells:
     """The shells of a mesh with m triangles.
 
     Attributes:
-        number: shell of each triangle, shape (m,).
-        turned: whether a triangle is turned against most of its shell, shape (m,).
+        number: index of the shell of each triangle, shape (m,).
+        turned: whether a triangle is oriented against most of its shell, shape (m,).
         closed: whether every edge of a shell joins two of its triangles, shape (s,).
-        orientable: whether the triangles of a shell can be turned alike, shape (s,).
-        open_edges: edges without a partner, shape (k, 2, 3) [as the vertices].
-        copies: triangles that are there before and that no shell needs, shape (m,).
+        orientable: whether the triangles of a shell can be oriented consistently, shape (s,).
+        open_edges: end points of edges without a partner, shape (k, 2, 3), in the unit of the vertices.
+        copies: duplicates of earlier triangles that no shell needs, boolean, shape (m,).
     """
 
     number: IntArray
@@ -47,7 +47,7 @@ class Shells:
 
 @dataclass(frozen=True, eq=False)
 class _HalfEdges:
-    """Directed edges of triangles: where each starts and ends, and its triangle, shape (e,) each."""
+    """Directed edges of triangles: start vertex, end vertex and triangle of each, all of shape (e,)."""
 
     start: IntArray
     end: IntArray
@@ -64,34 +64,34 @@ class _HalfEdges:
         )
 
     def keys(self, count: int) -> IntArray:
-        """Number of the edge that each lies on, whichever way it runs, of so many vertices."""
-        # 64 bits hold the product: a mesh has far fewer than 2^31 vertices.
+        """Return a number that identifies the undirected edge of each half-edge, for ``count`` vertices."""
+        # The product fits into 64 bits: a mesh has far fewer than 2^31 vertices.
         return np.asarray(np.minimum(self.start, self.end) * count + np.maximum(self.start, self.end))
 
     def grouped(self) -> tuple[IntArray, IntArray]:
-        """Sort by the edge they lie on, each edge's in the order of the file: that order, and where edges begin."""
+        """Return the order of half-edges sorted by edge, in file order within an edge, and where each edge begins."""
         keys = self.keys(max(self.start.max(initial=0), self.end.max(initial=0)) + 1)
         order = np.argsort(keys, kind="stable")
         keys = keys[order]
         return order, np.flatnonzero(np.append(True, keys[1:] != keys[:-1])[: len(keys)])
 
     def unpaired(self) -> IntArray:
-        """Return the last half-edge of every edge that an odd number of triangles has."""
+        """Return the last half-edge of every edge with an odd number of triangles."""
         order, begins = self.grouped()
         ends = np.append(begins[1:], len(order))
         return np.asarray(order[ends[(ends - begins) % 2 == 1] - 1])
 
 
 def find_shells(vertices: FloatArray, faces: IntArray) -> Shells:
-    """Split a mesh into shells.
+    """Return the shells of a mesh.
 
-    Touching bodies stay shells of their own: where more than two triangles meet in an edge, those that run opposite
-    ways are paired in the order of the file. Whatever the pairs, places that an odd number of crossings separates from
-    the outside are inside some shell.
+    Touching bodies stay separate shells: where more than two triangles meet in an edge, those that run in opposite
+    directions are paired in file order. Whatever the pairs, a point that an odd number of crossings separates from the
+    outside is inside some shell.
 
     Args:
-        vertices: shape (v, 3).
-        faces: vertices of each triangle, shape (m, 3).
+        vertices: positions of the vertices, shape (v, 3).
+        faces: vertex indices of each triangle, shape (m, 3).
     """
     before = repeated(faces)
     copies = before > 0
@@ -116,11 +116,11 @@ def find_shells(vertices: FloatArray, faces: IntArray) -> Shells:
 
 
 def repeated(faces: IntArray) -> IntArray:
-    """Return how many triangles before each one have the same three vertices, shape (m,)."""
+    """Return the number of earlier triangles with the same three vertices, for each triangle, shape (m,)."""
     low, middle, high = np.sort(faces, axis=1).T.astype(np.uint64)
     count = int(faces.max(initial=0)) + 1
     if count**3 < _WHOLE_NUMBERS:
-        # Three small numbers make one, which is sorted far faster.
+        # Three small numbers are packed into one, which sorts far faster.
         step = np.uint64(count)
         order = np.argsort((low * step + middle) * step + high, kind="stable")
     else:
@@ -135,7 +135,7 @@ def repeated(faces: IntArray) -> IntArray:
 
 
 def _half_edges(faces: IntArray, chosen: BoolArray) -> _HalfEdges:
-    """Return the half-edges of some triangles; those that are an edge or a vertex join nothing, and have none."""
+    """Return the half-edges of chosen triangles; degenerate triangles have none."""
     proper = (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])
     numbers = np.flatnonzero(chosen & proper)
     some = faces[numbers].astype(np.int64)
@@ -143,11 +143,11 @@ def _half_edges(faces: IntArray, chosen: BoolArray) -> _HalfEdges:
 
 
 def _needed(vertices: FloatArray, edges: _HalfEdges, again: _HalfEdges, reach: float) -> IntArray:
-    """Of triangles that are there for the second time those of bodies that touch: each has its own there.
+    """Return those duplicate triangles that bodies in contact need, since each has its own triangle there.
 
-    Every piece of an edge must have an even number of triangles. So one that alone is undecided at a piece is needed if
-    the piece has an odd number without it, and needless if not; from there on inwards. What is left, such as whole
-    bodies told twice, is needless.
+    Every piece of an edge must have an even number of triangles. So a duplicate that is the only undecided one at a
+    piece is needed if the piece has an odd number without it, and otherwise not; decisions spread inwards from there.
+    What remains, such as whole bodies given twice, is not needed.
     """
     lone = edges.where(edges.unpaired())
     both = _HalfEdges(lone.start, lone.end, np.full_like(lone.face, -1)).joined(again)
@@ -171,12 +171,12 @@ def _needed(vertices: FloatArray, edges: _HalfEdges, again: _HalfEdges, reach: f
 
 
 def _welded(vertices: FloatArray, odd: _HalfEdges, reach: float) -> IntArray:
-    """Number of each vertex, the same for those at edges without a partner that are one but for rounding."""
+    """Return the index of each vertex after merging those at unpaired edges that coincide up to rounding."""
     known = np.arange(len(vertices), dtype=np.intp)
     border = np.unique((odd.start, odd.end))
     near = cKDTree(vertices[border]).query_pairs(reach, output_type="ndarray")
     names = _components(near[:, 0], near[:, 1], len(border))
-    # A chain of vertices each near the next may be as long as it likes: it is not one vertex.
+    # A long chain of vertices, each close to the next, is not one vertex.
     order = np.argsort(names, kind="stable")
     begins = np.flatnonzero(np.diff(names[order], prepend=-1))
     places = vertices[border[order]]
@@ -187,7 +187,7 @@ def _welded(vertices: FloatArray, odd: _HalfEdges, reach: float) -> IntArray:
 
 
 def _cut(vertices: FloatArray, edges: _HalfEdges, reach: float) -> _HalfEdges:
-    """Cut edges without a partner at the vertices of others that lie on the same line and hang together with them."""
+    """Return the half-edges with unpaired edges split at the vertices of connected ones on the same line."""
     odd = edges.unpaired()
     if not 0 < len(odd) <= _MOST_OPEN:
         return edges
@@ -197,10 +197,10 @@ def _cut(vertices: FloatArray, edges: _HalfEdges, reach: float) -> _HalfEdges:
 
 
 def _split(vertices: FloatArray, edges: _HalfEdges, reach: float) -> _HalfEdges:
-    """Cut edges at the vertices of those that lie on the same line and hang together with them."""
+    """Return half-edges split at the vertices of connected ones on the same line."""
     start, end = edges.start, edges.end
     line = _lines(vertices, edges, reach)
-    # Each line's places, in order along it.
+    # The vertices on each line, in order along it.
     way = vertices[end] - vertices[start]
     length = np.linalg.norm(way, axis=1)
     longest = np.lexsort((-length, line))
@@ -221,7 +221,7 @@ def _split(vertices: FloatArray, edges: _HalfEdges, reach: float) -> _HalfEdges:
     from_rank, to_rank = rank[::2], rank[1::2]
     straight = off[line] <= reach
     steps = np.where(straight, np.abs(to_rank - from_rank), 1)
-    # One half-edge from each place to the next, the way the whole one runs.
+    # One half-edge from each vertex to the next, in the direction of the whole one.
     whole = np.repeat(np.arange(len(start)), steps)
     step = np.arange(len(whole)) - np.repeat(np.cumsum(steps) - steps, steps)
     ahead = np.sign(to_rank - from_rank)[whole]
@@ -235,12 +235,12 @@ def _split(vertices: FloatArray, edges: _HalfEdges, reach: float) -> _HalfEdges:
 
 
 def _lines(vertices: FloatArray, edges: _HalfEdges, reach: float) -> IntArray:
-    """Number the lines that edges lie on: edges that share a vertex and run along each other are on one.
+    """Return the index of each edge's line: edges that share a vertex and run along each other are on one line.
 
     Args:
-        vertices: shape (v, 3).
-        edges: any.
-        reach: by which an edge may be off a line.
+        vertices: positions of the vertices, shape (v, 3).
+        edges: half-edges to number.
+        reach: distance by which an edge may be off a line.
     """
     count = len(edges.start)
     at = np.concatenate((edges.start, edges.end))
@@ -255,7 +255,7 @@ def _lines(vertices: FloatArray, edges: _HalfEdges, reach: float) -> IntArray:
         if not len(one):
             break
         other = one + apart
-        # The end of the shorter lies on the line of the longer.
+        # Both are along one line if the end of the shorter lies on the line of the longer.
         off = np.linalg.norm(np.cross(way[one], way[other]), axis=1)
         along = off <= reach * np.maximum(length[one], length[other])
         joined.append(np.column_stack((edge[one[along]], edge[other[along]])))
@@ -264,7 +264,7 @@ def _lines(vertices: FloatArray, edges: _HalfEdges, reach: float) -> IntArray:
 
 
 def _pairs(edges: _HalfEdges) -> tuple[IntArray, IntArray, IntArray]:
-    """Return the pair the half-edges of every edge: the first of each pair, the second, and those that stay alone."""
+    """Return the paired half-edges of every edge, first and second of each pair, and those left alone."""
     order, begins = edges.grouped()
     counts = np.diff(np.append(begins, len(order)))
     crowded = np.repeat(counts > 2, counts)
@@ -276,22 +276,23 @@ def _pairs(edges: _HalfEdges) -> tuple[IntArray, IntArray, IntArray]:
 
 
 def _paired_up(edges: _HalfEdges, some: IntArray, counts: IntArray, others: IntArray) -> IntArray:
-    """Order the half-edges of edges with more than two so that pairs stand together, an odd one last of its edge.
+    """Return crowded edges' half-edges in an order that puts pairs side by side, an odd one last of its edge.
 
-    Those of one patch, whose triangles hang together over edges of two, belong to one body and are paired first.
+    Half-edges of one patch, whose triangles are connected over edges with two triangles, belong to one body and are
+    paired first.
 
     Args:
         edges: all half-edges.
-        some: those to order, edge by edge.
-        counts: how many each of these edges has.
-        others: those of all other edges, edge by edge.
+        some: half-edges to order, edge by edge.
+        counts: number of half-edges of each of these edges.
+        others: half-edges of all other edges, edge by edge.
     """
     edge = np.repeat(np.arange(len(counts)), counts)
     two = others[np.isin(others, edges.unpaired(), invert=True)]
     patch = _components(edges.face[two[::2]], edges.face[two[1::2]], int(edges.face.max()) + 1)[edges.face[some]]
     patch[_last_odd_half_edges(edge, patch)] = len(edges.face)
     _, group = np.unique(edge * (len(edges.face) + 1) + patch, return_inverse=True)
-    # The first that runs forth with the first that runs back, unless the mesh is turned every which way.
+    # The first forward one pairs with the first backward one, unless orientations are inconsistent.
     back = edges.start[some] > edges.end[some]
     size = np.bincount(group)
     balanced = (2 * np.bincount(group, back) == size)[group]
@@ -305,7 +306,7 @@ def _paired_up(edges: _HalfEdges, some: IntArray, counts: IntArray, others: IntA
 
 
 def _last_odd_half_edges(edge: IntArray, patch: IntArray) -> IntArray:
-    """Return the last half-edge of each patch that has an odd number of them at an edge."""
+    """Return the last half-edge of each patch that has an odd number of half-edges at an edge."""
     order = np.lexsort((patch, edge))
     changes = (np.diff(edge[order], append=-1) != 0) | (np.diff(patch[order], append=-1) != 0)
     ends = np.flatnonzero(changes)
@@ -315,13 +316,14 @@ def _last_odd_half_edges(edge: IntArray, patch: IntArray) -> IntArray:
 def _turned_alike(
     count: int, first: IntArray, second: IntArray, alike: BoolArray
 ) -> tuple[IntArray, BoolArray, BoolArray]:
-    """Join triangles that share an edge, and turn them so that its two half-edges run opposite ways.
+    """Join triangles that share an edge, and orient them so that its two half-edges run in opposite directions.
 
-    Every triangle stands for two nodes, as it is and turned over; an edge joins those that agree. A shell whose two
-    copies hang together cannot be turned alike.
+    Every triangle is represented by two nodes, as it is and turned over; an edge joins those that agree. A shell whose
+    two copies are connected cannot be oriented.
 
     Returns:
-        Shell of each triangle, which are turned against most of it, and which shells are orientable.
+        Index of the shell of each triangle, which triangles are turned against most of their shell, and which shells
+        are orientable.
     """
     if not alike.any():
         number = _components(first, second, count)
@@ -339,6 +341,6 @@ def _turned_alike(
 
 
 def _components(first: IntArray, second: IntArray, count: int) -> IntArray:
-    """Number of the connected component of each of so many nodes."""
+    """Return the index of the connected component of each of ``count`` nodes."""
     graph = sparse.coo_matrix((np.ones(len(first)), (first, second)), shape=(count, count))
     return np.asarray(csgraph.connected_components(graph, directed=False)[1], dtype=np.intp)

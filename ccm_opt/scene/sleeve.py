@@ -1,6 +1,6 @@
-"""Sleeves of triangles along a route, and the shortest way through one.
+"""Sleeves of triangles along a route, and the shortest path through a sleeve.
 
-Only the order of the portals counts, never the plane they lie in: a sleeve that comes back to a triangle is unfolded
+Only the order of the portals matters, not where they lie in the plane: a sleeve that returns to a triangle is unfolded
 like a covering space, and the result is the shortest path of its homotopy class.
 """
 
@@ -23,15 +23,15 @@ from ccm_opt.scene.free_space_settings import DEFAULT_FREE_SPACE, FreeSpaceSetti
 from ccm_opt.scene.triangulation import WALL, Triangulation
 
 _STATIONS = 200
-"""Evenly spaced sample places along a taut string, beside its vertices and crossings. Taste."""
+"""Number of evenly spaced samples along a taut string, besides its vertices and crossings. Taste."""
 
 _LEAST_SQUARENESS = 1e-3
-"""Squareness that a chord is credited with where the string only touches it. Taste."""
+"""Squareness given to a chord that the string only touches. Taste."""
 
 Point: TypeAlias = tuple[float, float]
 
 INWARDS = 1e-7
-"""Rounding: share of the way to the centroid by which a point is moved off edges and vertices."""
+"""Share of the distance to the centroid by which a point is moved off edges and vertices: rounding."""
 
 
 def reduce(sleeve: Iterable[int]) -> tuple[int, ...]:
@@ -46,12 +46,12 @@ def reduce(sleeve: Iterable[int]) -> tuple[int, ...]:
 
 
 def concatenate(*sleeves: tuple[int, ...]) -> tuple[int, ...]:
-    """Return the reduced sleeve of paths one after the other.
+    """Return the reduced sleeve of consecutive paths.
 
-    Each must begin in the triangle where the one before ends.
+    Each sleeve must begin in the triangle in which the previous one ends.
 
     Raises:
-        ValueError: when two following sleeves do not meet.
+        ValueError: two consecutive sleeves do not meet.
     """
     for before, after in itertools.pairwise(sleeves):
         if before[-1] != after[0]:
@@ -64,22 +64,22 @@ def concatenate(*sleeves: tuple[int, ...]) -> tuple[int, ...]:
 def sleeve_of(
     triangulation: Triangulation, polyline: FloatArray, bisections: int = DEFAULT_FREE_SPACE.bisections
 ) -> tuple[int, ...]:
-    """Return the reduced sleeve of a polyline; places outside free space count as the nearest free ones.
+    """Return the reduced sleeve of a polyline; points outside free space count as the nearest free points.
 
     Args:
-        triangulation: of free space.
-        polyline: shape (m, 2) [m]; may run back over itself and graze or leave free space a little.
-        bisections: times that a straight piece which meets a wall is halved.
+        triangulation: triangulation of free space.
+        polyline: shape (m, 2) [m]; may double back, and touch or leave free space slightly.
+        bisections: number of times that a straight piece which meets a wall is halved.
 
     Returns:
-        Triangle numbers, each a neighbour of the one before, without immediate returns.
+        Triangle indices, each a neighbour of the previous one, without immediate returns.
 
     Raises:
-        UnreachableGoal: when the polyline jumps from one component of free space to another.
+        UnreachableGoal: the polyline jumps from one component of free space to another.
     """
     triangles, free = triangulation.nearest(polyline)
     components = triangulation.components[triangles]
-    # A point in a wall may be nearest to an enclosed pocket: pass it over.
+    # A point in a wall may be nearest to an enclosed pocket: skip it.
     kept = np.flatnonzero(components == components[0])
     if kept[-1] != len(polyline) - 1:
         raise UnreachableGoal(_gap(triangulation, int(triangles[0]), int(triangles[-1])))
@@ -89,7 +89,7 @@ def sleeve_of(
 
 
 class _SleevePoint(NamedTuple):
-    """A point (2,) [m], its nearest free point (2,) [m] and the triangle that holds that one."""
+    """A point (2,) [m], its nearest free point (2,) [m], and the triangle that contains the free point."""
 
     point: FloatArray
     free: FloatArray
@@ -97,7 +97,7 @@ class _SleevePoint(NamedTuple):
 
 
 def _cached_between(mesh: Triangulation, p: _SleevePoint, q: _SleevePoint, depth: int) -> list[int]:
-    """Return the same as ``_between``, each walk made once: all paths of the tip lead back along the same arm."""
+    """Return ``_between`` with each walk made only once: all tip paths lead back along the same arm."""
     # The free point and its triangle follow from the point.
     ends = (float(p.point[0]), float(p.point[1]), float(q.point[0]), float(q.point[1]), depth)
     walk = mesh.walk_cache.get(ends)
@@ -108,13 +108,13 @@ def _cached_between(mesh: Triangulation, p: _SleevePoint, q: _SleevePoint, depth
 
 
 def _between(mesh: Triangulation, p: _SleevePoint, q: _SleevePoint, depth: int) -> list[int]:
-    """Return the triangles from one place to another, straight on where that is free."""
+    """Return the triangles from one point to another, along a straight line where that is free."""
     if p.triangle == q.triangle:
         return [p.triangle]
     straight = _straight_walk(mesh, _off_edges(mesh, p), p.triangle, _off_edges(mesh, q), q.triangle)
     if straight:
         return straight
-    # The line meets a wall: halves of it may pass, each from the free point nearest to its ends.
+    # The line meets a wall: its halves may pass, each between the free points nearest to its ends.
     middle = 0.5 * (p.point + q.point)
     triangles, free = mesh.nearest(middle[None])
     if depth == 0 or mesh.components[triangles[0]] != mesh.components[p.triangle]:
@@ -124,13 +124,16 @@ def _between(mesh: Triangulation, p: _SleevePoint, q: _SleevePoint, depth: int) 
 
 
 def _off_edges(mesh: Triangulation, place: _SleevePoint) -> Point:
-    """Return the free point moved a hair towards the centroid of its triangle, so that it lies on no edge."""
+    """Return the free point moved slightly towards its triangle's centroid, so that it lies on no edge."""
     x, y = place.free + INWARDS * (mesh.centroids[place.triangle] - place.free)
     return float(x), float(y)
 
 
 def _straight_walk(mesh: Triangulation, p: Point, here: int, q: Point, there: int) -> list[int]:
-    """Return triangles along the segment p–q, empty when it meets a wall. A vertex on the line counts as left of it."""
+    """Return the triangles along the segment p–q, empty if it meets a wall.
+
+    A vertex on the line counts as left of it.
+    """
     dx = q[0] - p[0]
     dy = q[1] - p[1]
     walked = [here]
@@ -144,7 +147,10 @@ def _straight_walk(mesh: Triangulation, p: Point, here: int, q: Point, there: in
 
 
 def _shortest_walk(mesh: Triangulation, p: _SleevePoint, q: _SleevePoint) -> list[int]:
-    """Return the shortest walk between two places of one component (A*); edges are crossed on the way to the goal."""
+    """Return the shortest walk between two points of one component (A*).
+
+    Edges are crossed where the way to the goal is shortest.
+    """
     goal = (float(q.free[0]), float(q.free[1]))
     queue = [(0.0, 0.0, p.triangle, (float(p.free[0]), float(p.free[1])), WALL)]
     parent: dict[int, int] = {}
@@ -188,17 +194,17 @@ def _gap(mesh: Triangulation, here: int, there: int) -> Diagnosis:
 
 
 def taut_string(portals: FloatArray, start: FloatArray, goal: FloatArray, shrink: float = 0.0) -> FloatArray:
-    """Return the shortest path from start to goal that crosses the portals in their order.
+    """Return the shortest path from start to goal that crosses the portals in order.
 
     Args:
-        portals: left end, right end of each edge crossed, shape (n, 2, 2) [m]; following ones share a triangle.
-        start: a point of the triangle before the first portal, shape (2,) [m].
-        goal: a point of the triangle behind the last one, shape (2,) [m].
-        shrink: how far both ends of each portal are drawn inwards [m], at most 0.45 of its width, to stay away
-            from corners.
+        portals: left end, right end of each edge crossed, shape (n, 2, 2) [m]; consecutive edges share a triangle.
+        start: a point in the triangle before the first portal, shape (2,) [m].
+        goal: a point in the triangle after the last portal, shape (2,) [m].
+        shrink: distance by which both ends of each portal are moved inwards [m], at most 0.45 of its width, to stay
+            away from corners.
 
     Returns:
-        The vertices of the path, start and goal included, shape (k, 2) [m]. Time is O(n).
+        The vertices of the path, including start and goal, shape (k, 2) [m]. Time is O(n).
     """
     funnel = _Funnel((float(start[0]), float(start[1])))
     for left, right in drawn_in(portals, shrink).tolist() if len(portals) else ():
@@ -208,7 +214,10 @@ def taut_string(portals: FloatArray, start: FloatArray, goal: FloatArray, shrink
 
 
 def drawn_in(portals: FloatArray, shrink: float) -> FloatArray:
-    """Portals (n, 2, 2) with both ends drawn inwards by ``shrink`` [m], at most 0.45 of the width: they never meet."""
+    """Return the portals (n, 2, 2) with both ends moved inwards by ``shrink`` [m].
+
+    Ends move by at most 0.45 of the width, so that they never meet.
+    """
     if shrink <= 0.0:
         return portals
     across = portals[:, 1] - portals[:, 0]
@@ -218,7 +227,7 @@ def drawn_in(portals: FloatArray, shrink: float) -> FloatArray:
 
 
 class _Funnel:
-    """The two concave chains from the apex to the ends of the portal reached; ``path`` leads to the apex."""
+    """The two concave chains from the apex to the ends of the current portal; ``path`` leads to the apex."""
 
     def __init__(self, start: Point) -> None:
         self.path = [start]
@@ -226,26 +235,26 @@ class _Funnel:
         self.right = deque([start])
 
     def narrow_left(self, point: Point) -> None:
-        """Take ``point`` as the new end of the left chain."""
+        """Add ``point`` as the new end of the left chain."""
         self._narrow(point, self.left, self.right, 1.0)
 
     def narrow_right(self, point: Point) -> None:
-        """Take ``point`` as the new end of the right chain."""
+        """Add ``point`` as the new end of the right chain."""
         self._narrow(point, self.right, self.left, -1.0)
 
     def close(self, goal: Point) -> list[Point]:
-        """Return the whole path, with the goal as the last, zero-width portal; no two vertices alike in succession."""
+        """Return the whole path, with the goal as a last, zero-width portal and no repeated vertices."""
         self.narrow_right(goal)
         path = [*self.path, *list(self.right)[1:]]
         distinct = [path[0], *(there for here, there in itertools.pairwise(path) if there != here)]
         return distinct if len(distinct) > 1 else [goal, goal]
 
     def _narrow(self, point: Point, chain: deque[Point], other: deque[Point], side: float) -> None:
-        """Wind ``point`` onto a chain; where it crosses the other chain the apex moves along that one."""
+        """Wind a point onto a chain; where it crosses the other chain, move the apex along that chain."""
         while len(chain) > 1 and side * _turn(chain[-2], chain[-1], point) <= 0.0:
             chain.pop()
         if len(chain) == 1:
-            # The point lies beyond the other chain: the string bends round it, vertex by vertex.
+            # The point lies beyond the other chain: the string bends around it, vertex by vertex.
             while len(other) > 1 and side * _turn(other[0], other[1], point) < 0.0:
                 other.popleft()
                 self.path.append(other[0])
@@ -254,19 +263,19 @@ class _Funnel:
 
 
 def _turn(a: Point, b: Point, c: Point) -> float:
-    """Return the positive when a → b → c turns left [m²]."""
+    """Return a number that is positive if a → b → c turns left [m²]."""
     return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
 
 
 @dataclass(frozen=True)
 class TautString:
-    """A taut string with the edges it crosses.
+    """A taut string and the edges that it crosses.
 
     Attributes:
-        path: its vertices, shape (k, 2) [m].
+        path: vertices, shape (k, 2) [m].
         edges: left and right ends of the edges crossed, shape (n, 2, 2) [m].
-        crossings: arc length where each is crossed, not decreasing, shape (n,) [m].
-        settings: number of sample places.
+        crossings: arc length at which each edge is crossed, not decreasing, shape (n,) [m].
+        settings: settings of free space.
     """
 
     path: FloatArray
@@ -278,7 +287,7 @@ class TautString:
     def through(
         cls, edges: FloatArray, path: FloatArray, settings: FreeSpaceSettings = DEFAULT_FREE_SPACE
     ) -> "TautString":
-        """Return the taut string ``path`` (k, 2) of the sleeve with the given edges (n, 2, 2) [m]."""
+        """Return the taut string ``path`` (k, 2) through a sleeve with the given edges (n, 2, 2) [m]."""
         return cls(path, edges, _crossings(edges, path), settings)
 
     @cached_property
@@ -293,13 +302,13 @@ class TautString:
 
     @cached_property
     def stations(self) -> FloatArray:
-        """Arc lengths of the sample places, increasing, vertices and crossings among them, shape (s,) [m]."""
+        """Arc lengths of the samples, increasing, including vertices and crossings, shape (s,) [m]."""
         even = np.linspace(0.0, self.length, _STATIONS)
         return np.unique(np.concatenate((even, self.knots, self.crossings)))
 
     @cached_property
     def points(self) -> FloatArray:
-        """The sample places, shape (s, 2) [m]."""
+        """Positions of the samples, shape (s, 2) [m]."""
         return points_at(self.path, self.knots, self.stations)
 
     def at(self, place: float) -> FloatArray:
@@ -307,16 +316,16 @@ class TautString:
         return points_at(self.path, self.knots, place)
 
     def crossings_within(self, first: float, last: float) -> FloatArray:
-        """Return the crossings from arc length ``first`` to ``last`` [m]."""
+        """Return the crossings between arc lengths ``first`` and ``last`` [m]."""
         return self.crossings[(self.crossings >= first) & (self.crossings <= last)]
 
     def directions_across(self, place: float) -> list[tuple[FloatArray, float]]:
-        """Return the ways to lay a chord across the string at an arc length [m].
+        """Return directions in which to lay a chord across the string at an arc length [m].
 
         Returns:
             Unit directions from right to left, each with its squareness: the cosine of the angle by which the string
-            deviates from the chord's normal, at a vertex that of the worse leg, at least a thousandth. Tried are the
-            normals of the legs there, of their mean, and the edges crossed there.
+            deviates from the chord's normal, at a vertex that of the worse leg, at least a thousandth. The directions
+            are the normals of the legs at that place and of their mean, and the edges crossed there.
         """
         legs = np.flatnonzero((self.knots[:-1] <= place) & (place <= self.knots[1:]) & (np.diff(self.knots) > 0.0))
         tangents = _units(self.path[legs + 1] - self.path[legs])
@@ -328,13 +337,13 @@ class TautString:
 
 
 def _units(vectors: FloatArray) -> FloatArray:
-    """Return the directions of those vectors (n, 2) that are not zero."""
+    """Return the unit vectors of those vectors (n, 2) that are not zero."""
     lengths = np.linalg.norm(vectors, axis=1)
     return np.asarray(vectors[lengths > 0.0] / lengths[lengths > 0.0, None], dtype=np.float64)
 
 
 def _crossings(edges: FloatArray, path: FloatArray) -> FloatArray:
-    """Return the arc length where the string crosses each edge: the first place not on the near side."""
+    """Return the arc length at which the string crosses each edge: the first place not on its near side."""
     lengths = leg_lengths(path)
     knots = arc_lengths(path)
     found = np.empty(len(edges))
@@ -347,7 +356,7 @@ def _crossings(edges: FloatArray, path: FloatArray) -> FloatArray:
         before = max(float(near[step]), 0.0)
         after = min(float(near[step + 1]), 0.0)
         leg += step
-        # Edges that meet in a corner of the string are crossed there, in their order: rounding must not turn it round.
+        # Edges that meet at a corner of the string are crossed there, in order: rounding must not reverse them.
         fraction = before / (before - after) if before > after else 0.0
         reached = max(reached, float(knots[leg] + fraction * lengths[leg]))
         found[k] = reached

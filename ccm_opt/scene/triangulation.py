@@ -1,7 +1,7 @@
-"""Triangulation of free space and its partition into convex regions.
+"""Triangulation of free space, and its partition into convex cells.
 
 No vertex is added inside free space, so the dual graph (triangles joined across their common edges) is a deformation
-retract of it: walks in the dual graph without immediate returns are exactly the homotopy classes of paths.
+retract of free space: walks in the dual graph without immediate returns are exactly the homotopy classes of paths.
 
 The number of cells is at most four times the least possible.
 """
@@ -26,9 +26,9 @@ class Triangulation:
     """Triangles that tile free space.
 
     Attributes:
-        vertices: shape (V, 2) [m]; all lie on the edge of free space.
-        triangles: vertex numbers, counter-clockwise, shape (T, 3).
-        neighbours: the triangle across the edge from corner e to corner e + 1, or -1 for a wall, shape (T, 3).
+        vertices: positions of the vertices, shape (V, 2) [m]; all lie on the edge of free space.
+        triangles: vertex indices, counter-clockwise, shape (T, 3).
+        neighbours: index of the triangle across the edge from corner e to corner e + 1, or -1 for a wall, shape (T, 3).
     """
 
     vertices: FloatArray
@@ -45,12 +45,12 @@ class Triangulation:
 
     @cached_property
     def centroids(self) -> FloatArray:
-        """Centroids, shape (T, 2) [m]."""
+        """Centroids of the triangles, shape (T, 2) [m]."""
         return np.asarray(self.corners.mean(axis=1), dtype=np.float64)
 
     @cached_property
     def components(self) -> IntArray:
-        """The number of the connected component that each triangle belongs to, shape (T,)."""
+        """Index of the connected component of each triangle, shape (T,)."""
         triangle, edge = np.nonzero(self.neighbours >= 0)
         links = (np.ones(len(triangle)), (triangle, self.neighbours[triangle, edge]))
         graph = scipy.sparse.coo_array(links, shape=(len(self), len(self)))
@@ -58,25 +58,25 @@ class Triangulation:
 
     @cached_property
     def walls(self) -> FloatArray:
-        """The edges of free space, free space on their left, shape (W, 2, 2) [m]."""
+        """Edges of free space, with free space on their left, shape (W, 2, 2) [m]."""
         triangle, edge = np.nonzero(self.neighbours < 0)
         return np.stack((self.corners[triangle, edge], self.corners[triangle, (edge + 1) % 3]), axis=1)
 
     @cached_property
     def adjacency(self) -> list[list[int]]:
-        """``neighbours`` as lists, for walks from triangle to triangle."""
+        """``neighbours`` as lists, for fast walks from triangle to triangle."""
         lists: list[list[int]] = self.neighbours.tolist()
         return lists
 
     @cached_property
     def corner_lists(self) -> list[list[list[float]]]:
-        """``corners`` as lists, for walks from triangle to triangle."""
+        """``corners`` as lists, for fast walks from triangle to triangle."""
         lists: list[list[list[float]]] = self.corners.tolist()
         return lists
 
     @cached_property
     def walk_cache(self) -> dict[tuple[float, float, float, float, int], list[int]]:
-        """Walks that were made already, by the ends of a straight piece of a path [m] and how often it was halved."""
+        """Walks already found, by the ends of a straight piece of a path [m] and the halvings allowed."""
         return {}
 
     @cached_property
@@ -84,9 +84,9 @@ class Triangulation:
         return shapely.STRtree(list(shapely.get_parts(shapely.polygons(self.corners))))
 
     def locate(self, points: FloatArray) -> IntArray:
-        """Return the triangle that holds each point (m, 2), the lowest number where several do, -1 outside.
+        """Return the triangle that contains each point (m, 2), or -1 outside, shape (m,).
 
-        Shape (m,).
+        If several do, the lowest index is returned.
         """
         found = np.full(len(points), len(self), dtype=np.intp)
         which, triangle = self._tree.query(shapely.points(points), predicate="intersects")
@@ -95,16 +95,16 @@ class Triangulation:
         return found
 
     def nearest(self, points: FloatArray) -> tuple[IntArray, FloatArray]:
-        """Return the nearest triangle and the nearest free point.
+        """Return the nearest triangle and the nearest free point of each point.
 
         Args:
-            points: shape (m, 2) [m]; points in free space stay where they are.
+            points: shape (m, 2) [m]; points in free space stay in place.
 
         Returns:
-            Triangle numbers, shape (m,), and free points, shape (m, 2) [m].
+            Triangle indices, shape (m,), and free points, shape (m, 2) [m].
 
         Raises:
-            ValueError: when there is no free space at all.
+            ValueError: there is no free space at all.
         """
         if len(self) == 0:
             raise ValueError("free space is empty: its inflation leaves the arm no room")
@@ -112,7 +112,7 @@ class Triangulation:
         free = np.array(points, dtype=np.float64)
         outside = np.flatnonzero(triangles < 0)
         if len(outside):
-            # Of equally near triangles the lowest number, so that results never depend on the order of a tree.
+            # Of equally near triangles take the lowest index, so that results never depend on the order of a tree.
             which, found = self._tree.query_nearest(shapely.points(free[outside]), all_matches=True)
             triangles[outside] = len(self)
             np.minimum.at(triangles, outside[which], found)
@@ -127,7 +127,7 @@ class Triangulation:
 
 
 def triangulate(free: shapely.MultiPolygon) -> Triangulation:
-    """Return the constrained Delaunay triangulation of a polygon set, holes included."""
+    """Return the constrained Delaunay triangulation of polygons with holes."""
     pieces = shapely.get_parts(shapely.constrained_delaunay_triangles(shapely.get_parts(free)))
     corners = shapely.get_coordinates(pieces).reshape(-1, 4, 2)[:, :3]
     corners = _oriented(corners)
@@ -137,7 +137,7 @@ def triangulate(free: shapely.MultiPolygon) -> Triangulation:
 
 
 def _oriented(corners: FloatArray) -> FloatArray:
-    """Return the triangles (T, 3, 2) turned counter-clockwise."""
+    """Return the triangles (T, 3, 2) in counter-clockwise order."""
     clockwise = cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) < 0.0
     corners = corners.copy()
     corners[clockwise] = corners[clockwise, ::-1]
@@ -145,7 +145,10 @@ def _oriented(corners: FloatArray) -> FloatArray:
 
 
 def _neighbours(triangles: IntArray, vertices: int) -> IntArray:
-    """Return the pair the half-edges that join the same two vertices."""
+    """Return the triangle across each edge, -1 for a wall, shape (T, 3).
+
+    Half-edges that join the same two vertices are paired.
+    """
     heads = triangles
     tails = np.roll(triangles, -1, axis=1)
     key = (np.minimum(heads, tails) * vertices + np.maximum(heads, tails)).ravel()
@@ -160,7 +163,7 @@ def _neighbours(triangles: IntArray, vertices: int) -> IntArray:
 
 
 def _nearest_on_edges(corners: FloatArray, points: FloatArray) -> FloatArray:
-    """Return the nearest point to each of ``points`` (m, 2) on the edges of its triangle (m, 3, 2)."""
+    """Return the point on the edges of each triangle (m, 3, 2) nearest to its point (m, 2)."""
     feet = nearest_on_segments(points[:, None], np.stack((corners, np.roll(corners, -1, axis=1)), axis=2))
     best = np.argmin(np.linalg.norm(points[:, None] - feet, axis=2), axis=1)
     return np.asarray(feet[np.arange(len(points)), best], dtype=np.float64)
@@ -171,8 +174,8 @@ class Partition:
     """Convex cells that tile free space.
 
     Attributes:
-        cells: counter-clockwise vertices of each cell, each of shape (m, 2) [m].
-        cell_of: the cell that holds each triangle, shape (T,).
+        cells: counter-clockwise vertices of each cell, shape (m, 2) [m] each.
+        cell_of: index of the cell that contains each triangle, shape (T,).
     """
 
     cells: tuple[FloatArray, ...]
@@ -180,7 +183,7 @@ class Partition:
 
 
 def merge(triangulation: Triangulation) -> Partition:
-    """Take away, longest first, the edges between triangles whose two sides stay convex together."""
+    """Return the convex cells left after removing edges between triangles, longest first, where cells stay convex."""
     faces = _Faces(triangulation)
     for half_edge in _longest_first(triangulation):
         faces.remove_if_convex(int(half_edge))
@@ -188,14 +191,14 @@ def merge(triangulation: Triangulation) -> Partition:
 
 
 def _longest_first(mesh: Triangulation) -> IntArray:
-    """Return one half-edge number 3 t + e for each edge between two triangles."""
+    """Return one half-edge index 3 t + e per edge between two triangles, longest edge first."""
     triangle, edge = np.nonzero(mesh.neighbours > np.arange(len(mesh))[:, None])
     length = np.linalg.norm(mesh.corners[triangle, edge] - mesh.corners[triangle, (edge + 1) % 3], axis=1)
     return (3 * triangle + edge)[np.argsort(-length, kind="stable")]
 
 
 class _Faces:
-    """Rings of half-edges; half-edge 3 t + e leads from corner e of triangle t to corner e + 1."""
+    """Faces as rings of half-edges; half-edge 3 t + e leads from corner e of triangle t to corner e + 1."""
 
     def __init__(self, mesh: Triangulation) -> None:
         size = 3 * len(mesh)
@@ -207,9 +210,9 @@ class _Faces:
         self.removed = [False] * size
 
     def remove_if_convex(self, half_edge: int) -> None:
-        """Join the faces on both sides of an edge unless a corner at one of its ends would turn right."""
+        """Merge the faces on both sides of an edge unless a corner at one of its ends would turn right."""
         twin = self.twin[half_edge]
-        # Without the edge, what comes before it is followed by what follows its twin, and the other way round.
+        # Without the edge, its predecessor is followed by the successor of its twin, and vice versa.
         corners = (
             (self.before[half_edge], self.following[twin]),
             (self.before[twin], self.following[half_edge]),
@@ -221,12 +224,12 @@ class _Faces:
         for tail, head in corners:
             self.following[tail] = head
             self.before[head] = tail
-        # One of the two faces is no more; what belonged to it finds its way by its parent.
+        # One of the two faces disappears; its triangles find their face through its parent.
         self.parent[other] = one
         self.removed[half_edge] = self.removed[twin] = True
 
     def partition(self) -> Partition:
-        """Return the cells left, numbered by their first triangle."""
+        """Return the remaining faces as cells, numbered by their first triangle."""
         faces = [self._face(t) for t in range(len(self.parent))]
         roots, cell_of = np.unique(np.array(faces, dtype=np.intp), return_inverse=True)
         first: dict[int, int] = {}
@@ -236,7 +239,7 @@ class _Faces:
         return Partition(tuple(self._ring(first[int(root)]) for root in roots), cell_of.reshape(-1).astype(np.intp))
 
     def _face(self, triangle: int) -> int:
-        """Return the first triangle of the face that a triangle belongs to by now (union-find, paths halved)."""
+        """Return the first triangle of a triangle's current face (union-find with path halving)."""
         while self.parent[triangle] != triangle:
             self.parent[triangle] = self.parent[self.parent[triangle]]
             triangle = self.parent[triangle]
@@ -248,7 +251,7 @@ class _Faces:
         bx, by = self.points[head]
         cx, cy = self.points[self.following[head]]
         longer = max(abs(bx - ax) + abs(by - ay), abs(cx - bx) + abs(cy - by))
-        # A corner that is dented by rounding counts as convex.
+        # A corner that is concave only by rounding counts as convex.
         return (bx - ax) * (cy - by) - (by - ay) * (cx - bx) >= -TINY * longer
 
     def _ring(self, half_edge: int) -> FloatArray:
@@ -259,7 +262,7 @@ class _Faces:
 
 
 def _twins(mesh: Triangulation) -> list[int]:
-    """Return the half-edge on the other side of each; its own number on a wall."""
+    """Return the half-edge on the other side of each half-edge; itself at a wall."""
     twins = np.arange(3 * len(mesh))
     triangle, edge = np.nonzero(mesh.neighbours >= 0)
     other = mesh.neighbours[triangle, edge]

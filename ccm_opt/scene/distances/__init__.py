@@ -1,1 +1,1 @@
-"""Distances of segments from the surfaces of a scene in space, and half-spaces about them that are free."""
+"""Distances of segments from the surfaces of a scene in space, and free half-spaces around segments."""

@@ -1,4 +1,4 @@
-"""Places inside of bodies, and where two segments are nearest to each other."""
+"""Points inside bodies, and the nearest points of two segments."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -16,13 +16,13 @@ from ccm_opt.scene.workspace import Workspace
 
 @dataclass(frozen=True)
 class Enclosure:
-    """A place inside of a body, or outside of the room.
+    """A point inside a body, or outside the room.
 
     Attributes:
-        name: of the body; empty outside of the room.
-        number: of the place among those that were asked of.
-        place: the place, shape (3,) [m].
-        depth: how far it is from the surface [m].
+        name: name of the body; empty for a point outside the room.
+        number: index of the point among those that were tested.
+        place: the point, shape (3,) [m].
+        depth: distance from the surface [m].
     """
 
     name: str
@@ -32,25 +32,25 @@ class Enclosure:
 
 
 def deepest_enclosure(workspace: Workspace, places: FloatArray, *, closed_only: bool = False) -> Enclosure | None:
-    """Return the place that is deepest inside of a body, or farthest outside of the room; None where none is.
+    """Return the point that is deepest inside a body, or farthest outside the room; None if there is none.
 
-    An arm that touches no surface is inside of a body with all its places or with none, so that one of them tells.
+    An arm that touches no surface is inside a body with all its points or with none, so testing one point is enough.
 
     Args:
-        workspace: the room.
-        places: shape (k, 3) [m].
-        closed_only: leave out open shells, through whose holes a place may be reached.
+        workspace: the workspace.
+        places: points to test, shape (k, 3) [m].
+        closed_only: leave out open shells, through whose holes a point may be reached.
     """
     return max(_enclosures(workspace, places, closed_only=closed_only), key=lambda found: found.depth, default=None)
 
 
 def ways_out(workspace: Workspace, name: str, what: str) -> tuple[str, ...]:
-    """Return what to do about something inside of a body.
+    """Return advice on something that lies inside a body.
 
     Args:
-        workspace: the room.
-        name: of the body.
-        what: lies inside.
+        workspace: the workspace.
+        name: name of the body.
+        what: what lies inside, in words.
     """
     body = next((each.body for each in workspace.obstacles if each.name == name), None)
     out = f"move {what} out of it"
@@ -61,7 +61,7 @@ def ways_out(workspace: Workspace, name: str, what: str) -> tuple[str, ...]:
 
 
 def open_words(body: MeshBody) -> str:
-    """Return how many edges of an open mesh belong to one triangle alone, and where one is, in words."""
+    """Return the number of open edges of a mesh, and the position of one, in words."""
     edges = body.shells.open_edges
     count = "1 open edge" if len(edges) == 1 else f"{len(edges)} open edges, one"
     return f"has {count} near {place(edges[0].mean(axis=0))}"
@@ -75,7 +75,7 @@ def _enclosures(workspace: Workspace, places: FloatArray, *, closed_only: bool =
         low, high = box_about(body.triangles)
         within = (places >= low - body.rounding) & (places <= high + body.rounding)
         for number in np.flatnonzero(np.all(within, axis=1)):
-            # How deep takes longer to find than whether at all; of what is rounded the depth itself says both.
+            # The depth takes longer to find than enclosure itself; for bodies with rounding the depth tells both.
             if body.rounding or encloses(body, places[number], closed_only=closed_only):
                 depth = depth_inside(body, places[number], closed_only=closed_only)
                 if depth > 0.0:
@@ -92,7 +92,7 @@ def _outside_room(workspace: Workspace, places: FloatArray) -> Iterator[Enclosur
 
 
 def enclosed(workspace: Workspace, places: FloatArray) -> IntArray:
-    """Return numbers of the places that are inside of bodies or outside of the room, increasing, of places (k, d)."""
+    """Return the indices of those points (k, d) that are inside bodies or outside the room, increasing."""
     if workspace.dimension == 2:
         hidden = ~shapely.intersects_xy(workspace.boundary, *places.T)
         for obstacle in workspace.obstacles:
@@ -104,12 +104,13 @@ def enclosed(workspace: Workspace, places: FloatArray) -> IntArray:
 def segment_distances(
     a: FloatArray, b: FloatArray, c: FloatArray, d: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Return the nearest points of segments ab and cd, each end of shape (k, 3) [m].
+    """Return the nearest points of segments ab and cd, given by their end points, shape (k, d) [m].
 
-    The nearest pair is where both lines are nearest if that is inside both segments, and else has an end of one.
+    The nearest pair lies where both lines are nearest if that is inside both segments, and otherwise includes an end of
+    one.
 
     Returns:
-        Shares along the first and the second, distances [m], and unit vectors from the second to the first.
+        Shares along the first and the second segment, distances [m], and unit vectors from the second to the first.
     """
     tiny = 1e-300
     u = b - a

@@ -1,10 +1,10 @@
-"""Whether places are inside of bodies.
+"""Tests whether points are inside bodies.
 
-A mesh is judged shell by shell: a place is inside a shell that goes round it by more than a half (its generalised
-winding number: A. Jacobson, L. Kavan and O. Sorkine-Hornung, Robust inside-outside segmentation using generalized
-winding numbers, 2013), whichever way the shell's triangles turn in the file. Open shells are taken one by one and all
-together. So bodies that overlap or touch do not cancel, whatever their orientations. Only shells that lie wholly inside
-of each other, and are turned in opposite ways by turns, are a body and its cavity.
+A mesh is tested shell by shell: a point is inside a shell whose generalised winding number about it exceeds a half (A.
+Jacobson, L. Kavan and O. Sorkine-Hornung, Robust inside-outside segmentation using generalized winding numbers, 2013),
+whatever the orientation of the shell's triangles in the file. Open shells are tested one by one and all together. So
+bodies that overlap or touch do not cancel, whatever their orientations. Only shells that lie wholly inside each other,
+with alternating orientations, are a body and its cavity.
 """
 
 from functools import lru_cache
@@ -22,7 +22,7 @@ TINIEST = np.finfo(np.float64).tiny
 
 
 def distance_from_triangles(point: FloatArray, triangles: FloatArray) -> float:
-    """Return the least distance of a place from triangles, which may have no area [m]; ∞ where there are none.
+    """Return the least distance of a point from triangles, which may be degenerate [m]; ∞ for none.
 
     Args:
         point: shape (3,) [m].
@@ -30,7 +30,7 @@ def distance_from_triangles(point: FloatArray, triangles: FloatArray) -> float:
     """
     if len(triangles) == 0:
         return float(np.inf)
-    # Only triangles whose box is no farther than the nearest corner of all can be nearest.
+    # Only triangles whose box is no farther than the nearest corner can be nearest.
     low = triangles.min(axis=1) - point
     high = point - triangles.max(axis=1)
     beyond = np.maximum(np.maximum(low, high), 0.0)
@@ -41,9 +41,9 @@ def distance_from_triangles(point: FloatArray, triangles: FloatArray) -> float:
 
 
 def nearest_on_triangles(point: FloatArray, triangles: FloatArray) -> FloatArray:
-    """Return the nearest place of each triangle to a place, shape (m, 3) [m].
+    """Return the point of each triangle nearest to a point, shape (m, 3) [m].
 
-    The foot of the perpendicular where it lies on the triangle, else the nearest place of the sides.
+    This is the foot of the perpendicular if it lies on the triangle, else the nearest point of the sides.
 
     Args:
         point: shape (3,) [m].
@@ -60,7 +60,7 @@ def nearest_on_triangles(point: FloatArray, triangles: FloatArray) -> FloatArray
 
     normal = np.cross(sides[:, 0], sides[:, 1])
     square = np.einsum("mi,mi->m", normal, normal)
-    # Of all sides the place lies on the inner side: its foot is on the triangle.
+    # If the point is on the inner side of all sides, its foot is on the triangle.
     inner = np.einsum("mij,mij->mi", np.cross(normal[:, None, :], sides), to_point)
     above = (square > 0.0) & np.all(inner >= 0.0, axis=1)
     height = np.einsum("mi,mi->m", to_point[:, 0], normal) / np.where(square > 0.0, square, 1.0)
@@ -69,18 +69,18 @@ def nearest_on_triangles(point: FloatArray, triangles: FloatArray) -> FloatArray
 
 
 _RAYS = np.array([[0.83, 0.41, 0.37], [-0.29, 0.77, -0.57], [0.13, -0.61, 0.78]])
-"""Directions without a pattern, so that no ray runs along the faces and edges that people draw."""
+"""Irregular directions, so that no ray runs along the faces and edges of typical models."""
 _HALF = 0.5
-"""A place of which more than this share of all directions is surface lies inside."""
+"""A point is inside if the surface covers more than this share of all directions."""
 
 
 def depth_inside(body: Body, point: FloatArray, *, closed_only: bool = False) -> float:
-    """Return how far a place is inside a body [m]; negative outside, minus the distance to it.
+    """Return the depth of a point inside a body [m]; outside the negative distance from it.
 
     Args:
-        body: the body; of a mesh that is not solid the surface alone counts.
+        body: the body; of a mesh that is not solid only the surface counts.
         point: shape (3,) [m].
-        closed_only: leave out open shells, through whose holes a place may be reached.
+        closed_only: leave out open shells, through whose holes a point may be reached.
     """
     if body.kind == "cylinder":
         return _depth_in_cylinder(body, point)
@@ -89,12 +89,12 @@ def depth_inside(body: Body, point: FloatArray, *, closed_only: bool = False) ->
 
 
 def encloses(body: Body, point: FloatArray, *, closed_only: bool = False) -> bool:
-    """Return whether a place lies inside of what the triangles of a solid body enclose.
+    """Return whether a point lies inside the volume that a solid body's triangles enclose.
 
     Args:
-        body: the body; nothing lies inside of triangles without area.
+        body: the body; nothing lies inside degenerate triangles.
         point: shape (3,) [m].
-        closed_only: leave out open shells, through whose holes a place may be reached.
+        closed_only: leave out open shells, through whose holes a point may be reached.
     """
     if not body.solid:
         return False
@@ -111,7 +111,7 @@ def _pieces(body: MeshBody) -> "_Pieces":
 
 
 class _Pieces:
-    """The shells of a mesh, each with its triangles together.
+    """The shells of a mesh, with the triangles of each stored together.
 
     Args:
         body: the mesh.
@@ -131,7 +131,7 @@ class _Pieces:
         self._apart: dict[tuple[int, int], bool] = {}
 
     def is_free(self, point: FloatArray, *, closed_only: bool) -> bool:
-        """Return whether a place is outside of all shells, or in a cavity."""
+        """Return whether a point is outside all shells, or in a cavity."""
         if not closed_only and self._open_ones_enclose(point):
             return False
         about = np.all((self._low <= point) & (point <= self._high), axis=1) & self._closed
@@ -140,7 +140,7 @@ class _Pieces:
         return not round_it or self._is_cavity(round_it, turns)
 
     def _open_ones_enclose(self, point: FloatArray) -> bool:
-        """Return whether open shells, one of them or all together, go round a place by more than a half."""
+        """Return whether open shells, one alone or all together, wind around a point by more than a half."""
         opened = ~self._closed
         if not opened.any() or np.any(
             (point < self._low[opened].min(axis=0)) | (point > self._high[opened].max(axis=0))
@@ -153,9 +153,9 @@ class _Pieces:
         return bool(max(abs(parts.sum()), np.abs(each).max()) > _HALF)
 
     def _turns(self, k: int, point: FloatArray) -> float:
-        """Return how often a closed shell goes round a place.
+        """Return the winding number of a closed shell about a point.
 
-        1 for an odd number of crossings where it cannot be turned.
+        For a shell that is not orientable, 1 for an odd number of ray crossings and 0 for an even number.
         """
         triangles = self._of(k)
         if not self._orientable[k]:
@@ -163,7 +163,7 @@ class _Pieces:
         return float(np.sum(self._sign[self._slice(k)] * _solid_angles(point, triangles)))
 
     def _is_cavity(self, round_it: list[int], turns: dict[int, float]) -> bool:
-        """Whether shells about a place lie in each other and turn in opposite ways by turns, an even number of them."""
+        """Return whether an even number of shells around a point are nested with alternating orientations."""
         if len(round_it) % 2:
             return False
         size = [float(np.prod(self._high[k] - self._low[k])) for k in round_it]
@@ -176,7 +176,10 @@ class _Pieces:
         )
 
     def _are_apart(self, one: int, other: int) -> bool:
-        """Return whether two shells do not touch: of two that go round a place one then lies wholly in the other."""
+        """Return whether two shells do not touch.
+
+        Of two such shells around a point, one lies wholly in the other.
+        """
         if (one, other) not in self._apart:
             self._apart[one, other] = all(_is_clear(self._of(a), self._of(b)) for a, b in ((one, other), (other, one)))
         return self._apart[one, other]
@@ -189,7 +192,7 @@ class _Pieces:
 
 
 def _is_clear(triangles: FloatArray, others: FloatArray) -> bool:
-    """Return whether no edge of triangles touches others."""
+    """Return whether no edge of some triangles touches others."""
     low, high = box_about(others)
     edges = np.stack((triangles, np.roll(triangles, -1, axis=1)), axis=2).reshape(-1, 2, 3)
     edges = edges[np.all((edges.min(axis=1) <= high) & (edges.max(axis=1) >= low), axis=1)]
@@ -201,7 +204,7 @@ def _is_clear(triangles: FloatArray, others: FloatArray) -> bool:
 
 
 def _depth_in_cylinder(body: CylinderBody, point: FloatArray) -> float:
-    """Return the same of a cylinder itself, not of the prism about it [m]."""
+    """Return the depth of a point inside the cylinder itself, not its prism; negative outside [m]."""
     way = body.end - body.start
     length = float(np.linalg.norm(way))
     along = float((point - body.start) @ way) / length
@@ -214,12 +217,12 @@ def _depth_in_cylinder(body: CylinderBody, point: FloatArray) -> float:
 
 
 def _winding(point: FloatArray, triangles: FloatArray) -> float:
-    """Return how often triangles go round a place."""
+    """Return the winding number of triangles about a point."""
     return float(np.sum(_solid_angles(point, triangles)))
 
 
 def _solid_angles(point: FloatArray, triangles: FloatArray) -> FloatArray:
-    """Return the solid angles of triangles as a place sees them, over 4π, shape (m,).
+    """Return the solid angles of triangles seen from a point, divided by 4π, shape (m,).
 
     Source: A. van Oosterom and J. Strackee, The solid angle of a plane triangle, IEEE Trans. Biomed. Eng. 30 (1983).
     """
@@ -237,7 +240,10 @@ def _solid_angles(point: FloatArray, triangles: FloatArray) -> FloatArray:
 
 
 def _crossings(point: FloatArray, way: FloatArray, triangles: FloatArray) -> int:
-    """Count the triangles that a ray crosses (Möller and Trumbore, Fast ray/triangle intersection, 1997)."""
+    """Return the number of triangles that a ray crosses.
+
+    Source: Möller and Trumbore, Fast ray/triangle intersection, 1997.
+    """
     first_side = triangles[:, 1] - triangles[:, 0]
     second_side = triangles[:, 2] - triangles[:, 0]
     across = np.cross(way, second_side)

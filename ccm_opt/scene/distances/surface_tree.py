@@ -1,4 +1,4 @@
-"""Distances from segments to triangles, by a tree of boxes."""
+"""Distances of segments from triangles, by a tree of bounding boxes."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -16,14 +16,14 @@ from ccm_opt.scene.surfaces import TriangleSoup
 
 @dataclass(frozen=True, eq=False)
 class Witnesses:
-    """Where each of k segments is nearest to a surface; the gap is the reach and the owner −1 where nothing is nearer.
+    """Where each of k segments is nearest to a surface; if none is in reach, the gap is the reach and the owner −1.
 
     Attributes:
         gap: distance of the segment from the surface, negative inside its rounding, shape (k,) [m].
-        share: place on the segment, from 0 at its start to 1 at its end, shape (k,).
-        point: place on the surface, shape (k, 3) [m].
+        share: nearest point of the segment, from 0 at its start to 1 at its end, shape (k,).
+        point: nearest point of the surface, shape (k, 3) [m].
         normal: unit direction from the surface to the segment, shape (k, 3).
-        owner: number of the surface's owner, shape (k,).
+        owner: index of the surface's owner, shape (k,).
     """
 
     gap: FloatArray
@@ -35,17 +35,17 @@ class Witnesses:
 
 @dataclass(frozen=True, eq=False)
 class PlaneRows:
-    """Half-spaces normal · (x − point) ≥ 0 that hold a segment and are free of the surfaces near it.
+    """Half-spaces normal · (x − point) ≥ 0 that contain a segment and are free of the surfaces near it.
 
-    The rows of a segment stand together, the nearest first.
+    The rows of a segment are consecutive, the nearest first.
 
     Attributes:
-        link: number of the segment, shape (r,).
-        share: place on the segment that is nearest to the surface, from 0 to 1, shape (r,).
+        link: index of the segment, shape (r,).
+        share: point of the segment nearest to the surface, from 0 to 1, shape (r,).
         normal: unit direction from the surface to the segment, shape (r, 3).
-        point: place on the surface, shape (r, 3) [m].
+        point: point of the surface, shape (r, 3) [m].
         gap: distance of the segment from the surface, shape (r,) [m].
-        owner: number of the surface's owner, shape (r,).
+        owner: index of the surface's owner, shape (r,).
     """
 
     link: IntArray
@@ -58,16 +58,16 @@ class PlaneRows:
 
 @dataclass(frozen=True, eq=False)
 class SurfaceBoxes:
-    """Boxes about boxes about triangles.
+    """A tree of bounding boxes over triangles.
 
     Attributes:
-        nodes: box, largest rounding, longest edge, and number of triangles of each node, shape (nodes,);
-            ``first`` is the first triangle of a leaf, or, of a node without any, the first of its two children, which
-            stand side by side. A leaf that only fills a pair has the number −1.
-        corners: triangles in the order of the leaves, the longest edge from the first corner to the second, shape
-            (m, 3, 3) [m].
-        rounding: radius of what is about every triangle, in the same order, shape (m,) [m].
-        order: number of the triangle in the scene, likewise, shape (m,).
+        nodes: box, largest rounding, longest edge, and number of triangles of each node, shape (nodes,); ``first`` is
+            the first triangle of a leaf, or, for a node without triangles, the first of its two children, which are
+            adjacent. A leaf that only completes a pair has the number −1.
+        corners: triangles in the order of the leaves, with the longest edge from first to second corner, shape (m, 3,
+            3) [m].
+        rounding: rounding of each triangle, in the same order, shape (m,) [m].
+        order: index of each triangle in the scene, in the same order, shape (m,).
     """
 
     nodes: npt.NDArray[np.void]
@@ -77,15 +77,15 @@ class SurfaceBoxes:
 
     @classmethod
     def of(cls, triangles: FloatArray, rounding: FloatArray, leaf: int) -> "SurfaceBoxes":
-        """Build the hierarchy, every box cut where that costs later walks least.
+        """Return the tree, built by splitting every box where later searches cost least.
 
         Args:
             triangles: corners, shape (m, 3, 3), 0 < m < 2³⁰ [m].
-            rounding: shape (m,) [m].
-            leaf: triangles of a leaf, at most.
+            rounding: rounding of each triangle, shape (m,) [m].
+            leaf: most triangles in a leaf.
 
         Raises:
-            MemoryError: there is too little.
+            MemoryError: there is too little memory.
         """
         count = len(triangles)
         nodes = np.empty(2 * count, dtype=element_type("build_surfaces", "nodes"))
@@ -103,23 +103,23 @@ class SurfaceBoxes:
 
 @dataclass(frozen=True, eq=False)
 class SurfaceSearch:
-    """Searches a hierarchy of boxes; the owner in its answers is a place among the triangles of the leaves.
+    """Searches a tree of boxes; the owner in its results is an index of a triangle in leaf order.
 
     Attributes:
-        boxes: the hierarchy.
+        boxes: the tree.
     """
 
     boxes: SurfaceBoxes
 
     @cached_property
     def for_c(self) -> dict[str, Any]:
-        """The hierarchy as ``Surfaces`` of surface_nodes.h."""
+        """The tree as the fields of ``Surfaces`` in surface_nodes.h."""
         return {"nodes": self.boxes.nodes, "corners": self.boxes.corners, "rounding": self.boxes.rounding}
 
     def distances(self, segments: FloatArray, reach: float, slack: float) -> FloatArray:
-        """Least gap of each segment (k, 2, 3), or less by the slack at most, cut off at the reach, shape (k,) [m].
+        """Return the least gap of each segment (k, 2, 3), capped at the reach, shape (k,) [m].
 
-        Not a number where the segment is none.
+        The gap may be too small by the slack at most; NaN for segments with NaN.
         """
         gap = np.empty(len(segments))
         NativeCall(
@@ -129,7 +129,10 @@ class SurfaceSearch:
         return gap
 
     def nearest(self, segments: FloatArray, reach: float, together: int) -> Witnesses:
-        """Return where each segment (k, 2, 3) is nearest, or of so many in a row the nearest of them."""
+        """Return where each segment (k, 2, 3) is nearest to a surface.
+
+        Of every ``together`` consecutive segments only the nearest is sought.
+        """
         count = len(segments)
         face = np.empty(count, dtype=np.int64)
         found = Witnesses(np.empty(count), np.zeros(count), np.zeros((count, 3)), np.zeros((count, 3)), face)
@@ -141,7 +144,7 @@ class SurfaceSearch:
         return found
 
     def planes(self, segments: FloatArray, reach: float, most: int, behind: float, slack: float) -> PlaneRows:
-        """At most so many half-spaces about each segment (k, 2, 3), the nearest first, or nearest but for the slack."""
+        """Return at most ``most`` half-spaces around each segment (k, 2, 3), the nearest first up to the slack."""
         count = len(segments)
         whole = np.empty((2, count * most), dtype=np.int64)
         real = np.empty((8, count * most))
@@ -159,7 +162,10 @@ class SurfaceSearch:
         return PlaneRows(whole[0, :rows], share[:rows], normal[:rows], point[:rows], gap[:rows], whole[1, :rows])
 
     def grid(self, low: FloatArray, cell: float, counts: tuple[int, int, int], reach: float) -> FloatArray:
-        """Gaps of the middles of the cells of a grid, the first of which is at ``low``, cut off at the reach [m]."""
+        """Return the gaps at the centres of the cells of a grid, capped at the reach [m].
+
+        The first centre is ``low``.
+        """
         gap = np.empty(counts)
         NativeCall("grid_gaps", surfaces=self.for_c, counts=counts, low=low, cell=cell, reach=reach, gap=gap)()
         return gap
@@ -167,16 +173,16 @@ class SurfaceSearch:
 
 @dataclass(frozen=True)
 class DistanceSettings:
-    """Numbers of the hierarchy of boxes and of its walks.
+    """Settings of the tree of boxes and of its searches.
 
     Attributes:
-        leaf: triangles in a box that is not cut any more, at most. Measured by ``tests/benchmarks/bench_surfaces.py``:
-            two to sixteen are within a tenth of each other, and larger leaves take less memory.
-        most_planes: half-spaces about a segment, at most. Taste: what lies beyond the nearest fourteen rarely binds.
-        behind: depth by which a surface may stand out from behind a plane and still counts as behind it, as a share of
-            the reach. Taste: a fine mesh of a curved wall gives a few planes instead of one a triangle.
-        slack: by how much a surface may be farther than the nearest and still be taken for it where half-spaces are
-            sought, as a share of the reach. Measured by ``tests/benchmarks/bench_surfaces.py`` along a fine duct.
+        leaf: most triangles in a box that is not split further. Measured by ``tests/benchmarks/bench_surfaces.py``: two
+            to sixteen are within a tenth of each other, and larger leaves take less memory.
+        most_planes: most half-spaces around a segment. Taste: anything beyond the nearest fourteen rarely matters.
+        behind: distance by which a surface may protrude through a plane and still count as behind it, as a share of the
+            reach. Taste: a fine mesh of a curved wall gives a few planes instead of one per triangle.
+        slack: distance by which a surface may be farther than the nearest and still be taken for it when half-spaces
+            are sought, as a share of the reach. Measured by ``tests/benchmarks/bench_surfaces.py`` along a fine duct.
     """
 
     leaf: int = 8
@@ -186,26 +192,26 @@ class DistanceSettings:
 
 
 DEFAULT_DISTANCES = DistanceSettings()
-"""The numbers that are used unless others are given."""
+"""Settings used if no others are given."""
 
 
 _MOST_TRIANGLES = 2**30
-"""Nodes are numbered in 32 bits."""
+"""Limit of triangles: nodes are numbered in 32 bits."""
 
 
 @dataclass(frozen=True, eq=False)
 class SurfaceTree:
-    """Triangles with a rounding about them, in a hierarchy of boxes.
+    """Triangles with rounding, in a tree of bounding boxes.
 
-    All distances are those of a segment from the triangles less their rounding, and exact within the rounding of
-    numbers. Everything is cut off at a reach, and the smaller that is, the shorter the walk. Only surfaces count: a
-    segment wholly inside a closed mesh has a positive distance from it. Segments that are not finite are at no distance
-    (not a number), so that no comparison takes them for free.
+    All distances are those of a segment from the triangles minus their rounding, exact up to floating-point rounding.
+    All are capped at a reach, and the smaller the reach, the faster the search. Only surfaces count: a segment wholly
+    inside a closed mesh has a positive distance from it. Segments with NaN have the distance NaN, so that no comparison
+    takes them for free.
 
     Attributes:
-        owner: number of each triangle's owner, in the order of the leaves, shape (m,).
-        search: what walks the boxes; None where there are no triangles.
-        settings: numbers of the walks.
+        owner: index of each triangle's owner, in leaf order, shape (m,).
+        search: searches the boxes; None if there are no triangles.
+        settings: settings of the searches.
     """
 
     owner: IntArray
@@ -217,12 +223,12 @@ class SurfaceTree:
         """Return the tree over the surfaces of a scene.
 
         Raises:
-            ProblemError: a place is no number, or too far away.
-            MemoryError: there is too little.
+            ProblemError: a coordinate is not a number, or too large.
+            MemoryError: there is too little memory, or there are too many triangles.
         """
         if len(soup) == 0:
             return cls(np.zeros(0, dtype=np.intp), None, settings)
-        # Python's own max passes over what is no number.
+        # Python's own max would skip NaN.
         farthest = float(np.maximum(np.abs(soup.triangles).max(), np.abs(soup.rounding).max()))
         if not farthest <= LARGEST:
             raise ProblemError(
@@ -237,10 +243,10 @@ class SurfaceTree:
         """Return the least distance of each segment from the surfaces.
 
         Args:
-            segments: ends, shape (k, 2, 3) [m].
-            reach: distances are cut off here [m].
-            slack: by how much distances may be told less than they are, never more [m]. Along walls that are meshed
-                finely a little of it saves most of the time.
+            segments: end points, shape (k, 2, 3) [m].
+            reach: distances are capped here [m].
+            slack: amount by which distances may be reported too small, never too large [m]. Along finely meshed walls a
+                little slack saves most of the time.
 
         Returns:
             Distances, at most the reach, negative inside a rounding, shape (k,) [m].
@@ -250,15 +256,15 @@ class SurfaceTree:
         return self.search.distances(_checked(segments), reach, slack)
 
     def nearest(self, segments: FloatArray, reach: float, together: int = 1) -> Witnesses:
-        """Return where each segment is nearest to a surface, as ``distances``.
+        """Return where each segment is nearest to a surface, with distances as in ``distances``.
 
-        The owner is −1 where nothing is in reach.
+        The owner is −1 if nothing is in reach.
 
         Args:
-            segments: ends, shape (k, 2, 3) [m].
-            reach: surfaces at this distance are not looked at [m].
-            together: of so many segments in a row only the first of the nearest is asked for; what is told of the
-                others may be that nothing is in reach. It takes a fraction of the time.
+            segments: end points, shape (k, 2, 3) [m].
+            reach: surfaces at this distance or farther are ignored [m].
+            together: of every so many consecutive segments only the first of the nearest is sought; the others may be
+                reported to have nothing in reach. This takes a fraction of the time.
         """
         if self.search is None:
             k = len(segments)
@@ -270,17 +276,17 @@ class SurfaceTree:
     def planes(
         self, segments: FloatArray, reach: float, most: int | None = None, behind: float | None = None
     ) -> PlaneRows:
-        """Return the half-spaces that hold a segment and are free of the surfaces near it: a convex region about each.
+        """Return the half-spaces that bound a convex free region around each segment.
 
-        Surfaces are taken in the order of their distance, but for the slack of the settings. The plane through a
-        surface's nearest point, at right angles to the shortest way, is kept; all that lies behind a plane that is kept
-        is dropped.
+        Surfaces are taken in order of distance, up to the slack of the settings. The plane through a surface's nearest
+        point, perpendicular to the shortest connection, is added; everything behind an added plane is dropped.
 
         Args:
-            segments: ends, shape (k, 2, 3) [m].
-            reach: surfaces at this distance are not looked at [m].
-            most: planes a segment, at most; absent: that of the settings.
-            behind: what stands out from a plane by no more than this lies behind it [m]; absent: by the settings.
+            segments: end points, shape (k, 2, 3) [m].
+            reach: surfaces at this distance or farther are ignored [m].
+            most: most planes per segment; that of the settings if None.
+            behind: distance by which a surface may protrude through a plane and still count as behind it [m]; by the
+                settings if None.
         """
         if self.search is None:
             none = np.zeros(0, dtype=np.intp)
@@ -292,18 +298,18 @@ class SurfaceTree:
         return replace(found, owner=self.owner[found.owner])
 
     def grid(self, low: FloatArray, cell: float, counts: tuple[int, int, int], reach: float) -> FloatArray:
-        """Return the distances of the middles of the cells of a grid from the surfaces, as of segments without length.
+        """Return the distances of the centres of a grid's cells from the surfaces, as for segments of zero length.
 
-        Any point of a cell is as far from the surfaces as the middle, less half the cell's diagonal at most.
+        Any point of a cell is as far from the surfaces as the centre, minus half the cell's diagonal at most.
 
         Args:
-            low: middle of the first cell, shape (3,) [m].
+            low: centre of the first cell, shape (3,) [m].
             cell: size of a cell [m].
             counts: number of cells along x, y and z.
-            reach: distances are cut off here [m].
+            reach: distances are capped here [m].
 
         Returns:
-            Distances, shape of the counts [m].
+            Distances, in an array of shape ``counts`` [m].
         """
         if self.search is None:
             return np.full(counts, float(reach))
@@ -311,7 +317,7 @@ class SurfaceTree:
 
 
 def _checked(segments: FloatArray, together: int = 1) -> FloatArray:
-    """Return the segments, which C takes so many in a row.
+    """Return the segments after checking their shape for C, which takes ``together`` of them at a time.
 
     Raises:
         ValueError: they have another shape.
