@@ -1,20 +1,20 @@
 """The command line: ``main`` is the entry point, ``commands`` has every command and option.
 
-Nothing but what Python has loaded already is imported before ``main`` can answer Ctrl-C.
+Before ``main`` handles Ctrl-C, only modules that Python has loaded already are imported.
 """
 
 import os
 import sys
 
 THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-"""Read by the linear algebra libraries when they are loaded: small matrices run faster on one thread."""
+"""Variables read by the linear algebra libraries when they are loaded; small matrices run faster on one thread."""
 
 OBJECTS_BETWEEN_COLLECTIONS = 20_000
-"""New objects that start a search for cycles: with Python's own 700 it takes longer than what it finds is worth."""
+"""New objects that trigger a garbage collection: at Python's own 700, collections cost more time than they save."""
 
 
 def main() -> None:
-    """Entry point of ``ccm-opt``; Ctrl-C ends it with exit code 130 also while modules are loaded."""
+    """Run ``ccm-opt``; Ctrl-C ends it with exit code 130 even while modules are loaded."""
     try:
         _run()
     except KeyboardInterrupt:
@@ -27,9 +27,9 @@ def main() -> None:
 
         if end.code == cancelling.CANCELLED:
             if cancelling.interrupt_unmet():
-                cancelling.report_cancelled()  # Typer made an exit code of it, where no command had begun
+                cancelling.report_cancelled()  # before a command begins, Typer turns it into an exit code
             cancelling.leave_at_once()
-        # All is done, and only Python's own end is left, in which Ctrl-C would be met by nobody.
+        # Only Python's own shutdown is left, in which nothing would handle Ctrl-C.
         cancelling.ignore_interrupts()
         sys.exit(end.code)
     except (MemoryError, ImportError, OSError) as error:
@@ -41,7 +41,7 @@ def main() -> None:
 
 
 def _exit_out_of_memory(message: str) -> None:
-    """Say it in one line, and end at once: Python's own end may need memory, too."""
+    """Print the error in one line and exit at once: Python's own shutdown may need memory, too."""
     sys.stderr.write(f"error: {message}\n")
     sys.stderr.flush()
     os._exit(1)
@@ -61,7 +61,7 @@ def _run() -> None:
     from ccm_opt.cli.cancelling import interrupts_end_at_once, interrupts_insist  # noqa: PLC0415 - see above
 
     interrupts_end_at_once()
-    from ccm_opt.cli.surroundings import no_search_for_cycles  # noqa: PLC0415 - Ctrl-C while loading is handled now
+    from ccm_opt.cli.surroundings import no_search_for_cycles  # noqa: PLC0415 - Ctrl-C while loading is handled from here
 
     with no_search_for_cycles():
         from ccm_opt.cli.commands import app  # noqa: PLC0415 - likewise

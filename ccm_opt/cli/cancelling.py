@@ -1,6 +1,6 @@
-"""What happens on Ctrl-C: the command stops, writes ``error: cancelled`` to stderr, and ends with exit code 130.
+"""Handling of Ctrl-C: the command stops, writes ``error: cancelled`` to stderr, and ends with exit code 130.
 
-Where Ctrl-C strikes decides who handles it and what remains on disk:
+What the command is doing at Ctrl-C decides which code handles it and what remains on disk:
 
 ===================================  ===============================  =================================================
 while                                handled in                       what remains
@@ -16,19 +16,19 @@ IPOPT runs in CasADi                 ``core/ipopt_call.py``         it is kept a
 ``solve`` writes a folder, or after  ``last_steps_uninterrupted``     the whole folder: that file is solved, only
                                                                       those after it are not tried; a second Ctrl-C
                                                                       leaves the whole folder or none
-``pose`` asks for a pose             ``posing``, ``outcome``          ``pose.json`` with the status ``cancelled``
-``reach`` looks at cells             ``outcome``                      nothing is written; processes are ended
+``pose`` searches for a pose         ``posing``, ``outcome``          ``pose.json`` with the status ``cancelled``
+``reach`` searches cells             ``outcome``                      nothing is written; processes are ended
 ``compare`` runs its methods         ``comparing``, ``outcome``       every finished run is in the journal, from which
                                                                       the same command goes on; processes are ended
 ``check``, ``simulate``, ``export``  ``outcome``                      nothing is written
 ===================================  ===============================  =================================================
 
-Where a folder of an earlier result stands, it stays, and what is no whole result is written beside it.
+A folder with an earlier result is kept, and an incomplete result is written next to it.
 
-An interrupt may be lost: C code that calls Python, CasADi's wrappers among it, drops whatever is raised there. So the
-interrupt that is raised can be told from others, and is looked for until somebody has met it; where it is gone and
-nobody has, it is raised again. While modules are loaded none is raised at all: there it may come out as another error,
-with half a module left behind.
+An interrupt may be lost: C code that calls Python, such as CasADi's wrappers, drops exceptions raised there. So the
+interrupt has a type of its own and is watched by a timer until it is handled; if it is gone and was not handled, it is
+raised again. While modules are loaded none is raised at all: there it could surface as another error, with a module
+half loaded.
 """
 
 import os
@@ -43,24 +43,25 @@ from types import FrameType
 from typing import NoReturn
 
 CANCELLED = 130
-"""Exit code after Ctrl-C: 128 and the number of the signal, as shells count."""
+"""Exit code after Ctrl-C: 128 plus the number of the signal, by the convention of shells."""
 LOOK_AGAIN = 0.25
-"""Time between two looks whether an interrupt was lost [s]; a share of the second within which a command is to end."""
+"""Time between two checks whether an interrupt was lost [s]; a fraction of the second within which a command should
+end."""
 LOOK_FOR_LOADED = 0.02
-"""Time between two looks whether modules are loaded, after which an interrupt can be raised [s]."""
+"""Time between two checks whether modules are still being loaded [s]; an interrupt is raised once they are not."""
 _LOADER = "<frozen importlib._bootstrap>"
-"""Where Python loads modules."""
+"""File name in the stack frames of Python's module loader."""
 
 
 @dataclass
 class _Notes:
-    """What is known of Ctrl-C.
+    """State of Ctrl-C.
 
     Attributes:
-        noted: whether it was pressed where it is only noted.
-        met: whether whoever is to answer it has.
-        struck: whether it was ever raised.
-        raised: the interrupt as it was raised last, or None once nobody holds it any more.
+        noted: whether it was pressed while it is only noted.
+        met: whether it was handled; true before the first.
+        struck: whether an interrupt was ever raised.
+        raised: returns the interrupt raised last, or None once it no longer exists.
     """
 
     noted: bool = False
@@ -73,35 +74,35 @@ _NOTES = _Notes()
 
 
 class Interrupted(KeyboardInterrupt):
-    """Ctrl-C, told from other interrupts, so that it is seen when one is lost."""
+    """Ctrl-C, as a type of its own, so that a lost interrupt can be detected."""
 
 
 def interrupts_end_at_once() -> None:
-    """From here on Ctrl-C ends the process with exit code 130: nothing has begun that would have to be put away."""
+    """From here on, Ctrl-C ends the process with exit code 130: nothing has begun that would need cleaning up."""
     if threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGINT, lambda _signal, _frame: leave_at_once(report_cancelled()))
 
 
 def interrupts_insist() -> None:
-    """From here on a Ctrl-C that is lost on its way is raised again, until ``interrupt_met``."""
+    """From here on, raise a lost Ctrl-C again until ``interrupt_met`` is called."""
     if threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGINT, _interrupt)
         sys.unraisablehook = _ignore_unraisable
 
 
 def _ignore_unraisable(lost: "sys.UnraisableHookArgs") -> None:
-    """Say nothing of an interrupt that Python cannot raise where it struck, as in a finaliser: it comes again.
+    """Ignore an interrupt that Python cannot raise where it struck, as in a finaliser: it is raised again later.
 
-    Nor, once one was raised, of what finalisers of objects stumble over that it left half made.
+    After the first interrupt, ignore errors in finalisers of half-made objects too.
     """
     if not _NOTES.struck and not issubclass(lost.exc_type, Interrupted):
         sys.__unraisablehook__(lost)
 
 
 def interrupt_met() -> None:
-    """Whoever is to answer Ctrl-C has it.
+    """Note that Ctrl-C is handled, and stop the timer.
 
-    The timer ends here: Python forgets its handlers at its end, and an alarm after that would end the process.
+    Python drops its signal handlers when it shuts down, and an alarm after that would end the process.
     """
     _NOTES.met = True
     if hasattr(signal, "setitimer"):
@@ -109,7 +110,7 @@ def interrupt_met() -> None:
 
 
 def interrupt_unmet() -> bool:
-    """Return whether Ctrl-C was pressed and nobody has answered it yet: whatever error comes out is likely to be it."""
+    """Return whether Ctrl-C was pressed and not yet handled, so that any other error is likely caused by it."""
     return not _NOTES.met
 
 
@@ -123,7 +124,7 @@ def _interrupt(_signal: int, frame: FrameType | None) -> None:
         if later:
             return
     _NOTES.struck = True
-    # It has no name here: the frame would keep it, and be kept by it.
+    # Not bound to a name here: the frame and the interrupt would keep each other alive.
     raise _watched(Interrupted())
 
 
@@ -142,7 +143,7 @@ def _watched(interrupt: Interrupted) -> Interrupted:
 
 
 def _look(number: int, frame: FrameType | None) -> None:
-    """Raise the interrupt again where nobody has met it and nobody holds it."""
+    """Raise the interrupt again if it was not handled and no longer exists."""
     if _NOTES.met:
         signal.setitimer(signal.ITIMER_REAL, 0.0)
     elif _NOTES.raised() is None:
@@ -150,9 +151,9 @@ def _look(number: int, frame: FrameType | None) -> None:
 
 
 def last_steps_uninterrupted() -> None:
-    """From here to the end of ``interrupts_as_usual`` Ctrl-C is noted and no more.
+    """From here to the end of ``interrupts_as_usual``, only note Ctrl-C.
 
-    The work on one file is all but done then. A second one interrupts as ever, should those last steps hang.
+    The work on one file is all but done by then. A second Ctrl-C interrupts as usual, in case those last steps hang.
     """
     if threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGINT, _note)
@@ -160,7 +161,7 @@ def last_steps_uninterrupted() -> None:
 
 @contextmanager
 def interrupts_as_usual() -> Iterator[None]:
-    """Return whatever the block does to the handling of Ctrl-C is undone at its end."""
+    """Restore the handling of Ctrl-C at the end of the block, whatever the block changes."""
     _NOTES.noted = False
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -183,7 +184,7 @@ def _note(_signal: int, _frame: FrameType | None) -> None:
 
 
 def ignore_interrupts() -> None:
-    """From here on Ctrl-C does nothing."""
+    """From here on, ignore Ctrl-C."""
     interrupt_met()
     if threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -192,11 +193,11 @@ def ignore_interrupts() -> None:
 def leave_at_once(code: int = CANCELLED) -> NoReturn:
     """End the process at once with an exit code.
 
-    At Python's own end, a Ctrl-C that struck while some text was run as code, as dataclasses do when modules are
-    loaded, would count as unhandled however it was handled, and the process would end by the signal itself.
+    When Python shuts down, a Ctrl-C that struck while text was executed as code, as dataclasses do while modules are
+    loaded, would count as unhandled even if it was handled, and the process would end by the signal itself.
     """
     for stream in (sys.stdout, sys.stderr):
-        with suppress(OSError, ValueError, AttributeError):  # closed, or none at all
+        with suppress(OSError, ValueError, AttributeError):  # closed or missing
             stream.flush()
     os._exit(code)
 
@@ -208,6 +209,6 @@ def report_cancelled() -> int:
         The exit code.
     """
     interrupt_met()
-    with suppress(OSError, ValueError, AttributeError):  # nobody reads it
+    with suppress(OSError, ValueError, AttributeError):  # stderr is closed or missing
         sys.stderr.write("error: cancelled\n")
     return CANCELLED

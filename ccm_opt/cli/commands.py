@@ -1,6 +1,6 @@
-"""Every command and option of ``ccm-opt``: one function a command, which hands over to the module of its name.
+"""Every command and option of ``ccm-opt``: one function per command, which calls the module that implements it.
 
-Each returns its exit code, whose meaning is in ``outcome``; what happens on Ctrl-C is in ``cancelling``.
+Each returns its exit code, see ``outcome``; Ctrl-C is described in ``cancelling``.
 """
 
 import inspect
@@ -30,7 +30,7 @@ from ccm_opt.cli.surroundings import no_search_for_cycles
 
 
 class CommandGroup(TyperGroup):
-    """All commands; Ctrl-C while one of them loads its modules ends with exit code 130, where Typer's own is 1."""
+    """Group of all commands; Ctrl-C while a command loads its modules gives exit code 130 instead of Typer's 1."""
 
     def invoke(self, ctx: Any) -> Any:
         """Run the command that was asked for."""
@@ -69,7 +69,7 @@ _AS_JSON = Annotated[bool, typer.Option("--json", help="Print one JSON document 
 _QUIET = Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but errors and warnings.")]
 _VERBOSE = Annotated[bool, typer.Option("--verbose", "-v", help="Tell every stage, and every check.")]
 _PRINTING = {"as_json": _AS_JSON, "quiet": _QUIET, "verbose": _VERBOSE}
-"""Options of every command, which say how it prints."""
+"""Options of every command that control its output."""
 _ALLOW_OUTSIDE = Annotated[
     bool, typer.Option("--allow-outside", help="Read drawings that lie outside the folder of the problem file.")
 ]
@@ -77,11 +77,11 @@ _ALLOW_OUTSIDE = Annotated[
 
 
 def command(name: str, examples: Sequence[str] = ()) -> Callable[[Callable[..., int]], Callable[..., int]]:
-    """Make a function a command, with the options that say how it prints.
+    """Make a function a command, with the options that control its output.
 
     Args:
-        name: of the command.
-        examples: lines as one would type them, shown below its help.
+        name: name of the command.
+        examples: example command lines, shown below its help.
 
     Returns:
         A decorator for a function that returns the command's exit code.
@@ -107,7 +107,7 @@ def command(name: str, examples: Sequence[str] = ()) -> Callable[[Callable[..., 
             inspect.Parameter(key, inspect.Parameter.KEYWORD_ONLY, default=False, annotation=kind)
             for key, kind in options_of_all.items()
         ]
-        # Typer reads both to learn of the options.
+        # Typer reads the options from both.
         run.__signature__ = inspect.Signature([*own, *shared])  # type: ignore[attr-defined]
         run.__annotations__ = {each.name: each.annotation for each in [*own, *shared]}
         epilog = "Examples:\n\n" + "\n\n".join(f"  {line}" for line in examples) if examples else None
@@ -118,13 +118,13 @@ def command(name: str, examples: Sequence[str] = ()) -> Callable[[Callable[..., 
 
 
 def listed_or_given(places: list[Path] | None) -> list[Path] | None:
-    """Return the files that come with ccm-opt in the place of the names that `ccm-opt problems` lists them under."""
+    """Replace names that ``ccm-opt problems`` lists by the files of those problems."""
     if places is None or all(place.suffix or os.path.exists(place) or str(place) == "-" for place in places):  # noqa: PTH110 - see below
         return places
     from ccm_opt.cli.starting import listed_problems  # noqa: PLC0415 - loads numpy
 
     known = listed_problems()
-    # Path.exists raises where a name is too long.
+    # Path.exists raises an error if a name is too long.
     return [place if os.path.exists(place) else known.get(place.as_posix(), place) for place in places]  # noqa: PTH110
 
 

@@ -1,6 +1,6 @@
-"""The command compare.
+"""The command ``compare``, and its tables.
 
-They fit into eighty columns with two methods: figures stand in rows, methods in columns.
+With two methods the tables fit into eighty columns: figures are rows, methods are columns.
 """
 
 import itertools
@@ -44,14 +44,14 @@ from ccm_opt.cli.tables import columned_table, report_console
 from ccm_opt.core.executors import DaskWorkers, LocalWorkers, Workers
 
 _MOST_PROBLEMS = 40
-"""Problems of a comparison up to which the table of all runs is printed; of more it is in the file only."""
+"""Most problems for which the table of all runs is printed; with more, it is in the file only."""
 
 OF_A_RUN = ("least_wall_clearance_m", "duration_s", "planning_cpu_s")
-"""Figures in the table of runs, which has a row for each; the others are in the file."""
+"""Figures in the table of runs, which has a row for each run; the others are in the file."""
 
 
 def print_comparison(comparison: Comparison, folder: Path) -> None:
-    """Print what came of a comparison, on stdout."""
+    """Print the results of a comparison on stdout."""
     console = report_console()
     if len(comparison.problems) <= _MOST_PROBLEMS:
         console.print(runs_table(comparison))
@@ -69,7 +69,7 @@ def print_comparison(comparison: Comparison, folder: Path) -> None:
 
 
 def runs_table(comparison: Comparison) -> Table:
-    """Return one row a run."""
+    """Return a table with one row per run."""
     shown = [item for item in QUANTITIES if item.key in OF_A_RUN]
     table = columned_table("runs", ["problem", "method", "outcome", *map(format_title, shown)], unwrapped=3)
     for row in comparison.runs:
@@ -80,7 +80,7 @@ def runs_table(comparison: Comparison) -> Table:
 
 
 def methods_table(comparison: Comparison) -> Table:
-    """Return one column a method: how many problems it solves, and the medians of what it solves."""
+    """Return a table with one column per method: problems solved, and medians over its solutions."""
     count = len(comparison.problems)
     table = columned_table(f"methods on {count} problems, medians", ["", *comparison.methods], unwrapped=1)
     solved = [comparison.solved(name) for name in comparison.methods]
@@ -93,7 +93,7 @@ def methods_table(comparison: Comparison) -> Table:
 
 
 def print_pair(console: Console, pair: Pair) -> None:
-    """Print two methods by pairs."""
+    """Print the paired comparison of two methods."""
     console.print(escape(f"{pair.first} against {pair.second}"), style="bold")
     console.print(success_words(pair))
     both = max((item.pairs for item in pair.figures), default=0)
@@ -137,25 +137,25 @@ def compare_methods(
     Args:
         files: problem files.
         out: folder for the journal, tables and page.
-        suites: names of suites; the shared one where there are no files either.
-        count: problems of each suite, or None.
+        suites: names of suites; the shared suite if there are no files either.
+        count: number of problems of each suite, or None.
         seed: first seed of random suites.
         methods: names of methods; the default ones when empty.
-        planners: planners from elsewhere, as ``module:attribute``.
-        workers: processes of this machine.
+        planners: external planners, as ``module:attribute``.
+        workers: number of processes on this machine.
         dask: address of a Dask scheduler, or None.
         time_limit: CPU time of every planner [s], or None.
         page: whether to write the page.
         problems: whether to write the problems as files, too.
 
     Returns:
-        The exit code: 0 when every run ended in a result, be it that there is no plan; 1 when one crashed.
+        The exit code: 0 when every run ended in a result, even without a plan; 1 when one crashed.
     """
 
     def compared(folder: Path) -> int:
         with suppress(FileNotFoundError):  # a working directory that was removed has no planners
             if str(Path.cwd()) not in sys.path:
-                sys.path.append(str(Path.cwd()))  # planners beside the user, as with python -m
+                sys.path.append(str(Path.cwd()))  # finds planners in the working directory, as with python -m
         cases = list(cases_from_files(files, allow_outside=output().allow_outside))
         for suite in suites if suites or files else (SHARED,):
             cases += suite_cases(suite, count, seed)
@@ -181,7 +181,7 @@ def compare_methods(
 def _run(
     cases: Sequence[Case], methods: Sequence[str], workers: Workers, place: Path, time_limit: float | None
 ) -> Comparison:
-    """Make the runs that the journal at a place does not have."""
+    """Make the runs that are not yet in the journal."""
     with open_journal(place) as journal:
         for method, count in outdated(journal, cases, methods).items():
             runs = "1 run" if count == 1 else f"{count} runs"
@@ -192,7 +192,7 @@ def _run(
 
 
 def _telling(count: int) -> Callable[[Run], None]:
-    """Return what counts the runs on stderr, a line for each."""
+    """Return a function that prints a numbered line for each run on stderr."""
     numbers = itertools.count(1)
 
     def tell(run: Run) -> None:

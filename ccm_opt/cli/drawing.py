@@ -1,4 +1,4 @@
-"""The commands draw and view: pictures of a written plan, those that solve draws, and the plan in the browser."""
+"""The commands ``draw`` and ``view``, pictures of a plan and its view in the browser; and the pictures of ``solve``."""
 
 import sys
 import webbrowser
@@ -27,18 +27,18 @@ if TYPE_CHECKING:
     from ccm_opt.viz.page_sections import PlanPages
 
 STILL_FIGURES = tuple(name for name in FigureName if name not in {FigureName.GIF, FigureName.MP4})
-"""What is drawn where nothing is asked for."""
+"""Figures drawn by default."""
 
 
 def plan_pictures(
     solution: Solution, kind: FigureKind = "png", plans: "PlanPages | None" = None
 ) -> Mapping[str, bytes]:
-    """Return the pictures of a plan that was just made, by file name.
+    """Return the pictures of a new plan, by file name.
 
     Args:
         solution: the plan.
-        kind: format of still pictures.
-        plans: of which it is one, where there are several.
+        kind: file format of still pictures.
+        plans: all plans of the problem if there are several.
     """
     with no_search_for_cycles():
         from ccm_opt.viz.arm_drawing import DrawnPlan  # noqa: PLC0415 - loads matplotlib
@@ -50,13 +50,13 @@ def plan_pictures(
     still = f"plan.{kind}"
     report = report_html(solution, pictures=(still, "motion.gif"), plans=plans).encode()
     plan = DrawnPlan.from_solution(solution)
-    # Both show the same bodies, which are made ready once.
+    # The picture and the film show the same bodies, which are prepared once.
     scene = SeenScene(plan.problem) if plan.problem.dimension == 3 else None
     return {still: plan_picture(plan, kind, scene), "motion.gif": motion_gif(plan, scene), "report.html": report}
 
 
 def pareto_pictures(found: ParetoPlans, kind: FigureKind = "png") -> Mapping[str, bytes]:
-    """The pictures of several plans: all of the recommended one, a picture and a page of each, and the trade-off."""
+    """Return the pictures of several plans: all of the recommended one, picture and page of each, and the trade-off."""
     from ccm_opt.viz.arm_drawing import DrawnPlan  # noqa: PLC0415 - loads matplotlib
     from ccm_opt.viz.page import report_html  # noqa: PLC0415
     from ccm_opt.viz.page_sections import PlanPages  # noqa: PLC0415
@@ -82,20 +82,20 @@ def pareto_pictures(found: ParetoPlans, kind: FigureKind = "png") -> Mapping[str
 def draw_folders(
     folders: Sequence[Path], figures: Sequence[FigureName] = (), kind: FigureKind = "png", out: Path | None = None
 ) -> int:
-    """Draw the plans of folders; all are tried.
+    """Draw the plan in every folder; a failure does not stop the others.
 
     Args:
         folders: output folders of ``ccm-opt solve``.
-        figures: what to draw; all still figures when empty.
-        kind: format of still figures.
-        out: folder of the pictures; that of each plan when None.
+        figures: figures to draw; all still figures when empty.
+        kind: file format of still figures.
+        out: folder for the pictures; when None, the folder of each plan.
 
     Returns:
         The exit code.
     """
 
     def draw(folder: Path) -> int:
-        # Several plans in one folder would overwrite each other's pictures, so that each has a folder of its own there.
+        # Pictures of several plans in one folder would overwrite each other, so each plan gets a folder of its own.
         place = folder if out is None else out / folder.resolve().name
         pictures = drawn_files(folder, figures or STILL_FIGURES, kind)
         for name, content in pictures.items():
@@ -108,15 +108,15 @@ def draw_folders(
 
 
 def drawn_files(folder: Path, figures: Sequence[FigureName], kind: FigureKind = "png") -> dict[str, bytes]:
-    """Return the pictures of a written plan by file name.
+    """Return the pictures of a plan in a folder, by file name.
 
     Args:
         folder: an output folder of ``ccm-opt solve``.
-        figures: what to draw.
-        kind: format of still figures.
+        figures: figures to draw.
+        kind: file format of still figures.
 
     Raises:
-        ProblemError: for an unreadable folder, or a video without ffmpeg.
+        ProblemError: the folder is not readable, a figure exists in the plane only, or a video needs ffmpeg.
         VerificationError: the folder holds no plan.
     """
     plan = drawn(load(folder))
@@ -129,7 +129,7 @@ def drawn_files(folder: Path, figures: Sequence[FigureName], kind: FigureKind = 
         FigureName.SPACE: plan_picture,
     }
     if plan.problem.dimension == 3:
-        # Where nothing is asked for, the plan is drawn, which is a picture in space itself.
+        # By default, only the plan is drawn in space.
         figures = (FigureName.PLAN,) if tuple(figures) == STILL_FIGURES else figures
     else:
         stills |= {
@@ -146,11 +146,11 @@ def drawn_files(folder: Path, figures: Sequence[FigureName], kind: FigureKind = 
 
 
 def view_item(item: Path, port: int, *, browser: bool) -> int:
-    """Show one plan until Ctrl-C.
+    """Show a plan in the browser until Ctrl-C.
 
     Args:
         item: a problem file, or an output folder of ``ccm-opt solve``.
-        port: of the page, on this machine alone.
+        port: port of the page, on this machine only.
         browser: whether to open the page.
 
     Returns:
@@ -168,17 +168,17 @@ def _view(item: Path, port: int, *, browser: bool) -> int:
             webbrowser.open(app.address)
         app.run()
     except KeyboardInterrupt:
-        # The only way to end it, and so no failure; whatever still waits for a page that does not answer is left.
+        # Ctrl-C is the usual way to end the viewer, so it is no failure. Threads that wait for a page are abandoned.
         interrupt_met()
         leave_at_once(SOLVED)
     return SOLVED
 
 
 def plan_viewer(item: Path, port: int) -> "ViewerApp":
-    """Return the page of a plan.
+    """Return the viewer of a plan, not yet running.
 
     Raises:
-        ProblemError: there is no such plan or problem, the port is taken, or the viewer is not installed.
+        ProblemError: there is no such plan or problem, the port is in use, or the viewer is not installed.
         NoPlanFound: the problem has no plan.
     """
     try:
@@ -198,7 +198,7 @@ def plan_viewer(item: Path, port: int) -> "ViewerApp":
 
 
 def _serve_viewer(door: socket, item: Path, problem: Problem) -> "ViewerApp":
-    """Plan a problem and show it on an open socket; of a folder, show the motion that is written there."""
+    """Return the viewer on an open socket, showing the motion in a folder, or a new plan of a problem."""
     from ccm_opt.cli.view.app import ViewerApp  # noqa: PLC0415 - loads viser
     from ccm_opt.cli.view.frames import MotionFrames  # noqa: PLC0415
     from ccm_opt.driver.live_plan import LivePlan  # noqa: PLC0415 - loads casadi

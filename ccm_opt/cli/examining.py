@@ -1,4 +1,4 @@
-"""The commands ``describe``, ``simulate`` and ``tolerance``: an arm, what it does with a plan, what that survives."""
+"""The commands ``describe``, ``simulate`` and ``tolerance``: an arm, a simulated plan, and the errors it survives."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
@@ -31,11 +31,11 @@ from ccm_opt.verification.verifier import verify
 from ccm_opt.viz.room_section import survived_in_words
 
 _DRIVE = ("velocity [rad/s]", "acceleration [rad/s²]", "torque [N m]", "rotor [kg m²]", "friction [N m s/rad]")
-"""Columns of a revolute's drive."""
+"""Column headings for a revolute's drive."""
 
 
 def describe_files(files: Sequence[Path], changes: Sequence[str] = ()) -> int:
-    """Describe the arm of every file; all are tried.
+    """Describe the arm of every file; a failure does not stop the others.
 
     Args:
         files: problem files.
@@ -65,7 +65,10 @@ def _describe(problem: Problem) -> int:
 
 
 def _data(problem: Problem) -> dict[str, object]:
-    """Return the arm in the layout of a problem file, and its link parameters in SI units and radians, for programs."""
+    """Return the arm in the layout of a problem file, and its link parameters in SI units, for JSON output.
+
+    Angles of the link parameters are in radians.
+    """
     whole = problem_data(replace(problem, length_unit="m"))
     rows = zip(joint_names(problem.arm), dh_table(problem.arm), strict=True)
     parameters = [{"joint": name, **row._asdict()} for name, row in rows]
@@ -75,7 +78,7 @@ def _data(problem: Problem) -> dict[str, object]:
 
 
 def arm_lines(problem: Problem) -> list[str]:
-    """Return the arm in a few lines."""
+    """Return a summary of the arm in a few lines."""
     arm = problem.arm
     gravity = problem.simulation.gravity
     unit = problem.length_unit
@@ -101,19 +104,22 @@ def arm_lines(problem: Problem) -> list[str]:
 
 
 def _pointing(problem: Problem) -> str:
-    """Return how the base is turned."""
+    """Return the orientation of the base in words."""
     if problem.dimension == 3:
         return f"direction {_components(problem.arm.direction)}, up {_components(problem.arm.up)}"
     return f"heading {np.rad2deg(problem.arm.base_heading):.6g} deg"
 
 
 def _components(vector: FloatArray) -> str:
-    # A zero that rounding made negative is a zero.
+    # Adding 0.0 turns a negative zero into a zero.
     return f"({', '.join(f'{value + 0.0:.6g}' for value in vector.round(12))})"
 
 
 def parameter_table(problem: Problem) -> Table:
-    """Standard Denavit–Hartenberg parameters of every revolute, A = Rz(θ + offset) Tz(d) Tx(a) Rx(α), and its drive."""
+    """Return the standard Denavit–Hartenberg parameters of every revolute, and its drive.
+
+    A = Rz(θ + offset) Tz(d) Tx(a) Rx(α).
+    """
     arm = problem.arm
     limits = problem.limits
     unit = problem.length_unit
@@ -132,7 +138,7 @@ def parameter_table(problem: Problem) -> Table:
 
 
 def link_table(arm: Arm) -> Table:
-    """Return the mass and moments of inertia of every link; the two frames between, of no mass, are left out."""
+    """Return mass and moments of inertia of every link; the two massless frames of each joint are left out."""
     table = columned_table("links", ("link", "mass [kg]", "axial [kg m²]", "transverse [kg m²]", "bend limit [deg]"))
     # In space a joint has two bends, within the same limit.
     limits = np.rad2deg(arm.bend_limits.reshape(arm.links, -1)[:, 0])
@@ -143,18 +149,18 @@ def link_table(arm: Arm) -> Table:
 
 
 PICTURE = "simulation.png"
-"""Name of the picture in the folder."""
+"""Name of the picture in the plan's folder."""
 
 
 def simulate_folders(
     folders: Sequence[Path], options: Mapping[str, Any], disturbances: Mapping[str, Any], *, pictures: bool
 ) -> int:
-    """Simulate every folder; all are tried.
+    """Simulate the plan in every folder; a failure does not stop the others.
 
     Args:
         folders: output folders of ``ccm-opt solve``.
-        options: of ``SimulationOptions`` by name; None leaves what the plan was made with.
-        disturbances: of ``Disturbances`` by name, likewise.
+        options: values of ``SimulationOptions`` by name; None keeps the plan's own.
+        disturbances: values of ``Disturbances`` by name, likewise.
         pictures: whether to draw ``simulation.png`` into the folder.
 
     Returns:
@@ -164,14 +170,14 @@ def simulate_folders(
 
 
 def _with_settings(problem: Problem, options: Mapping[str, Any], disturbances: Mapping[str, Any]) -> Problem:
-    """Return the problem with other settings, but for those that are None.
+    """Return the problem with other simulation settings; None keeps the problem's own.
 
     Raises:
-        ProblemError: naming the setting that is impossible.
+        ProblemError: naming the invalid setting.
     """
     given, changed = ({k: v for k, v in each.items() if v is not None} for each in (options, disturbances))
     for name, value in changed.items():
-        least = -1.0 if name == "mass_error" else 0.0  # an error of -1 is an arm without mass
+        least = -1.0 if name == "mass_error" else 0.0  # a mass error of -1 leaves an arm without mass
         if value < least:
             raise ProblemError(f"--{name.replace('_', '-')} must be at least {least:g}, got {value:g}")
     changed_disturbances = replace(problem.simulation.disturbances, **changed)
@@ -185,7 +191,7 @@ def _simulate(folder: Path, options: Mapping[str, Any], disturbances: Mapping[st
     from ccm_opt.driver.closed_loop import simulate_and_check  # noqa: PLC0415 - loads casadi
     from ccm_opt.dynamics.simulation.simulation_record import check_options  # noqa: PLC0415 - likewise
 
-    # What was recorded was checked before the plan was made; what the command line says is checked here.
+    # Recorded options were checked before planning; those of the command line are checked here.
     check_options(problem.arm, problem.simulation)
     simulated, figures = simulate_and_check(problem, motion.trajectory, motion.joints)
     if pictures:
@@ -230,7 +236,7 @@ def _print(problem: Problem, motion: SavedMotion, simulated: SimulatedMotion, fi
 
 
 def _describe_gains(problem: Problem) -> tuple[str, str, str]:
-    """Return the gains of the joints' PD law: value, nothing where a limit would stand, and where they come from."""
+    """Return the gains of the PD law: value, an empty limit, and origin."""
     from ccm_opt.dynamics.simulation.controller import gains  # noqa: PLC0415 - loads casadi
 
     options = problem.simulation
@@ -243,11 +249,11 @@ def _describe_gains(problem: Problem) -> tuple[str, str, str]:
 
 
 def examine_tolerance(folders: Sequence[Path], *, simulated: bool, pictures: bool) -> int:
-    """Look at every folder; all are tried.
+    """Compute the errors that the plan in every folder survives; a failure does not stop the others.
 
     Args:
         folders: output folders of ``ccm-opt solve``.
-        simulated: whether payload and friction are sought as well.
+        simulated: whether payload and friction are computed as well.
         pictures: whether to draw ``tolerance.png`` into the folder.
 
     Returns:
@@ -259,7 +265,7 @@ def examine_tolerance(folders: Sequence[Path], *, simulated: bool, pictures: boo
 def _look_at(folder: Path, *, simulated: bool, pictures: bool) -> int:
     problem = load_any_problem(folder)
     motion = load_motion(folder, problem.arm)
-    # The certificate takes for granted that the plan itself touches nothing.
+    # The certificate assumes that the plan itself touches nothing.
     if failures := failed_checks(verify(problem, motion.trajectory, motion.joints)):
         raise VerificationError(failures)
     from ccm_opt.driver.robustness import motion_tolerance  # noqa: PLC0415 - loads casadi
@@ -279,7 +285,7 @@ def _look_at(folder: Path, *, simulated: bool, pictures: bool) -> int:
 
 
 def tolerance_table(problem: Problem, errors: Sequence[SurvivedError]) -> Table:
-    """Return the errors that a plan survives, with what limits them."""
+    """Return a table of the errors that a plan survives, with what limits them."""
     table = columned_table(f"{problem.name}: survives errors of, one at a time", ("", "up to", "asked", "limited by"))
     table.columns[-1].justify = "left"
     table.columns[-1].no_wrap = False

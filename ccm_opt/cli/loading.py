@@ -1,4 +1,4 @@
-"""Loads the problems that a command is given, and tells what people should know of them."""
+"""Loading of the problems that a command is given, with reports and warnings about their scenes."""
 
 import tomllib
 from collections.abc import Iterator, Sequence
@@ -24,20 +24,20 @@ from ccm_opt.scene.distances.enclosures import open_words
 from ccm_opt.scene.surfaces import box_about
 
 _MOST_LEFT_OUT = 10
-"""Layers of a drawing, and things left out of it, that are listed without --verbose."""
+"""Most layers of a drawing, and most items left out of it, that are listed without --verbose."""
 
 TIMES = "\N{MULTIPLICATION SIGN}"
 
 
 def tell_of_scene(problem: Problem) -> None:
-    """Tell of a problem's drawing or meshes, of what lies outside its room, and of rates that are hardly meant."""
+    """Report a problem's drawing or meshes, and warn of obstacles outside its workspace and of unlikely rates."""
     tell = report_meshes if problem.dimension == 3 else report_drawing
     tell(problem)
     warn_odd_rates(problem)
 
 
 def report_drawing(problem: Problem) -> None:
-    """Print what became of a problem's drawing, and warn of what does not fit the arm or lies outside the room."""
+    """Print a summary of a problem's drawing, and warn if its size does not suit the arm or obstacles lie outside."""
     if problem.drawing is not None:
         _tell_of(problem.drawing, problem)
     boundary = problem.workspace.boundary
@@ -61,7 +61,7 @@ def _tell_of(drawing: ImportedDrawing, problem: Problem) -> None:
 
 
 def warn_outside(problem: str, obstacles: Sequence[str]) -> None:
-    """Warn of obstacles that lie wholly outside the room: the arm cannot come near them."""
+    """Warn of obstacles entirely outside the workspace, which the arm can never come near."""
     shown = ", ".join(f"'{name}'" for name in obstacles[:_MOST_LEFT_OUT])
     rest = len(obstacles) - len(obstacles[:_MOST_LEFT_OUT])
     if obstacles:
@@ -69,11 +69,11 @@ def warn_outside(problem: str, obstacles: Sequence[str]) -> None:
 
 
 def drawing_lines(drawing: ImportedDrawing, problem: Problem) -> Iterator[str]:
-    """Yield a line about the obstacles, one about the layers, and one for everything that was left out.
+    """Yield a line on the obstacles, one on the layers, and one for every item that was left out.
 
     Args:
-        drawing: what became of the drawing.
-        problem: gives the unit of lengths.
+        drawing: summary of the import.
+        problem: problem with the unit of length.
     """
     units = result_units(problem)
     xmin, ymin, xmax, ymax = (value / units.metres for value in drawing.box)
@@ -97,7 +97,7 @@ def drawing_lines(drawing: ImportedDrawing, problem: Problem) -> Iterator[str]:
 
 
 def report_meshes(problem: Problem) -> None:
-    """Print what became of a problem's meshes, and warn of those that do not fit the arm, and of what is outside."""
+    """Print a summary of a problem's meshes, and warn of odd sizes and of obstacles outside the workspace."""
     bounds = problem.workspace.bounds
     if bounds is not None:
         boxes = [
@@ -124,12 +124,12 @@ def report_meshes(problem: Problem) -> None:
 
 
 def mesh_lines(name: str, body: MeshBody, problem: Problem) -> Iterator[str]:
-    """Yield a line about the mesh, and one for what was done to it.
+    """Yield a line on a mesh, and one for each note and repair.
 
     Args:
-        name: of the obstacle.
+        name: name of the obstacle.
         body: the mesh.
-        problem: gives the unit of lengths.
+        problem: problem with the unit of length.
     """
     unit = problem.length_unit
     low, high = box_about(body.vertices) / METRES[unit]
@@ -146,7 +146,7 @@ def mesh_lines(name: str, body: MeshBody, problem: Problem) -> Iterator[str]:
 
 
 def _inside(body: MeshBody, unit: LengthUnit) -> str:
-    """Return whether a mesh is closed, and what counts as its inside."""
+    """Return in words whether a mesh is closed, and what counts as its inside."""
     if not body.solid:
         return "its surface alone counts (solid = false)"
     if body.closed:
@@ -156,7 +156,7 @@ def _inside(body: MeshBody, unit: LengthUnit) -> str:
 
 
 def mesh_data(name: str, body: MeshBody) -> dict[str, object]:
-    """Return the same for programs, lengths in metres."""
+    """Return a summary of a mesh for JSON output, lengths in metres."""
     box = box_about(body.vertices)
     return {
         "obstacle": name,
@@ -173,16 +173,17 @@ def mesh_data(name: str, body: MeshBody) -> dict[str, object]:
 
 
 FASTEST = {"/s": 10.0, "/s²": 200.0}
-"""Arm lengths from which a speed or an acceleration was probably meant otherwise. Taste: linear motors of a metre
+"""Speed or acceleration, in arm lengths, above which its unit was probably mistaken. Taste: linear motors of a metre
 reach about 5 m/s and 100 m/s²."""
 SLOWEST = 5e-4
-"""Arm lengths a second, or a second squared, below which it was: half an hour for the length of an arm. Taste."""
+"""Arm lengths per second, or per second squared, below which it was probably mistaken: half an hour for one arm length.
+Taste."""
 STRONGEST_GRAVITY = 50.0
-"""Twice that of Jupiter [m/s²]; on Earth in millimetres it is 9810."""
+"""Gravity above which its unit was probably mistaken [m/s²]: twice Jupiter's; Earth's in mm/s² is 9810."""
 
 
 def warn_odd_rates(problem: Problem) -> None:
-    """Warn of rates that are out of all proportion to the arm, and of a gravity that no planet has."""
+    """Warn of rates out of proportion to the arm, and of a gravity that no planet has."""
     unit = problem.length_unit
     for key, rate, per in _rates(problem.limits):
         share = rate / problem.arm.length
@@ -198,7 +199,7 @@ def warn_odd_rates(problem: Problem) -> None:
 
 
 def _rates(limits: Limits) -> Iterator[tuple[str, float, str]]:
-    """Yield key, value [m/s, m/s²] and what it is per, of every limit that is given on feed axis, tip and points."""
+    """Yield key, value [m/s, m/s²] and time unit of every limit on feed axis, tip and points."""
     given = [("feed_velocity", limits.feed_velocity, "/s"), ("feed_acceleration", limits.feed_acceleration, "/s²")]
     for point in limits.points:
         name = "tip_" if point.at is None else f"points at {point.at:g} m, "
@@ -208,13 +209,13 @@ def _rates(limits: Limits) -> Iterator[tuple[str, float, str]]:
 
 @dataclass
 class NamedProblems:
-    """Reads problem files, and refuses a second problem of the same name, which would replace the first one's folder.
+    """Reads problem files, and refuses a second problem of the same name, whose folder would replace the first one's.
 
     Attributes:
-        files: that will be read.
-        changes: keys set on the command line, for every file.
-        taken: the file of every name so far.
-        warned: whether names that several files have were told.
+        files: all files that will be read.
+        changes: keys set on the command line, applied to every file.
+        taken: the file of every name read so far.
+        warned: whether duplicate names were checked for.
     """
 
     files: Sequence[Path]
@@ -223,10 +224,10 @@ class NamedProblems:
     warned: bool = False
 
     def _warn_duplicate_names(self) -> None:
-        """Warn, before the first is solved, of names that several files have, read without drawings and meshes."""
+        """Warn, before the first problem is solved, of names shared by several files, without reading their scenes."""
         files: dict[object, list[str]] = {}
         for file in self.files:
-            # A pipe can be read once; what is wrong with a file is told in its turn.
+            # A pipe can be read only once; errors in a file are reported when it is its turn.
             if file.is_file():
                 with suppress(ProblemError, OSError, ValueError):
                     data = tomllib.loads(with_keys_set(file.read_text("utf-8"), self.changes).text)
@@ -236,10 +237,10 @@ class NamedProblems:
                 warn(f"{' and '.join(doubles)} have the same name '{name}': their folders would be one, one is solved")
 
     def read(self, file: Path) -> Problem:
-        """Return the problem of a file; what became of its drawing, or of its meshes, is told.
+        """Read the problem of a file, and report its drawing or meshes.
 
         Raises:
-            ProblemError: the file is wrong, or names its problem as an earlier file does.
+            ProblemError: the file is invalid, or its problem has the name of an earlier one.
         """
         if len(self.files) > 1 and not self.warned:
             self.warned = True
@@ -253,12 +254,12 @@ class NamedProblems:
 
 
 NamedTerms = tuple[Sequence[str], Sequence[str]]
-"""Constraints and costs of the user as the command line names them: ``module:function`` or ``file.py:function``."""
+"""References to the user's constraints and costs: ``module:function`` or ``file.py:function``."""
 NO_TERMS: NamedTerms = ((), ())
 
 
 def loaded_terms(constraints: Sequence[str], costs: Sequence[str]) -> dict[str, Any]:
-    """Return the constraints and the costs as arguments of ``solve`` and its like; nothing where none are named.
+    """Load constraints and costs as arguments of ``solve`` and others; empty if none are named.
 
     Raises:
         ProblemError: naming the reference that cannot be loaded.

@@ -1,4 +1,4 @@
-"""Exit codes: which error ends with which code, and what is printed about it.
+"""Exit codes, and the messages on errors.
 
 ====  =====================================================================
 0     solved, or every check holds
@@ -49,19 +49,19 @@ UNBROKEN = re.compile(
     r"|(?<=\d,) (?=[-\d])"
     r"|(?<=[≤≥=]) (?=[-\d])"
 )
-"""Spaces that stay inside a line: before a unit, within a place or a row of numbers, after a sign of comparison."""
+"""Spaces at which lines are not broken: before a unit, within a position or a row of numbers, after a comparison."""
 KEPT = "\u00a0"
-"""Stands for such a space while lines are folded; no-break space."""
+"""Placeholder for such a space while lines are folded: a no-break space."""
 INDENT = "    "
-"""In front of what continues a line."""
+"""Indent of continuation lines."""
 
 
 def folded(text: str, width: int) -> str:
-    """Return a text whose lines fit a width where its words allow; every line by itself, its continuation indented.
+    """Return a text folded to a width where possible, each line by itself, with continuation lines indented.
 
     Args:
-        text: perhaps of several lines.
-        width: in characters.
+        text: one or more lines.
+        width: width in characters.
     """
     lines = []
     for line in text.splitlines():
@@ -83,7 +83,7 @@ BAD_INPUT = 2
 NO_PLAN = 3
 NOT_FOLLOWED = 4
 WORST_FIRST = (BUG, CANCELLED, NO_PLAN, BAD_INPUT, NOT_FOLLOWED, SOLVED)
-"""Which exit code counts when several files end with different ones."""
+"""Order in which exit codes of several files take precedence."""
 
 Item = TypeVar("Item")
 
@@ -92,9 +92,9 @@ def run_all(items: Iterable[Item], run: Callable[[Item], int], name: Callable[[I
     """Run every item and return the worst exit code; only Ctrl-C stops early.
 
     Args:
-        items: for example files; they stand in front of the messages about them.
-        run: of one item; returns its exit code.
-        name: of an item.
+        items: for example files; their names precede the messages about them.
+        run: runs one item; returns its exit code.
+        name: returns the name of an item.
     """
     codes: list[int] = []
     for item in items:
@@ -111,22 +111,22 @@ def run_all(items: Iterable[Item], run: Callable[[Item], int], name: Callable[[I
 
 
 def complain(message: str) -> None:
-    """Print an error for people, on stderr."""
+    """Print an error message on stderr."""
     output().add_message("errors", message)
     _print_on_stderr("error:", "red", message)
 
 
 def tell_reason(diagnosis: Diagnosis, *, last: bool = False) -> None:
-    """Print why the item under way has no plan, on stderr: at once what is known, later what has been added.
+    """Print why the current item has no plan, on stderr: once as soon as it is known, later only what is new.
 
     Args:
-        diagnosis: as far as it is known.
-        last: whether nothing will be added; only then advice is printed, which may not be the last word before.
+        diagnosis: diagnosis as far as it is known.
+        last: whether the diagnosis is final; only then advice is printed, since it may still change before.
     """
     shown = diagnosis if last else replace(diagnosis, advice=())
     item = output()
     told = item.told
-    # A reason that another has taken the place of is among the others then, in one line.
+    # A reason printed earlier may have become a secondary one ("also: …"); it is not printed again.
     new = [line for line in str(shown).splitlines() if line.removeprefix("  also: ").split("; ")[0] not in told]
     if new and not told:
         _print_on_stderr("error:", "red", "\n".join((f"{item.item}: {new[0]}", *new[1:])))
@@ -138,13 +138,13 @@ def tell_reason(diagnosis: Diagnosis, *, last: bool = False) -> None:
 
 
 def warn(message: str) -> None:
-    """Print one line that people should read, on stderr."""
+    """Print a warning on stderr."""
     output().add_message("warnings", message)
     _print_on_stderr("warning:", "yellow", message)
 
 
 def simulation_exit_code(name: str, verdict: SimulationVerdict) -> int:
-    """Return the exit code of a simulated plan; when the arm does not follow it, the reason is printed on stderr."""
+    """Return the exit code of a simulated plan; if the arm does not follow it, print why on stderr."""
     if verdict.followed:
         return SOLVED
     advice = "".join(f"\n  try: {line}" for line in verdict.advice)
@@ -153,15 +153,15 @@ def simulation_exit_code(name: str, verdict: SimulationVerdict) -> int:
 
 
 def print_result(show: Callable[[], object], code: int, data: Callable[[], Mapping[str, object]]) -> int:
-    """Print a result on stdout, without giving up the work when nobody reads it.
+    """Print a result on stdout; a closed pipe is no failure.
 
     Args:
-        show: prints it for people.
+        show: prints the result for people.
         code: exit code of the result.
-        data: the same for programs; asked for where they are to read it.
+        data: returns the result for the JSON document; called only if that is asked for.
 
     Returns:
-        The code, also when the reader has gone; 1 when stdout cannot be written for another reason.
+        The code, also when the pipe is closed; 1 when stdout cannot be written for another reason.
     """
     if output().as_json:
         output().note(data())
@@ -171,7 +171,7 @@ def print_result(show: Callable[[], object], code: int, data: Callable[[], Mappi
 
 
 def print_document(document: Mapping[str, object]) -> None:
-    """Print what programs are given, on stdout."""
+    """Print the JSON document on stdout."""
     _printed(lambda: sys.stdout.write(strict_text(document)), SOLVED)
 
 
@@ -189,11 +189,11 @@ def _printed(show: Callable[[], object], code: int) -> int:
 
 
 def _print_on_stderr(label: str, colour: str, message: str) -> None:
-    """Print on stderr, folded where it is a terminal's; nothing happens when nobody reads it."""
+    """Print on stderr, folded if it is a terminal; nothing happens if it is closed."""
     try:
         console = Console(stderr=True, soft_wrap=True, highlight=False, emoji=False)
         text = f"{label} {message}" if label else message
-        # What is no terminal gets whole lines, for other programs to read.
+        # Other programs read whole lines, so only a terminal gets folded ones.
         text = folded(text, console.width) if console.is_terminal else text
         console.print(f"[{colour}]{label}[/{colour}]{escape(text[len(label) :])}")
     except (OSError, SystemExit):
@@ -201,7 +201,7 @@ def _print_on_stderr(label: str, colour: str, message: str) -> None:
 
 
 def _silence(stream: TextIO) -> None:
-    """Send whatever is still printed nowhere: the interpreter flushes once more at its end."""
+    """Redirect a stream to the null device: the interpreter flushes it once more at shutdown."""
     with suppress(OSError):
         null = os.open(os.devnull, os.O_WRONLY)
         os.dup2(null, stream.fileno())
@@ -209,7 +209,7 @@ def _silence(stream: TextIO) -> None:
 
 
 def _guarded(run: Callable[[Item], int], item: Item, name: str) -> int:
-    """Run one item; whatever error it ends with becomes a message and an exit code."""
+    """Run one item; turn any error into a message and an exit code."""
     try:
         return run(item)
     except (ProblemError, NativeLibraryError) as error:
@@ -239,13 +239,13 @@ def _cancelled() -> int:
 
 
 def _broken_off(error: Exception, name: str) -> int:
-    """Return what no stage has foreseen: memory is used up, or it is a bug, and its traceback is shown."""
+    """Return the exit code of an unforeseen error: memory ran out, or a bug, whose traceback is printed."""
     if is_out_of_memory(error):
         output().note({"status": "out of memory"})
         complain(f"{name}: out of memory; solving takes 0.6 to 1 GB of address space, and more for many links")
         return BUG
     if isinstance(error, OSError) and error.errno == errno.ENAMETOOLONG:
-        # Whoever is the first to ask for a path gets this, be it only whether it is there.
+        # Raised by the first access to the path, even by a test whether it exists.
         output().note({"status": "bad input"})
         complain(f"the path {error.filename} is too long for this system; choose a shorter one")
         return BAD_INPUT

@@ -1,6 +1,6 @@
-"""For whom a command prints: tables for people, one JSON document for programs, or nothing; how much; what it reads.
+"""Output of commands: tables for people, one JSON document for programs, or nothing.
 
-And what options accept, known without loading what they choose between.
+Also the choices of command-line options, which are known here without loading the code that they select.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -15,16 +15,16 @@ from ccm_opt import __version__
 
 @dataclass
 class Output:
-    """How one command prints, and what it has to say to programs.
+    """How a command prints, and its results for the JSON document.
 
     Attributes:
-        command: its name.
-        as_json: whether standard output gets one JSON document in place of tables.
-        quiet: whether standard output gets no tables and standard error no progress; errors and warnings are told.
-        verbose: whether every stage is told, with the package's own log, and every check in closing tables.
-        allow_outside: whether drawings outside the folder of a problem file are read.
-        results: one for every item so far, a file or a folder as a rule; the last may be under way.
-        told: lines that were printed so far of why the item under way has no plan.
+        command: name of the command.
+        as_json: whether stdout gets one JSON document instead of tables.
+        quiet: whether stdout gets no tables and stderr no progress; errors and warnings are still printed.
+        verbose: whether every stage is reported, with the package's own log, and every check in closing tables.
+        allow_outside: whether drawings outside the folder of a problem file may be read.
+        results: one for every item so far, usually a file or a folder; the last may be in progress.
+        told: lines printed so far on why the item in progress has no plan.
     """
 
     command: str = ""
@@ -37,41 +37,41 @@ class Output:
 
     @property
     def tables(self) -> bool:
-        """Whether people read standard output."""
+        """Whether stdout gets tables."""
         return not (self.as_json or self.quiet)
 
     def begin(self, item: str) -> None:
-        """Note that the work on an item begins."""
+        """Begin the result of an item."""
         self.results.append({"item": item})
         self.told = []
 
     @property
     def item(self) -> str:
-        """What is under way, in words; the command where there are no items."""
+        """The item in progress, in words; the command if there are no items."""
         return str(self.results[-1]["item"]) if self.results else self.command
 
     def note(self, data: Mapping[str, object]) -> None:
-        """Note what came of the item under way, or of the command where there are no items."""
+        """Add data to the result of the item in progress, or of the command if there are no items."""
         if not self.results:
             self.begin(self.command)
         self.results[-1].update(data)
 
     def add_message(self, kind: str, message: str) -> None:
-        """Note an error or a warning about the item under way.
+        """Add an error or a warning to the result of the item in progress.
 
         Args:
             kind: ``errors`` or ``warnings``.
-            message: what people are told.
+            message: text that is printed.
         """
         told = self.results[-1].get(kind, []) if self.results else []
         earlier = list(told) if isinstance(told, Sequence) else []
         self.note({kind: [*earlier, message]})
 
     def document(self, exit_code: int) -> dict[str, object]:
-        """Return what programs are given at the end.
+        """Return the JSON document of the command.
 
         Args:
-            exit_code: of the whole command.
+            exit_code: exit code of the whole command.
         """
         return {
             "ccm_opt": __version__,
@@ -86,13 +86,13 @@ _CURRENT: ContextVar[Output | None] = ContextVar("output of the command", defaul
 
 
 def output() -> Output:
-    """Return that of the command that is running; tables for people where none is."""
+    """Return the output of the running command; outside commands, tables for people."""
     return _CURRENT.get() or _WITHOUT_COMMAND
 
 
 @contextmanager
 def printing(way: Output) -> Iterator[Output]:
-    """Let a command print in a way, until the block ends."""
+    """Set the output of commands until the block ends."""
     token = _CURRENT.set(way)
     try:
         yield way
@@ -101,17 +101,17 @@ def printing(way: Output) -> Iterator[Output]:
 
 
 MethodChoice: TypeAlias = Literal["nlp", "hill-climbing"]
-"""Of ``solve --method``: the names of ``planner.method``."""
+"""Choices of ``solve --method``: the values of ``planner.method``."""
 ControllerChoice: TypeAlias = Literal["computed-torque", "pd"]
-"""Of ``simulate --controller``: the names of ``simulation.controller``."""
+"""Choices of ``simulate --controller``: the values of ``simulation.controller``."""
 ExportFormat: TypeAlias = Literal["urdf", "mjcf", "yaml", "csv", "npz", "glb"]
-"""Of ``export --format``."""
+"""Choices of ``export --format``."""
 FigureKind: TypeAlias = Literal["png", "svg", "pdf"]
-"""Of ``--figure-format``."""
+"""Choices of ``--figure-format``."""
 
 
 class FigureName(StrEnum):
-    """Of ``draw --figure``, which may be repeated: Typer reads lists of enumerations, not of literals."""
+    """Choices of ``draw --figure``, which may be repeated: Typer reads lists of enumerations, not of literals."""
 
     PLAN = "plan"
     CURVES = "curves"

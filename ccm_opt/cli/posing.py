@@ -1,4 +1,4 @@
-"""The commands ``pose`` and ``reach``: the best pose at the goal, and where the tip can be."""
+"""The commands ``pose`` and ``reach``: the best pose at the goal, and the reach map of the tip."""
 
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -29,7 +29,7 @@ from ccm_opt.robot.configuration import SpaceConfiguration
 from ccm_opt.robot.segment import segment_words
 
 ROWS_SHOWN = 5
-"""Multipliers that the table shows; all are in the record."""
+"""Multipliers shown in the table; the record holds all."""
 
 
 def pose_files(
@@ -40,7 +40,7 @@ def pose_files(
     *,
     pictures: bool,
 ) -> int:
-    """Find the best pose for every file; all are tried.
+    """Find the best pose for the problem of every file; a failure does not stop the others.
 
     Args:
         files: problem files.
@@ -82,14 +82,14 @@ def _find_and_write_pose(problem: Problem, out: Path, terms: NamedTerms, *, pict
 
 
 def _pose_data(found: StaticPose, folder: Path) -> dict[str, object]:
-    """Return the record of the pose without the problem, for programs."""
+    """Return the record of a pose without the problem, for JSON output."""
     record: dict[str, object] = json.loads(pose_json(found))
     del record["problem"]
     return {"folder": str(folder), **record}
 
 
 def _print_pose(found: StaticPose, clock: StageClock, folder: Path) -> None:
-    """Print the pose, on stdout."""
+    """Print a pose on stdout."""
     pose = found.pose
     units = result_units(found.problem)
     table = value_table(f"{found.problem.name}: best pose at the goal")
@@ -116,7 +116,7 @@ def _print_pose(found: StaticPose, clock: StageClock, folder: Path) -> None:
 
 
 def _add_base_and_roll(table: Table, found: StaticPose) -> None:
-    """Where the base is on its axis, and how the last link is rolled."""
+    """Add rows for the feed of the base and the roll of the last link."""
     units = result_units(found.problem)
     for axis in found.problem.arm.base_axes:
         bounds = f"{units.given(axis.low, 'm')} to {units.given(axis.high, 'm')}"
@@ -125,7 +125,7 @@ def _add_base_and_roll(table: Table, found: StaticPose) -> None:
 
 
 def _segment_rows(found: StaticPose) -> list[tuple[float, str]]:
-    """Return the length [m] of every segment of the curve, and its type, or in space where it turns, in words."""
+    """Return the length [m] of every segment of the curve, and in words its type, or in space its turn."""
     curve = found.curve
     if isinstance(curve, SpaceConfiguration):
         frames, _ = curve.sample_frames(curve.boundaries)
@@ -136,14 +136,14 @@ def _segment_rows(found: StaticPose) -> list[tuple[float, str]]:
 
 
 def _turn_words(end: FloatArray) -> str:
-    """By how much a segment turns, and towards where, by its direction (3,) at its end in the frame at its start."""
+    """Return in words how far and towards where a segment turns, from its end direction in its start frame, (3,)."""
     turn = np.rad2deg(np.arctan2(np.hypot(end[1], end[2]), end[0]))
     azimuth = np.rad2deg(np.arctan2(end[2], end[1]))
     return f"turns {turn:.3g}° towards azimuth {azimuth:.0f}°"
 
 
 def _main_costs(costs: Mapping[str, float]) -> str:
-    """Return the parts of the objective that count, the largest first."""
+    """Return the significant cost terms in words, the largest first."""
     parts = sorted(costs.items(), key=lambda item: -abs(item[1]))
     return ", ".join(f"{name} {value:.3g}" for name, value in parts if abs(value) >= 5e-4)
 
@@ -159,15 +159,15 @@ def reach_files(
     dask: str | None = None,
     pictures: bool,
 ) -> int:
-    """Map the reach in every file's room; all are tried.
+    """Map the reach of the arm for the problem of every file; a failure does not stop the others.
 
     Args:
         files: problem files.
         out: directory of the output folders.
         changes: keys of the problem files that are set to other values, each ``key.path=value``.
         step: width of a cell [m], or None.
-        headings: that are tried in a cell, or None.
-        workers: processes of this machine.
+        headings: number of headings tried in a cell, or None.
+        workers: number of processes on this machine.
         dask: address of a Dask scheduler, or None.
         pictures: whether to draw.
 
@@ -199,7 +199,7 @@ def reach_files(
 def _watched(
     problem: Problem, crew: Workers, progress: Callable[[int, int], None]
 ) -> AbstractContextManager[Callable[..., None]]:
-    """Return the ended when a process of this machine looks at a cell without end; a cluster has bounds of its own."""
+    """Return a watchdog for processes of this machine that hang on a cell; clusters have time limits of their own."""
     if isinstance(crew, DaskWorkers):
         return nullcontext(progress)
     return ended_when_silent(problem.name, problem.planner, progress)
@@ -207,7 +207,7 @@ def _watched(
 
 @contextmanager
 def _cells_display(name: str) -> Iterator[Callable[[int, int], None]]:
-    """Return how many cells are reached, on stderr when that is a terminal."""
+    """Show how many cells are reached, on stderr if that is a terminal."""
     console = Console(stderr=True, emoji=False)
     if output().quiet or not console.is_terminal:
         yield lambda _reached, _cells: None
@@ -217,14 +217,14 @@ def _cells_display(name: str) -> Iterator[Callable[[int, int], None]]:
 
 
 def _reach_data(found: ReachMap, folder: Path) -> dict[str, object]:
-    """Return the record of the map without the problem, for programs."""
+    """Return the record of a reach map without the problem, for JSON output."""
     record: dict[str, object] = json.loads(reach_json(found))
     del record["problem"]
     return {"folder": str(folder), "status": "mapped", **record}
 
 
 def _print_reach(found: ReachMap, folder: Path) -> None:
-    """Print one line of figures, on stdout."""
+    """Print the figures of a reach map in one row, on stdout."""
     share = found.taken[found.reachable].mean() if found.taken.size and found.reachable.any() else np.nan
     if found.problem.dimension == 3:
         count = len(found.directions)

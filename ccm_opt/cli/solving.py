@@ -1,6 +1,6 @@
 """The command ``solve``, and the records of problems without a plan.
 
-An earlier plan of the same name stays as it is; whatever is no whole result of its own is then written beside it.
+An earlier plan of the same name is kept; an incomplete result is then written next to it.
 """
 
 import json
@@ -28,20 +28,20 @@ from ccm_opt.problem import Problem
 def failure_recorder(
     problem: Problem, out: Path, clock: StageClock, *, pictures: bool, write: Callable[..., Path] = write_failure
 ) -> Callable[[str, Diagnosis], None]:
-    """Return what writes the record of a problem without a plan, given its status and diagnosis.
+    """Return a function that records a problem without a plan, given its status and diagnosis.
 
     Args:
-        problem: what is solved.
+        problem: problem to solve.
         out: directory of the output folders.
-        clock: knows the stages so far.
-        pictures: whether the page is drawn too.
-        write: the record.
+        clock: holds the CPU times of the stages so far.
+        pictures: whether the HTML page is written too.
+        write: writes the record.
     """
 
     def record(status: str, diagnosis: Diagnosis) -> None:
-        # The record first: it must be there whatever becomes of the page.
+        # The record comes first: it has to exist even if the page fails.
         folder = write(problem, status, diagnosis, out, clock.timings)
-        # Who has pressed Ctrl-C is not to wait for a page.
+        # After Ctrl-C, nobody should have to wait for a page.
         if pictures and status != "cancelled":
             from ccm_opt.viz.failure_page import failure_html  # noqa: PLC0415 - most need no view
 
@@ -56,24 +56,25 @@ def failure_recorder(
 def failures_recorded(
     problem: Problem, out: Path, clock: StageClock, *, pictures: bool, write: Callable[..., Path] = write_failure
 ) -> Iterator[Callable[..., None]]:
-    """Plan inside it; a problem without a plan, or whose planning falls silent, leaves the record of why.
+    """Record why there is no plan when planning inside the block fails or reports nothing for too long.
 
     Args:
-        problem: what is solved.
+        problem: problem to solve.
         out: directory of the output folders.
-        clock: knows the stages so far.
-        pictures: whether the page is drawn too.
-        write: the record.
+        clock: holds the CPU times of the stages so far.
+        pictures: whether the HTML page is written too.
+        write: writes the record.
 
     Yields:
-        What is to be told how far the work has come.
+        A function to be called with the progress of the work.
 
     Raises:
-        NoPlanFound: its diagnosis is written to ``solution.json``.
-        VerificationError: likewise.
-        KeyboardInterrupt: a record with the status ``cancelled`` and the reason, as far as it is known, is written; or
-            the plan where there is one already.
-        MemoryError: or whatever else says that memory ran out before there was a reason; a record of that is written.
+        NoPlanFound: there is no plan; the diagnosis is written to ``solution.json``.
+        VerificationError: the verifier refuses the plan; recorded likewise.
+        KeyboardInterrupt: on Ctrl-C; a record with the status ``cancelled`` and the reason, as far as it is known, is
+            written; or the plan if there is one already.
+        MemoryError: or another error that says that memory ran out before there was a reason; it is recorded as the
+            reason.
     """
     record = failure_recorder(problem, out, clock, pictures=pictures, write=write)
     in_short = failure_recorder(problem, out, clock, pictures=False, write=write)
@@ -99,7 +100,7 @@ def failures_recorded(
         if known is None and short:
             known = Diagnosis("memory ran out", clock.current or "planning", advice=(MORE_MEMORY,))
         if known is not None:
-            # What was being made is free again by now; without the room for a record, the error alone has to do.
+            # The memory of the failed work is free again by now; if it is too little for a record, the error has to do.
             with suppress(MemoryError):
                 in_short(NoPlanFound(known).status, known)
         if clock.known is not None and short:
@@ -109,36 +110,36 @@ def failures_recorded(
 
 
 def write_unfinished(target: Path, files: Mapping[str, bytes]) -> None:
-    """Write a verified plan that was cut short, in its place or beside an earlier one.
+    """Write a verified plan that was cut short to its folder, or next to an earlier plan.
 
     Args:
         target: the folder of the plan.
-        files: content of the plan's files by file name.
+        files: contents of the plan's files, by file name.
     """
     folder = write_folder(target, files, beside=partial(place_beside, ending=UNFINISHED))
     tell_where(folder, target, "the new one, as far as it came, is written")
 
 
 def tell_where(folder: Path, target: Path, what: str) -> None:
-    """Say that an earlier result stays, and where something else was written for that reason.
+    """Warn that an earlier result is kept, and where the new one was written instead.
 
     Args:
-        folder: where it was written.
-        target: where it would be without an earlier result.
-        what: what was written, as the beginning of the sentence's second half.
+        folder: folder that was written.
+        target: folder that would be written without an earlier result.
+        what: the second half of the sentence, without the place.
     """
     if folder != target:
         warn(f"{target} keeps its earlier result; {what} in {folder}")
 
 
 def solve_files(files: Sequence[Path], out: Path, changes: Sequence[str] = (), **options: Any) -> int:
-    """Solve every file; all are tried.
+    """Solve the problem of every file; a failure does not stop the others.
 
     Args:
         files: problem files.
         out: directory of the output folders.
         changes: keys of the problem files that are set to other values, each ``key.path=value``.
-        options: of ``_solve``.
+        options: options of ``_solve``.
 
     Returns:
         The exit code.
@@ -157,16 +158,18 @@ def _solve(
     explain: bool = True,
     several: bool = False,
 ) -> int:
-    """Make one plan, or plans from the fastest to the roomiest, the recommended one in the place of the only one.
+    """Make one plan, or plans from the fastest to that with most clearance.
+
+    Of several plans, the recommended one goes to the main folder.
 
     Args:
-        problem: what is asked.
+        problem: problem to solve.
         out: directory of the output folders.
         terms: user constraints and costs.
-        pictures: whether to draw.
-        figure_format: of the still pictures.
-        explain: whether a problem without a plan is explained in the time that is left.
-        several: whether plans from the fastest to the roomiest are made in place of one.
+        pictures: whether to draw pictures and the page.
+        figure_format: file format of the still pictures.
+        explain: whether a failure is explained in the time that is left.
+        several: whether several plans are made, from the fastest to that with most clearance.
     """
     target = out / problem.name
     check_target(target)
@@ -188,7 +191,7 @@ def _solve(
         try:
             drawn: Mapping[str, bytes] = pictures_of(found, figure_format) if pictures else {}
         except BaseException:
-            # A plan whose drawing fails or is cancelled is written without pictures before the error goes on.
+            # If drawing fails or is cancelled, the plan is written without pictures before the error is raised again.
             write_unfinished(target, files)
             raise
         last_steps_uninterrupted()
@@ -200,7 +203,7 @@ def _solve(
 
 
 def _data(files: Mapping[str, bytes], target: Path) -> dict[str, object]:
-    """Return the record of a plan without the problem, and of several plans their trade-off, for programs."""
+    """Return the records of a plan and of a trade-off, if any, without the problem, for JSON output."""
     record: dict[str, object] = json.loads(files[RECORD])
     del record["problem"]
     if PARETO_RECORD in files:

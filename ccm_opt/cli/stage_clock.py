@@ -1,10 +1,10 @@
-"""How far a command has come, and an end to one that does not end itself.
+"""Progress of a command, and a watchdog for one that hangs.
 
-Time limits are kept by code that looks at the clock. IPOPT does not where memory runs out: it spins inside its linear
-solver, where neither Python nor a handler of Python's gets a turn. So a small process, forked while planning lasts, is
-told of every stage and every candidate; when it has heard nothing for far longer than the time limit, it says so in a
-line, leaves a record, and ends the command with exit code 3. Where it had been told why there is no plan, and changes
-that would help were sought, the record has that reason.
+Time limits are kept by code that checks the clock. IPOPT does not when memory runs out: it spins inside its linear
+solver, where neither Python nor its signal handlers get to run. So a small watchdog process, forked for the duration of
+planning, is sent every stage and every candidate. When it has received nothing for far longer than the time limit, it
+prints an error, writes a record, and ends the command with exit code 3. If the reason for having no plan was known, and
+changes that would help were being sought, the record holds that reason.
 """
 
 import ctypes
@@ -31,27 +31,27 @@ if TYPE_CHECKING:
     from multiprocessing.connection import Connection
 
 STATUS_REFRESHES = 4.0
-"""Times a second that the line of the present stage is drawn [1/s]. Taste."""
+"""Refresh rate of the line with the present stage [1/s]. Taste."""
 FIRST_LINE_AFTER = 3.0
-"""Wall time after which it is told how far the work has come where there is no terminal [s]. Taste."""
+"""Wall time after which progress is first printed if stderr is no terminal [s]. Taste."""
 LINE_EVERY = 3.0
 """Wall time between two such lines [s]. Taste."""
 
 
 def _moment() -> tuple[float, float]:
-    """Return the wall time and CPU time now [s]; CPU time counts finished child processes too."""
+    """Return the wall time and the CPU time [s]; CPU time includes finished child processes."""
     times = os.times()
     return time.perf_counter(), time.process_time() + times.children_user + times.children_system
 
 
 class StageClock:
-    """Notes how long each stage takes; ``begin`` tells it of one, and it can be the ``progress`` of a solve.
+    """Measures the time of each stage; ``begin`` starts one, and the clock can be the ``progress`` of a solve.
 
     Attributes:
         current: the present stage; empty before the first and after ``finish``.
         wall: wall time by stage [s].
-        cpu: user and system time by stage, of finished child processes too [s].
-        known: why there is no plan, as far as the solve has told; None while it seeks one.
+        cpu: user and system time by stage, finished child processes included [s].
+        known: why there is no plan, once the solve has reported it; None before.
     """
 
     def __init__(self, show: Callable[[Progress], None] | None = None) -> None:
@@ -63,11 +63,11 @@ class StageClock:
         self._since = _moment()
 
     def begin(self, stage: str) -> None:
-        """End the present stage and start the next."""
+        """End the present stage and start another."""
         self(Progress(stage))
 
     def __call__(self, progress: Progress) -> None:
-        """Hear how far a solve has come; plans of several are counted as one."""
+        """Take in the progress of a solve; stages of several plans are added up."""
         stage = progress.stage.rpartition(": ")[2]
         if stage != self.current:
             self.finish()
@@ -97,13 +97,13 @@ class StageClock:
 
 @contextmanager
 def stage_display(title: str) -> Iterator[StageClock]:
-    """Return a clock that tells on stderr how far the work has come.
+    """Yield a clock that reports progress on stderr.
 
-    On a terminal one line says so, and changes. Elsewhere plain lines are printed, from the moment on when people would
-    ask; with ``--verbose`` there is a line for every stage. With ``--quiet`` there is nothing.
+    On a terminal, one line is updated in place. Elsewhere, plain lines are printed once the work takes long enough for
+    people to wonder; with ``--verbose`` there is a line for every stage, with ``--quiet`` none.
 
     Args:
-        title: stands in front of every line.
+        title: text at the start of every line.
     """
     console = Console(stderr=True, emoji=False)
     if output().quiet:
@@ -116,7 +116,7 @@ def stage_display(title: str) -> Iterator[StageClock]:
 
 
 def _plain_lines(title: str, *, everything: bool) -> Callable[[Progress], None]:
-    """Return what prints how far the work has come, line by line, not more often than people read it."""
+    """Return a function that prints progress line by line, at limited frequency."""
     due = time.monotonic() + FIRST_LINE_AFTER
     stage = ""
 
@@ -125,7 +125,7 @@ def _plain_lines(title: str, *, everything: bool) -> Callable[[Progress], None]:
         new_stage, stage = progress.stage != stage, progress.stage
         if (everything and new_stage) or time.monotonic() >= due:
             due = time.monotonic() + LINE_EVERY
-            with suppress(OSError):  # nobody reads it, which is no reason to stop
+            with suppress(OSError):  # a closed stderr is no reason to stop
                 sys.stderr.write(f"{title}: {progress}\n")
                 sys.stderr.flush()
 
@@ -133,18 +133,18 @@ def _plain_lines(title: str, *, everything: bool) -> Callable[[Progress], None]:
 
 
 Recorder = Callable[[str, Diagnosis], None]
-"""Writes the record of a status and its diagnosis."""
+"""Writes the record of a failure, given its status and diagnosis."""
 ENDING = signal.SIGQUIT if hasattr(signal, "SIGQUIT") else signal.SIGTERM
-"""Ends planning while the guard stands. Its number is the exit code of a problem without a plan."""
+"""Signal that ends a hanging command. Its number is the exit code of a problem without a plan."""
 
 
 SILENT_LIMITS = 3.0
-"""How often the time limit, and ``GRACE`` beside, planning may tell nothing before it is ended from outside. Derived:
-planning ends after three times as much wall time by itself."""
+"""Time limits, plus ``GRACE``, without any report after which planning is ended from outside. Derived: planning ends by
+itself after three times as much wall time."""
 GRACE = 60.0
-"""[s]. Taste: far longer than any stage that no time limit ends has taken."""
+"""Wall time added to that [s]. Taste: far longer than any stage without a time limit of its own has taken."""
 PATIENCE = 2.0
-"""Time within which a process that was told to end ends, before it is killed [s]. Taste."""
+"""Time that a process is given to end before it is killed [s]. Taste."""
 
 
 @contextmanager
@@ -155,17 +155,17 @@ def ended_when_silent(
     record: Recorder | None = None,
     silence: float | None = None,
 ) -> Iterator[Callable[..., None]]:
-    """Work inside it; the process is ended when it has told nothing for too long.
+    """Watch the work inside the block; end the process when it has reported nothing for too long.
 
     Args:
-        name: of the problem.
-        planner: whose time limit counts.
-        progress: told of the progress, too.
-        record: leaves the record of why there is no result, if one is to be left.
-        silence: how long nothing may be told [s]; None for what suits the time limit.
+        name: name of the problem.
+        planner: options with the time limit.
+        progress: receives every report, too.
+        record: records why there is no result; None for no record.
+        silence: longest time without a report [s]; None to derive it from the time limit.
 
     Yields:
-        What is to be told how far the work has come.
+        A function to be called with the progress of the work.
     """
     if not hasattr(os, "fork"):  # not on every system
         yield progress
@@ -189,7 +189,7 @@ def ended_when_silent(
         with _ended_by_signal():
             yield told
     finally:
-        # Whoever hears the end of the pipe has nothing more to do.
+        # The end of the pipe tells the watchdog that it is done.
         tells.close()
         with suppress(OSError):
             os.kill(listener, signal.SIGKILL)
@@ -198,9 +198,9 @@ def ended_when_silent(
 
 @contextmanager
 def _ended_by_signal() -> Iterator[None]:
-    """Return the within it a signal ends the process at once, its number being the exit code, whatever C code runs.
+    """Inside the block, let a signal end the process at once with its number as exit code, whatever C code runs.
 
-    The handler is the C library's own ``_exit``: where a solver spins, none of Python's would ever be called.
+    The handler is the C library's own ``_exit``: while a solver spins, a Python handler would never be called.
     """
     with suppress(OSError, AttributeError):  # without it the process is killed
         library = ctypes.CDLL(None)
@@ -218,11 +218,11 @@ def _listen(
     name: str,
     record: Recorder | None,
 ) -> NoReturn:
-    """Return the process that listens; it never returns."""
+    """Run the watchdog process, which never returns."""
     known: Diagnosis | None = None
     try:
         signal.signal(signal.SIGINT, signal.SIG_IGN)
-        # Who reads what the command prints is not to wait for this process.
+        # Close stdout, so that readers of the command's output do not wait for this process.
         nothing = os.open(os.devnull, os.O_RDWR)
         os.dup2(nothing, 1)
         with suppress(EOFError):
@@ -240,16 +240,16 @@ def _end(
     record: Recorder | None,
     known: Diagnosis | None,
 ) -> None:
-    """Say why, leave the record, and end the command, which is the last that anybody waits for.
+    """Print why, write the record, and end the command.
 
-    Where there is a reason already, it has been printed, and stands in the record.
+    A reason that is known already was printed before, and goes into the record.
     """
     what = "planning" if known is None else "the search for changes that would help"
     reason = f"nothing was heard of {what} for {silence:g} s, so it was ended"
     advice = "report it, with the problem file" if address_space() is None else MORE_MEMORY
     known = known or Diagnosis(reason, "planning", (advice,))
     status = NoPlanFound(known).status if known.proved else TimeLimitReached.unproved_status
-    with suppress(OSError):  # whoever read it may have gone, and the command is to end all the same
+    with suppress(OSError):  # stderr may be closed; the command has to end all the same
         os.write(2, f"error: {name}: {reason}\n".encode(sys.stderr.encoding, "replace"))
     try:
         if record is not None:

@@ -1,4 +1,4 @@
-"""``ccm-opt new`` and ``ccm-opt problems``: problem files to begin with."""
+"""The commands ``new`` and ``problems``: problem files to start from."""
 
 import re
 import shlex
@@ -16,20 +16,20 @@ from ccm_opt.core.errors import ProblemError
 from ccm_opt.io.reading import parse_problem
 
 TEMPLATE = "template.toml"
-"""The commented problem that ``ccm-opt new`` writes, beside the reader of problem files."""
+"""The commented planar problem that ``ccm-opt new`` writes, stored next to the reader of problem files."""
 SPACE_TEMPLATE = "space_template.toml"
-"""Likewise in space."""
+"""The commented spatial problem, likewise."""
 SPACE_FOLDER = "space"
-"""Where the problems in space are."""
+"""Folder of the problems in space."""
 _NAME = re.compile(r"\bNAME\b")
 
 
 def write_new(file: Path, *, space: bool = False) -> int:
-    """Write a commented problem that solves.
+    """Write a commented problem that has a solution.
 
     Args:
-        file: that is made; its name without ``.toml`` is the problem's.
-        space: whether its arm leaves the plane.
+        file: file to create; its name without ``.toml`` becomes the problem's name.
+        space: whether the problem is in space.
 
     Returns:
         The exit code.
@@ -41,7 +41,7 @@ def write_new(file: Path, *, space: bool = False) -> int:
 def _write_new(file: Path, template: str) -> int:
     place = file if file.suffix == ".toml" else file.with_name(f"{file.name}.toml")
     text = _NAME.sub(place.stem, (files("ccm_opt.io") / template).read_text(encoding="utf-8"))
-    parse_problem(text, str(place))  # refuses names that cannot be a folder's
+    parse_problem(text, str(place))  # refuses names that cannot name a folder
     _write(place, text.encode())
     return print_result(
         lambda: report_console().print(
@@ -56,7 +56,7 @@ def show_problems(names: Sequence[str], out: Path) -> int:
     """List the problems that come with the package, or copy some of them.
 
     Args:
-        names: of those to copy; all are listed when there are none.
+        names: names of the problems to copy; all problems are listed when empty.
         out: folder for the copies.
 
     Returns:
@@ -70,17 +70,17 @@ def show_problems(names: Sequence[str], out: Path) -> int:
 
 
 def listed_problems() -> dict[str, Path]:
-    """Return the files of the problems that come with the package by the names that they are listed under."""
+    """Return the files of the problems that come with the package, by the names under which they are listed."""
     return {_listed_name(file): file for file in sorted(shared_folder().rglob("*.toml"), key=_listed_name)}
 
 
 def _listed_name(file: Path) -> str:
-    """Return what a problem is called here: those in space may be called as others in the plane are."""
+    """Return the listed name of a problem; those in space get a prefix, since one in the plane may share the name."""
     return f"{SPACE_FOLDER}/{file.stem}" if file.parent.name == SPACE_FOLDER else file.stem
 
 
 def _list(known: dict[str, Path]) -> int:
-    # Of the files alone: reading their drawings as well would take longer than all the rest.
+    # Only the TOML files are read: reading their drawings too would take longer than everything else.
     described = {
         name: str(tomllib.loads(file.read_text(encoding="utf-8"))["description"]) for name, file in known.items()
     }
@@ -98,10 +98,10 @@ def _list(known: dict[str, Path]) -> int:
 
 
 def _copy(name: str, known: dict[str, Path], out: Path, taken: dict[Path, str]) -> int:
-    """Copy one problem, and the drawing or the meshes that it may need.
+    """Copy one problem, and the drawing or meshes that it needs.
 
     Raises:
-        ProblemError: there is none of that name, or a file is in the place of one of them.
+        ProblemError: there is no problem of that name, or one of the files exists already.
     """
     if name not in known:
         raise ProblemError(f"there is no problem '{name}'; there are {', '.join(known)}")
@@ -124,17 +124,17 @@ def _copy(name: str, known: dict[str, Path], out: Path, taken: dict[Path, str]) 
 
 
 def _needed_files(file: Path) -> list[str]:
-    """Return the drawing and the meshes of a problem file, each once, by their paths beside it."""
+    """Return the drawing and meshes that a problem file names, each once, by relative paths."""
     workspace = tomllib.loads(file.read_text(encoding="utf-8")).get("workspace", {})
     named = [workspace.get("file"), *(entry.get("mesh") for entry in workspace.get("obstacles", []))]
     return list(dict.fromkeys(name for name in named if name is not None))
 
 
 def _write(place: Path, content: bytes) -> None:
-    """Write a file that is not there yet.
+    """Write a file that does not exist yet.
 
     Raises:
-        ProblemError: something is in its place, or nothing can be written there.
+        ProblemError: the file exists already, or it cannot be written.
     """
     try:
         place.parent.mkdir(parents=True, exist_ok=True)

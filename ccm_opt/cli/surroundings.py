@@ -1,4 +1,4 @@
-"""What a command finds about it: streams that are closed or know few letters, little memory, searches for cycles."""
+"""The process's environment: standard streams that are closed or lack letters, memory limits, garbage collection."""
 
 import gc
 import os
@@ -8,20 +8,21 @@ from contextlib import contextmanager, suppress
 from io import TextIOWrapper
 
 LEAST_ADDRESS_SPACE = 300_000_000
-"""Address space below which libraries cannot even be loaded [bytes]; some of them would try without end. Measured:
-by ``ulimit -v``, loading ends in errors below this."""
+"""Address space below which the libraries cannot even be loaded [bytes]; some of them would retry without end.
+Measured: by ``ulimit -v``, loading ends in errors below this."""
 
 MORE_MEMORY = "more memory: solving takes 0.6 to 1 GB of address space, and more for many links"
-"""What helps where memory runs out."""
+"""Advice when memory runs out."""
 
 
 def ensure_stdio() -> None:
-    """Give every standard stream something to write to, and let it write what it has no letter for as an escape.
+    """Open every closed standard stream, and escape characters that the output streams cannot encode.
 
-    A stream that is closed is a number that the next file gets, which then receives whatever is printed.
+    The descriptor of a closed stream would be given to the next file opened, which would then receive whatever is
+    printed.
     """
-    while (opened := os.open(os.devnull, os.O_RDWR)) <= 2:  # the lowest number that is free
-        # Python's own files are closed where another program begins, whose next file would get the number then.
+    while (opened := os.open(os.devnull, os.O_RDWR)) <= 2:  # the lowest free descriptor
+        # Descriptors opened by Python are closed in child programs, whose next file would get the number.
         os.set_inheritable(opened, True)  # noqa: FBT003 - it has no name
     os.close(opened)
     for name, number, mode in (("stdin", 0, "r"), ("stdout", 1, "w"), ("stderr", 2, "w")):
@@ -29,13 +30,13 @@ def ensure_stdio() -> None:
             setattr(sys, name, os.fdopen(os.dup(number), mode, encoding="utf-8"))
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, TextIOWrapper):
-            # A stream that was written to before it became a pipe cannot be reconfigured.
+            # A stream written to before it became a pipe cannot be reconfigured.
             with suppress(OSError, ValueError):
                 stream.reconfigure(errors="backslashreplace")
 
 
 def too_little_memory() -> str:
-    """Return why nothing can be loaded, in a line; empty where it can."""
+    """Return why the libraries cannot be loaded, in one line; empty if they can."""
     allowed = address_space()
     if allowed is None or allowed >= LEAST_ADDRESS_SPACE:
         return ""
@@ -46,7 +47,7 @@ def too_little_memory() -> str:
 
 
 def address_space() -> int | None:
-    """Return how much address space this process is allowed [bytes]; None where that is not limited."""
+    """Return the limit on this process's address space [bytes]; None if there is none."""
     try:
         import resource  # noqa: PLC0415 - not on every system
     except ImportError:
@@ -56,13 +57,13 @@ def address_space() -> int | None:
 
 
 def is_out_of_memory(error: BaseException | None) -> bool:
-    """Whether an error, or what it came from, says that memory is used up, in any of the ways in which that is said."""
+    """Return whether an error, or one that caused it, says in any known way that memory ran out."""
     seen = 0
     while error is not None and seen < _DEEPEST:
         said = isinstance(error, _SAYERS) and any(words in str(error) for words in _SAID)
         if isinstance(error, MemoryError) or (said and "permitted" not in str(error)):
             return True
-        # The system refuses threads for want of address space, or because a user has too many of them.
+        # The system refuses threads for lack of address space, or because the user has too many of them.
         if "can't start new thread" in str(error) and address_space() is not None:
             return True
         error = error.__cause__ or error.__context__
@@ -74,22 +75,25 @@ _SAID = (
     *("failed to map segment", "cannot allocate memory", "Cannot allocate memory", "std::bad_alloc"),
     *("bad allocation", "Unable to allocate", "out of memory"),
 )
-"""How libraries say it."""
+"""Words by which libraries report that memory ran out."""
 _SAYERS = (RuntimeError, OSError, ImportError, SystemError)
-"""Errors in which they say it; the same words in others are about something else, say a file of that name."""
+"""Types of errors with such words; in others the words mean something else, such as a file of that name."""
 _DEEPEST = 50
-"""Errors that came from each other are followed no further."""
+"""Most errors of a causal chain that are inspected."""
 
 
 @contextmanager
 def no_search_for_cycles() -> Iterator[None]:
-    """Load inside it; no search looks at what is loaded, then or later, which takes a tenth off the time of loading."""
+    """Disable garbage collection while modules are loaded, and exempt them from later collections.
+
+    This saves a tenth of the loading time.
+    """
     loaded = len(sys.modules)
     gc.disable()
     try:
         yield
     finally:
-        # Where nothing was loaded, all that there is new may be garbage, which is not to be kept.
+        # If nothing was loaded, the new objects may be garbage, which must not be frozen.
         if len(sys.modules) > loaded:
             gc.freeze()
         gc.enable()

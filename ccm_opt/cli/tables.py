@@ -1,4 +1,4 @@
-"""Tables of results."""
+"""Tables of results, and printing of results on stdout."""
 
 from collections.abc import Callable, Sequence
 from typing import Literal
@@ -18,13 +18,13 @@ from ccm_opt.viz.document import PageUnits
 from ccm_opt.viz.room_section import room_sentences
 
 _PIPED_WIDTH = 200
-"""Columns of output that goes to a file or another program."""
+"""Width of output to a file or another program [columns]."""
 _WIDEST_TITLE = 28
-"""Columns that the name of a check takes before it is folded."""
+"""Greatest width of the name of a check before it is folded [columns]."""
 
 
 def value_table(title: str) -> Table:
-    """Return an empty table of a name, a value with its unit, its limit, and a place."""
+    """Return an empty table with columns for a name, a value with its unit, its limit, and a place."""
     table = _plain_table(title)
     table.add_column("", no_wrap=True)
     table.add_column("value", justify="right", no_wrap=True)
@@ -34,7 +34,7 @@ def value_table(title: str) -> Table:
 
 
 def print_solution(solution: Solution, clock: StageClock, folder: str) -> None:
-    """Print what came out of a solved problem, on stdout."""
+    """Print the solution of a problem on stdout."""
     problem = solution.problem
     units = result_units(problem)
     in_space = problem.dimension == 3
@@ -65,25 +65,25 @@ def print_solution(solution: Solution, clock: StageClock, folder: str) -> None:
 
 
 def result_units(problem: Problem) -> PageUnits:
-    """Return the units in which results of a problem are told: lengths in that of its file."""
+    """Return the units of a problem's results: lengths are in the unit of its file."""
     return PageUnits.of_file(problem.length_unit, problem.arm.length)
 
 
 def print_room(console: Console, room: RoomRecord | None, units: PageUnits) -> None:
-    """Print how much room a motion keeps, a sentence a line; nothing where nobody measured it."""
+    """Print the clearance of a motion, one sentence per line; nothing if it was not measured."""
     if room is not None:
         for sentence in room_sentences(room, units):
             console.print(escape(sentence), soft_wrap=True)
 
 
 def print_not_checked(console: Console, remarks: Sequence[str]) -> None:
-    """Print what the checks leave out, a line each."""
+    """Print what the checks leave out, one line each."""
     for remark in remarks:
         console.print(f"[yellow]not checked:[/yellow] {escape(remark)}", soft_wrap=True)
 
 
 def checks_table(title: str, checks: Sequence[CheckWords]) -> Table:
-    """Return a table of checks: worst value, limit, how much of it is used, and where."""
+    """Return a table of checks: worst value, limit, share of it that is used, and place."""
     table = _plain_table(title)
     table.add_column("", max_width=_WIDEST_TITLE)
     table.add_column("worst", justify="right", no_wrap=True)
@@ -93,7 +93,7 @@ def checks_table(title: str, checks: Sequence[CheckWords]) -> Table:
     for check in checks:
         title = escape(check.title) if check.passed else f"[red]{escape(check.title)}: fails[/red]"
         used = "" if check.used is None else f"{100.0 * check.used:.0f} %"
-        # A limit in as few letters as a table has room for.
+        # Limits are abbreviated to fit the table.
         limit = check.limit.replace("at least ", "≥ ").replace("at most ", "≤ ").replace("no contact", "≥ 0")
         when = "" if check.time is None else f"{check.time:.2f} s"
         where = ", ".join(part for part in (check.where, when) if part)
@@ -102,12 +102,12 @@ def checks_table(title: str, checks: Sequence[CheckWords]) -> Table:
 
 
 def columned_table(title: str, columns: Sequence[str], *, unwrapped: int | None = None) -> Table:
-    """Return an empty table, its first column to the left and the others to the right.
+    """Return an empty table, its first column left-aligned and the others right-aligned.
 
     Args:
-        title: above it, or empty.
-        columns: their headings, in plain text.
-        unwrapped: how many of the columns, from the first, are never broken into lines; all when None.
+        title: title of the table, or empty.
+        columns: column headings, in plain text.
+        unwrapped: number of columns, from the first, that are never wrapped; all when None.
     """
     table = _plain_table(title)
     for k, column in enumerate(columns):
@@ -121,19 +121,19 @@ def _plain_table(title: str) -> Table:
 
 
 def report_console() -> Console:
-    """Return the standard output for tables; as wide as they need when it is not a terminal."""
+    """Return the console for tables on stdout; wide when it is not a terminal."""
     console = Console(highlight=False, emoji=False)
     return console if console.is_terminal else Console(highlight=False, emoji=False, width=_PIPED_WIDTH)
 
 
 def verdict_cells(verdict: SimulationVerdict) -> tuple[str, str, str, str]:
-    """Return the verdict on a simulation, no limit, nothing used, and why, as cells of a table."""
+    """Return table cells for the verdict on a simulation: outcome, no limit, no share, and reason."""
     outcome = verdict.outcome if verdict.followed else f"[red]{verdict.outcome}[/red]"
     return outcome, "", "", escape(verdict.reason)
 
 
 def stage_line(clock: StageClock) -> str:
-    """Return the wall time, and CPU time in brackets, by stage and in all."""
+    """Return one line with the wall time, and the CPU time in brackets, of every stage and in total."""
     stages = [f"{name} {wall:.2f} ({clock.cpu[name]:.2f})" for name, wall in clock.wall.items()]
     total = f"total {sum(clock.wall.values()):.2f} ({sum(clock.cpu.values()):.2f})"
     return "time in s (CPU): " + ", ".join([*stages, total])
@@ -170,11 +170,11 @@ COLUMNS = (
     "planning CPU [s]",
     "",
 )
-"""Gaps are those beyond the clearance, with their unit."""
+"""Columns of the trade-off; gaps are beyond the clearance, with their unit."""
 
 
 def print_pareto(found: ParetoPlans, clock: StageClock, folder: str) -> None:
-    """Print what came out of the trade-off between time and room, on stdout."""
+    """Print the trade-off between duration and clearance on stdout."""
     units = result_units(found.problem)
     table = columned_table(f"{found.problem.name}: from the fastest plan to the roomiest", COLUMNS)
     for number, plan in enumerate(found.plans, start=1):
@@ -204,7 +204,7 @@ def _cells(plan: ParetoPlan, units: PageUnits) -> tuple[str, ...]:
 
 
 def _gap(room: RoomRecord | None, at: Callable[[RoomRecord], NearPlace], units: PageUnits) -> str:
-    """Return a gap; that nothing is within reach where it is so."""
+    """Return a gap in words, with ">" if nothing is within the search distance."""
     if room is None:
         return ""
     near = at(room)
@@ -212,7 +212,7 @@ def _gap(room: RoomRecord | None, at: Callable[[RoomRecord], NearPlace], units: 
 
 
 def _note(found: ParetoPlans, plan: ParetoPlan, number: int) -> str:
-    """Return what there is to say of a plan beside its figures."""
+    """Return remarks on a plan."""
     if plan.solution is None:
         return f"no plan: {plan.reason}"
     notes = ["recommended"] if number == found.recommended else []

@@ -1,4 +1,4 @@
-"""The commands ``check`` and ``export``, of written plans."""
+"""The commands ``check`` and ``export`` for plans in output folders."""
 
 import itertools
 import sys
@@ -34,15 +34,16 @@ from ccm_opt.verification.verifier import left_unchecked, verify
 from ccm_opt.viz.checks_section import checks_in_words
 
 MALFORMED = ("samples", "joint names")
-"""The only checks of a motion that is malformed."""
+"""Checks of a malformed motion; it has no others."""
 
 
 def check_folders(folders: Sequence[Path], constraints: tuple[str, ...] = ()) -> int:
-    """Verify every folder; all are tried.
+    """Verify the plan in every folder; a failure does not stop the others.
 
     Args:
         folders: output folders of ``ccm-opt solve``.
-        constraints: of the user, each ``module:function`` or ``file.py:function``, that every plan is held against.
+        constraints: constraints of the user, each ``module:function`` or ``file.py:function``, that every plan is
+            checked against.
 
     Returns:
         The exit code.
@@ -56,7 +57,7 @@ def _check(folder: Path, constraints: tuple[str, ...]) -> int:
     recorded = recorded_results(folder)
     own = verify(problem, motion.trajectory, motion.joints)
     of_terms = _constraint_checks(problem, motion, constraints) if constraints else ()
-    # What is malformed ends the list of the verifier's checks, and nothing else can be held against it.
+    # For a malformed motion the verifier stops after these checks, and nothing else can be checked either.
     whole = len(own) > len(MALFORMED)
     room = room_over_time(problem, motion.trajectory, problem.wanted_gap, own) if whole else None
     left_out = left_unchecked(problem, motion.trajectory) if room is not None else ()
@@ -64,16 +65,16 @@ def _check(folder: Path, constraints: tuple[str, ...]) -> int:
     if room is not None:
         from ccm_opt.driver.record_agreement import record_checks  # noqa: PLC0415 - loads the simulation
 
-        # Whatever else the folder says of the motion is held against it.
+        # Everything else that the folder records about the motion is checked too.
         of_data = record_data_check(recorded.data, problem, motion.trajectory, room, left_out)
         of_texts = text_checks(folder, problem, motion.trajectory, motion.joints, own)
         checks = (*checks, *record_checks(problem, motion, recorded, own, room), of_data, *of_texts)
     passed = all(check.passed for check in checks)
     left_out = left_out if passed else ()
     verdict = "every check holds" if passed else "refused"
-    # The room of a motion that is refused is in the checks that refuse it.
+    # A refused motion's clearance is not reported by itself: the failed checks say it.
     room = room if passed else None
-    # A folder holds the names of constraints, and not what they ask for.
+    # A folder holds the names of constraints only, not their expressions.
     now = {check.name.partition("constraint ")[2] for check in of_terms}
     unchecked = [name for name in recorded.constraints if name not in now]
     if unchecked:
@@ -109,10 +110,10 @@ def _check(folder: Path, constraints: tuple[str, ...]) -> int:
 def _constraint_checks(problem: Problem, motion: SavedMotion, references: tuple[str, ...]) -> tuple[Check, ...]:
     """Return one check for every constraint.
 
-    In a plan with stops one for every constraint and leg, as when it was made.
+    For a plan with stops there is one for every constraint and leg, as when the plan was made.
 
     Raises:
-        ProblemError: when a constraint cannot be loaded, or not be checked from files alone.
+        ProblemError: a constraint cannot be loaded, or cannot be checked from files alone.
     """
     from ccm_opt.ik.compiled_terms import compile_terms  # noqa: PLC0415 - loads casadi
     from ccm_opt.ik.term_checks import checks_without_path  # noqa: PLC0415 - likewise
@@ -138,17 +139,17 @@ def _constraint_checks(problem: Problem, motion: SavedMotion, references: tuple[
 
 
 BINARY = ("npz", "glb")
-"""Formats that are no text, and have to go into a file."""
+"""Binary formats, which cannot be written to standard output."""
 
 
 def export_folder(folder: Path, kind: ExportFormat, out: Path | None = None, **choices: bool) -> int:
-    """Write one format of a written plan.
+    """Export a plan in one format.
 
     Args:
         folder: an output folder of ``ccm-opt solve``.
-        kind: the format.
-        out: the file; standard output when None, for texts alone.
-        choices: of ``exported_files``.
+        kind: file format.
+        out: output file; None for standard output, which takes text formats only.
+        choices: options of ``exported_files``.
 
     Returns:
         The exit code.
@@ -178,28 +179,28 @@ def exported_files(
     scene: bool = True,
     effort: bool = False,
 ) -> dict[str, bytes]:
-    """The file of a format, under the name ``""``, and the meshes beside it by their names, made anew from the folder.
+    """Return the content of the exported file under the name ``""``, and of meshes next to it by their names.
 
     Args:
         folder: an output folder of ``ccm-opt solve``.
-        kind: the format.
-        out: the file, which names the meshes.
-        bends_only: whether the revolutes that a plane motion leaves alone are left out.
-        scene: whether obstacles are written with the arm.
-        effort: whether a ROS message has efforts.
+        kind: file format.
+        out: output file, after which the meshes are named.
+        bends_only: whether to omit the revolutes that planar motions do not move.
+        scene: whether obstacles are exported with the arm.
+        effort: whether a ROS message includes efforts.
 
     Raises:
-        ProblemError: for an unreadable folder.
+        ProblemError: the folder is not readable.
     """
     problem = load_any_problem(folder)
     if kind in {"urdf", "mjcf"}:
         meshes = URDF_MESHES if out is None else f"{out.name}{MESHES}"
         texts = model_texts(problem, obstacles=scene, bends_only=bends_only, meshes=meshes)
         text = texts["arm.urdf" if kind == "urdf" else "arm.mjcf.xml"]
-        # MJCF of the plane has its meshes in itself.
+        # Planar MJCF embeds its meshes.
         beside = scene and (kind == "urdf" or problem.dimension == 3)
         return {"": text.encode()} | (model_meshes(problem, meshes) if beside else {})
-    motion = load_motion(folder, problem.arm)  # refuses what is no plan of this arm
+    motion = load_motion(folder, problem.arm)  # refuses anything but a plan of this arm
     if kind == "npz":
         arrays = read_arrays(folder / ARRAYS)
         return {"": arrays_npz(bend_arrays(arrays) if bends_only else arrays)}

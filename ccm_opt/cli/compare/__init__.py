@@ -1,1 +1,1 @@
-"""Several planners on the same problems: suites, runs on workers, the journal, statistics by pairs."""
+"""Comparison of planners on the same problems: suites, runs on workers, the journal, paired statistics."""

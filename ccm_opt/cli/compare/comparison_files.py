@@ -1,4 +1,4 @@
-"""Files of comparisons: problems in, results out."""
+"""Files of comparisons: problem files, and results."""
 
 import csv
 import io
@@ -34,12 +34,12 @@ def write_comparison(comparison: Comparison, folder: Path, page: str) -> None:
     """Write the files of a comparison into a folder, each whole or not at all.
 
     Args:
-        comparison: what came of it.
-        folder: exists already, with the journal in it.
-        page: content of the page; none is written where it is empty.
+        comparison: results to write.
+        folder: existing folder, with the journal in it.
+        page: content of the page; if empty, no page is written.
 
     Raises:
-        ProblemError: when a file cannot be written.
+        ProblemError: a file cannot be written.
     """
     files = {TABLE: runs_csv(comparison), RECORD: comparison_json(comparison)} | ({PAGE: page} if page else {})
     for name, content in files.items():
@@ -47,9 +47,9 @@ def write_comparison(comparison: Comparison, folder: Path, page: str) -> None:
 
 
 def runs_csv(comparison: Comparison) -> str:
-    """Return one row a run: problem, method, outcome, figures with their units, time, tactic, reason.
+    """Return a CSV table with one row per run: problem, method, outcome, figures, time, tactic, reason.
 
-    Empty where none.
+    Figures have their units in the column names; missing values are empty.
     """
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
@@ -63,7 +63,7 @@ def runs_csv(comparison: Comparison) -> str:
 
 
 def comparison_json(comparison: Comparison) -> str:
-    """Return the statistics: every method by itself, every two of them by pairs, and every failure with its reason."""
+    """Return the statistics as JSON: every method by itself, every pair of methods, every failure with its reason."""
     data = {
         "schema": 1,
         "level": LEVEL,
@@ -79,7 +79,7 @@ def comparison_json(comparison: Comparison) -> str:
 
 
 def medians(runs: Sequence[Run]) -> dict[str, float]:
-    """Return the median of every figure over the solved runs that have it, by key; NaN when none has."""
+    """Return the median of every figure over the solved runs that have it, by key; NaN if none has."""
     found = {
         item.key: [run.figures[item.key] for run in runs if run.solved and item.key in run.figures]
         for item in QUANTITIES
@@ -129,30 +129,30 @@ def _bounds(interval: ConfidenceInterval) -> list[float | None]:
 
 
 def _number(value: float) -> float | None:
-    # JSON knows neither NaN nor infinity.
+    # JSON has neither NaN nor infinity.
     return value if math.isfinite(value) else None
 
 
 FOLDER = "problems"
-"""In the folder of a comparison."""
+"""Folder of problem files in the folder of a comparison."""
 MESH_FOLDER = "meshes"
-"""In the folder of the problems."""
+"""Folder of meshes in the folder of problem files."""
 _DIGITS = 12
-"""Of a mesh's hash in its name."""
+"""Digits of a mesh's hash in its file name."""
 
 
 def write_problems(cases: Sequence[Case], folder: Path) -> tuple[Path, ...]:
-    """Write every problem as ``<name>.toml``; angles pass through degrees, so that last bits may differ.
+    """Write every problem as ``<name>.toml``; angles are converted to degrees, so last bits may differ.
 
     Args:
         cases: the problems.
-        folder: is made where it is not there; files in it that say the same are left as they are.
+        folder: folder for the files, created if necessary; identical files in it are left as they are.
 
     Returns:
         The files.
 
     Raises:
-        ProblemError: a file cannot be written, or is there already and says something else.
+        ProblemError: a file cannot be written, or exists with other content.
     """
     files = []
     for case in cases:
@@ -167,20 +167,20 @@ def write_problems(cases: Sequence[Case], folder: Path) -> tuple[Path, ...]:
 
 
 def problem_text(problem: Problem) -> str:
-    """Return a problem file: the one that a problem was read from, if that says all of it, or a new one."""
+    """Return the text of a problem file: the original one if that is complete by itself, or a new one."""
     if problem.dimension == 3:
         return tomlkit.dumps(problem_data(problem, [_mesh_name(each.body) for each in problem.workspace.obstacles]))
     data = recorded_data(problem)
-    # Other files that a problem names would have to be written too; then its own text does not say all.
+    # A text that names other files is not complete: those would have to be written too.
     if problem.source and tomllib.loads(problem.source) == data:
         return problem.source
     return tomlkit.dumps(data)
 
 
 def mesh_files(problem: Problem) -> dict[str, bytes]:
-    """Return the meshes that a problem needs, by their paths beside its file.
+    """Return the meshes that a problem needs, by paths relative to its file.
 
-    The same mesh has the same path everywhere.
+    Equal meshes have equal paths in all problems.
     """
     return {_mesh_name(body): body.content for _, _, body in problem.workspace.meshes}
 
@@ -194,10 +194,10 @@ def _mesh_name(body: Body) -> str:
 
 
 def _write(file: Path, content: bytes) -> None:
-    """Write a file that is not there yet, or says the same.
+    """Write a file unless it exists with the same content.
 
     Raises:
-        ProblemError: it cannot be written, or is there already and says something else.
+        ProblemError: it cannot be written, or exists with other content.
     """
     try:
         written = file.read_bytes() if file.exists() else None

@@ -1,4 +1,4 @@
-"""The page of a comparison, and how its figures are told to people."""
+"""The HTML page of a comparison, and formatting of its figures."""
 
 import math
 from collections.abc import Mapping
@@ -10,34 +10,34 @@ from ccm_opt.cli.compare.statistics import ConfidenceInterval, FigurePair
 from ccm_opt.viz.document import NONE, Markup, element, html_document, joined, table, three_digits
 
 SCRIPTS = ("elements", "numbers", "sampled", "axes", "theme", "comparison_charts", "comparison_page")
-"""Scripts of the page of a comparison, in the order in which they are needed."""
+"""Scripts of the page, in loading order."""
 
 DECIMALS = 3
-"""At most; less than half of the last one is nothing."""
+"""Most decimals of a figure; values below half of the last one are shown as 0."""
 TIMES = "\N{MULTIPLICATION SIGN} "
 LEAST_P = 1e-3
-"""Smaller probabilities are as good as none."""
+"""Probabilities below this are only shown as smaller."""
 
 
 def display_unit(quantity: Quantity) -> tuple[str, float]:
-    """The unit in which a figure is shown, and the factor from its own: lengths in millimetres, all else as it is."""
+    """Return the unit in which a figure is shown, and the factor from its own unit; lengths are in millimetres."""
     return ("mm", 1e3) if quantity.unit == "m" else (quantity.unit, 1.0)
 
 
 def format_title(quantity: Quantity) -> str:
-    """Return a figure with its unit."""
+    """Return the title of a figure with its unit."""
     return f"{quantity.title} [{display_unit(quantity)[0]}]"
 
 
 def format_value(quantity: Quantity, figure: float) -> str:
-    """Return a value of a figure."""
+    """Return the value of a figure as text."""
     return three_digits(display_unit(quantity)[1] * figure, DECIMALS)
 
 
 def format_effect(quantity: Quantity, value: float, times: str = TIMES) -> str:
-    """Return by how much two methods differ in a figure: ``× 0.95`` or ``+1.2``.
+    """Return the difference of two methods in a figure, such as ``× 0.95`` or ``+1.2``.
 
-    A dash where there are too few problems.
+    A dash if there are too few problems.
     """
     if not math.isfinite(value):
         return NONE
@@ -49,25 +49,25 @@ def format_effect(quantity: Quantity, value: float, times: str = TIMES) -> str:
 
 
 def format_interval(quantity: Quantity, interval: ConfidenceInterval) -> str:
-    """Return what that may be."""
+    """Return the confidence interval of an effect as text."""
     ends = [format_effect(quantity, value, "") for value in (interval.low, interval.high)]
     return NONE if NONE in ends else " to ".join(ends)
 
 
 def probability(value: float) -> str:
-    """Return a p value."""
+    """Return a p value as text."""
     if not math.isfinite(value):
         return NONE
     return f"< {LEAST_P:g}" if value < LEAST_P else f"{value:.2g}"
 
 
 def percents(share: float) -> str:
-    """Return a share."""
+    """Return a share as text."""
     return f"{100.0 * share:.0f} %" if math.isfinite(share) else NONE
 
 
 def success_words(pair: Pair) -> str:
-    """Return how often two methods solve the same problems, in a sentence."""
+    """Return the paired success of two methods, in a sentence."""
     success = pair.success
     p_value = probability(success.p_value)
     return (
@@ -79,11 +79,11 @@ def success_words(pair: Pair) -> str:
 
 
 PAIR_HEADS = ("where both solve", "pairs", "first", "second", "", "median by pairs", "95 %", "first better", "p")
-"""Of the table of two methods."""
+"""Column heads of the table of two methods."""
 
 
 def comparison_page(comparison: Comparison) -> str:
-    """Return the page of a comparison, which loads nothing."""
+    """Return the HTML page of a comparison, which loads no other files."""
     count, problems = len(comparison.methods), len(comparison.problems)
     title = f"{count} method{'s' if count > 1 else ''} on {problems} problems"
     sections = (
@@ -97,7 +97,10 @@ def comparison_page(comparison: Comparison) -> str:
 
 
 def _data(comparison: Comparison) -> dict[str, object]:
-    """Return what the scripts of the page read; gaps may be nothing, so that lengths have linear axes."""
+    """Return the data that the page's scripts read.
+
+    Lengths have linear axes, since gaps may be 0.
+    """
     intervals = {name: comparison.solved(name)[1] for name in comparison.methods}
     return {
         "methods": [{"name": name, "interval": [it.low, it.high]} for name, it in intervals.items()],
@@ -121,7 +124,7 @@ def _figures(run: Run) -> dict[str, float]:
 
 
 def _without_dust(key: str, value: float) -> float:
-    """Return a figure to what counts as a difference at all: axes are not to show billionths of a millimetre."""
+    """Return a figure rounded to the least difference that counts: axes should not show rounding errors."""
     tie = next((item.tie for item in QUANTITIES if item.key == key), 0.0)
     return tie * round(value / tie) if tie > 0.0 else value
 
@@ -163,7 +166,7 @@ def _pair_section(pair: Pair, number: int) -> Markup:
 
 
 def _row(item: FigurePair) -> tuple[str, ...]:
-    """Return one figure of two methods."""
+    """Return the table row for one figure of two methods."""
     quantity = item.quantity
     return (
         format_title(quantity),

@@ -1,4 +1,4 @@
-"""Methods that are compared."""
+"""The methods that are compared, and digests of their code."""
 
 import hashlib
 import sys
@@ -21,13 +21,13 @@ from ccm_opt.problem.options import PlannerOptions
 
 @dataclass(frozen=True)
 class Method:
-    """A way to solve problems: changes of a problem's planner options, or a planner from elsewhere.
+    """A way to solve problems: changes of a problem's planner options, or an external planner.
 
     Attributes:
-        name: in tables and options.
-        summary: what it is, for people.
+        name: name in tables and options.
+        summary: description for people.
         options: changes of the problem's planner options.
-        make: makes a planner from elsewhere; when None the options name the planner.
+        make: makes an external planner; when None the options select the planner.
     """
 
     name: str
@@ -36,17 +36,17 @@ class Method:
     make: Callable[[], Planner] | None = None
 
     def prepared(self, problem: Problem, time_limit: float | None = None) -> Problem:
-        """Return the problem with this method's options, and a limit of CPU time [s] unless that is None."""
+        """Return the problem with this method's options, and with a limit of CPU time [s] unless that is None."""
         options = dict(self.options)
         if time_limit is not None:
             options["time_limit"] = time_limit
         return replace(problem, planner=replace(problem.planner, **options))  # type: ignore[arg-type]
 
     def planner(self, prepared: Problem) -> Planner:
-        """Return the planner for a problem that was prepared.
+        """Return the planner for a prepared problem.
 
         Raises:
-            ProblemError: this method knows the plane alone, and the problem is in space.
+            ProblemError: this method works in the plane only, and the problem is in space.
         """
         if self.make is not None:
             return self.make()
@@ -68,7 +68,7 @@ _OF_THE_PAPER: Mapping[str, object] = {
     **{name: getattr(PlannerOptions(), name) for name in ("optimiser", "seed", "tries", "wanted_gap", "weights")},
     "method": "hill-climbing",
 }
-"""What the paper's planner is asked: it knows none of the other options."""
+"""Options of the paper's planner; it supports no others."""
 
 METHODS: Mapping[str, Method] = {
     method.name: method
@@ -81,19 +81,20 @@ METHODS: Mapping[str, Method] = {
         Method("hill-climbing-paul", "the paper's planner and timing", {**_OF_THE_PAPER, "retiming": "paul"}),
     )
 }
-"""The methods of this package by name."""
+"""Built-in methods by name."""
 DEFAULT = ("nlp", "hill-climbing")
-"""Compared when no method is named."""
+"""Methods compared when none are named."""
 
 
 def method_named(name: str) -> Method:
-    """Return a method of the table, or any planner as ``module:attribute``.
+    """Return a built-in method, or one for any planner given as ``module:attribute``.
 
     Args:
-        name: the attribute is a planner, or something that returns one when called without arguments.
+        name: name of a method, or a reference to a planner or to something that returns one when called without
+            arguments.
 
     Raises:
-        ProblemError: when there is no such method, or the planner cannot be loaded.
+        ProblemError: there is no such method.
     """
     if name in METHODS:
         return METHODS[name]
@@ -103,10 +104,10 @@ def method_named(name: str) -> Method:
 
 
 def check_methods(names: Sequence[str]) -> tuple[str, ...]:
-    """Return the names, each once; a wrong name, or a planner that cannot be made, is refused before any work.
+    """Return the names without duplicates; refuse unknown methods and planners that cannot be made, before any run.
 
     Raises:
-        ProblemError: when a planner cannot be made.
+        ProblemError: there is no such method, or a planner cannot be made.
     """
     for method in map(method_named, names):
         if method.make is not None:
@@ -116,7 +117,7 @@ def check_methods(names: Sequence[str]) -> tuple[str, ...]:
 
 
 def _made(name: str) -> Any:
-    """Return the object that a name stands for; a class, or a function that makes a planner, is called."""
+    """Return the object that a reference names; classes and functions that make a planner are called."""
     module, _, attribute = name.partition(":")
     value: Any = import_module(module)
     for part in attribute.split("."):
@@ -133,30 +134,30 @@ def _loaded(name: str) -> Planner:
 
 
 DIGITS = 16
-"""Of the digest that is kept."""
+"""Digits of the digest that are kept."""
 OURS = "ccm_opt"
-"""The package whose planners, timing and verifier every run meets."""
+"""The package whose planners, timing and verifier take part in every run."""
 NOT_MET = ("cli/", "viz/")
-"""Parts of the package that no run meets, but for planners of OMPL; suites of random problems count their own."""
+"""Parts of the package that take no part in runs, except planners of OMPL; random suites have their own version."""
 _OMPL = "cli/compare/ompl_"
 SOURCES = frozenset((".py", ".c", ".h", ".so", ".pyd"))
-"""Endings of what is code."""
+"""Suffixes of code files."""
 
 
 @cache
 def code_of(method: str) -> str:
-    """Return the digest of the code that a method runs on this machine, hexadecimal.
+    """Return the hexadecimal digest of the code that a method runs on this machine.
 
-    That of a planner from elsewhere included.
+    For an external planner it covers the planner's package too.
 
     Args:
-        method: of the table, or ``module:attribute``.
+        method: name of a method, or ``module:attribute``.
     """
     digest = hashlib.sha256(_package_digest(OURS, NOT_MET).encode())
     if method == "ompl":
         digest.update(metadata.version("ompl").encode())
     if method not in METHODS:
-        # All of the top-level package: a planner may well be changed in a module that its own imports.
+        # The whole top-level package: a planner also changes with the modules that it imports.
         digest.update(_package_digest(method.partition(":")[0].partition(".")[0], ()).encode())
     return digest.hexdigest()[:DIGITS]
 
@@ -173,7 +174,7 @@ def _package_digest(name: str, left_out: tuple[str, ...]) -> str:
 
 
 def _sources(name: str) -> Iterator[tuple[str, Path]]:
-    """Yield every source file of a module or package, in order, with its place in it; none where it has no files."""
+    """Yield every source file of a module or package in order, with its relative path; nothing if it has no files."""
     spec = find_spec(name) if name not in sys.modules else sys.modules[name].__spec__
     if spec is None:
         return

@@ -1,8 +1,9 @@
-"""OMPL's RRT-Connect (extra ``ompl``), as a peer, in the plane and in space.
+"""OMPL's RRT-Connect (extra ``ompl``) as a peer, in the plane and in space.
 
-What is compared is the search. The arm, its limits, poses at the goal, the proof that a motion touches nothing, the
-smooth path, timing and verification are those of our planner. A straight motion of the bends is what the certificate
-proves, for all times and not at samples; so OMPL is held to the same as ours, and asks for a motion what ours asks.
+Only the search is compared. The arm, its limits, poses at the goal, the proof that a motion touches nothing, the smooth
+path, timing and verification are those of our planner. Our certificate proves motions that are straight in the bends,
+at all times and not just at samples; so OMPL meets the same standard and checks motions by the same means as our
+planner.
 """
 
 from collections.abc import Iterator
@@ -36,32 +37,31 @@ from ccm_opt.scene.certificate import Certificate
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 
 NAME = "RRT-Connect of OMPL"
-"""Of what finds the motion, in records."""
+"""Name of the search in records."""
 _ADVICE = ("raise planner.time_limit", "use planner.method nlp")
-"""What helps where it finds nothing."""
+"""Advice when the search finds nothing."""
 
 
 @dataclass(frozen=True)
 class OmplSettings:
-    """What the planner of OMPL is given and allowed.
+    """Settings of the OMPL planner.
 
     Attributes:
         planning_share: share of the time limit that planning may use; timing and verification need the rest. Taste: as
-            the baseline's.
-        goal_share: share of the time limit within which poses at a goal for the tip are found. Taste.
-        goal_poses: such poses that are enough. Taste: trees grow from all of them.
-        simplifying_share: share of the time limit that is kept for OMPL's shortening of the way. Taste.
-        searched_gap: gap beyond contact that the ways of OMPL keep, as a share of the arm's length. Taste.
-        certified_gap: in the plane, the same of the smooth path, which leaves the way at its corners by what is between
-            the two. Taste: as the baseline's.
-        longest_turn: change of a bend by which a way is cut into legs, so that a corner that is refined is a short
-            stretch of it [rad]. Taste.
-        beyond_tube: how far behind a guide tube joints begin to bend, in link lengths. Taste: so that a smooth path may
-            begin to bend them a little earlier.
-        refinements: rounds in which the smooth path is refined in the plane. Derived: a corner of legs of the longest
-            turn is refined until the tip leaves it by less than what is between the two gaps.
-        draws: how poses at a goal for the tip are drawn in the plane.
-        motion: numbers of goal poses, certificate and smooth path in space.
+            for the baseline.
+        goal_share: share of the time limit for finding poses at a tip goal. Taste.
+        goal_poses: number of such poses that is enough. Taste: trees grow from all of them.
+        simplifying_share: share of the time limit reserved for OMPL's path shortening. Taste.
+        searched_gap: gap beyond contact that OMPL's paths keep, as a share of the arm's length. Taste.
+        certified_gap: such a gap for the smooth path in the plane; at corners the smooth path may deviate by the
+            difference of the two gaps. Taste: as for the baseline.
+        longest_turn: largest change of a bend in one leg of a path, so that refining a corner affects a short stretch
+            only [rad]. Taste.
+        beyond_tube: distance behind the guide tube at which joints begin to bend, in link lengths. Taste: so that a
+            smooth path may begin to bend them a little earlier.
+        refinements: rounds in which the smooth path is refined in the plane. Derived: a corner between legs of the
+            longest turn is refined until the tip deviates by less than the difference of the two gaps.
+        motion: settings of goal poses, certificate and smooth path in space.
     """
 
     planning_share: float = 0.9
@@ -77,7 +77,7 @@ class OmplSettings:
 
 
 DEFAULT_OMPL = OmplSettings()
-"""What the planner takes when it is not given other settings."""
+"""Default settings of the OMPL planner."""
 
 
 @dataclass(frozen=True)
@@ -85,22 +85,22 @@ class OmplPlanner:
     """Plans with OMPL; satisfies the ``Planner`` protocol.
 
     Attributes:
-        settings: shares of the time, and the gap that motions keep.
+        settings: shares of the time limit, and gaps that motions keep.
     """
 
     settings: OmplSettings = DEFAULT_OMPL
 
     def __post_init__(self) -> None:
-        """Refuse where OMPL is not installed."""
+        """Refuse to be made if OMPL is not installed."""
         ompl_modules()
 
     def plan(self, problem: Problem) -> JointPath:
         """Plan a certified motion.
 
         Raises:
-            ProblemError: the problem has a feed axis in the plane or places on the way, which this planner does not
-                know.
-            NoPlanFound: none was found in time.
+            ProblemError: the problem has a feed axis in the plane, or via points, which this planner does not support;
+                or its start cannot be represented.
+            NoPlanFound: no motion was found in time.
         """
         if problem.dimension == 3:
             return self._path(_InSpace(problem, self.settings))
@@ -127,11 +127,11 @@ class OmplPlanner:
         return path
 
     def _way(self, query: "_Query", start: FloatArray, goals: list[FloatArray]) -> FloatArray:
-        """Return the draws along a certified way, shape (K ≥ 2, c), the ends exact."""
+        """Return the sampler coordinates along a certified path, shape (K ≥ 2, c), with exact ends."""
         base, geometric, util = ompl_modules()
         util.noOutputHandler()
         planner_options = query.problem.planner
-        # OMPL's generators take their seeds from this one when they are made; 0 is none.
+        # OMPL's generators are seeded from this one when they are made; seed 0 is not valid.
         util.RNG.setSeed(planner_options.seed + 1)
         information = _information(base, query)
         asked = base.ProblemDefinition(information)
@@ -156,18 +156,18 @@ class OmplPlanner:
 
 @dataclass(frozen=True)
 class SampledJoints:
-    """What a sampler draws for an arm, and the configurations that this stands for.
+    """The coordinates in which a sampler works, and the configurations that they represent.
 
-    A guide tube holds joints straight, and a sampler never draws that a number is zero. So every bend counts by how far
-    its joint has come out of the tube: not at all inside, in full a link beyond. Without a feed axis what is drawn are
-    the bends themselves. The feed is counted in twenty-fourths of the arm.
+    A guide tube holds joints straight, and a sampler never samples a bend of exactly zero. So every bend is scaled by
+    how far its joint is out of the tube: by 0 inside, by 1 from one link beyond. Without a feed axis the coordinates
+    are the bends themselves. The feed is counted in twenty-fourths of the arm.
 
     Attributes:
         arm: the arm.
-        lower: least value of every coordinate, shape (c,) [rad, m].
-        upper: greatest value, shape (c,) [rad, m].
-        longest_turn: by which a bend may change from one configuration to the next [rad].
-        beyond_tube: how far behind the tube joints begin to bend, in link lengths.
+        lower: lower limit of every coordinate of the configuration, shape (c,) [rad, m].
+        upper: upper limit, shape (c,) [rad, m].
+        longest_turn: largest change of a bend between consecutive keyframes [rad].
+        beyond_tube: distance behind the tube at which joints begin to bend, in link lengths.
     """
 
     arm: Arm
@@ -178,22 +178,22 @@ class SampledJoints:
 
     @property
     def low(self) -> FloatArray:
-        """Least value of everything drawn, shape (c,)."""
+        """Lower limits of the sampler coordinates, shape (c,)."""
         return self.lower / self._units
 
     @property
     def high(self) -> FloatArray:
-        """Greatest value of everything drawn, shape (c,)."""
+        """Upper limits of the sampler coordinates, shape (c,)."""
         return self.upper / self._units
 
     def configuration(self, drawn: FloatArray) -> FloatArray:
-        """Return what draws stand for, shape (..., c) [rad, m]."""
+        """Return the configurations for sampler coordinates, shape (..., c) [rad, m]."""
         q = drawn * self._units
         q[..., self.arm.coordinates.bends] *= self._out(q)
         return q
 
     def drawn(self, q: FloatArray) -> FloatArray | None:
-        """Return what stands for a configuration, shape (c,); None where that is beyond the limits."""
+        """Return the sampler coordinates for a configuration, shape (c,); None if they would be beyond the limits."""
         out = np.append(self._out(q), np.ones(len(self.arm.base_axes)))
         drawn = np.where(out > 0.0, q / np.where(out > 0.0, out, 1.0), 0.0) / self._units
         slack = 1e-9
@@ -201,12 +201,12 @@ class SampledJoints:
         return np.clip(drawn, self.low, self.high) if fits and np.allclose(self.configuration(drawn), q) else None
 
     def keyframes(self, before: FloatArray, after: FloatArray) -> FloatArray:
-        """Return the configurations along a straight line between draws, shape (k ≥ 2, c) [rad, m]."""
+        """Return configurations along a straight line in sampler coordinates, shape (k ≥ 2, c) [rad, m]."""
         bends = self.arm.coordinates.bends
         count = max(1, int(np.ceil(float(np.abs((after - before)[bends]).max()) / self.longest_turn)))
         shares = [np.linspace(0.0, 1.0, count + 1)]
         for begin, end in zip(before[bends.stop :], after[bends.stop :], strict=True):
-            # A joint that comes out of the tube does so at a keyframe, so that nothing bends in it.
+            # Joints leave the tube at keyframes, so that nothing bends inside the tube.
             places = np.append(self._leaving, self._leaving + self.arm.link_length) / self._units[-1]
             met = (places - begin) / (end - begin) if begin != end else np.zeros(0)
             shares.append(met[(met > 0.0) & (met < 1.0)])
@@ -220,15 +220,15 @@ class SampledJoints:
 
     @property
     def _leaving(self) -> FloatArray:
-        """Feed from which on each joint may bend, a little beyond the tube, shape (links,) [m].
+        """Feed from which each joint may bend, a little beyond the tube, shape (links,) [m].
 
-        A smooth path begins to bend it somewhat earlier than the way does.
+        A smooth path begins to bend a joint somewhat earlier than the sampled path does.
         """
         beyond = self.beyond_tube * self.arm.link_length
         return np.asarray(self.arm.hole + beyond - self.arm.link_length * np.arange(self.arm.links), dtype=np.float64)
 
     def _out(self, q: FloatArray) -> FloatArray:
-        """Return how far each bend counts, from 0 to 1, shape (..., joints)."""
+        """Return the factor of each bend, from 0 to 1, shape (..., joints)."""
         coordinates = self.arm.coordinates
         if not self.arm.base_axes:
             return np.ones(coordinates.joints)
@@ -237,7 +237,7 @@ class SampledJoints:
 
 
 class _InPlane:
-    """A query in the plane, in units of the arm."""
+    """A query in the plane, in units of the arm's length."""
 
     def __init__(self, problem: Problem, settings: OmplSettings) -> None:
         arm = problem.arm
@@ -246,7 +246,7 @@ class _InPlane:
         self.deadline = Deadline.after(settings.planning_share * problem.planner.time_limit)
         self._ends = ends = resolve_ends(problem)
         self.start = ends.start
-        # Bounds hold the start in any case.
+        # The bounds always contain the start.
         reach = np.maximum(arm.bend_limits, np.abs(self.start))
         low, high = -reach, reach.copy()
         if ends.clamped:
@@ -255,7 +255,7 @@ class _InPlane:
         self._searched = _certificate(problem, ends, settings.searched_gap)
 
     def goals(self) -> Iterator[FloatArray]:
-        """Yield configurations at the goal, few enough to grow trees from all of them, each of shape (c,) [rad, m]."""
+        """Yield configurations at the goal, each of shape (c,) [rad, m], few enough to grow trees from all of them."""
         arm, settings = self.problem.arm, self._settings
         if self._ends.goal_pose is not None:
             yield self._ends.goal_pose
@@ -284,12 +284,12 @@ class _InPlane:
 
 
 def _stands_free(certificate: Certificate, q: FloatArray) -> bool:
-    """Return whether a configuration, shape (c,), touches nothing."""
+    """Return whether a configuration, shape (c,), is proved free of contact."""
     return len(certificate.failures(np.stack((q, q)), depth=0)) == 0
 
 
 def _any_shape(problem: Problem, ends: Ends) -> TargetDraws:
-    """Return the draws of every shape that the joints allow; a base that is clamped stays where it is."""
+    """Return the sampling of every shape within the joint limits; a clamped base keeps its heading."""
     arm = problem.arm
     free = np.eye(arm.links)
     if ends.clamped:
@@ -297,13 +297,13 @@ def _any_shape(problem: Problem, ends: Ends) -> TargetDraws:
     start = arm.headings(ends.start)
     first = float(ends.start[0])
     bound = float(arm.bend_limits[0])
-    # As far as the base may turn at all: other planners are held to what winds the arm least.
+    # The base may turn over its whole range, while our planners take the turn that winds the arm least.
     base = (first, first) if ends.clamped else (-bound, bound)
     return TargetDraws(arm, free, (start, start), arm.bend_limits, base)
 
 
 def _certificate(problem: Problem, ends: Ends, gap: float) -> Certificate:
-    """With a gap, as a share of the arm's length, where both ends have it; ends that touch something must be let go."""
+    """Return the certificate with a gap, as a share of the arm's length, if both ends keep it; else without a gap."""
     with_gap = Certificate(problem.arm, problem.workspace, gap * problem.arm.length)
     known = [pose for pose in (ends.start, ends.goal_pose) if pose is not None]
     free = all(_stands_free(with_gap, pose) for pose in known)
@@ -327,7 +327,7 @@ class _InSpace:
             raise ProblemError("the method ompl knows no places on the way; leave goal.via out, or use nlp")
         refuse_ends(problem, self._task)
         self.start, self.deadline = self._task.start, self._task.deadline
-        # The smooth path leaves the way at its corners, and needs some gap for that.
+        # The smooth path deviates from the sampled path at corners, which takes some gap.
         beyond = settings.searched_gap * arm.length
         certificate = self._task.contact_certificate
         self._searched = replace(certificate, gap=certificate.gap + beyond, pair_gap=certificate.pair_gap + beyond)
@@ -337,11 +337,9 @@ class _InSpace:
         return space_task(self.problem, self._tree, until, self._settings.motion)
 
     def _where_ours_ends(self) -> FloatArray | None:
-        """Return where our own search ends, which the sampler gets for nothing of its time.
+        """Return the end of our own search, given to the sampler without charging its time; None if that finds nothing.
 
-        None where that finds nothing.
-
-        In ducts hardly any pose that is drawn at a goal touches nothing, and a sampler without a goal can only fail.
+        In ducts, hardly any pose sampled at a goal is free of contact, and a sampler without a goal can only fail.
         """
         if self.problem.goal.whole(self.problem.arm) is not None or self.problem.goal.via:
             return None
@@ -352,7 +350,7 @@ class _InSpace:
         return None if self.joints.drawn(found) is None else found
 
     def goals(self) -> Iterator[FloatArray]:
-        """Yield configurations at the goal, few enough to grow trees from all of them, each of shape (c,) [rad, m]."""
+        """Yield configurations at the goal, each of shape (c,) [rad, m], few enough to grow trees from all of them."""
         if self._given is not None:
             yield self._given
             return
@@ -374,17 +372,17 @@ class _InSpace:
         return self._searched.safe(before, after, depth=depth)
 
     def smooth_path(self, keyframes: FloatArray) -> JointPath | None:
-        """Return the certified smooth path near keyframes, shape (K, c) [rad, m]; None where there is none."""
+        """Return a certified smooth path near keyframes, shape (K, c) [rad, m]; None if there is none."""
         spline = path_near_configurations(keyframes, self._task)
         return None if spline is None else JointPath(spline, keyframes, (), NAME, spare=self._task.spare)
 
 
 _Query: TypeAlias = _InPlane | _InSpace
-"""What OMPL is asked: from where, to where, what is safe, and how its way becomes a path."""
+"""A query to OMPL: start, goals, the check of motions, and smoothing of the path."""
 
 
 def _information(base: Any, query: _Query) -> Any:
-    """Return the space that OMPL plans in, with the certificate as judge of states and motions."""
+    """Return OMPL's space information, with the certificate as the checker of states and motions."""
     joints = query.joints
     low, high = joints.low, joints.high
     count = len(low)
@@ -401,10 +399,10 @@ def _information(base: Any, query: _Query) -> Any:
         return query.safe(q, q, depth=0)
 
     class CertifiedMotions(base.MotionValidator):  # type: ignore[misc]
-        """Motions that the certificate proves free of contact."""
+        """Checks motions by the certificate."""
 
         def checkMotion(self, one: Any, other: Any) -> bool:  # noqa: N802 - OMPL's name
-            """Return whether the straight motion from a state to another touches nothing."""
+            """Return whether the straight motion between two states is proved free of contact."""
             keyframes = joints.keyframes(_drawn(one, count), _drawn(other, count))
             return all(query.safe(before, after) for before, after in pairwise(keyframes))
 
@@ -415,7 +413,7 @@ def _information(base: Any, query: _Query) -> Any:
 
 
 def _state(information: Any, drawn: FloatArray) -> Any:
-    """Return a state of OMPL from draws, shape (c,)."""
+    """Return an OMPL state with sampler coordinates, shape (c,)."""
     state = information.allocState()
     for k, value in enumerate(drawn):
         state[k] = float(value)
@@ -427,7 +425,7 @@ def _drawn(state: Any, count: int) -> FloatArray:
 
 
 def ompl_modules() -> tuple[Any, Any, Any]:
-    """Return the OMPL's modules ``base``, ``geometric`` and ``util``.
+    """Return OMPL's modules ``base``, ``geometric`` and ``util``.
 
     Raises:
         ProblemError: OMPL is not installed.

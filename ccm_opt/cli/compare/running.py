@@ -1,7 +1,7 @@
-"""Runs of a comparison in processes that are watched over.
+"""Comparisons of methods, with runs in supervised processes.
 
-Whatever a planner does, a run comes back as a record: a process that dies, is killed for its time or for its memory is
-the result of that run alone, and the next run has a new process. A process that behaves is kept, with its libraries
+Whatever a planner does, its run yields a record: if a process dies, or is killed for its time or memory, that is the
+result of this run alone, and the next run gets a new process. A well-behaved process is reused, with its libraries
 loaded.
 """
 
@@ -39,15 +39,15 @@ from ccm_opt.core.executors import Workers, completed
 
 @dataclass(frozen=True)
 class SupervisionSettings:
-    """Bounds on a run that its planner does not keep itself.
+    """Limits on a run that do not depend on the planner's cooperation.
 
     Attributes:
-        time_factor: wall time for planning in units of the planner's CPU time. Derived: the wall guard of our own
-            deadlines.
-        spare_time: wall time beside that, for timing, verification and simulation [s]. Taste.
-        most_memory: resident memory of a run [B]. Taste: our planners take less than a tenth.
-        look_every: time between two looks at a run's memory [s]. Taste.
-        last_words: time for a process that is told to end, before it is killed [s]. Taste.
+        time_factor: wall time for planning, as a multiple of the planner's CPU time limit. Derived: the wall guard of
+            our own deadlines.
+        spare_time: additional wall time for timing, verification and simulation [s]. Taste.
+        most_memory: most resident memory of a run [B]. Taste: our planners take less than a tenth.
+        look_every: time between two checks of a run's memory [s]. Taste.
+        last_words: time that a process is given to end before it is killed [s]. Taste.
     """
 
     time_factor: float = 3.0
@@ -58,20 +58,20 @@ class SupervisionSettings:
 
 
 DEFAULT_SUPERVISION = SupervisionSettings()
-"""What runs are held to unless other bounds are given."""
+"""Default limits on runs."""
 
 
 _ALONE = threading.Lock()
-"""CPU time is measured by run, so a worker makes one at a time, however many threads it has."""
+"""CPU time is measured per run, so a worker makes one run at a time, however many threads it has."""
 
 
 class RunProcess:
     """A process that makes runs, one after the other."""
 
     def __init__(self) -> None:
-        # Planners are found where this process finds them.
+        # The child finds planners on the same path as this process.
         environment = {**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
-        # Nothing is ever written to this pipe: the run ends when its other end is closed, see ``answer_tasks``.
+        # Nothing is ever written to this pipe: the child ends when this end is closed, see ``answer_tasks``.
         theirs, ours = os.pipe()
         self._life = os.fdopen(ours, "wb")
         self._process = subprocess.Popen(  # noqa: S603 - this interpreter
@@ -89,17 +89,17 @@ class RunProcess:
 
     @property
     def alive(self) -> bool:
-        """Whether it can make a run."""
+        """Whether the process can make a run."""
         return self._process.poll() is None
 
     def run(self, task: Task, limit: float, settings: SupervisionSettings) -> Run:
-        """Make a run; when it does not end within a wall time [s] or takes too much memory it is ended."""
+        """Make a run; end the process if it exceeds a wall time [s] or takes too much memory."""
         begin = time.monotonic()
         try:
             pickle.dump(task, self._tasks)
             self._tasks.flush()
         except OSError:
-            self._answers.put(None)  # it died before it had read the task
+            self._answers.put(None)  # the process died before it read the task
         answer = self._watched(begin + limit, limit, settings)
         if isinstance(answer, Run):
             return answer
@@ -109,9 +109,9 @@ class RunProcess:
         return replace(ended, outcome=outcome, reason=reason, wall=time.monotonic() - begin)
 
     def end(self, settings: SupervisionSettings = DEFAULT_SUPERVISION) -> None:
-        """End the process, whatever it is at."""
+        """End the process, whatever it is doing."""
         self._process.kill()
-        # What could not be sent does not matter any more.
+        # Unsent data no longer matters.
         with suppress(OSError):
             self._tasks.close()
         self._process.wait(settings.last_words)
@@ -122,7 +122,7 @@ class RunProcess:
         return cast("IO[bytes]", self._process.stdin)
 
     def _listen(self) -> None:
-        """Pass answers on until the process ends, or says what makes no sense."""
+        """Pass on answers until the process ends or sends something unreadable."""
         with cast("IO[bytes]", self._process.stdout) as answers:
             while True:
                 try:
@@ -156,7 +156,7 @@ class RunProcess:
 
 
 def run_apart(task: Task, settings: SupervisionSettings = DEFAULT_SUPERVISION) -> Run:
-    """Make a run in a process of its own; whatever happens there is the result."""
+    """Make a run in a separate process; whatever happens there becomes the result."""
     with _ALONE:
         try:
             limit = wall_limit(task, settings)
@@ -175,7 +175,7 @@ _kept: list[RunProcess] = []
 
 
 def _process() -> RunProcess:
-    """Return the process of the runs before, or a new one where that is gone."""
+    """Return the process of earlier runs, or a new one if that has ended."""
     if _kept and not _kept[0].alive:
         _kept.pop().end()
     if not _kept:
@@ -190,7 +190,7 @@ def _end_kept() -> None:
 
 
 def _resident_memory(process: int) -> int:
-    """Return the memory of a process [B]; 0 where the system does not tell."""
+    """Return the resident memory of a process [B]; 0 where the system does not report it."""
     try:
         pages = Path(f"/proc/{process}/statm").read_text(encoding="ascii").split()[1]
     except (OSError, IndexError):
@@ -200,13 +200,13 @@ def _resident_memory(process: int) -> int:
 
 @dataclass(frozen=True)
 class Pair:
-    """Two methods on the same problems.
+    """Two methods compared on the same problems.
 
     Attributes:
         first: name of the first method.
         second: name of the second method.
-        success: how often they solve.
-        figures: what the solutions are worth, on the problems that both solve.
+        success: how often each of them solves.
+        figures: figures on the problems that both solve.
     """
 
     first: str
@@ -220,9 +220,9 @@ class Comparison:
     """Runs of several methods on the same problems.
 
     Attributes:
-        problems: their names.
-        methods: their names.
-        runs: by problem, then by method; in the order of ``problems`` and ``methods``.
+        problems: names of the problems.
+        methods: names of the methods.
+        runs: runs by problem, then by method, in the order of ``problems`` and ``methods``.
     """
 
     problems: tuple[str, ...]
@@ -236,7 +236,7 @@ class Comparison:
 
     @cached_property
     def pairs(self) -> tuple[Pair, ...]:
-        """Every two methods, in their order."""
+        """Every two methods compared, in order."""
         found = []
         for one, other in combinations(self.methods, 2):
             first = self.method_runs(one)
@@ -245,20 +245,20 @@ class Comparison:
         return tuple(found)
 
     def solved(self, method: str) -> tuple[int, ConfidenceInterval]:
-        """Return how many problems a method solves, and the interval of that as a share."""
+        """Return how many problems a method solves, and the confidence interval of that share."""
         count = sum(run.solved for run in self.method_runs(method))
         return count, success_interval(count, len(self.problems))
 
     @property
     def failures(self) -> tuple[Run, ...]:
-        """Every run that is not solved."""
+        """Every run that did not solve its problem."""
         return tuple(run for row in self.runs for run in row if not run.solved)
 
 
 def outdated(journal: Journal, cases: Sequence[Case], methods: Sequence[str]) -> Mapping[str, int]:
-    """Return how many runs of these problems in the journal were made with other code, by method; none is left out.
+    """Count runs in the journal on these problems that were made with other code, by method; zeros are left out.
 
-    They stay in the journal and count no more: such runs are made anew.
+    Such runs stay in the journal but no longer count; they are made again.
     """
     names = {case.name for case in cases}
     old = Counter(
@@ -278,18 +278,18 @@ def compare(
     time_limit: float | None = None,
     progress: Callable[[Run], None] | None = None,
 ) -> Comparison:
-    """Run every method on every problem, but for the runs that the journal has already; what crashed is run again.
+    """Run every method on every problem, except for runs in the journal; crashed runs are made again.
 
     Args:
         cases: the problems; no two may have the same name.
         methods: names of methods.
-        workers: where to run.
-        journal: takes every run as soon as it is done.
+        workers: where the runs are made.
+        journal: receives every run as soon as it is finished.
         time_limit: CPU time of every planner [s]; None keeps each problem's.
         progress: called after every run.
 
     Raises:
-        ProblemError: when a method is unknown, the journal cannot be written, or the cluster is gone.
+        ProblemError: a method is unknown, the journal cannot be written, or the cluster is gone.
     """
     rows = [[Task(case, method, time_limit, code_of(method)) for method in methods] for case in cases]
     # A comparison that was interrupted goes on where it stopped.
@@ -301,6 +301,6 @@ def compare(
             if progress is not None:
                 progress(run)
 
-    # Tasks end in any order; the table is put together from the journal in that of problems and methods.
+    # Tasks finish in any order; the results are ordered by problems and methods.
     runs = tuple(tuple(journal.runs[task.key] for task in row) for row in rows)
     return Comparison(tuple(case.name for case in cases), tuple(methods), runs)

@@ -1,8 +1,8 @@
-"""One method on one problem: what runs on a worker, its record, the journal of all records, and the figures compared.
+"""Runs of one method on one problem: tasks for workers, their records, the journal, and the figures compared.
 
-A line is written by one call at the end of the file, so that a process that is killed leaves whole lines and at most
-one torn one, which is cut off when the journal is opened again. Runs are identified by their keys; of two with the same
-key the first counts, unless it crashed: a crash is a defect that may have been mended since.
+A line of the journal is appended by one call, so that a process that is killed leaves whole lines and at most one
+partial one, which is cut off when the journal is opened again. Runs are identified by their keys; of two with the same
+key the first counts, unless it crashed: a crash is a defect that may have been fixed since.
 """
 
 import hashlib
@@ -33,26 +33,26 @@ from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import JointPath
 
 Outcome = Literal["solved", "no plan", "timed out", "refused", "unusable", "crashed"]
-"""A verified motion; no plan; none within the time; refused by the verifier; not for this method; a defect."""
+"""Verified motion; no plan; time limit reached; refused by the verifier; not for this method; a defect."""
 _ALONE = threading.Lock()
-"""Compiled functions and IPOPT are not for two threads at once; workers of a cluster may have several."""
+"""Compiled functions and IPOPT are not thread-safe, and workers of a cluster may have several threads."""
 LONGEST_REASON = 400
-"""Characters of a reason that are kept."""
+"""Most characters of a reason that are kept."""
 MICROMETRE = 1e-6
-"""[m]; no arm is built more exactly, so that smaller differences of lengths are ties."""
+"""One micrometre [m]: no arm is built more exactly, so smaller differences of lengths are ties."""
 
 
 @dataclass(frozen=True)
 class Quantity:
-    """A figure that methods are compared by.
+    """A figure by which methods are compared.
 
     Attributes:
-        key: in records and files, with its unit.
-        title: in tables.
-        unit: of the value.
-        scale: whether two values are compared by their ratio or by their difference.
-        more_is_better: whether the greater value is the better one.
-        tie: differences up to this count as none; in ``unit``.
+        key: key in records and files, with the unit.
+        title: title in tables.
+        unit: unit of the values.
+        scale: whether two values are compared by ratio or by difference.
+        more_is_better: whether the greater value is better.
+        tie: differences up to this are ties, in ``unit``.
     """
 
     key: str
@@ -72,18 +72,18 @@ QUANTITIES = (
     Quantity("planning_cpu_s", "planning CPU", "s"),
     Quantity("cpu_s", "CPU in all", "s"),
 )
-"""What is compared on the problems that both methods solve."""
+"""Figures compared on the problems that both methods solve."""
 
 
 @dataclass(frozen=True)
 class Task:
-    """A method to be run on a problem.
+    """One run to be made: a method on a problem.
 
     Attributes:
         case: the problem.
         method: name of the method.
         time_limit: CPU time of the planner [s]; None keeps the problem's.
-        code: digest of the code that is asked for; empty for whatever is there.
+        code: digest of the code that is expected; empty for any.
     """
 
     case: Case
@@ -93,27 +93,27 @@ class Task:
 
     @cached_property
     def key(self) -> str:
-        """Differs from that of every other run, so that a resumed comparison knows which runs it has."""
+        """Identifies the run, so that a resumed comparison knows which runs it has."""
         options = sorted(method_named(self.method).options.items())
-        # All that can change the result: an edited problem or changed code is another run.
+        # Everything that affects the result: an edited problem or changed code makes another run.
         parts = (self.case.name, self.case.fingerprint, self.method, options, self.time_limit, self.code)
         return hashlib.sha256(repr(parts).encode()).hexdigest()[:20]
 
 
 @dataclass(frozen=True)
 class Run:
-    """What came of a task.
+    """The result of a task.
 
     Attributes:
-        key: of the task.
-        problem: its name.
-        method: its name.
-        outcome: how it ended.
-        reason: why it is not solved; empty when it is.
-        figures: by the keys of ``QUANTITIES``; those of the motion only when it is solved.
-        wall: time from begin to end [s].
-        tactic: name of what found the motion.
-        code: digest of the code that was asked for.
+        key: key of the task.
+        problem: name of the problem.
+        method: name of the method.
+        outcome: how the run ended.
+        reason: why the problem is not solved; empty when it is.
+        figures: figures by the keys of ``QUANTITIES``; those of the motion only when solved.
+        wall: wall time of the run [s].
+        tactic: name of the tactic that found the motion.
+        code: digest of the code that was expected.
     """
 
     key: str
@@ -132,12 +132,12 @@ class Run:
         return self.outcome == "solved"
 
     def figure(self, key: str) -> float:
-        """Return a figure, NaN when there is none."""
+        """Return a figure, NaN if the run does not have it."""
         return self.figures.get(key, math.nan)
 
 
 class ClockedPlanner:
-    """A planner that notes the CPU time it takes, also when it fails.
+    """A planner that measures its CPU time, also when it fails.
 
     Attributes:
         seconds: CPU time of this process while planning [s].
@@ -148,10 +148,10 @@ class ClockedPlanner:
         self.seconds = 0.0
 
     def plan(self, problem: Problem) -> JointPath:
-        """Plan as the planner does."""
+        """Plan with the wrapped planner."""
         begin = time.process_time()
         try:
-            # A planner is given problems of the kind that its method has made it for.
+            # External planners are untyped, so the result is checked below.
             path: object = self._planner.plan(problem)
         finally:
             self.seconds += time.process_time() - begin
@@ -161,12 +161,15 @@ class ClockedPlanner:
 
 
 def execute(task: Task) -> Run:
-    """Run a task; whatever goes wrong is the result. CPU time is that of this process, so tasks run one at a time."""
+    """Run a task; any error becomes the result.
+
+    CPU time is that of this process, so tasks run one at a time.
+    """
     with _ALONE:
         _load_libraries()
         cpu_begin = time.process_time()
         wall_begin = time.perf_counter()
-        # Making the planner may fail; then there is no time of planning to note.
+        # If making the planner fails, there is no planning time to record.
         planner = None
         try:
             _refuse_other_code(task)
@@ -187,7 +190,7 @@ def execute(task: Task) -> Run:
 def _solved(task: Task, problem: Problem, planner: ClockedPlanner) -> Run:
     from ccm_opt.driver.pipeline import solve  # noqa: PLC0415 - loads casadi and toppra
 
-    # Without an explanation of failures: it would count as time, and no figure depends on it.
+    # Failures are not explained: that would take time, and no figure depends on it.
     solution = solve(problem, planner=planner, explain=False)
     wanted = {quantity.key for quantity in QUANTITIES}
     figures = {key: float(x) for key, x in solution.metrics.items() if key in wanted and math.isfinite(x)}
@@ -196,10 +199,10 @@ def _solved(task: Task, problem: Problem, planner: ClockedPlanner) -> Run:
 
 
 def _refuse_other_code(task: Task) -> None:
-    """Refuse to run what was not asked for: the worker of a cluster may have another version.
+    """Refuse to run other code than expected: a worker of a cluster may have another version.
 
     Raises:
-        RuntimeError: which makes the run a crash, so that it is made again once the worker is mended.
+        RuntimeError: the code differs; the run counts as a crash, so it is made again once the worker is updated.
     """
     here = code_of(task.method)
     if task.code and here != task.code:
@@ -210,7 +213,7 @@ def _refuse_other_code(task: Task) -> None:
 
 
 def failed_run(task: Task, error: BaseException) -> Run:
-    """Return the record of a task that ended with an error."""
+    """Return the record of a task that ended in an error."""
     outcome, reason = _run_outcome(error)
     return Run(task.key, task.case.name, task.method, outcome, reason[:LONGEST_REASON], code=task.code)
 
@@ -233,16 +236,16 @@ def _run_outcome(error: BaseException) -> tuple[Outcome, str]:
 
 @cache
 def _load_libraries() -> None:
-    """Load what is loaded when first used, so that no run pays for it."""
+    """Load libraries that are otherwise loaded on first use, so that no run is charged for it."""
     for name in ("ccm_opt.driver.pipeline", "casadi", "toppra.algorithm"):
         import_module(name)
 
 
 def answer_tasks() -> None:
-    """Answer tasks until there are no more: what the processes do in which runs are made.
+    """Run tasks from standard input until there are no more; the main function of run processes.
 
-    Pickled tasks are read from standard input, and each is answered with the pickled record of its run. What planners
-    print goes to standard error, so that it cannot be taken for an answer. Ctrl-C is left to the parent.
+    Pickled tasks are read from standard input, and each is answered with the pickled record of its run. Output of
+    planners is redirected to standard error, so that it cannot be mistaken for an answer. Ctrl-C is left to the parent.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if sys.platform == "linux":
@@ -257,10 +260,10 @@ def answer_tasks() -> None:
 
 
 def _end_with(pipe: int) -> None:
-    """End when the other end of a pipe is closed, which the system does for a parent that dies, however it does.
+    """End this process when the other end of a pipe is closed, as happens when the parent dies for any reason.
 
-    The system sends a signal then, whose default is to end the process; no thread of Python has to have its turn. (That
-    it can send one when the parent dies is of no use: it is sent when the parent's thread ends.)
+    The system then sends a signal whose default action ends the process, without any Python thread having to run. (Its
+    signal on the death of the parent is of no use: that is sent when the parent's thread ends.)
     """
     import fcntl  # noqa: PLC0415 - not on every system
 
@@ -274,10 +277,10 @@ class Journal:
     """Runs in a file, each once.
 
     Args:
-        path: the file; it is made when it is not there.
+        path: the file; it is created if it does not exist.
 
     Attributes:
-        runs: those in the file, by key.
+        runs: runs in the file, by key.
     """
 
     def __init__(self, path: Path, descriptor: int) -> None:
@@ -289,14 +292,14 @@ class Journal:
                 self.runs[run.key] = run
 
     def has(self, key: str) -> bool:
-        """Return whether there is a run with this key that counts: one that did not crash."""
+        """Return whether a run with this key counts: it exists and did not crash."""
         return key in self.runs and self.runs[key].outcome != "crashed"
 
     def append(self, run: Run) -> None:
-        """Write a run, unless one with its key counts already.
+        """Append a run, unless one with its key counts already.
 
         Raises:
-            ProblemError: when it cannot be written.
+            ProblemError: the run cannot be written.
         """
         if self.has(run.key):
             return
@@ -308,7 +311,7 @@ class Journal:
             raise self._full(error.strerror or str(error)) from error
         # A line written in part must not be completed by a second call: another line could come between.
         if written != len(line):
-            # What is torn is cut off; where even that fails, the next who opens the journal does it.
+            # Cut off the partial line; if that fails too, the next one to open the journal does it.
             with suppress(OSError):
                 os.ftruncate(self._descriptor, before)
             raise self._full(f"only {written} of {len(line)} bytes; is the device full?")
@@ -323,14 +326,14 @@ class Journal:
 
 @contextmanager
 def open_journal(path: Path) -> Iterator[Journal]:
-    """Return a journal for one writer; a second one is refused while the first is there.
+    """Open a journal for one writer; a second one is refused meanwhile.
 
     Raises:
-        ProblemError: when the file cannot be used, is used by another comparison, or holds something else.
+        ProblemError: the file cannot be used, is in use by another comparison, or is not a journal.
     """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        # With O_APPEND every write goes to the end of the file, whoever wrote before.
+        # With O_APPEND every write goes to the end of the file, even after another process wrote.
         descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND, 0o644)
     except OSError as error:
         raise ProblemError(f"cannot write {path}: {error.strerror or error}; choose another --out") from error
@@ -342,14 +345,14 @@ def open_journal(path: Path) -> Iterator[Journal]:
 
 
 def json_line(run: Run) -> bytes:
-    """Return a run as a line of JSON; figures that are not finite are left out."""
+    """Return a run as a line of JSON; figures that are not finite are omitted."""
     finite = {key: value for key, value in run.figures.items() if math.isfinite(value)}
     data = vars(run) | {"figures": finite}
     return (json.dumps(data, ensure_ascii=False, allow_nan=False) + "\n").encode()
 
 
 def _lock(path: Path, descriptor: int) -> None:
-    """Keep other comparisons out; the lock goes with the process. Where there are no such locks, nothing happens."""
+    """Lock out other comparisons; the lock ends with the process. Without such locks on a system, nothing happens."""
     try:
         import fcntl  # noqa: PLC0415 - not on every system
     except ImportError:
@@ -361,7 +364,7 @@ def _lock(path: Path, descriptor: int) -> None:
 
 
 def _whole_lines(descriptor: int) -> list[bytes]:
-    """Return the lines of the file; a torn one at its end is cut off the file."""
+    """Return the lines of the file, and cut a partial one at its end off the file."""
     size = os.fstat(descriptor).st_size
     # A duplicate, since closing the file closes its descriptor.
     with os.fdopen(os.dup(descriptor), "rb") as file:

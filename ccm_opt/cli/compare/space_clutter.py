@@ -1,7 +1,8 @@
-"""Random clutter in space, shipped jobs whose ends are moved at random, and the arms of both.
+"""Random problems in space: clutter, and shipped jobs with perturbed ends; and the arms for both.
 
-The arm in clutter reaches 1 m with a radius of 15 mm, its base at the origin; the clutter is balls, boxes turned any
-way, and bars with flat and with round ends, all in reach of the arm. A seed gives the same scene on every machine.
+The arm in clutter has a length of 1 m and a radius of 15 mm, with its base at the origin; the clutter consists of
+balls, boxes at any orientation, and bars with flat or round ends, all within reach of the arm. A seed gives the same
+scene on every machine.
 """
 
 from collections.abc import Mapping
@@ -25,27 +26,27 @@ from ccm_opt.scene.surfaces import TriangleSoup
 from ccm_opt.scene.workspace import Obstacle, Workspace
 
 USUAL_LINKS = 24
-"""Of the shipped problems."""
+"""Number of links of the shipped problems."""
 MASS = 0.5
-"""Of a whole arm [kg]."""
+"""Mass of a whole arm [kg]."""
 JOINT_LIMIT = float(np.deg2rad(45.0))
-"""Of each bend where there are as many links as usual, or more [rad]."""
+"""Limit of each bend for arms with the usual number of links or more [rad]."""
 LENGTH = 1.0
 """Length of the arm [m]."""
 RADIUS = 0.015
 """Radius of its links [m]."""
 KEPT_OFF = 0.01
-"""Least gap between the start or goal pose and a body, or another link [m]."""
+"""Least gap of the start and goal poses to bodies and between links [m]."""
 BEND = 3.0
 """Standard deviation of the curvature of random poses, in each direction [1/m]."""
 VELOCITY = 1.0
-"""Limit of every revolute [rad/s]."""
+"""Velocity limit of every revolute [rad/s]."""
 ACCELERATION = 2.0
-"""Limit of every revolute [rad/s²]."""
+"""Acceleration limit of every revolute [rad/s²]."""
 
 
 def arm_of_links(links: int, length: float, radius: float) -> Arm:
-    """Return an arm at the origin along x, whose base turns any way."""
+    """Return an arm at the origin along x, whose base may bend in any direction."""
     coarse = Arm(
         links=2,
         link_length=0.5 * length,
@@ -64,9 +65,9 @@ def arm_of_links(links: int, length: float, radius: float) -> Arm:
 
 
 def with_links(arm: Arm, links: int) -> Arm:
-    """Return an arm as long, thick and heavy, of another number of links, whose drives are all alike.
+    """Return an arm of equal length, radius and mass with another number of links and equal drives.
 
-    Few links have to bend more for the same curve, up to a right angle.
+    Fewer links have to bend more for the same curve, up to a right angle.
     """
     masses = np.full(links, float(np.sum(arm.masses)) / links)
     axial, transverse = cylinder_inertia(masses, arm.radius, arm.length / links)
@@ -84,23 +85,23 @@ def with_links(arm: Arm, links: int) -> Arm:
 
 
 def random_bends(rng: np.random.Generator, arm: Arm, bend: float = BEND) -> FloatArray:
-    """Return the bends of a smooth random pose, shape (c,) [rad].
+    """Sample the bends of a smooth random pose, shape (c,) [rad].
 
-    Curvature has the standard deviation ``bend`` [1/m] each way.
+    The curvature has the standard deviation ``bend`` [1/m] in each direction.
     """
     middles = (np.arange(arm.links) + 0.5) / arm.links
-    # Six normally distributed curvatures each way, linear between them: smooth but arbitrary.
+    # Six normally distributed curvatures in each direction, interpolated linearly: smooth but arbitrary.
     knots = rng.normal(0.0, bend, (arm.dimension - 1, 6))
     bends = np.column_stack([np.interp(middles, np.linspace(0.0, 1.0, 6), row) * arm.link_length for row in knots])
     bends[0, 0] = rng.uniform(-np.pi, np.pi)  # the base may point anywhere
     if arm.dimension == 3:
         bends[0, 1] = np.arcsin(rng.uniform(-1.0, 1.0))
-    # A little inside the limits, so that no problem fails for rounding at its start or goal.
+    # A little inside the limits, so that no problem fails because of rounding at its start or goal.
     return np.asarray(np.clip(bends.ravel(), -0.95 * arm.bend_limits, 0.95 * arm.bend_limits))
 
 
 def clear_bends(rng: np.random.Generator, arm: Arm, bend: float = BEND) -> FloatArray:
-    """Return the same, drawn again until no link comes near another."""
+    """Sample the bends of a smooth random pose whose links keep clear of each other, shape (c,) [rad]."""
     while True:
         q = random_bends(rng, arm, bend)
         if links_apart(arm, arm.joint_positions_at(q), KEPT_OFF):
@@ -108,7 +109,7 @@ def clear_bends(rng: np.random.Generator, arm: Arm, bend: float = BEND) -> Float
 
 
 def links_apart(arm: Arm, points: FloatArray, gap: float) -> bool:
-    """Return whether distant links keep more than a gap [m] between their surfaces; points (links + 1, d) [m]."""
+    """Return whether distant links have more than a gap [m] between their surfaces; points (links + 1, d) [m]."""
     i, j = arm.distant_pairs
     apart = segment_distances(points[i], points[i + 1], points[j], points[j + 1])[2]
     return bool(np.all(apart > 2.0 * arm.radius + gap))
@@ -120,16 +121,18 @@ def axes_of(points: FloatArray) -> FloatArray:
 
 
 def space_clutter(seed: int, count: int, links: int, name: str) -> Problem:
-    """Start and goal pose drawn first, then bodies within the arm's reach that keep off both.
+    """Return a random problem among clutter in space.
+
+    Start and goal pose are sampled first, then bodies within the arm's reach that keep clear of both.
 
     Args:
-        seed: of the scene.
-        count: of bodies.
-        links: of the arm.
-        name: of the problem.
+        seed: seed of the scene.
+        count: number of bodies.
+        links: number of links of the arm.
+        name: name of the problem.
 
     Returns:
-        The problem: from the start pose to the place and direction of the tip in the goal pose.
+        The problem: from the start pose to the position and direction of the tip in the goal pose.
     """
     rng = np.random.default_rng(seed)
     arm = arm_of_links(links, LENGTH, RADIUS)
@@ -153,7 +156,10 @@ def space_clutter(seed: int, count: int, links: int, name: str) -> Problem:
 
 
 def _random_body(rng: np.random.Generator, middle: FloatArray) -> Body:
-    """Return a ball, a box or a bar about a place: 60 to 180 mm thick, bars 20 to 60 mm thick and 0.1 to 0.4 m long."""
+    """Sample a ball, a box or a bar at a place.
+
+    Balls and boxes are 60 to 180 mm thick; bars are 20 to 60 mm thick and 0.1 to 0.4 m long.
+    """
     kind = int(rng.integers(4))
     if kind == 0:
         return SphereBody(middle, float(rng.uniform(0.03, 0.09)))
@@ -171,25 +177,25 @@ JOBS: Mapping[str, Mapping[str, float]] = {
     "wing-box": {"base": 0.02, "fed": 0.05, "goal": 0.02, "turn": 0.25, "room": 0.004},
     "blade-row": {"base": 0.003, "fed": 0.1, "goal": 0.01, "turn": 0.15, "room": 0.002},
 }
-"""How far the ends of shipped problems are moved, by their names: the base across its direction [m], how far the arm is
-fed in at the start [m], the goal [m] and its direction [rad], each at most; and the gap that the straight arm at the
-start and the last link at the goal keep at least [m]. All of it is taste, some of the room that there is."""
+"""Greatest perturbations of the ends of shipped problems, by name: the base across its direction [m], the feed at the
+start [m], the goal [m] and its direction [rad]; and the least gap of the straight arm at the start and of the last link
+at the goal [m]. Taste, all of them: fractions of the clearance that there is."""
 MOST_DRAWS = 1000
-"""After so many ends that touch something the disturbance is too large for the scene."""
+"""Most samples of the ends; if all touch something, the perturbation is too large for the scene."""
 
 
 def disturbed_job(seed: int, job: str, links: int, folder: Path, name: str) -> Problem:
-    """Return a shipped problem whose base, start and goal are moved at random; ends that leave no room are drawn again.
+    """Return a shipped problem with base, start and goal perturbed at random so that both ends are clear.
 
     Args:
-        seed: of the draws.
+        seed: seed of the perturbation.
         job: name of the shipped problem.
-        links: of the arm.
-        folder: of the shipped problems in space.
-        name: of the problem.
+        links: number of links of the arm.
+        folder: folder of the shipped problems in space.
+        name: name of the new problem.
 
     Raises:
-        ProblemError: no ends with room were drawn.
+        ProblemError: no clear ends were sampled.
     """
     problem, tree = _shipped(folder / f"{job}.toml")
     goal, whole = problem.goal, problem.arm
@@ -206,10 +212,10 @@ def disturbed_job(seed: int, job: str, links: int, folder: Path, name: str) -> P
         place = goal.tip(whole) + moved["goal"] * _in_ball(rng)
         direction = goal.direction + np.tan(moved["turn"]) * _in_ball(rng)
         direction /= np.linalg.norm(direction)
-        # Of the usual length whatever the number of links, so that a seed has the same ends for all.
+        # The usual link length whatever the number of links, so that a seed gives the same ends for all of them.
         last = np.stack((place - whole.link_length * direction, place))
         points = arm.joint_positions_at(start.configuration(arm))
-        # Nothing is asked of the mount of the straight arm.
+        # The mount of the straight arm may touch obstacles.
         straight = np.stack((points[0] + (arm.mount_length + arm.radius) * arm.direction, points[-1]))
         if float(tree.distances(np.stack((last, straight)), kept).min()) >= kept:
             tip = TipGoal(place, direction, goal.via)
@@ -225,13 +231,13 @@ def _shipped(file: Path) -> tuple[Problem, SurfaceTree]:
 
 
 def _limits(limits: Limits, links: int) -> Limits:
-    """Return the limits of an arm of another number of links; those of the shipped problems are alike for all."""
+    """Return limits for another number of links; those of the shipped problems are equal for all revolutes."""
     given = {key: getattr(limits, key) for key in ("velocity", "acceleration", "torque", "jerk")}
     whole = {key: np.full(3 * links, float(values[0])) for key, values in given.items() if values is not None}
     return replace(limits, **whole)  # type: ignore[arg-type]
 
 
 def _in_ball(rng: np.random.Generator) -> FloatArray:
-    """Return a place in the unit ball, all alike likely, shape (3,)."""
+    """Sample a point uniformly in the unit ball, shape (3,)."""
     way = rng.normal(size=3)
     return np.asarray(rng.uniform() ** (1.0 / 3.0) * way / np.linalg.norm(way))

@@ -1,4 +1,4 @@
-"""Which of two methods is better, and how sure that is: tests and intervals by pairs, exact where possible."""
+"""Paired tests and confidence intervals for two methods, exact where possible."""
 
 import math
 from collections.abc import Sequence
@@ -11,12 +11,12 @@ from ccm_opt.cli.compare.runs import QUANTITIES, Quantity, Run
 from ccm_opt.core.arrays import FloatArray
 
 LEVEL = 0.95
-"""Confidence of every interval."""
+"""Confidence level of every interval."""
 
 
 @dataclass(frozen=True)
 class ConfidenceInterval:
-    """A confidence interval; not finite where the sample does not bound it."""
+    """A confidence interval; infinite where the sample does not bound it."""
 
     low: float
     high: float
@@ -24,16 +24,16 @@ class ConfidenceInterval:
 
 @dataclass(frozen=True)
 class SuccessPair:
-    """How often two methods solve the same problems.
+    """Paired success of two methods on the same problems.
 
     Attributes:
         both: problems that both solve.
         first_only: problems that only the first solves.
         second_only: problems that only the second solves.
         neither: problems that neither solves.
-        p_value: of McNemar's exact test that both solve equally often.
-        difference: share of the first less share of the second, with its interval.
-        interval: of the difference.
+        p_value: p value of McNemar's exact test that both solve equally often.
+        difference: share solved by the first minus share solved by the second.
+        interval: confidence interval of the difference.
     """
 
     both: int
@@ -47,17 +47,17 @@ class SuccessPair:
 
 @dataclass(frozen=True)
 class FigurePair:
-    """A figure of two methods on the problems that both solve.
+    """Paired values of a figure on the problems that both methods solve.
 
     Attributes:
         quantity: the figure.
         pairs: number of problems.
         first: median of the first method.
         second: median of the second method.
-        effect: median over the problems of the first's value by the second's, or less the second's.
-        interval: of that median.
+        effect: median over the problems of the ratio, or the difference, of the first's value to the second's.
+        interval: confidence interval of that median.
         better: share of the problems on which the first is better; ties count half.
-        p_value: of Wilcoxon's signed-rank test; NaN without pairs that differ.
+        p_value: p value of Wilcoxon's signed-rank test; NaN without pairs that differ.
     """
 
     quantity: Quantity
@@ -71,7 +71,7 @@ class FigurePair:
 
 
 def success_interval(solved: int, count: int) -> ConfidenceInterval:
-    """Return the Clopper and Pearson's interval of a share (Biometrika 26, 1934): it covers at least at its level."""
+    """Return Clopper and Pearson's interval of a share (Biometrika 26, 1934), which has at least its level."""
     if count == 0:
         return ConfidenceInterval(0.0, 1.0)
     found = stats.binomtest(solved, count).proportion_ci(LEVEL, method="exact")
@@ -79,10 +79,10 @@ def success_interval(solved: int, count: int) -> ConfidenceInterval:
 
 
 def compare_success(first: Sequence[Run], second: Sequence[Run]) -> SuccessPair:
-    """Compare success on the same problems, in the same order.
+    """Compare the success of two methods on the same problems, in the same order.
 
-    McNemar's test in its exact form: of the problems that only one method solves, each is the first's with
-    probability ½ when both are equally good.
+    McNemar's test in its exact form: each problem that only one method solves is the first's with probability ½ if both
+    are equally good.
     """
     one = np.array([run.solved for run in first], dtype=bool)
     other = np.array([run.solved for run in second], dtype=bool)
@@ -101,8 +101,8 @@ def compare_success(first: Sequence[Run], second: Sequence[Run]) -> SuccessPair:
 def paired_difference_interval(both: int, first_only: int, second_only: int, neither: int) -> ConfidenceInterval:
     """Return the interval of the difference of two shares from the same problems: Newcombe's method 10.
 
-    Wilson's intervals of both shares, squared and added, with the correlation of the pairs, which is corrected for
-    continuity when positive (Newcombe, Statistics in Medicine 17, 1998, 2635–2650).
+    It combines Wilson's intervals of both shares, squared and added, with the correlation of the pairs, which is
+    corrected for continuity when positive (Newcombe, Statistics in Medicine 17, 1998, 2635–2650).
     """
     count = both + first_only + second_only + neither
     if count == 0:
@@ -122,7 +122,7 @@ def paired_difference_interval(both: int, first_only: int, second_only: int, nei
 
 
 def _combined(first: float, second: float, phi: float) -> float:
-    """Return half width of an interval of a difference, from the half widths of its correlated terms."""
+    """Return the half width of an interval of a difference, from the half widths of its correlated terms."""
     return math.sqrt(max(0.0, first**2 - 2.0 * phi * first * second + second**2))
 
 
@@ -132,7 +132,7 @@ def _wilson(solved: int, count: int) -> tuple[float, float]:
 
 
 def _correlation(both: int, first_only: int, second_only: int, neither: int) -> float:
-    """Return the correlation of success of the two methods, corrected for continuity when positive.
+    """Return the correlation of the two methods' success, corrected for continuity when positive.
 
     0 when undefined.
     """
@@ -147,7 +147,7 @@ def _correlation(both: int, first_only: int, second_only: int, neither: int) -> 
 
 
 def compare_figures(first: Sequence[Run], second: Sequence[Run]) -> tuple[FigurePair, ...]:
-    """Compare every figure on the problems that both methods solve and that have it."""
+    """Compare every figure on the problems that both methods solve and that have the figure."""
     pairs = [(one, other) for one, other in zip(first, second, strict=True) if one.solved and other.solved]
     return tuple(_figure_pair(quantity, pairs) for quantity in QUANTITIES)
 
@@ -158,10 +158,10 @@ def _figure_pair(quantity: Quantity, pairs: Sequence[tuple[Run, Run]]) -> Figure
         unbounded = ConfidenceInterval(-math.inf, math.inf)
         return FigurePair(quantity, 0, math.nan, math.nan, math.nan, unbounded, math.nan, math.nan)
 
-    # Ratios are compared by their logarithms, in which twice and half are equally far from equal.
+    # Ratios are compared by their logarithms, so that twice and half differ equally from equal.
     by_ratio = quantity.scale == "ratio"
     gap = np.log(first / second) if by_ratio else first - second
-    # Ties are set to exactly 0, as the test leaves out pairs that do not differ.
+    # Ties are set to exactly 0, since the test leaves out pairs that do not differ.
     gap = np.where(np.abs(first - second) <= quantity.tie, 0.0, gap)
     wins = gap > 0.0 if quantity.more_is_better else gap < 0.0
     ties = gap == 0.0
@@ -169,7 +169,7 @@ def _figure_pair(quantity: Quantity, pairs: Sequence[tuple[Run, Run]]) -> Figure
     effect = float(np.median(gap))
     bounds = median_interval(gap)
     if by_ratio:
-        # Back from logarithms: the median of the ratios, whose order they keep.
+        # The logarithm is monotonic, so this is the median of the ratios.
         effect = float(np.exp(effect))
         bounds = ConfidenceInterval(float(np.exp(bounds.low)), float(np.exp(bounds.high)))
     return FigurePair(
@@ -185,7 +185,10 @@ def _figure_pair(quantity: Quantity, pairs: Sequence[tuple[Run, Run]]) -> Figure
 
 
 def _finite_values(quantity: Quantity, pairs: Sequence[tuple[Run, Run]]) -> tuple[FloatArray, FloatArray]:
-    """A figure of both methods where both have it, and where it is positive if it is compared by ratio, shape (P,)."""
+    """Return the values of a figure for both methods where both have it, shape (P,).
+
+    Figures compared by ratio also have to be positive.
+    """
     first = np.array([one.figure(quantity.key) for one, _ in pairs], dtype=np.float64)
     second = np.array([other.figure(quantity.key) for _, other in pairs], dtype=np.float64)
     kept = np.isfinite(first) & np.isfinite(second)
@@ -195,11 +198,11 @@ def _finite_values(quantity: Quantity, pairs: Sequence[tuple[Run, Run]]) -> tupl
 
 
 def median_interval(values: FloatArray) -> ConfidenceInterval:
-    """Return the interval of a median from the order of the sample alone, without any assumption on its distribution.
+    """Return a distribution-free confidence interval of a median, from order statistics.
 
     The number of values below the median is binomial with ½, so the k-th value from either end bounds it with a
-    probability of 1 − 2 P(B < k); k is the greatest that keeps the level (Conover, Practical Nonparametric
-    Statistics, section 3.2). Fewer than six values bound nothing.
+    probability of 1 − 2 P(B < k); k is the greatest that keeps the level (Conover, Practical Nonparametric Statistics,
+    section 3.2). Fewer than six values give no bounds.
     """
     count = len(values)
     # ppf gives the least k with P(B <= k) of at least the tail, so that P(B < k) stays below it.

@@ -1,7 +1,7 @@
 """Suites of problems, by name.
 
-The arm reaches 1 m with a radius of 15 mm; clutter is polygons of 3–8 vertices, 30–90 mm from their middle. A seed
-gives the same scene on every machine.
+The arm has a length of 1 m and a radius of 15 mm; clutter consists of polygons of 3–8 vertices, 30–90 mm from their
+centre. A seed gives the same scene on every machine.
 """
 
 import hashlib
@@ -42,28 +42,28 @@ from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
 
 SPACE = "space-"
-"""How the names of these suites begin."""
+"""Prefix of the names of suites in space."""
 SPACE_SUITES = (
     *(f"{SPACE}clutter-{count}" for count in (20, 40, 80, 160, 320)),
     *(f"{SPACE}{job}" for job in JOBS),
 )
-"""The suites with as many links as usual; any other even number follows as ``-8-links``."""
+"""Suites in space with the usual number of links; for any other even number, add a suffix such as ``-8-links``."""
 _NAME = re.compile(rf"{SPACE}(clutter-(?P<count>\d{{1,4}})|(?P<job>{'|'.join(JOBS)}))(-(?P<links>\d{{1,3}})-links)?")
 
 
 ROOM = shapely.box(-1.3, -1.3, 1.3, 1.3)
-"""Boundary of every scene, out of the arm's reach [m]."""
+"""Boundary of every planar scene, out of the arm's reach [m]."""
 
 
 @dataclass(frozen=True)
 class Scene:
-    """An arm among walls with two poses that touch nothing.
+    """An arm among walls, with a start and a goal pose that touch nothing.
 
     Attributes:
         arm: the arm.
-        workspace: its room.
-        start: link headings, shape (links,) [rad].
-        goal: link headings, shape (links,) [rad].
+        workspace: its workspace.
+        start: link headings of the start pose, shape (links,) [rad].
+        goal: link headings of the goal pose, shape (links,) [rad].
     """
 
     arm: Arm
@@ -82,9 +82,9 @@ class Scene:
         """Return the scene as a problem.
 
         Args:
-            goal: of the motion; the tip of the goal pose when None.
-            time_limit: of the planner [s].
-            name: of the problem.
+            goal: goal of the motion; the tip of the goal pose when None.
+            time_limit: time limit of the planner [s].
+            name: name of the problem.
         """
         count = 3 * self.arm.links
         return Problem(
@@ -99,7 +99,7 @@ class Scene:
 
 
 def make_arm(links: int = 24, radius: float = RADIUS, **changes: object) -> Arm:
-    """Return an arm of length 1 m and 0.5 kg with its base at the origin, heading along x."""
+    """Return an arm with a length of 1 m and a mass of 0.5 kg, its base at the origin, heading along x."""
     arm = Arm(
         links=links,
         link_length=LENGTH / links,
@@ -118,23 +118,23 @@ def make_arm(links: int = 24, radius: float = RADIUS, **changes: object) -> Arm:
 
 
 def random_headings(rng: np.random.Generator, arm: Arm, bend: float = BEND) -> FloatArray:
-    """Return the link headings of a smooth random pose, shape (links,) [rad].
+    """Sample the link headings of a smooth random pose, shape (links,) [rad].
 
-    Curvature has standard deviation ``bend`` [1/m].
+    The curvature has the standard deviation ``bend`` [1/m].
     """
     return arm.headings(random_bends(rng, arm, bend))
 
 
 def clear_headings(rng: np.random.Generator, arm: Arm, bend: float = BEND) -> FloatArray:
-    """Return the same, drawn again until no link comes near another."""
+    """Sample the link headings of a smooth random pose whose links keep clear of each other, shape (links,) [rad]."""
     return arm.headings(clear_bends(rng, arm, bend))
 
 
 def random_polygon(rng: np.random.Generator, middle: FloatArray) -> shapely.Polygon:
-    """Return a polygon of 3–8 vertices, 30–90 mm from a point (2,)."""
+    """Sample a polygon of 3–8 vertices, 30–90 mm from a point (2,)."""
     while True:
         corners = rng.integers(3, 9)
-        # Taken in order round the middle, corners seldom make an outline that crosses itself.
+        # With corners in angular order, the outline seldom crosses itself.
         angles = np.sort(rng.uniform(0.0, 2.0 * np.pi, corners))
         radii = rng.uniform(0.03, 0.09, corners)
         polygon = shapely.Polygon(middle + radii[:, None] * unit_vector(angles))
@@ -143,7 +143,7 @@ def random_polygon(rng: np.random.Generator, middle: FloatArray) -> shapely.Poly
 
 
 def clutter(seed: int, count: int = 20, links: int = 24) -> Scene:
-    """Start and goal drawn first, then ``count`` polygons within the arm's reach that keep off both."""
+    """Return a scene with start and goal sampled first, then ``count`` reachable polygons that keep clear of both."""
     rng = np.random.default_rng(seed)
     arm = make_arm(links)
     start = clear_headings(rng, arm)
@@ -158,16 +158,16 @@ def clutter(seed: int, count: int = 20, links: int = 24) -> Scene:
 
 
 def open_space(seed: int, links: int = 24) -> Scene:
-    """Return no obstacles: from the straight arm to a random pose (the open-space problem of section 3)."""
+    """Return a scene without obstacles: from the straight arm to a random pose (open-space problem of section 3)."""
     rng = np.random.default_rng(seed)
     arm = make_arm(links)
     return Scene(arm, Workspace(ROOM), np.zeros(links), clear_headings(rng, arm))
 
 
 def corridor(seed: int, width: float = 0.1, links: int = 24) -> Scene:
-    """Return a duct to the right of the base, at a random height.
+    """Return a scene with a duct to the right of the base, at a random height.
 
-    The arm lies outside and has to put its end into it.
+    The arm starts outside and has to put its end into the duct.
     """
     rng = np.random.default_rng(seed)
     arm = make_arm(links)
@@ -182,43 +182,43 @@ def corridor(seed: int, width: float = 0.1, links: int = 24) -> Scene:
 
 
 def _into_duct(arm: Arm, height: float) -> FloatArray:
-    """Return the link headings of a step aside from the base that ends level at a height, shape (links,) [rad]."""
+    """Return the link headings of an S-shaped pose that ends level at a height, shape (links,) [rad]."""
     middles = (np.arange(arm.links) + 0.5) / arm.links
     hump = np.where(middles < 0.45, np.sin(np.pi * middles / 0.45), 0.0)
-    # The height wanted lies between those of a full step down and of a full step up.
+    # The wanted height lies between those of the full pose downwards and upwards.
     scale = brentq(lambda x: arm.joint_positions(x * hump)[-1, 1] - height, -1.0, 1.0)
     pose: FloatArray = scale * hump
     return pose
 
 
 SHARED = "shared"
-"""The suite of the problem files that come with the package."""
+"""Name of the suite of the problem files that come with the package."""
 ON_AXIS = "feed-"
-"""How the names of shared problems with a feed axis begin; they are left out, since the baseline knows no such axis."""
+"""Prefix of shared problems with a feed axis; they are left out, since the baseline does not support one."""
 GENERATOR = 1
-"""Counts changes of the random scenes: runs on other scenes are other runs."""
+"""Version of the random scenes: runs on other versions are other runs."""
 DEFAULT_COUNT = 20
-"""Random problems of a suite when no number is asked for."""
+"""Number of random problems of a suite when none is asked for."""
 
 SUITES: Mapping[str, Callable[[int], Scene]] = {
     "open-space": open_space,
     **{f"clutter-{count}": partial(clutter, count=count) for count in (20, 40, 80)},
     "duct": corridor,
 }
-"""Scene from a seed, by the name of its suite; ``clutter-N`` stands for any number of polygons."""
+"""Functions that make a scene from a seed, by name of the suite; ``clutter-N`` stands for any number of polygons."""
 _CLUTTER = re.compile(r"clutter-(\d{1,4})")
 
 
 @dataclass(frozen=True)
 class Case:
-    """One problem of a comparison; a random one is made where it is solved.
+    """One problem of a comparison; a random problem is generated where it is solved.
 
     Attributes:
-        name: of the problem, unique within a comparison.
-        suite: where the problem is from; "files" for a file.
-        seed: of the random scene.
+        name: name of the problem, unique within a comparison.
+        suite: name of the suite; "files" for a problem file.
+        seed: seed of a random scene.
         given: the problem of a file.
-        fingerprint: differs where problems of the same name differ.
+        fingerprint: tells apart different problems of the same name.
     """
 
     name: str
@@ -228,20 +228,20 @@ class Case:
     fingerprint: str = field(default="")
 
     def problem(self) -> Problem:
-        """Return the problem itself."""
+        """Return the problem, generating a random one from its seed."""
         if self.given is not None:
             return self.given
         return problem_maker(self.suite)(self.seed, self.name)
 
 
 def problem_maker(suite: str) -> Callable[[int, str], Problem]:
-    """Return what makes the problems of a random suite from seeds and names.
+    """Return the function that makes problems of a random suite from seeds and names.
 
     Args:
-        suite: its name, or a function of a seed and a name as ``module:attribute``.
+        suite: name of a suite, or a function of a seed and a name as ``module:attribute``.
 
     Raises:
-        ProblemError: when there is no such suite.
+        ProblemError: there is no such suite.
     """
     if ":" in suite:
         module, _, attribute = suite.partition(":")
@@ -271,12 +271,12 @@ def suite_cases(suite: str, count: int | None = None, first_seed: int = 0) -> tu
     """Return the problems of a suite.
 
     Args:
-        suite: its name.
-        count: how many; None for all shared problems, or ``DEFAULT_COUNT`` random ones.
-        first_seed: of the random problems; the others follow.
+        suite: name of the suite.
+        count: number of problems; None for all shared problems, or ``DEFAULT_COUNT`` random ones.
+        first_seed: seed of the first random problem; the others follow.
 
     Raises:
-        ProblemError: when there is no such suite, or it has fewer problems.
+        ProblemError: there is no such suite, or it has fewer problems.
     """
     if suite == SHARED:
         files = sorted(shared_folder().glob("*.toml"))
@@ -285,7 +285,7 @@ def suite_cases(suite: str, count: int | None = None, first_seed: int = 0) -> tu
             raise ProblemError(f"the suite '{SHARED}' has {len(cases)} problems, but --count asks for {count}")
         return cases[:count]
     problem_maker(suite)
-    # No scene is made yet: workers make their own from the seed, so that only the seed travels.
+    # No scene is made yet: workers make their own, so that only the seed is sent to them.
     wanted = DEFAULT_COUNT if count is None else count
     seeds = range(first_seed, first_seed + wanted)
     code = f"{GENERATOR}" if ":" not in suite else code_of(suite)
@@ -301,7 +301,7 @@ def cases_from_files(files: Sequence[Path], *, allow_outside: bool = False) -> t
         allow_outside: whether drawings may lie outside the folders of the files.
 
     Raises:
-        ProblemError: when a file cannot be used.
+        ProblemError: a file is invalid.
     """
     cases = []
     for file in files:
@@ -312,19 +312,19 @@ def cases_from_files(files: Sequence[Path], *, allow_outside: bool = False) -> t
 
 
 def _content_hash(problem: Problem) -> str:
-    """Return by content, drawings and meshes included: a file of the same name that was edited is another problem."""
+    """Return the hash of a problem's content, drawings and meshes included: an edited file is another problem."""
     return hashlib.sha256(strict_text(problem_data(problem)).encode()).hexdigest()
 
 
 def distinct(cases: Sequence[Case]) -> tuple[Case, ...]:
-    """Return the cases, each once.
+    """Return the cases without duplicates.
 
     Raises:
-        ProblemError: when two different problems have the same name.
+        ProblemError: two different problems have the same name.
     """
     kept: dict[str, Case] = {}
     for case in cases:
-        # A problem given twice is fine; two problems under one name could not be told apart in tables.
+        # A problem may be given twice, but two problems of one name could not be told apart in tables.
         same_name = kept.setdefault(case.name, case)
         if same_name.fingerprint != case.fingerprint:
             raise ProblemError(f"two different problems are called '{case.name}'; give each its own name")
@@ -332,6 +332,6 @@ def distinct(cases: Sequence[Case]) -> tuple[Case, ...]:
 
 
 def shared_folder() -> Path:
-    """Return where the shared problem files are: in the installed package, or beside it in its source tree."""
+    """Return the folder of the shared problem files: in the installed package, or next to it in its source tree."""
     installed = Path(__file__).with_name("problems")
     return installed if installed.is_dir() else Path(__file__).parents[3] / "problems"

@@ -1,1 +1,1 @@
-"""``ccm-opt view``: a motion in space, in the browser, with a goal and walls that can be dragged."""
+"""``ccm-opt view``: a motion in 3D in the browser, with a goal and walls that can be dragged."""

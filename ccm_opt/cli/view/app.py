@@ -1,4 +1,4 @@
-"""The viewer's server, and the handles by which it is dragged."""
+"""The viewer's server and controls, and the handles for dragging goals and obstacles."""
 
 import dataclasses
 import http
@@ -35,12 +35,12 @@ from ccm_opt.viz.document import PageUnits
 
 
 class Replanner:
-    """Takes changes from any thread, plans them in one of its own, and tells what came of it.
+    """Takes changes from any thread, plans them in a thread of its own, and reports the results.
 
     Args:
-        live: the plan that follows.
-        told: called, in the planner's thread, with the plan's answer or what is wrong with what was asked.
-        settings: when it is quiet enough to plan anew.
+        live: plan to be changed.
+        told: called in the planning thread with the result of a change, or with the reason why it is invalid.
+        settings: how long to wait before planning from scratch, and for how long.
     """
 
     def __init__(self, live: LivePlan, told: Callable[[LiveAnswer | str], None], settings: ViewSettings = VIEW) -> None:
@@ -48,19 +48,19 @@ class Replanner:
         self._asked: SimpleQueue[Callable[[], LiveAnswer] | None] = SimpleQueue()
 
     def start(self) -> None:
-        """Begin to plan."""
+        """Start the planning thread."""
         threading.Thread(target=self._run, daemon=True, name="replanner").start()
 
     def ask(self, change: Callable[[], LiveAnswer]) -> None:
-        """Ask for a change; one that was asked for and not begun is forgotten."""
+        """Request a change; earlier changes that have not begun are dropped."""
         self._asked.put(change)
 
     def end(self) -> None:
-        """Plan nothing more."""
+        """Stop planning."""
         self._asked.put(None)
 
     def _run(self) -> None:
-        """Make the last change that was asked for; after some quiet a plan from nothing."""
+        """Make the latest requested change; after some quiet, plan from scratch."""
         quiet = None
         while True:
             try:
@@ -79,22 +79,22 @@ class Replanner:
 
 
 def direction_of(wxyz: FloatArray) -> FloatArray:
-    """Return where a quaternion (w, x, y, z) turns world x to, shape (3,)."""
+    """Return the image of world x under a quaternion (w, x, y, z), shape (3,)."""
     w, x, y, z = wxyz
     return np.array([1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z), 2.0 * (x * z - w * y)])
 
 
 GOAL = "the goal"
-"""What can be dragged besides the obstacles."""
+"""Name of the goal among the things that can be dragged."""
 
 
 class Handles:
-    """One handle at a time, on what people choose; of the plane it keeps to the plane.
+    """One handle at a time, on a goal or obstacle of the user's choice; in the plane it moves in the plane only.
 
     Args:
-        scene: where it stands.
-        live: the plan that follows.
-        told: called with the plan and what came of a change, or what was wrong with it.
+        scene: scene with the handle.
+        live: plan to be changed.
+        told: called with the plan and the result of a change, or the reason why it is invalid.
     """
 
     def __init__(self, scene: Scene, live: LivePlan, told: Callable[[LivePlan, LiveAnswer | str], None]) -> None:
@@ -112,11 +112,11 @@ class Handles:
         self.attach_handle(movable[0])
 
     def end(self) -> None:
-        """Plan nothing more."""
+        """Stop planning."""
         self._replanner.end()
 
     def attach_handle(self, what: str) -> None:
-        """Put the handle on the goal, or on an obstacle of a name."""
+        """Put the handle on the goal, or on the named obstacle."""
         problem = self._live.problem
         if what == GOAL and problem.goal.whole(problem.arm) is None:
             self._put_on_goal(problem.goal.tip(problem.arm), problem.goal.direction)
@@ -137,7 +137,7 @@ class Handles:
         handle = self._handle(self._live.problem.workspace.obstacle_centre(name), None)
 
         def change(place: FloatArray) -> LiveAnswer:
-            # Where it is now is known only when the change is made: others may have been made meanwhile.
+            # The obstacle's position is read when the change is made, since other changes may come first.
             return self._live.move_obstacle(name, place - self._live.problem.workspace.obstacle_centre(name))
 
         def dragged(_: Any) -> None:
@@ -147,7 +147,7 @@ class Handles:
         handle.on_update(dragged)
 
     def _handle(self, place: FloatArray, direction: FloatArray | None) -> Any:
-        """Return a handle that moves, and turns where it is asked where the tip points."""
+        """Return a handle that moves, and also turns if the goal has a direction."""
         arm = self._live.problem.arm
         upright = np.array([1.0, 0.0, 0.0, 0.0])
         return self._scene.server.scene.add_transform_controls(
@@ -161,36 +161,36 @@ class Handles:
         )
 
     def _place(self, handle: Any) -> FloatArray:
-        """Return the place where a handle is, shape (d,) [m]."""
+        """Return the position of a handle, shape (d,) [m]."""
         return self._from_world(np.asarray(handle.position, dtype=np.float64)) * self._scene.unit
 
     def _from_world(self, vector: FloatArray) -> FloatArray:
-        """Return what of a vector in the world, shape (3,), is in the plane of the arm, shape (d,)."""
+        """Return the components of a world vector, shape (3,), in the arm's coordinates, shape (d,)."""
         return self._live.problem.arm.embedded(np.eye(self._live.problem.dimension)) @ vector
 
 
 _FRAME_RATE = 30.0
-"""Poses a second that are sent to the browser while the motion plays [1/s]."""
+"""Rate at which poses are sent to the browser while the motion plays [1/s]."""
 _SLIDER_RATE = 10.0
-"""Times a second that the time slider follows it [1/s]."""
+"""Rate at which the time slider follows the motion [1/s]."""
 
 LOOPBACK = "127.0.0.1"
-"""Only this machine sees the page: whoever can reach it can make it plan."""
+"""Only this machine may load the page, since whoever loads it can start planning."""
 HOST = re.compile(r"(127\.0\.0\.1|localhost)(:\d{1,5})?", re.ASCII)
-"""Names under which a browser on this machine asks for the page; any other is a rebound name of somebody's site."""
+"""Host names by which a browser on this machine requests the page; any other may be DNS rebinding by a web site."""
 PATIENCE = 0.2
-"""How long pages are waited for when the viewer ends [s]: Ctrl-C ends it within a second."""
+"""Time to wait for pages when the viewer ends [s]: Ctrl-C has to end it within a second."""
 SPEEDS = ("0.1", "0.25", "0.5", "1", "2", "4")
 
 
 def claim_port(port: int) -> socket.socket:
-    """Open the socket of the page, on this machine alone.
+    """Open the socket of the page, on this machine only.
 
     Args:
-        port: its number; 0 for any that is free.
+        port: port number; 0 for any free one.
 
     Raises:
-        ProblemError: the port is taken, or not allowed.
+        ProblemError: the port is in use, or not allowed.
     """
     try:
         return socket.create_server((LOOPBACK, port))
@@ -202,10 +202,10 @@ def claim_port(port: int) -> socket.socket:
 
 
 def refusal(request: Request, token: str) -> str | None:
-    """Return why a request is refused, or None for one of this viewer's own page.
+    """Return why a request is refused, or None for one from this viewer's own page.
 
-    A name that resolves to this machine gives somebody's site away in `Host`, a page of another origin in `Origin`,
-    which browsers send with every WebSocket; neither knows the token in the path, on which the page finds its socket.
+    A rebound name of another site shows in `Host`, a page of another origin in `Origin`, which browsers send with every
+    WebSocket; and neither knows the token in the path under which the page finds its socket.
     """
     hosts, origins = request.headers.get_all("Host"), request.headers.get_all("Origin")
     if len(hosts) != 1 or not HOST.fullmatch(hosts[0]):
@@ -227,7 +227,7 @@ def _serve_guarded(
     process_request: Callable[[Any, Request], Response | None],
     **options: Any,
 ) -> Any:
-    """Serve on an open socket what `process_request` answers, to requests that are not refused."""
+    """Serve an open socket, passing on to `process_request` only requests that are not refused."""
 
     def answer(connection: Any, request: Request) -> Response | None:
         reason = refusal(request, token)
@@ -235,10 +235,10 @@ def _serve_guarded(
             return Response(http.HTTPStatus.FORBIDDEN, "Forbidden", Headers(), f"{reason}\n".encode())
         response = process_request(connection, dataclasses.replace(request, path="/"))
         if response is not None:
-            response.headers["Referrer-Policy"] = "no-referrer"  # links on the page must not tell the token
+            response.headers["Referrer-Policy"] = "no-referrer"  # links on the page must not reveal the token
         return response
 
-    # What is no request is refused as well, and is nobody's business on the terminal.
+    # Malformed requests are refused too, and need no message on the terminal.
     logging.getLogger("websockets.server").addFilter(lambda record: "opening handshake" not in record.msg)
     return serve(handler, sock=door, process_request=answer, **options)
 
@@ -247,18 +247,18 @@ class ViewerApp:
     """A motion in the browser.
 
     Args:
-        frames: the motion to begin with.
-        live: the plan that follows drags; None where nothing can be dragged.
-        door: the socket that `claim_port` opened.
-        checks: of the motion to begin with; none where they are not known.
+        frames: the motion shown first.
+        live: the plan that follows drags; None if nothing can be dragged.
+        door: the socket opened by `claim_port`.
+        checks: checks of the first motion; empty if they are not known.
 
     Attributes:
         frames: the motion.
         live: the plan that follows drags.
-        token: in the path of the page.
-        server: of the page.
-        scene: what is drawn of the motion.
-        time: at which it is shown, or more at its end, which is shown for a while [s].
+        token: secret in the path of the page.
+        server: server of the page.
+        scene: the scene of the motion.
+        time: time of the pose shown [s]; beyond the duration while the end is held for a while.
     """
 
     def __init__(
@@ -268,12 +268,12 @@ class ViewerApp:
         self.token = secrets.token_urlsafe(32)
         self.time = 0.0
         self._lock = threading.RLock()
-        # viser offers no hook for requests, so that it is given a server that has one; silently: it introduces itself.
+        # viser offers no hook for requests, so it is given a server that has one. Its banner on stdout is suppressed.
         serve = partial(_serve_guarded, websockets.asyncio.server.serve, door, self.token)
         with mock.patch.object(websockets.asyncio.server, "serve", serve), redirect_stdout(io.StringIO()):
             port = door.getsockname()[1]
             self.server = viser.ViserServer(host=LOOPBACK, port=port, label="ccm-opt view", verbose=False)
-        if self.server.get_port() != port:  # it did not use what it was given, and so is not guarded either
+        if self.server.get_port() != port:  # viser did not use the given server, so the page is not guarded
             self.server.stop()
             raise ProblemError(
                 "the viewer cannot guard its page with this version of viser; install another: pip install -U viser"
@@ -294,11 +294,11 @@ class ViewerApp:
 
     @property
     def _end(self) -> float:
-        """Where the time slider ends, a millisecond at most before the motion does [s]."""
+        """End of the time slider, rounded down to a millisecond [s]."""
         return floor(1e3 * self.frames.duration) / 1e3
 
     def run(self, until: Callable[[], bool] = lambda: False) -> None:
-        """Play until Ctrl-C, or until something holds."""
+        """Play until Ctrl-C, or until a condition holds."""
         try:
             last = time.monotonic()
             slid = last
@@ -315,13 +315,13 @@ class ViewerApp:
         finally:
             if self._handles is not None:
                 self._handles.end()
-            # A page that does not answer keeps viser waiting for five seconds.
+            # viser waits five seconds for a page that does not answer.
             stopping = threading.Thread(target=self.server.stop, daemon=True)
             stopping.start()
             stopping.join(PATIENCE)
 
     def _advance(self, wall: float) -> None:
-        """Play on by some wall time [s]; the end is shown for a while."""
+        """Advance the motion by some wall time [s]; the end is held for a while."""
         speed = float(self._speed.value)
         self.time += speed * wall
         if self.time > self.frames.duration + speed * VIEW.rest:
@@ -341,7 +341,7 @@ class ViewerApp:
         self._slider.on_update(self._slid)
 
     def _slid(self, event: Any) -> None:
-        # What people set has a client; what the player sets has none.
+        # Events from people have a client; those of the player have none.
         if event.client is not None:
             with self._lock:
                 self._play.value = False
@@ -370,7 +370,7 @@ class ViewerApp:
             self.scene.switch(layer, on=event.target.value)
 
     def _planned(self, live: LivePlan, answer: LiveAnswer | str) -> None:
-        """Show what came of a change: the new plan, or the last one and why there is none."""
+        """Show the result of a change: the new plan, or the last one and why there is no new one."""
         with self._lock:
             self.scene.draw_room(live.problem)
             if isinstance(answer, str):
@@ -392,7 +392,7 @@ class ViewerApp:
 
 
 def _summary(frames: MotionFrames, checks: tuple[Check, ...]) -> str:
-    """Return the motion in a few words."""
+    """Return a summary of the motion in a few words."""
     gap = next((check.worst for check in checks if check.name == "wall clearance"), None)
     units = PageUnits.of_page(frames.problem)
     near = "" if gap is None or not np.isfinite(gap) else f", walls no nearer than {units.length(gap)}"

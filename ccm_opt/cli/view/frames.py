@@ -1,4 +1,4 @@
-"""Frames of the scene for the viewer, and meshes in them."""
+"""The poses of a motion for the viewer, with gaps and torques; and meshes."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -14,7 +14,7 @@ from ccm_opt.problem.solution import JointStates, JointTrajectory
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 
 _TUBE_FRAMES = 200
-"""Poses whose union is the region that the arm sweeps."""
+"""Poses whose union approximates the swept region."""
 
 
 @dataclass(frozen=True)
@@ -22,9 +22,9 @@ class MotionFrames:
     """The poses of a motion.
 
     Attributes:
-        problem: what the motion solves.
-        trajectory: in time.
-        joints: the same for all drives.
+        problem: problem that the motion solves.
+        trajectory: the timed motion.
+        joints: the timed motion of all drives.
     """
 
     problem: Problem
@@ -33,7 +33,7 @@ class MotionFrames:
 
     @property
     def duration(self) -> float:
-        """Of the motion [s]."""
+        """Duration of the motion [s]."""
         return float(self.trajectory.time[-1])
 
     @cached_property
@@ -42,21 +42,21 @@ class MotionFrames:
         return self.problem.arm.joint_positions_at(self.trajectory.positions)
 
     def pose(self, time: float) -> FloatArray:
-        """Return the joints and tip at a time [s], shape (links + 1, d) [m]."""
+        """Return joints and tip at a time [s], shape (links + 1, d) [m]."""
         columns = [np.interp(time, self.trajectory.time, values) for values in self.trajectory.positions.T]
         return self.problem.arm.joint_positions_at(np.array(columns))
 
     def gaps(self, time: float) -> FloatArray:
-        """Return the gap of every link beyond radius and clearance at a time, shape (links,) [m].
+        """Return the gap of every link to walls, beyond radius and clearance, at a time, shape (links,) [m].
 
-        In space as far as is looked.
+        In space it is capped at one link length.
         """
         return _nearest_row(self.trajectory.time[self._inspected_samples], self._gaps, time)
 
     def torque_shares(self, time: float) -> FloatArray:
-        """Return the largest torque at every joint as a share of its limit at a time, shape (links,).
+        """Return the largest torque at every joint, as a share of its limit, at a time, shape (links,).
 
-        0 without limits.
+        0 without torque limits.
         """
         torques, limit = self.joints.torques, self.problem.limits.torque
         if limit is None:
@@ -65,7 +65,7 @@ class MotionFrames:
         return _nearest_row(self.trajectory.time, shares, time)
 
     def swept(self) -> shapely.Geometry:
-        """Return the region of the plane that the arm sweeps, as far as some of its poses show it."""
+        """Return the region of the plane that the arm sweeps, approximated by some of its poses."""
         chosen = np.linspace(0, len(self.points) - 1, _TUBE_FRAMES).astype(int)
         radius = max(self.problem.arm.radius, VIEW.thin_arm * self.problem.arm.length)
         bodies = shapely.buffer(shapely.linestrings(self.points[chosen]), radius, quad_segs=VIEW.curved)
@@ -73,13 +73,13 @@ class MotionFrames:
 
     @cached_property
     def _inspected_samples(self) -> IntArray:
-        """Numbers of the samples at which gaps are looked at, shape (F,)."""
+        """Indices of the samples at which gaps are measured, shape (F,)."""
         samples = len(self.trajectory.time)
         return np.linspace(0, samples - 1, min(VIEW.frames, samples)).astype(int)
 
     @cached_property
     def _gaps(self) -> FloatArray:
-        """Gap of every link at some times, shape (F, links) [m]."""
+        """Gap of every link at the inspected samples, shape (F, links) [m]."""
         arm, workspace = self.problem.arm, self.problem.workspace
         points = self.points[self._inspected_samples]
         links = np.stack((points[:, :-1], points[:, 1:]), axis=2)
@@ -94,7 +94,7 @@ class MotionFrames:
 
 
 def _nearest_row(times: FloatArray, rows: FloatArray, time: float) -> FloatArray:
-    """Return the row that belongs to the time nearest to a given one."""
+    """Return the row at the time nearest to a given one."""
     return np.asarray(rows[int(np.argmin(np.abs(times - time)))])
 
 
@@ -103,7 +103,7 @@ Mesh: TypeAlias = tuple[FloatArray, IntArray]
 
 
 def extruded(shape: shapely.Geometry, near: float, far: float) -> Mesh:
-    """Return the solid over a polygon, or several, between two depths: two lids, and a wall along every ring."""
+    """Return the solid over polygons between two depths: two lids, and a wall along every ring."""
     polygons = [part for part in shapely.get_parts(shape) if isinstance(part, shapely.Polygon)]
     tiles = shapely.orient_polygons(shapely.get_parts(shapely.constrained_delaunay_triangles(polygons)))
     lids = shapely.get_coordinates(tiles).reshape(-1, 4, 2)[:, :3]
@@ -121,15 +121,18 @@ def extruded(shape: shapely.Geometry, near: float, far: float) -> Mesh:
 
 
 def in_space(points: FloatArray, depth: float) -> FloatArray:
-    """Return the places of the plane in space, shape (..., 2) to (..., 3), ``depth`` behind the plane."""
+    """Return points of the plane in space, shape (..., 2) to (..., 3), ``depth`` behind the plane."""
     return np.stack((points[..., 0], np.full(points.shape[:-1], depth), points[..., 1]), axis=-1)
 
 
 def rotation_to_axis(directions: FloatArray) -> FloatArray:
-    """Quaternions (w, x, y, z) that turn world x to unit vectors by the shortest turn, shape (..., 3) to (..., 4)."""
+    """Return the quaternions (w, x, y, z) of the smallest rotations of world x to unit vectors.
+
+    Shape (..., 3) to (..., 4).
+    """
     x, y, z = np.moveaxis(np.asarray(directions, dtype=np.float64), -1, 0)
     zero = np.zeros_like(x)
-    # The axis is x × d; straight back every half turn is as short, and that about z is taken.
+    # The axis is x × d; for the opposite direction all half turns are equally small, and that about z is taken.
     back = x < -1.0 + 1e-12
     turns = np.stack((np.where(back, 0.0, 1.0 + x), zero, np.where(back, 0.0, -z), np.where(back, 1.0, y)), axis=-1)
     return np.asarray(turns / np.linalg.norm(turns, axis=-1, keepdims=True))

@@ -1,6 +1,6 @@
-"""What the view draws: arm, room and motion.
+"""The viewer's scene: arm, workspace and motion.
 
-The scene counts in arm lengths, so that the camera and the handles suit arms of any size. World x is x; the plane is
+The scene is in arm lengths, so that camera and handles suit arms of any size. World x is the problem's x; the plane is
 world x-z.
 """
 
@@ -29,20 +29,20 @@ LAYERS = {
     "regions": "/regions",
     "names": "/names",
 }
-"""What can be switched on and off, and where it stands in the scene."""
+"""Layers that can be switched on and off, and their paths in the scene."""
 _IN_SPACE = ("start", "poses on the way", "names")
-"""Those of them that there are in space."""
+"""Layers that exist in space."""
 
 
 @dataclass
 class Scene:
-    """The scene of one motion; everything of it is drawn again when the motion changes.
+    """The scene of a motion; the motion is redrawn when it changes.
 
     Attributes:
-        server: shows it.
+        server: server that shows the scene.
         frames: the motion.
         shown: names of the layers that are switched on.
-        colour_by: what the colours of the links mean: ``nothing``, ``gap`` or ``torque``.
+        colour_by: quantity shown by the colours of the links: ``nothing``, ``gap`` or ``torque``.
     """
 
     server: viser.ViserServer
@@ -54,31 +54,31 @@ class Scene:
 
     @property
     def layers(self) -> tuple[str, ...]:
-        """Names of what can be switched on and off."""
+        """Names of the available layers."""
         return tuple(LAYERS) if self.frames.problem.dimension == 2 else _IN_SPACE
 
     @property
     def unit(self) -> float:
-        """Metres in a unit of the scene."""
+        """Length of a unit of the scene [m]."""
         return float(self.frames.problem.arm.length)
 
     @property
     def radius(self) -> float:
-        """That the arm is drawn with, in units of the scene."""
+        """Radius with which the arm is drawn, in units of the scene."""
         return max(self.frames.problem.arm.radius / self.unit, VIEW.thin_arm)
 
     @property
     def depth(self) -> float:
-        """How far obstacles of the plane reach before and behind it, in units of the scene."""
+        """Extent of planar obstacles in front of and behind the plane, in units of the scene."""
         return max(VIEW.depth * self.radius, VIEW.least_depth)
 
     def world(self, points: FloatArray, behind: float = 0.0) -> FloatArray:
-        """Return the places [m] in the scene, shape (..., 3); those of the plane so far behind it."""
+        """Return points [m] in the scene, shape (..., 3), shifted ``behind`` the plane by units of the scene."""
         placed = self.frames.problem.arm.embedded(points / self.unit)
         return placed + np.array([0.0, behind, 0.0]) if behind else placed
 
     def look(self, client: viser.ClientHandle) -> None:
-        """Put a client's camera before the room, or in space before the arm and what is about it."""
+        """Place a client's camera in front of the workspace, or in space in front of the motion."""
         workspace = self.frames.problem.workspace
         if workspace.dimension == 3:
             seen = self.world(self.frames.points).reshape(-1, 3)
@@ -98,7 +98,7 @@ class Scene:
         self.draw_motion()
 
     def draw_room(self, problem: Problem) -> None:
-        """Draw obstacles and goals of a problem, which may be ahead of the motion."""
+        """Draw obstacles and goals of a problem, which may be newer than the motion."""
         self._draw_walls(problem)
         workspace = problem.workspace
         obstacles: tuple[Obstacle, ...] = workspace.obstacles
@@ -106,7 +106,7 @@ class Scene:
         extent = np.ptp(workspace.extent, axis=0) if workspace.dimension == 3 else ()
         cell = VIEW.cell * float(np.max(extent, initial=self.unit))
         for obstacle in obstacles:
-            # Most drags move one obstacle or the goal alone, and leave the others the same objects.
+            # A drag moves one obstacle or the goal; all other obstacles stay identical objects and need no redrawing.
             if self._standing.get(obstacle.name) is not obstacle:
                 self._standing[obstacle.name] = obstacle
                 self._draw_obstacle(obstacle, most, cell)
@@ -114,7 +114,7 @@ class Scene:
             self._draw_goal(stop.goal, str(number) if problem.stops else "")
 
     def _draw_walls(self, problem: Problem) -> None:
-        """Draw the edges of the room."""
+        """Draw the edges of the workspace."""
         workspace = problem.workspace
         if workspace.dimension == 2:
             ring = shapely.get_coordinates(workspace.boundary.exterior)
@@ -127,12 +127,12 @@ class Scene:
             self.server.scene.add_line_segments("/room/edges", edges, colours.WALLS, thickness=0.003)
 
     def _draw_obstacle(self, obstacle: Obstacle, most_triangles: int, cell: float) -> None:
-        """Draw one obstacle, in place of an earlier one of that name; those of space can be seen through.
+        """Draw one obstacle, replacing an earlier one of its name; in space it is transparent.
 
         Args:
             obstacle: of the plane or of space.
-            most_triangles: of a body in space.
-            cell: in which corners of a body of more are joined [m].
+            most_triangles: most triangles of a body in space.
+            cell: initial width of the cells in which corners are merged if there are more [m].
         """
         if self.frames.problem.dimension == 2:
             outline = obstacle.outline(quad_segs=VIEW.curved)
@@ -162,7 +162,7 @@ class Scene:
             self._mesh(f"{name}/pointing", mesh, colours.GOAL, wxyz=wxyz)
 
     def draw_motion(self) -> None:
-        """Draw the arm and all that belongs to the motion."""
+        """Draw the arm and everything else that depends on the motion."""
         arm = self.frames.problem.arm
         scene = self.server.scene
         link = capsule_surface(arm.link_length / self.unit, self.radius, VIEW.sides)
@@ -176,7 +176,7 @@ class Scene:
         self.pose(0.0)
 
     def _draw_layers(self, start: FloatArray) -> None:
-        """Draw the start, and what is costly if anybody wants to see it."""
+        """Draw the start, and costly layers only if they are switched on."""
         scene = self.server.scene
         if "start" in self.shown:
             scene.add_spline_catmull_rom(LAYERS["start"], start, color=colours.START, thickness=0.6 * self.radius)
@@ -194,7 +194,7 @@ class Scene:
             self._draw_route(route_layers(problem, self.frames.points[-1]))
 
     def _draw_route(self, layers: dict[str, object]) -> None:
-        """Draw the way that the arm takes round the obstacles, and the regions along it."""
+        """Draw the arm's way around the obstacles, and the regions along it."""
         route = np.array(layers.get("route", []), dtype=np.float64)
         if "route" in self.shown and len(route) > 1:
             self._line(LAYERS["route"], self.world(route), colours.GOAL, 0.006)
@@ -234,17 +234,17 @@ class Scene:
         self.server.scene.add_mesh_simple(name, *mesh, color=colour, side="double", **options)
 
     def _line(self, name: str, places: FloatArray, colour: tuple[int, int, int], thickness: float) -> None:
-        """Draw a line through places of the scene, shape (n, 3)."""
+        """Draw a line through points of the scene, shape (n, 3)."""
         pieces = np.stack((places[:-1], places[1:]), axis=1)
         self.server.scene.add_line_segments(name, pieces, colour, thickness=thickness)
 
 
 def scene_path(folder: str, name: str) -> str:
-    """Return where something of a name stands in the scene; a slash in it would make a branch."""
+    """Return the path of a named object in the scene; slashes in its name are replaced, since they would nest."""
     return f"{folder}/{name.replace('/', '|')}"
 
 
 def _turns(points: FloatArray) -> FloatArray:
-    """Return the quaternions that turn world x along the links between places, shape (n + 1, 3) to (n, 4)."""
+    """Return quaternions that rotate world x along the links between points, shape (n + 1, 3) to (n, 4)."""
     along = np.diff(points, axis=0)
     return rotation_to_axis(along / np.linalg.norm(along, axis=1, keepdims=True))

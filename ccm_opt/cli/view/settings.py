@@ -1,4 +1,4 @@
-"""Numbers and colours of the viewer."""
+"""Settings and colours of the viewer."""
 
 from dataclasses import dataclass
 
@@ -10,21 +10,21 @@ from ccm_opt.core.arrays import FloatArray
 
 @dataclass(frozen=True)
 class ViewSettings:
-    """How a motion is shown in the browser; all of them are taste.
+    """Settings of the viewer. Taste, all of them.
 
     Attributes:
-        frames: poses of a motion at which gaps are looked at for colours.
-        rest: wall time for which the last pose is shown before the motion plays again [s].
-        depth: of extruded obstacles behind and before the plane, in radii of the arm.
-        least_depth: the same at least, as a share of the arm's length.
-        thin_arm: radius at which an arm without one is drawn, as a share of its length.
-        sides: of the capsule that a link is drawn as, a multiple of four.
+        frames: poses of a motion at which gaps are measured for colours.
+        rest: wall time for which the last pose is held before the motion plays again [s].
+        depth: extent of extruded obstacles behind and in front of the plane, in radii of the arm.
+        least_depth: least such extent, as a share of the arm's length.
+        thin_arm: least radius with which an arm is drawn, as a share of its length.
+        sides: sides of the capsule that is drawn for a link, a multiple of four.
         curved: segments of a quarter circle in outlines.
-        most_triangles: of all bodies in space together; of more, small ones are left out.
-        cell: width of the cells in which corners are joined first then, as a share of the scene's extent.
+        most_triangles: most triangles of all bodies in space together; beyond that, surfaces are simplified.
+        cell: initial width of the cells in which corners are merged then, as a share of the scene's extent.
         glass: opacity of bodies in space.
-        poses: on the way, in space.
-        quiet: wall time without a drag after which the plan is sought anew, for a shorter way [s].
+        poses: number of intermediate poses drawn.
+        quiet: wall time without a drag after which a shorter plan is sought from scratch [s].
         anew: CPU time for that [s].
     """
 
@@ -44,12 +44,12 @@ class ViewSettings:
 
 
 VIEW = ViewSettings()
-"""Used where no other settings are given."""
+"""Default settings of the viewer."""
 
 
 Colours = npt.NDArray[np.uint8]
 PLAIN = (62, 124, 166)
-"""Of an arm whose colour means nothing."""
+"""Colour of an arm when colours show nothing."""
 WALLS = (196, 190, 180)
 START = (150, 158, 168)
 GOAL = (31, 138, 64)
@@ -57,7 +57,7 @@ TUBE = (90, 150, 200)
 ROUTE = (196, 78, 22)
 REGION = (120, 90, 170)
 _SCALE = np.array([[49, 130, 98], [227, 190, 70], [190, 50, 45]], dtype=np.float64)
-"""From plenty, over little, to nothing left; the same for all eyes by their brightness."""
+"""From plenty over little to nothing left; distinguishable by brightness alone, for colour-blind users."""
 
 
 def plain(links: int) -> Colours:
@@ -66,12 +66,12 @@ def plain(links: int) -> Colours:
 
 
 def by_use(shares: FloatArray) -> Colours:
-    """Return the colours by the share of something that is used up, from 0 to 1, shape (links,) to (links, 3)."""
+    """Return colours for the share of a quantity that is used up, from 0 to 1, shape (links,) to (links, 3)."""
     at = 2.0 * np.clip(shares, 0.0, 1.0)
     places = np.arange(len(_SCALE))
     return np.stack([np.interp(at, places, channel) for channel in _SCALE.T], axis=1).astype(np.uint8)
 
 
 def by_gap(gaps: FloatArray, plenty: float) -> Colours:
-    """Return the colours by the gap to walls: a gap of ``plenty`` [m] and more is the first colour, none the last."""
+    """Return colours for gaps to walls: a gap of ``plenty`` [m] or more gets the first colour, contact the last."""
     return by_use(1.0 - gaps / plenty)
