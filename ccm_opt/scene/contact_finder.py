@@ -112,7 +112,7 @@ class ContactFinder(ABC):
     def crosses(self, points: FloatArray) -> bool:
         """Return whether a link of a pose crosses something that gaps do not reveal.
 
-        Not in space, where the distance from a crossed triangle is 0.
+        False by default: in space the distance from a crossed triangle is 0, which gaps reveal.
         """
         del points
         return False

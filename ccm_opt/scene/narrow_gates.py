@@ -153,7 +153,7 @@ def _gates(path: FloatArray, portals: FloatArray, runs: GateRuns, free: Membersh
 def _direction(portals: FloatArray) -> FloatArray:
     """Return the direction in which a gate is entered at its first portal, shape (2,).
 
-    It is the direction to the first portal farther away than the gate is wide, or else the normal of the narrowest
+    It is the direction to the first portal farther away than the first one is wide, or else the normal of the narrowest
     portal.
     """
     middles = portals.mean(axis=1)

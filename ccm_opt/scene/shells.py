@@ -1,7 +1,8 @@
-"""Shells of a mesh: pieces of surface whose triangles join over edges, each turned alike, and whether it is closed.
+"""Shells of a mesh: connected pieces of its surface, their orientation, and whether they are closed.
 
-Edges are matched by their vertices. Where some stay without a partner, vertices that are one but for rounding are
-welded, and edges that lie on each other are cut at each other's vertices (T-junctions). Neither moves the surface.
+The triangles of a shell join over edges, which are matched by their vertices. If some edges stay without a partner,
+vertices that coincide up to rounding are welded, and edges that lie on each other are split at each other's vertices
+(T-junctions). Neither moves the surface.
 """
 
 from dataclasses import dataclass

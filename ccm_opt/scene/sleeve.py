@@ -35,7 +35,7 @@ INWARDS = 1e-7
 
 
 def reduce(sleeve: Iterable[int]) -> tuple[int, ...]:
-    """The sleeve without repeats and immediate returns (a b a becomes a), as words of a free group are reduced."""
+    """Return the sleeve without repeats and immediate returns (a b a becomes a), like a reduced word in free groups."""
     stack: list[int] = []
     for triangle in sleeve:
         if len(stack) > 1 and stack[-2] == triangle:

@@ -155,7 +155,7 @@ class _Pieces:
     def _turns(self, k: int, point: FloatArray) -> float:
         """Return the winding number of a closed shell about a point.
 
-        For a shell that is not orientable, 1 for an odd number of ray crossings and 0 for an even number.
+        For a shell that is not orientable, 1 if most of the rays cross it an odd number of times, else 0.
         """
         triangles = self._of(k)
         if not self._orientable[k]:

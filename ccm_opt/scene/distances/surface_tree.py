@@ -300,7 +300,7 @@ class SurfaceTree:
     def grid(self, low: FloatArray, cell: float, counts: tuple[int, int, int], reach: float) -> FloatArray:
         """Return the distances of the centres of a grid's cells from the surfaces, as for segments of zero length.
 
-        Any point of a cell is as far from the surfaces as the centre, minus half the cell's diagonal at most.
+        Any point of a cell is at least as far from the surfaces as the centre, minus half the cell's diagonal.
 
         Args:
             low: centre of the first cell, shape (3,) [m].
