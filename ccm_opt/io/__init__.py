@@ -1,1 +1,1 @@
-"""Problems and plans as files: problem files, drawings and meshes read, folders of results written and read again."""
+"""File formats: reading of problem files, drawings and meshes, and writing and reading of output folders."""

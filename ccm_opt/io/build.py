@@ -1,4 +1,4 @@
-"""Builds a problem from the checked tables of its file; defaults are filled in here."""
+"""Construction of a problem from the checked tables of its file, with the defaults filled in."""
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
@@ -44,19 +44,19 @@ from ccm_opt.scene.bodies import Body, BoxBody, CapsuleBody, CylinderBody, MeshB
 from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
 
 _FOLDED_SHARE = 0.95
-"""Share of the joint limit that a folded arm uses, so that it can still move either way. Taste."""
+"""Share of the joint limit that a folded arm uses, so that its joints can still move both ways. Taste."""
 _GAP_IN_DIAMETERS = 1.1
-"""The axes of distant links keep at least this many link diameters (two radii) apart."""
+"""Least distance between the axes of distant links of a folded arm, in link diameters (two radii)."""
 _LEAST_GAP_IN_LINKS = 0.1
-"""And at least this many link lengths, for arms of zero radius."""
+"""The same least distance in link lengths, for arms of zero radius."""
 
 
 def folded_bends(arm: Arm) -> FloatArray:
-    """Return the most compact serpentine: equal rows joined by half turns, alternately left and right.
+    """Return the bends of the most compact serpentine: equal rows joined by half turns, alternately left and right.
 
-    A half turn of m joints bends each by pi / m and sets the rows l cot(pi / 2m) apart. Of all (m, row length) whose
-    bends stay within a share of the joint limit and whose distant links keep their gap, the one with the smallest
-    diagonal of its bounding box is taken. The first row lies along the base heading, the first turn is to the left.
+    A half turn of m joints bends each by pi / m and sets the rows l cot(pi / 2m) apart. Among all (m, row length) whose
+    bends stay within a share of the joint limit and whose distant links are far enough apart, the one with the smallest
+    diagonal of its bounding box is chosen. The first row lies along the base heading, the first turn is to the left.
 
     Args:
         arm: the arm.
@@ -65,7 +65,7 @@ def folded_bends(arm: Arm) -> FloatArray:
         Joint bends, shape (links,) [rad].
 
     Raises:
-        ProblemError: when no serpentine fits the joint limit and the radius.
+        ProblemError: no serpentine fits the joint limit and the radius.
     """
     gap = max(_GAP_IN_DIAMETERS * 2.0 * arm.radius, _LEAST_GAP_IN_LINKS * arm.link_length)
     candidates = sorted(_serpentines(arm, _FOLDED_SHARE), key=lambda bends: _diagonal(arm, bends))
@@ -79,10 +79,7 @@ def folded_bends(arm: Arm) -> FloatArray:
 
 
 def self_distance(arm: Arm, bends: FloatArray) -> float:
-    """Return the least distance between the axes of links far enough apart along the arm [m].
-
-    Infinite without such links.
-    """
+    """Return the least distance between the axes of distant links, see ``Arm.distant_pairs`` [m]; inf without any."""
     points = arm.joint_positions(arm.headings(bends))
     axes = np.asarray(shapely.linestrings(np.stack((points[:-1], points[1:]), axis=1)))
     first, second = arm.distant_pairs
@@ -90,21 +87,24 @@ def self_distance(arm: Arm, bends: FloatArray) -> float:
 
 
 def _serpentines(arm: Arm, limit_share: float) -> Iterator[FloatArray]:
-    """Yield the serpentines by joints a turn and straight joints a row; at least one whole half turn."""
+    """Yield the bends of candidate serpentines, over the joints per half turn and the straight joints per row."""
     sharpest = limit_share * arm.joint_limit
     fewest = max(2, math.ceil(min(math.pi / sharpest, arm.links)))
-    # Rows of a thick arm lie two radii apart, which takes turns of about π r / l joints.
+    # Rows of a thick arm must be two radii apart, which takes half turns of about π r / l joints.
     for_thickness = math.ceil(math.pi * arm.radius / arm.link_length)
     most = min(fewest + 6 + for_thickness, arm.links - 1)
     for turn in range(fewest, most + 1):
-        # The box is square for rows of about 0.8 √(turn · links); much longer ones have no smallest diagonal.
+        # The bounding box is square for rows of about 0.8 √(turn · links); much longer rows cannot be the most compact.
         rows = max(1, min(arm.links - turn, 2 * math.isqrt(turn * arm.links) + 2))
         for row in range(rows):
             yield _serpentine(arm.links, turn, row)
 
 
 def _serpentine(links: int, turn: int, row: int) -> FloatArray:
-    """Return the rows of ``row`` straight joints and half turns of ``turn`` joints, alternately left and right."""
+    """Return the bends of rows of ``row`` straight joints and half turns of ``turn`` joints, shape (links,) [rad].
+
+    The half turns go left and right alternately.
+    """
     left = np.concatenate((np.zeros(row), np.full(turn, math.pi / turn)))
     period = np.concatenate((left, -left))
     bends = np.resize(period, links - 1)
@@ -116,7 +116,12 @@ def _diagonal(arm: Arm, bends: FloatArray) -> float:
 
 
 def build_problem(tables: Mapping[str, Any], source: str) -> Problem:
-    """Assemble a problem from tables that have passed all checks, by where they stand; see ``table_reading``."""
+    """Return the problem of tables that have passed all checks.
+
+    Args:
+        tables: tables by name, see ``table_reading``.
+        source: text of the problem file.
+    """
     arm = build_arm(tables["arm"])
     mapping = tables["planner"].mapping
     *stops, last = ((_goal(goal, arm, mapping), _tolerances(goal), goal.pause) for goal in tables["goals"])
@@ -153,13 +158,13 @@ def build_workspace(
     obstacles: Sequence[tuple[int, ObstacleTable | SpaceObstacleTable]],
     meshes: Mapping[int, MeshBody] | None = None,
 ) -> Workspace:
-    """Build the room and its obstacles.
+    """Return the workspace with its obstacles.
 
     Args:
-        table: the room.
-        obstacles: each with its place in the file, counted from 0; one without a name is ``obstacle`` and that place
-            counted from 1.
-        meshes: bodies of those that are meshes, by that place.
+        table: the table ``[workspace]``.
+        obstacles: tables of the obstacles with their indices in the file, from 0; one without a name is called
+            ``obstacle`` and its number from 1.
+        meshes: bodies of the obstacles that are meshes, by index.
     """
     named = [(number, item.name or f"obstacle {number + 1}", item) for number, item in obstacles]
     if isinstance(table, SpaceWorkspaceTable):
@@ -175,12 +180,12 @@ def build_workspace(
 
 
 def build_boundary(table: WorkspaceTable) -> shapely.Polygon:
-    """Return the outline of the room in the plane."""
+    """Return the boundary of a workspace in the plane."""
     return _box(table.bounds) if table.bounds is not None else shapely.Polygon(table.boundary)
 
 
 def _obstacle(table: ObstacleTable, name: str) -> Obstacle:
-    """Return one obstacle; the table holds exactly one kind."""
+    """Return an obstacle in the plane; the table has exactly one kind of shape."""
     if table.circle is not None:
         return Obstacle(name, PlaneShape(shapely.Point(table.circle.center), table.circle.radius))
     if table.wall is not None:
@@ -196,7 +201,7 @@ def _box(corners: Sequence[float]) -> shapely.Polygon:
 
 
 def _body(table: SpaceObstacleTable) -> Body:
-    """Return a body that is no mesh; the table holds exactly one kind."""
+    """Return the body of an obstacle that is no mesh; the table has exactly one kind of shape."""
     placement = build_placement(table.pose)
     if table.sphere is not None:
         return SphereBody(placement.points(np.array(table.sphere.center)), table.sphere.radius)
@@ -209,7 +214,7 @@ def _body(table: SpaceObstacleTable) -> Body:
 
 
 def build_placement(table: PlacementTable | None) -> RigidPlacement:
-    """Return where a body stands and how it is turned."""
+    """Return the position and rotation of a body; the identity without a table."""
     if table is None:
         return RigidPlacement()
     position = np.array(table.position)
@@ -219,7 +224,7 @@ def build_placement(table: PlacementTable | None) -> RigidPlacement:
 
 
 def build_arm(table: ArmTable | SpaceArmTable) -> Arm:
-    """Build the arm; its links are solid cylinders unless the inertia is given."""
+    """Return the arm; its links have the inertia of solid cylinders unless the table gives another."""
     in_space = isinstance(table, SpaceArmTable)
     masses = _each(table.masses or (DEFAULT_LINK_MASS if table.link_mass is None else table.link_mass), table.links)
     if table.inertia is not None:
@@ -227,7 +232,7 @@ def build_arm(table: ArmTable | SpaceArmTable) -> Arm:
     else:
         thinnest = SPACE_ROD_RADIUS * table.link_length if in_space else 0.0
         axial, transverse = cylinder_inertia(masses, max(table.radius, thinnest), table.link_length)
-    # The guide tube ends where the base stands at full feed unless the file says otherwise.
+    # By default the guide tube ends at the position of the base at full feed.
     feed = None
     if table.feed is not None:
         low, high = table.feed.range
@@ -251,15 +256,15 @@ def build_arm(table: ArmTable | SpaceArmTable) -> Arm:
 
 
 def _across(up: FloatArray, direction: FloatArray) -> FloatArray:
-    """Return what of a vector lies across a unit vector, as a unit vector, shape (3,)."""
+    """Return the component of a vector perpendicular to a unit vector, normalised, shape (3,)."""
     rest = up - (up @ direction) * direction
-    # Once more, since what the first time leaves of the direction is rounding of the whole.
+    # A second projection removes what rounding left of the parallel component.
     rest = rest - (rest @ direction) * direction
     return np.asarray(rest / np.linalg.norm(rest))
 
 
 def build_limits(table: LimitsTable, links: int) -> Limits:
-    """Return the limits of an arm of so many links."""
+    """Return the limits of an arm, with those of joints expanded to its 3 * ``links`` revolutes."""
     limits = table.values
     points = [(None, limits.pop("tip_velocity"), limits.pop("tip_acceleration"))]
     points += [(point.at, point.velocity, point.acceleration) for point in limits.pop("points")]
@@ -270,7 +275,7 @@ def build_limits(table: LimitsTable, links: int) -> Limits:
 
 
 def build_pose(table: PoseTable | SpacePoseTable, arm: Arm, mapping: MappingName) -> JointPose:
-    """Build a pose of the whole arm; the table holds exactly one kind.
+    """Return a pose of the whole arm; the table defines it in exactly one way.
 
     Raises:
         ProblemError: the arm cannot be folded, or not be laid along the curve.
@@ -293,12 +298,12 @@ def build_pose(table: PoseTable | SpacePoseTable, arm: Arm, mapping: MappingName
 
 
 def pose_feed(table: PoseTable | SpacePoseTable, arm: Arm) -> float:
-    """Return where the base is on its feed axis in a pose: as given, else at the least position of the range [m]."""
+    """Return the feed of a pose: as given, else the lower end of the feed axis [m]."""
     return arm.base_range[0] if table.feed is None else table.feed
 
 
 def _goal(table: GoalTable | SpaceGoalTable, arm: Arm, mapping: MappingName) -> Goal:
-    """Build a goal for the tip or for the whole arm."""
+    """Return a goal for the tip or for the whole arm."""
     if table.position is None:
         return build_pose(table, arm, mapping)
     direction = None if table.direction is None else np.array(table.direction)
@@ -307,22 +312,22 @@ def _goal(table: GoalTable | SpaceGoalTable, arm: Arm, mapping: MappingName) -> 
 
 
 def _tolerances(table: GoalTable | SpaceGoalTable) -> Tolerances:
-    """Return how near the goal counts."""
+    """Return the tolerances of a goal."""
     return Tolerances(table.position_tolerance, table.heading_tolerance_deg or table.direction_tolerance_deg)
 
 
 def build_options(table: PlannerTable) -> PlannerOptions:
-    """Return the planner's options."""
+    """Return the planner options of the table ``[planner]``."""
     return PlannerOptions(**table.values | {"weights": Weights(**table.weights.values)})
 
 
 def _each(value: float | Sequence[float], links: int) -> FloatArray:
-    """Return one value a link, shape (links,)."""
+    """Return one value per link, shape (links,), from one for all or a list."""
     return np.broadcast_to(np.asarray(value, dtype=np.float64), (links,)).copy()
 
 
 def each_revolute(value: float | Sequence[float], links: int) -> FloatArray:
-    """Return one value a revolute, shape (3 * links,); a ball joint's value holds for its three."""
+    """Return one value per revolute, shape (3 * links,), from one for all, one per ball joint, or one per revolute."""
     values = np.asarray(value, dtype=np.float64)
     if values.shape == (links,):
         return np.repeat(values, 3)

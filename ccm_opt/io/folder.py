@@ -1,9 +1,9 @@
-"""Output folders, whole or not at all.
+"""Atomic writing of output folders.
 
-The new folder is assembled in a workshop beside the place, and is on the disk before it changes places with the old one
-in one step, where the system has such a step. Until then everything is as it was; from then on everything is new. One
-writer at a time works in a folder of results: the others wait. So a workshop that a writer finds was left by one that
-was killed: what of the user's or of an earlier run it still holds is put back, the rest is removed.
+A new folder is assembled in a temporary folder next to its target, the workshop, and synced to disk before it is
+exchanged with the old one, in one step where the system supports that. So readers find either the old or the new
+folder, complete. Writers lock the parent folder, one at a time. A workshop that a writer finds is therefore left over
+from a killed run: files of the user or of an earlier run in it are put back, the rest is removed.
 """
 
 import ctypes
@@ -26,16 +26,16 @@ from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import Solution
 
 _PATIENCE = 60.0
-"""How long others who write to the same place are waited for [s]. Taste: a folder takes milliseconds, on a slow disk a
-second or two."""
+"""Time to wait for other writers in the same folder [s]. Taste: writing takes milliseconds, on a slow disk a second or
+two."""
 _LOOK = 0.005
-"""Time between two looks whether they are done [s]. Taste."""
+"""Interval between attempts to get the lock [s]. Taste."""
 WORKSHOP = ".ccm-opt-writing"
-"""Ends the name of a workshop, which begins with a dot and the name of the folder that is made in it."""
+"""Suffix of the name of a workshop, which starts with a dot and the name of the folder assembled in it."""
 _HERE = -100
-"""AT_FDCWD of Linux: paths begin where the process is."""
+"""``AT_FDCWD`` of Linux: relative paths start from the working directory."""
 _EXCHANGE = 2
-"""RENAME_EXCHANGE of Linux."""
+"""``RENAME_EXCHANGE`` of Linux: exchange two names atomically."""
 
 
 def atomic_replace(
@@ -44,25 +44,25 @@ def atomic_replace(
     ours: Collection[str],
     chosen: Callable[[Path], Path],
 ) -> Path:
-    """Put a folder with these files in its place; entries of an old folder that are not ours stay.
+    """Write a folder atomically, replacing an old one but keeping the user's own entries in it.
 
     Args:
         wanted: the folder.
-        files: content by file name; a name with slashes lies in folders of the folder.
-        ours: names of files and folders that a run writes; they go with the old folder.
-        chosen: called when nobody else writes there; gives the folder that is wanted or another one beside it, and
-            raises where no place may be taken.
+        files: content by file name; names with slashes lie in subfolders.
+        ours: names of files and folders that runs write, which are not carried over from the old folder.
+        chosen: called under the lock; returns the folder to write, ``wanted`` or one next to it, and raises where none
+            may be written.
 
     Returns:
-        The folder.
+        The folder written.
 
     Raises:
-        OSError: it cannot be written; then the old folder is as it was.
+        OSError: the folder cannot be written; the old one is then unchanged.
     """
     wanted.parent.mkdir(parents=True, exist_ok=True)
     with _alone_in(wanted.parent):
         for left in wanted.parent.glob(f".*{WORKSHOP}"):
-            with suppress(OSError):  # then the next run tries again
+            with suppress(OSError):  # the next run will try again
                 _clear(left, ours)
         target = chosen(wanted)
         workshop = target.with_name(f".{target.name}{WORKSHOP}")
@@ -70,17 +70,17 @@ def atomic_replace(
             _swap(_assembled(workshop, files, target, ours), target)
             _sync(target.parent)
         finally:
-            with suppress(OSError):  # what is in its place counts; the next run clears up
+            with suppress(OSError):  # the new folder is in place; the next run cleans up
                 _clear(workshop, ours)
     return target
 
 
 @contextmanager
 def _alone_in(folder: Path) -> Iterator[None]:
-    """Work in a folder while nobody else who asks here does; where the system knows no locks, just work.
+    """Hold an exclusive lock on a folder during the block; without locks on this system, just run the block.
 
     Raises:
-        TimeoutError: somebody else does for too long.
+        TimeoutError: another process holds the lock for too long.
     """
     try:
         import fcntl  # noqa: PLC0415 - not on every system
@@ -98,7 +98,7 @@ def _alone_in(folder: Path) -> Iterator[None]:
                 if time.monotonic() > end:
                     raise TimeoutError(errno.ETIMEDOUT, "another run has been writing there for too long") from None
                 time.sleep(_LOOK)
-            except OSError:  # some file systems of networks know no locks
+            except OSError:  # some network file systems have no locks
                 break
         yield
     finally:
@@ -106,7 +106,7 @@ def _alone_in(folder: Path) -> Iterator[None]:
 
 
 def _assembled(workshop: Path, files: Mapping[str, bytes], target: Path, ours: Collection[str]) -> Path:
-    """Return the new folder in the workshop, on the disk, with what is the user's in the old one."""
+    """Write the new folder in the workshop, with the user's entries of the old one, sync it, and return its path."""
     new = workshop / "new"
     new.mkdir(parents=True)
     for name, content in files.items():
@@ -118,7 +118,7 @@ def _assembled(workshop: Path, files: Mapping[str, bytes], target: Path, ours: C
             os.fsync(file.fileno())
     if target.is_dir():
         for entry in target.iterdir():
-            # What is written to a file of the user's at either place is at both, where that can be.
+            # Hard links where possible, so that writes to a user's file meanwhile are not lost.
             if entry.name in ours:
                 continue
             if entry.is_dir() and not entry.is_symlink():
@@ -133,13 +133,13 @@ def _assembled(workshop: Path, files: Mapping[str, bytes], target: Path, ours: C
 def _link_or_copy(source: str, place: str) -> str:
     try:
         os.link(source, place, follow_symlinks=False)
-    except (OSError, NotImplementedError):  # not every file system knows links
+    except (OSError, NotImplementedError):  # not every file system has hard links
         shutil.copy2(source, place, follow_symlinks=False)
     return place
 
 
 def _swap(new: Path, target: Path) -> None:
-    """The new folder into its place, what was there into the workshop."""
+    """Move the new folder to its target, and any old folder there into the workshop."""
     if not target.exists():
         new.rename(target)
     elif not _exchanged(new, target):
@@ -148,7 +148,7 @@ def _swap(new: Path, target: Path) -> None:
 
 
 def _exchanged(one: Path, other: Path) -> bool:
-    """Let two folders change names in one step; whether the system can."""
+    """Exchange the names of two folders atomically; return False where the system does not support that."""
     if not sys.platform.startswith("linux"):
         return False
     try:
@@ -163,7 +163,7 @@ def _exchanged(one: Path, other: Path) -> bool:
 
 
 def _clear(workshop: Path, ours: Collection[str]) -> None:
-    """Put back what a workshop still holds of the user's, or of an earlier run that lost its place, and remove it."""
+    """Remove a workshop, after restoring the user's entries in it and an old folder that was moved there."""
     if not workshop.is_dir():
         return
     target = workshop.with_name(workshop.name.removeprefix(".").removesuffix(WORKSHOP))
@@ -179,7 +179,7 @@ def _clear(workshop: Path, ours: Collection[str]) -> None:
 
 
 def _sync(folder: Path) -> None:
-    """Let the entries of a folder be on the disk, where the system can say so of folders."""
+    """Sync the entries of a folder to disk, where the system can sync folders."""
     with suppress(OSError):
         handle = os.open(folder, os.O_RDONLY)
         try:
@@ -189,11 +189,11 @@ def _sync(folder: Path) -> None:
 
 
 RECORD = "solution.json"
-"""Always there; why there is no plan stands here too."""
+"""Record of a run, present in every output folder; without a plan it holds the diagnosis."""
 ARRAYS = "solution.npz"
 TEXTS = (RECORD, "trajectory.csv", "trajectory.yaml", "arm.urdf", "arm.mjcf.xml")
 FIGURES = ("plan", "curves", "steps", "links", "space")
-"""Still pictures of a plan, each of which may have one of several formats."""
+"""Still pictures of a plan, each of which may be in one of several formats."""
 PICTURES = (
     *(f"{name}.{kind}" for name in FIGURES for kind in ("png", "svg", "pdf")),
     "motion.gif",
@@ -202,17 +202,17 @@ PICTURES = (
     "simulation.png",
 )
 POSE_RECORD = "pose.json"
-"""Of the folder of a pose; always there."""
+"""Record in the folder of a pose; always present."""
 POSE_ARRAYS = "pose.npz"
 POSE_FILES = (POSE_RECORD, POSE_ARRAYS, "pose.png")
 REACH_RECORD = "reach.json"
-"""Of the folder of a map of reach; always there."""
+"""Record in the folder of a reachability map; always present."""
 REACH_FILES = (REACH_RECORD, "reach.npz", "reach.png")
 PARETO_RECORD = "pareto.json"
 PARETO_FILES = (PARETO_RECORD, "pareto.png", "pareto")
-"""Beside the recommended one of several plans; the last is a folder with a folder for each plan."""
+"""Files added to the recommended one of several Pareto plans; the last is a folder with a subfolder for each plan."""
 TOLERANCE_FILES = ("tolerance.json", "tolerance.png")
-"""What ``ccm-opt tolerance`` writes beside a plan; a new plan takes them away."""
+"""Files that ``ccm-opt tolerance`` adds to a plan; a new plan removes them."""
 WRITTEN_FILES = frozenset(
     (*TEXTS, ARRAYS, *PICTURES, *POSE_FILES, *REACH_FILES, *PARETO_FILES, *TOLERANCE_FILES, URDF_MESHES, KEPT_MESHES)
 )
@@ -224,20 +224,20 @@ def write_solution(solution: Solution, out: Path, pictures: Mapping[str, bytes] 
 
     Args:
         solution: the verified plan.
-        out: the directory that holds the folder; it is made when it is not there.
+        out: parent directory, created if missing.
         pictures: content of pictures by file name.
 
     Returns:
         The folder, ``out / <problem's name>``.
 
     Raises:
-        ProblemError: when the folder cannot be written, or another folder is in its place.
+        ProblemError: the folder cannot be written, or a folder of something else is in its place.
     """
     return write_folder(out / solution.problem.name, {**solution_files(solution), **(pictures or {})})
 
 
 def solution_files(solution: Solution) -> dict[str, bytes]:
-    """Return the content of every file of a solved problem but the pictures, by file name."""
+    """Return the content of every file of a solved problem except the pictures, by file name."""
     problem = solution.problem
     csv, yaml = trajectory_texts(controller_points(problem, solution.trajectory, solution.joints, solution.checks))
     texts = {RECORD: solution_json(solution), "trajectory.csv": csv, "trajectory.yaml": yaml, **model_texts(problem)}
@@ -247,14 +247,21 @@ def solution_files(solution: Solution) -> dict[str, bytes]:
 
 
 def model_meshes(problem: Problem, folder: str = URDF_MESHES) -> dict[str, bytes]:
-    """Return meshes of the obstacles in the URDF, in space also in the MJCF; ``folder`` is in front of their names."""
+    """Return the obstacles' mesh files, to which the URDF and in space the MJCF refer, by path under ``folder``."""
     return scene_meshes(solid_scene(problem.workspace, problem.arm), folder)
 
 
 def model_texts(
     problem: Problem, *, obstacles: bool = True, bends_only: bool = False, meshes: str = URDF_MESHES
 ) -> dict[str, str]:
-    """Return descriptions of a problem's arm and obstacles for other programs, by file name; meshes are in a folder."""
+    """Return the URDF and MJCF of a problem's arm and obstacles, by file name.
+
+    Args:
+        problem: the problem.
+        obstacles: whether obstacles are included.
+        bends_only: whether revolutes that do not bend the arm are left out.
+        meshes: folder of the obstacles' meshes, relative to the files.
+    """
     scene = solid_scene(problem.workspace, problem.arm) if obstacles else None
     gravity = problem.simulation.gravity
     return {
@@ -264,14 +271,14 @@ def model_texts(
 
 
 def check_target(target: Path, record: str = RECORD) -> None:
-    """Refuse a place where a folder could not be written, before any work is done for it; writes nothing.
+    """Refuse a folder that could not be written, without writing anything, so that no planning is wasted on it.
 
     Args:
         target: the folder.
-        record: name of the record by which a folder of an earlier run of the same kind is known.
+        record: name of the record that identifies a folder of an earlier run of the same kind.
 
     Raises:
-        ProblemError: when something else is in the place, or nothing can be written there.
+        ProblemError: something else is in the place, or nothing can be written there.
     """
     try:
         os.fsencode(target)
@@ -284,7 +291,7 @@ def check_target(target: Path, record: str = RECORD) -> None:
         raise ProblemError(f"cannot write {target}: something that is not a folder has that name; choose another --out")
     if target.is_dir() and any(target.iterdir()) and not (target / record).is_file():
         raise ProblemError(f"cannot write {target}: it is a folder of something else; choose another --out or clear it")
-    # Parents that are missing will be made, in the nearest one that exists.
+    # Missing parents will be created in the nearest one that exists, so that one must be writable.
     nearest = next((parent for parent in target.absolute().parents if parent.exists()), Path("/"))
     if not nearest.is_dir() or not os.access(nearest, os.W_OK | os.X_OK):
         raise ProblemError(f"cannot write {target}: {nearest} is not a writable folder; choose another --out")
@@ -297,19 +304,19 @@ def write_folder(
     *,
     beside: Callable[[Path], Path] = Path,
 ) -> Path:
-    """Put a folder with these files in its place; a folder of an earlier run gives way, the user's files in it stay.
+    """Write an output folder atomically, replacing that of an earlier run but keeping the user's files in it.
 
     Args:
         target: the folder.
-        files: content by file name; a name with slashes lies in folders of the folder.
+        files: content by file name; names with slashes lie in subfolders.
         record: name of the record of this kind of folder, see ``check_target``.
-        beside: another place for the folder, where that is to be left alone; asked when nobody else writes there.
+        beside: returns the folder to write instead of ``target``, or ``target`` itself; called under the lock.
 
     Returns:
-        The folder.
+        The folder written.
 
     Raises:
-        ProblemError: when it cannot be written; then the old folder, if any, is as it was.
+        ProblemError: the folder cannot be written; an old one is then unchanged.
     """
 
     def chosen(wanted: Path) -> Path:

@@ -1,7 +1,7 @@
-"""The messages about a problem file: defects are collected under their key paths, and told with their lines.
+"""Collection of the defects of a problem file under their key paths, and their messages with line numbers.
 
-The text is known to be valid TOML (``tomllib`` reads the values); this scanner only follows its brackets and keys
-(TOML 1.0, sections Keys, Table, Array of Tables, Inline Table).
+Line numbers come from a small scanner: the text is known to be valid TOML (``tomllib`` reads the values), so it only
+has to follow brackets and keys (TOML 1.0, sections Keys, Table, Array of Tables, Inline Table).
 """
 
 import copy
@@ -25,7 +25,7 @@ KeyPath: TypeAlias = tuple[str | int, ...]
 
 
 def dotted(path: KeyPath) -> str:
-    """Return a key path as people write it: ``workspace.obstacles[2].polygon``."""
+    """Return a key path as text, for example ``workspace.obstacles[2].polygon``."""
     text = ""
     for part in path:
         if isinstance(part, int):
@@ -58,19 +58,19 @@ _TOKEN = re.compile(
 
 
 def locate_keys(text: str) -> dict[KeyPath, int]:
-    """Return the lines, counted from 1, of all tables, keys and array elements of a valid TOML text.
+    """Return the line numbers, from 1, of all tables, keys and array elements of a valid TOML text.
 
     Args:
         text: the TOML text.
 
     Returns:
-        Line by key path; an element of an array of tables has its own ``[[header]]`` line.
+        Line number by key path; an element of an array of tables has the line of its ``[[header]]``.
     """
     return _Scanner(text).run()
 
 
 class _Token(NamedTuple):
-    """A word or mark of a text, and its line."""
+    """A token of a TOML text, with its line number."""
 
     kind: str
     text: str
@@ -78,7 +78,7 @@ class _Token(NamedTuple):
 
 
 def _tokens(text: str) -> list[_Token]:
-    """Return every token but blanks and comments, then an ``end`` token."""
+    """Return all tokens of a text except blanks and comments, followed by an ``end`` token."""
     found = []
     line = 1
     for match in _TOKEN.finditer(text):
@@ -89,7 +89,7 @@ def _tokens(text: str) -> list[_Token]:
 
 
 class _Scanner:
-    """One pass over the tokens; ``lines`` fills on the way."""
+    """A single pass over the tokens, which collects the line of every key path in ``lines``."""
 
     def __init__(self, text: str) -> None:
         self.tokens = _tokens(text)
@@ -100,7 +100,7 @@ class _Scanner:
 
     @property
     def token(self) -> _Token:
-        """The next token; the last is never left."""
+        """The next token; at the end of the text, the ``end`` token again."""
         return self.tokens[min(self.at, len(self.tokens) - 1)]
 
     def run(self) -> dict[KeyPath, int]:
@@ -140,7 +140,7 @@ class _Scanner:
         self._value(path)
 
     def _key(self) -> list[str]:
-        """Return the parts of a dotted key; stops before ``=`` or ``]``."""
+        """Consume a dotted key, up to ``=`` or ``]``, and return its parts."""
         parts: list[str] = []
         while self.token.kind in {"bare", "string"}:
             text = self.token.text
@@ -152,7 +152,7 @@ class _Scanner:
         self.lines.setdefault(path, self.token.line)
         opening = self.token.text
         if opening not in {"[", "{"}:
-            while self.token.kind in {"bare", "string"}:  # a date and its time are two
+            while self.token.kind in {"bare", "string"}:  # a date followed by a time consists of two tokens
                 self.at += 1
             return
         self.at += 1
@@ -170,48 +170,53 @@ class _Scanner:
 
 Model = TypeVar("Model", bound=BaseModel)
 _SIMILAR = 0.7
-"""Least similarity of a misspelt key to the one that is suggested; from difflib's default, 0.6, words rhyme only."""
+"""Least similarity of a misspelt key to a suggested one; at difflib's default, 0.6, the words often merely rhyme."""
 _LONGEST_VALUE = 60
-"""Characters of a value that a message shows."""
+"""Largest number of characters of a value shown in a message."""
 
 
 @dataclass
 class Issues:
-    """The defects found so far: key path and message."""
+    """The defects found so far, each with its key path and message."""
 
     found: list[tuple[KeyPath, str]] = field(default_factory=list)
 
     def add(self, path: KeyPath, message: str) -> None:
-        """Note one defect."""
+        """Record a defect."""
         self.found.append((path, message))
 
     def at(self, path: KeyPath) -> bool:
-        """Return whether a defect of a key is noted."""
+        """Return whether a defect is recorded for exactly this key path."""
         return any(found == path for found, _ in self.found)
 
     def located(
         self, lines: Mapping[KeyPath, int], setting_source: Callable[[KeyPath], str] = lambda _: ""
     ) -> list[FileIssue]:
-        """The defects with the lines of their keys, or with the settings that took the place of the file's values."""
+        """Return the defects with the lines of their keys, or with the overrides that cause them.
+
+        Args:
+            lines: line number by key path.
+            setting_source: returns the override behind a key path, or an empty text.
+        """
         located = []
         for path, message in self.found:
             setting = setting_source(path)
-            # Of what is missing the nearest table above it.
+            # A missing key has no line: use that of the nearest table above it.
             known = (lines[path[:end]] for end in range(len(path), 0, -1) if path[:end] in lines)
             located.append(FileIssue(0 if setting else next(known, 0), dotted(path), message, setting))
         return located
 
     def validate(self, model: type[Model], table: Mapping[str, object], path: KeyPath, scale: float) -> Model | None:
-        """Validate one table; its defects are noted.
+        """Validate one table and record its defects.
 
         Args:
-            model: the table's schema.
+            model: schema of the table.
             table: the parsed table.
-            path: where the table stands.
-            scale: metres in the file's length unit.
+            path: key path of the table.
+            scale: metres per unit of length of the file.
 
         Returns:
-            The validated table, unknown keys left out, or None when a value is unusable.
+            The validated table without unknown keys, or None when a value is unusable.
         """
         try:
             return model.model_validate(table, context={"scale": scale})
@@ -221,7 +226,7 @@ class Issues:
         unknown = [_real_path(detail["loc"], table) for detail in details if detail["type"] == "extra_forbidden"]
         if len(unknown) < len(details):
             return None
-        # Only keys are wrong, the values are usable: the checks between tables can go on without those keys.
+        # Only unknown keys are wrong: drop them, so that the checks between tables can still run.
         known = copy.deepcopy(table)
         for *way, key in unknown:
             holder: Any = lookup(known, tuple(way))
@@ -231,14 +236,14 @@ class Issues:
     def _note(
         self, details: Sequence[ErrorDetails], table: Mapping[str, object], path: KeyPath, model: type[BaseModel]
     ) -> None:
-        # A misspelt key is reported once, as unknown, and not as a missing one too.
+        # A misspelt key is reported once, as unknown, and not also as missing.
         renamed: set[KeyPath] = set()
         for detail in details:
             if detail["type"] == "extra_forbidden":
                 key = _real_path(detail["loc"], table)
                 name = str(key[-1])
                 known = _known_keys(model, key[:-1])
-                # Likeness takes long, and of so many defects nobody reads all.
+                # Finding similar keys is slow, so it is done only for defects that will be listed.
                 listed = len(self.found) < MOST_LISTED
                 guess = closest(name, known) if listed else None
                 elsewhere = CONCEPTS.get(name) or _key_locations().get(name) if listed and not guess else ()
@@ -270,16 +275,16 @@ CONCEPTS = {
     "target": ("goal",),
     "obstacles": ("[[workspace.obstacles]]",),
 }
-"""What other words for things that a problem file knows are called in it."""
+"""Keys of a problem file for words that users may try instead."""
 
 
 @cache
 def _key_locations() -> dict[str, tuple[str, ...]]:
-    """Return where each key is known, by its name."""
+    """Return the dotted places at which each key is valid, by key."""
     from ccm_opt.io import schema  # noqa: PLC0415 - its tables are read with this module
 
     tables: dict[str, type[BaseModel]] = {"": schema.RootTable, **schema.TABLES[False]}
-    del tables["workspace.obstacles"]  # no place to move a key to: there are many
+    del tables["workspace.obstacles"]  # many tables share this name, so it is no place to suggest
     found: dict[str, tuple[str, ...]] = {}
     pending = list(tables.items())
     while pending:
@@ -292,20 +297,20 @@ def _key_locations() -> dict[str, tuple[str, ...]]:
 
 
 def unknown_key(key: str, guess: str | None, known: Sequence[str]) -> str:
-    """Return the message for a key that nobody knows."""
+    """Return the message for an unknown key, with the guess or the keys valid in its table."""
     if guess:
         return f"unknown key '{key}'; did you mean '{guess}'?"
     return f"unknown key '{key}'; known here: {', '.join(known)}"
 
 
 def shown(value: object) -> str:
-    """Return a value as it may stand in a message, cut when it is long."""
+    """Return the text of a value for a message, truncated when it is long."""
     text = str(value).lower() if isinstance(value, bool) else repr(value)
     return text if len(text) <= _LONGEST_VALUE else f"{text[: _LONGEST_VALUE - 3]}..."
 
 
 def described(value: object) -> str:
-    """Return a value with its type in words, for a message about a wrong type."""
+    """Return the type of a value in words and its text, for a message about a wrong type."""
     if isinstance(value, (date, time)):
         return f"the date or time {value}"
     if isinstance(value, str):
@@ -318,10 +323,10 @@ def described(value: object) -> str:
 
 
 def _real_path(loc: tuple[int | str, ...], table: object) -> KeyPath:
-    """Return the part of pydantic's location that leads through the data: it also names unions and validators."""
+    """Return pydantic's location of an error as a key path, without its names of unions and validators."""
     path: KeyPath = ()
     for k, part in enumerate(loc):
-        # A missing key is not in the data, but it is the last part, and its table is there.
+        # A missing key is not in the data, but it is the last part, and its table exists.
         is_missing_key = k == len(loc) - 1 and isinstance(lookup(table, path), Mapping)
         if is_missing_key or lookup(table, (*path, part)) is not None:
             path = (*path, part)
@@ -329,7 +334,7 @@ def _real_path(loc: tuple[int | str, ...], table: object) -> KeyPath:
 
 
 def _known_keys(model: type[BaseModel], path: KeyPath) -> tuple[str, ...]:
-    """Return the keys of the table at ``path`` below a model's table."""
+    """Return the keys of the nested table at ``path`` below the table of a model."""
     for part in path:
         if isinstance(part, str):
             model = table_models(model).get(part, model)
@@ -337,10 +342,10 @@ def _known_keys(model: type[BaseModel], path: KeyPath) -> tuple[str, ...]:
 
 
 def table_models(model: type[BaseModel]) -> Mapping[str, type[BaseModel]]:
-    """Return the models of a model's nested tables, by key."""
+    """Return the models of the nested tables of a model, by key."""
     found: dict[str, type[BaseModel]] = {}
     for name, info in model.model_fields.items():
-        pending = [info.annotation]  # a table may stand inside list[…] or beside None
+        pending = [info.annotation]  # a table may be nested in list[…] or a union with None
         while pending:
             kind = pending.pop()
             if isinstance(kind, type) and issubclass(kind, BaseModel):
@@ -371,7 +376,7 @@ _EXPECTED = MappingProxyType(
 
 
 def _sentence(detail: ErrorDetails) -> str:
-    """Return what was expected and what was got."""
+    """Return a sentence about one error of pydantic: what was expected and what was given."""
     kind = detail["type"]
     context = detail.get("ctx", {})
     value = detail["input"]
@@ -381,7 +386,7 @@ def _sentence(detail: ErrorDetails) -> str:
         bound = f"at least {context['min_length']}" if kind == "too_short" else f"at most {context['max_length']}"
         return f"expected {bound} entries, got {context['actual_length']}"
     if kind == "value_error":
-        # Our own validators say what is wrong with a list or a table; the whole of it would not help.
+        # The package's own validators describe the defect; showing the whole list or table would not help.
         if isinstance(value, (list, dict)):
             return str(context["error"])
         return f"{context['error']}; got {shown(value)}"
@@ -393,7 +398,11 @@ def _sentence(detail: ErrorDetails) -> str:
 
 @contextmanager
 def collected_warnings(name: str) -> Iterator[list[str]]:
-    """Collect the warnings of a library, which would stand on standard error otherwise, until the block ends."""
+    """Collect the log warnings of a library during the block, instead of letting them go to standard error.
+
+    Args:
+        name: name of the library's logger.
+    """
     told: list[str] = []
 
     class _Collector(logging.Handler):

@@ -1,4 +1,4 @@
-"""Problems as data of a problem file."""
+"""Conversion of problems to the tables of a problem file."""
 
 import hashlib
 import tomllib
@@ -45,14 +45,14 @@ from ccm_opt.scene.workspace import Workspace
 Table = dict[str, object]
 """A table of a problem file."""
 _BASE_TOLERANCE = 1e-9
-"""By which a curve's base may be off the arm's, as a share of its length: a problem file has one base for both.
-Derived: a thousandth of the contact tolerance of the verifier."""
+"""Distance allowed between a curve's base and the arm's, as a share of the arm's length: a problem file has one base
+for both. Derived: a thousandth of the contact tolerance of the verifier."""
 KEPT_MESHES = "meshes"
-"""Folder in an output folder with the mesh files that the problem was read with."""
+"""Subfolder of an output folder with copies of the problem's mesh files."""
 
 
 def recorded_data(problem: Problem) -> Table:
-    """The data to keep for the record: in the plane those of the problem's file as long as they still say the same.
+    """Return the tables of a problem to keep in a record: in the plane those of its own file while they still hold.
 
     Args:
         problem: the problem, from a file, from Python, or changed by ``dataclasses.replace``.
@@ -61,7 +61,7 @@ def recorded_data(problem: Problem) -> Table:
         The parsed ``source`` when reading it gives this problem, else ``problem_data``.
 
     Raises:
-        ProblemError: when it cannot be written in a problem file.
+        ProblemError: the problem cannot be expressed in a problem file.
     """
     written = problem_data(problem)
     if problem.dimension == 3 or not problem.source:
@@ -75,21 +75,21 @@ def recorded_data(problem: Problem) -> Table:
 
 
 def problem_data(problem: Problem, mesh_files: Sequence[str] | None = None) -> Table:
-    """Return every value of a problem in the layout of ``problem.toml``.
+    """Return every value of a problem in the layout of a problem file.
 
-    Angles pass through degrees, so that the problem read from these data may differ in the last bit. Lengths are in the
-    problem's unit, as numbers that are read as the same metres wherever there are such.
+    Angles are converted to degrees, so a problem read from these data may differ in the last bit. Lengths are in the
+    problem's unit, as numbers that convert back to exactly the same metres wherever such numbers exist.
 
     Args:
-        problem: the problem; its ``source`` does not matter.
-        mesh_files: path of the mesh of each obstacle in space, relative to where the data will be read; of no matter
-            where it is no mesh. Those of ``stored_mesh_paths`` when None.
+        problem: the problem; its ``source`` is ignored.
+        mesh_files: path of the mesh of each obstacle in space, relative to where the data will be read; ignored for
+            obstacles that are no meshes. None for the paths of ``stored_mesh_paths``.
 
     Returns:
         Plain numbers, texts, lists and tables, from which ``problem_from_mapping`` rebuilds the problem.
 
     Raises:
-        ProblemError: when it cannot be written in a problem file.
+        ProblemError: the problem cannot be expressed in a problem file.
     """
     unit = problem.length_unit
     head: Table = {"schema": 1}
@@ -123,10 +123,10 @@ def problem_data(problem: Problem, mesh_files: Sequence[str] | None = None) -> T
 
 
 def check_curves(problem: Problem) -> None:
-    """Refuse curves that do not begin at the base, which a problem file has but one of.
+    """Refuse a problem with a curve that does not start at the arm's base; a problem file has one base for both.
 
     Raises:
-        ProblemError: there is such a curve.
+        ProblemError: a curve starts elsewhere.
     """
     arm = problem.arm
     for goal in (problem.start, *(stop.goal for stop in problem.goals)):
@@ -137,10 +137,10 @@ def check_curves(problem: Problem) -> None:
 
 
 def workspace_table(workspace: Workspace, unit: LengthUnit) -> Table:
-    """Return a room in the plane as ``[workspace]``.
+    """Return a workspace in the plane as the table ``[workspace]``, with lengths in ``unit``.
 
     Raises:
-        ProblemError: its boundary has holes, or an obstacle is none that a problem file can say.
+        ProblemError: its boundary has holes, or an obstacle cannot be expressed in a problem file.
     """
     if workspace.boundary.interiors:
         raise ProblemError("the workspace's boundary has holes, which a problem file cannot say; make them obstacles")
@@ -150,7 +150,7 @@ def workspace_table(workspace: Workspace, unit: LengthUnit) -> Table:
 
 
 def arm_table(arm: Arm, unit: LengthUnit) -> Table:
-    """Return an arm as ``[arm]``."""
+    """Return an arm as the table ``[arm]``, with lengths in ``unit``."""
     own: dict[str, object] = {
         "inertia": InertiaTable.of(None, axial=arm.inertia_axial, transverse=arm.inertia_transverse),
         "feed": next((FeedTable.of(axis, range=[axis.low, axis.high]) for axis in arm.base_axes), None),
@@ -162,7 +162,7 @@ def arm_table(arm: Arm, unit: LengthUnit) -> Table:
 
 
 def limits_table(limits: Limits, unit: LengthUnit) -> Table:
-    """Return the limits as ``[limits]``."""
+    """Return limits as the table ``[limits]``, with lengths in ``unit``."""
     bounds = [
         (point.at, {key: bound for key in ("velocity", "acceleration") if np.isfinite(bound := getattr(point, key))})
         for point in limits.points
@@ -175,14 +175,14 @@ def limits_table(limits: Limits, unit: LengthUnit) -> Table:
 def goal_table(
     goal: Goal, unit: LengthUnit, *, in_space: bool, fed: bool, tolerances: Tolerances | None = None
 ) -> Table:
-    """Return a goal as ``[goal]``, or a pose of the whole arm as ``[start]``, which has no tolerances.
+    """Return a goal as the table ``[goal]``, or a pose of the whole arm as ``[start]``, which has no tolerances.
 
     Args:
-        goal: as an object.
-        unit: of the lengths in the table.
-        in_space: whether the arm leaves the plane.
-        fed: whether a feed axis carries its base.
-        tolerances: how near it counts.
+        goal: the goal or pose.
+        unit: unit of the lengths in the table.
+        in_space: whether the arm moves in space.
+        fed: whether the base is on a feed axis.
+        tolerances: tolerances of the goal; None for a start.
     """
     own: dict[str, object] = {"via": list(goal.via) or None} if in_space else {}
     if tolerances:
@@ -199,20 +199,27 @@ def goal_table(
 
 
 def simulation_table(options: SimulationOptions, unit: LengthUnit) -> Table:
-    """Return the simulation options as ``[simulation]``."""
+    """Return simulation options as the table ``[simulation]``."""
     gains = GainsTable.of(None, proportional=options.proportional_gain, derivative=options.derivative_gain)
     return SimulationTable.of(options, gains=gains if gains.model_fields_set else None).written(unit)
 
 
 def _body(name: str, body: Body, file: str, unit: LengthUnit) -> Table:
-    """Return an obstacle in space; bodies that are round stand where they are without being placed."""
+    """Return an obstacle in space as a table; only boxes and meshes need a placement.
+
+    Args:
+        name: name of the obstacle.
+        body: its body.
+        file: path of its mesh; ignored for other bodies.
+        unit: unit of the lengths in the table.
+    """
     own: dict[str, object] = {body.kind: body}
     if body.kind == "mesh":
-        # Made in Python: written in metres, where it stands.
+        # A mesh made in Python is written in metres, in world coordinates.
         own = {"mesh": file, "scale": 1.0 / METRES[unit], "solid": None if body.solid else False}
         if body.content:
             own |= {"scale": body.scale / METRES[unit], "sha256": body.digest}
-            # Of GLB it is said that y is up where the key is not there.
+            # A GLB without the key ``up`` causes a warning that its y axis may be up, so "z" is written explicitly.
             own["up"] = body.up if body.up == "y" or body.file.lower().endswith(".glb") else None
     elif body.kind == "box":
         own = {"box": [body.low, body.high]}
@@ -224,29 +231,29 @@ def _body(name: str, body: Body, file: str, unit: LengthUnit) -> Table:
 
 
 def stored_mesh_paths(problem: Problem) -> list[str]:
-    """Return where the mesh of each obstacle is kept, relative to the folder; of no matter where it is no mesh."""
+    """Return the path of each obstacle's mesh in an output folder; entries for other obstacles are unused."""
     slugs = [slug for _, slug in unique_names(each.name for each in problem.workspace.obstacles)]
-    # Meshes that have no file are written as STL.
+    # Meshes made in Python are written as STL.
     suffixes = {k: PurePosixPath(body.file).suffix.lower() for k, _, body in problem.workspace.meshes if body.content}
     return [f"{KEPT_MESHES}/{slug}{suffixes.get(k, '.stl')}" for k, slug in enumerate(slugs)]
 
 
 def _meshes(problem: Problem) -> Iterator[tuple[str, str, MeshBody]]:
-    """Yield the meshes among the obstacles: name of the obstacle, where the file is kept, and the mesh."""
+    """Yield the meshes among the obstacles: name of the obstacle, path of the stored file, and the mesh."""
     kept = stored_mesh_paths(problem)
     yield from ((obstacle, kept[k], body) for k, obstacle, body in problem.workspace.meshes)
 
 
 def stored_meshes(problem: Problem) -> dict[str, bytes]:
-    """Return the mesh files that a problem was read with, byte for byte, so that a folder can be verified by itself.
+    """Return the mesh files of a problem, byte for byte, so that an output folder can be verified on its own.
 
-    Meshes that were made in Python are written as they stand.
+    Meshes made in Python are written as STL, in world coordinates.
     """
     return {name: body.content or triangles_stl(body.triangles) for _, name, body in _meshes(problem)}
 
 
 def mesh_data(problem: Problem) -> list[dict[str, object]]:
-    """Of every mesh where it is from, what it was, and where it is kept."""
+    """Return a record of every mesh: its original file, its stored copy with hash, and its triangles."""
     kept = stored_meshes(problem)
     return [
         {

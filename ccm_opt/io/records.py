@@ -29,7 +29,7 @@ from ccm_opt.robot.coordinates import Coordinates
 from ccm_opt.robot.segment import segment_words
 
 SCHEMA = 1
-"""Version of the file's layout."""
+"""Version of the layout of the records."""
 
 
 def pose_json(found: StaticPose) -> str:
@@ -39,7 +39,7 @@ def pose_json(found: StaticPose) -> str:
         found: the pose.
 
     Returns:
-        JSON text; numbers that are not finite stand as null.
+        JSON text, with null for numbers that are not finite.
     """
     pose = found.pose
     variables, rows = pose.size
@@ -68,20 +68,20 @@ def pose_json(found: StaticPose) -> str:
 
 
 def pose_failure_json(problem: Problem, status: str, diagnosis: Diagnosis, timings: Mapping[str, float]) -> str:
-    """Return the record of a problem at whose goal no pose was found.
+    """Return the record of a problem at whose goal no pose was found, as JSON text.
 
     Args:
-        problem: what was asked.
+        problem: the problem.
         status: how the search ended.
         diagnosis: why there is no pose.
-        timings: of the stages that ran [s].
+        timings: CPU time of the stages that ran [s].
     """
     record = {"schema": SCHEMA, "status": status, "problem": recorded_data(problem)}
     return strict_text(record | {"timings": dict(timings), "diagnosis": asdict(diagnosis)})
 
 
 def curve_record(curve: Curve) -> dict[str, object]:
-    """Return a curve with length, knots and curvature of every segment, and in the plane its type."""
+    """Return a curve as a record: length, knots and curvature of every segment, and in the plane the segment's type."""
     segments = [
         {"length": segment.length, "knots": list(segment.knots), "curvature": segment.curvature.tolist()}
         for segment in curve.segments
@@ -95,7 +95,7 @@ def curve_record(curve: Curve) -> dict[str, object]:
 
 
 def goal_pose_data(record: GoalPoseRecord) -> Mapping[str, object]:
-    """Return the whole record; lengths [m], angles [rad]."""
+    """Return the record of a goal pose; lengths [m], angles [rad]."""
     variables, rows = record.size
     return {
         "reached": record.reached,
@@ -113,7 +113,7 @@ def goal_pose_data(record: GoalPoseRecord) -> Mapping[str, object]:
 
 
 def room_data(room: RoomRecord) -> Mapping[str, object]:
-    """Return the record without its arrays, which are in ``solution.npz``; lengths [m], times [s]."""
+    """Return the record of a motion's clearance without the arrays, which are in ``solution.npz``; [m], [s]."""
     possible = room.possible
     return {
         "wanted_gap": room.wanted,
@@ -135,7 +135,7 @@ def room_data(room: RoomRecord) -> Mapping[str, object]:
 
 
 def place_data(place: NearPlace) -> Mapping[str, object]:
-    """Return where a link is near something."""
+    """Return the record of a place where a link is near a wall or another link; lengths [m], times [s]."""
     other: dict[str, object] = {}
     if place.second_link:
         other = {"second_link": place.second_link}
@@ -146,12 +146,17 @@ def place_data(place: NearPlace) -> Mapping[str, object]:
 
 
 def tolerance_data(errors: Iterable[SurvivedError]) -> list[Mapping[str, object]]:
-    """Return one record an error, as in ``SurvivedError``; angles in degrees as well."""
+    """Return one record per error, with the fields of ``SurvivedError``; angles are given in degrees as well."""
     return [asdict(e) | ({"size_deg": math.degrees(e.size)} if e.unit == "rad" else {}) for e in errors]
 
 
 def tolerance_json(name: str, errors: Iterable[SurvivedError]) -> str:
-    """Return the text of ``tolerance.json`` for the problem of that name."""
+    """Return the text of ``tolerance.json``.
+
+    Args:
+        name: name of the problem.
+        errors: the errors that its plan survives.
+    """
     return strict_text({"problem": name, "tolerance": tolerance_data(errors)})
 
 
@@ -162,7 +167,7 @@ def solution_json(solution: Solution) -> str:
         solution: the verified plan.
 
     Returns:
-        JSON text; numbers that are not finite stand as null.
+        JSON text, with null for numbers that are not finite.
     """
     record = _record(solution.problem, "solved", solution.versions)
     record |= {
@@ -188,12 +193,12 @@ def solution_json(solution: Solution) -> str:
 
 
 def goal_data(errors: GoalErrors) -> dict[str, object]:
-    """Return how the last link lies at its goal [m, rad]."""
+    """Return the record of the last link's deviation from its goal [m, rad]."""
     return {"position_error": errors.position, "direction_error": errors.direction, "roll": errors.roll}
 
 
 def _check_data(check: Check) -> dict[str, object]:
-    """Return a check; where its least gap is stands in words, and in figures in the record of the room."""
+    """Return the record of a check, without the place of its least gap, which the record of clearance holds."""
     return {name: value for name, value in asdict(check).items() if name != "place"}
 
 
@@ -201,13 +206,13 @@ def failure_json(problem: Problem, status: str, diagnosis: Diagnosis, timings: M
     """Return the record of a problem without a plan.
 
     Args:
-        problem: what was asked.
+        problem: the problem.
         status: how the search ended.
         diagnosis: why there is no plan.
-        timings: of the stages that ran [s].
+        timings: CPU time of the stages that ran [s].
 
     Returns:
-        JSON text; numbers that are not finite stand as null.
+        JSON text, with null for numbers that are not finite.
     """
     record = _record(problem, status, {})
     record |= {"metrics": {}, "timings": dict(timings), "checks": [], "diagnosis": asdict(diagnosis)}
@@ -226,12 +231,12 @@ def _record(problem: Problem, status: str, versions: Mapping[str, str]) -> dict[
 
 
 _COMPRESSION = 1
-"""Of arrays, from 1, fast, to 9, small. Measured on the plan of the swan's neck, 1.37 MB without: 615 kB in 14 ms at 1,
-612 kB in 24 ms at 6."""
+"""Compression level of arrays, from 1, fast, to 9, small. Measured on the plan of the swan's neck, 1.37 MB when not
+compressed: 615 kB in 14 ms at 1, 612 kB in 24 ms at 6."""
 
 
 def solution_arrays(solution: Solution) -> dict[str, npt.NDArray[np.generic]]:
-    """Return the arrays of a plan under the names of the file format; angles [rad], lengths [m], time [s]."""
+    """Return the arrays of a plan by their names in the file format; angles [rad], lengths [m], time [s]."""
     trajectory, room = solution.trajectory, solution.room
     coordinates = trajectory.coordinates
     of_base = {
@@ -256,30 +261,34 @@ def solution_arrays(solution: Solution) -> dict[str, npt.NDArray[np.generic]]:
         "simulated_angles": solution.simulation.angles,
         "simulated_torques": solution.simulation.torques,
         "stops": np.array(trajectory.stops, dtype=np.int64),
-        # Axes that carry the base have no column where it is fixed, and gaps none where nobody measured them.
+        # A fixed base has no columns here, and gaps are present only where they were measured.
         **{name: column for name, values in of_base.items() for column in values.T},
         **({} if room is None else {"room_time": room.time, "wall_gaps": room.wall_gaps, "self_gaps": room.self_gaps}),
     }
 
 
 def by_joint(bends: FloatArray, coordinates: Coordinates) -> FloatArray:
-    """Bends as they stand in files: as they are in the plane, in space the two of a joint in a row of their own."""
+    """Return bends as stored in files: unchanged in the plane, shape (..., links, 2) in space.
+
+    Args:
+        bends: bends of an arm, one column each, shape (..., bends) [rad].
+        coordinates: layout of the arm's coordinates.
+    """
     if coordinates.bends_a_joint == 1:
         return bends
     return bends.reshape(*bends.shape[:-1], -1, coordinates.bends_a_joint)
 
 
 def arrays_npz(arrays: Mapping[str, npt.NDArray[np.generic]]) -> bytes:
-    """Return the content of an ``.npz`` file.
+    """Return the content of an ``.npz`` file; equal arrays give equal bytes, whenever they are written.
 
-    The revolutes that a plane motion leaves alone are two thirds of many arrays; compressed, these zeros take no room.
-    The same arrays give the same bytes, whenever they are written.
+    Arrays with columns of zeros are compressed: revolutes that a planar motion does not move are two thirds of many.
     """
     buffer = BytesIO()
     with zipfile.ZipFile(buffer, "w") as archive:
         for name, array in arrays.items():
             idle = array.ndim == 2 and not np.all(np.any(array != 0, axis=0))
-            entry = zipfile.ZipInfo(f"{name}.npy")  # of the first day of 1980
+            entry = zipfile.ZipInfo(f"{name}.npy")  # with the fixed date 1980-01-01
             entry.compress_type = zipfile.ZIP_DEFLATED if idle else zipfile.ZIP_STORED
             content = BytesIO()
             np.lib.format.write_array(content, np.asanyarray(array), allow_pickle=False)
@@ -288,10 +297,10 @@ def arrays_npz(arrays: Mapping[str, npt.NDArray[np.generic]]) -> bytes:
 
 
 def bend_arrays(arrays: Mapping[str, npt.NDArray[np.generic]]) -> dict[str, npt.NDArray[np.generic]]:
-    """Return the same arrays without the revolutes that bend nothing: in the plane two columns of three, in space one.
+    """Return arrays without the revolutes that do not bend the arm: in the plane two of each three, in space one.
 
     Args:
-        arrays: those of a plan, by name.
+        arrays: arrays of a plan, by name.
     """
     of_revolutes = {"joint_names"} | {f"joint_{what}" for what in ("angles", "velocities", "accelerations", "torques")}
     of_revolutes |= {"simulated_angles", "simulated_torques"}
@@ -301,9 +310,9 @@ def bend_arrays(arrays: Mapping[str, npt.NDArray[np.generic]]) -> dict[str, npt.
 
 
 def curve_arrays(curves: tuple[Configuration, ...]) -> dict[str, npt.NDArray[np.generic]]:
-    """Return the curves behind the keyframes, segments end to end.
+    """Return the curves to which the keyframes were fitted, as arrays of their concatenated segments.
 
-    Those of curve k are offsets[k] to offsets[k + 1].
+    The segments of curve k are ``offsets[k]`` to ``offsets[k + 1]``.
     """
     segments = [segment for curve in curves for segment in curve.segments]
     return {

@@ -1,4 +1,4 @@
-"""Folders of poses, of problems without a plan, and of several plans."""
+"""Output folders of poses, reachability maps, failures, and Pareto plans."""
 
 import itertools
 from collections.abc import Mapping
@@ -32,21 +32,21 @@ def write_pose(found: StaticPose, out: Path, pictures: Mapping[str, bytes] | Non
 
     Args:
         found: the pose.
-        out: the directory that holds the folder; it is made when it is not there.
+        out: parent directory, created if missing.
         pictures: content of pictures by file name.
 
     Returns:
         The folder, ``out / <problem's name>``.
 
     Raises:
-        ProblemError: when the folder cannot be written, or another folder is in its place.
+        ProblemError: the folder cannot be written, or a folder of something else is in its place.
     """
     files = {POSE_RECORD: pose_json(found).encode(), POSE_ARRAYS: arrays_npz(pose_arrays(found)), **(pictures or {})}
     return write_folder(out / found.problem.name, files | stored_meshes(found.problem), POSE_RECORD)
 
 
 def pose_arrays(found: StaticPose) -> dict[str, npt.NDArray[np.generic]]:
-    """Return the arrays of a pose under the names of the file format; angles [rad], lengths [m]."""
+    """Return the arrays of a pose by their names in the file format; angles [rad], lengths [m]."""
     arrays: dict[str, npt.NDArray[np.generic]] = {
         "bend_angles": found.bends,
         "joint_positions": found.joint_positions,
@@ -54,7 +54,7 @@ def pose_arrays(found: StaticPose) -> dict[str, npt.NDArray[np.generic]]:
     curve = found.curve
     if isinstance(curve, Configuration):
         curves = curve_arrays((curve,))
-        del curves["segments_offsets"]  # there is one curve
+        del curves["segments_offsets"]  # needed only for several curves
         return arrays | {"link_headings": found.problem.arm.headings(found.bends)} | curves
     frame = {"base_frame": curve.base_frame} if isinstance(curve, SpaceConfiguration) else {}
     arrays |= {
@@ -69,9 +69,9 @@ def pose_arrays(found: StaticPose) -> dict[str, npt.NDArray[np.generic]]:
 
 
 def write_reach(found: ReachMap, out: Path, pictures: Mapping[str, bytes] | None = None) -> Path:
-    """Write the folder of a map, its arrays under the names of its fields; angles [rad], lengths [m].
+    """Write the folder of a reachability map, with arrays named after its fields; angles [rad], lengths [m].
 
-    Arguments, result and errors are those of ``write_pose``.
+    Arguments, result and errors are as for ``write_pose``.
     """
     own = ("directions",) if found.problem.dimension == 3 else ("headings", "heading_ranges")
     arrays = dict(zip("xyz", found.axes, strict=False))
@@ -81,7 +81,7 @@ def write_reach(found: ReachMap, out: Path, pictures: Mapping[str, bytes] | None
 
 
 def reach_json(found: ReachMap) -> str:
-    """Return the record of a map: what was asked, and figures."""
+    """Return the record of a reachability map as JSON text: the problem, and figures."""
     record: dict[str, object] = {
         "schema": SCHEMA,
         "problem": recorded_data(found.problem),
@@ -102,20 +102,20 @@ def reach_json(found: ReachMap) -> str:
 
 
 FAILED = ".failed"
-"""Added to the name of a folder whose earlier result stays, for the record of why there is no new one."""
+"""Suffix of the folder of a failure, where the folder itself holds an earlier result, which is kept."""
 UNFINISHED = ".unfinished"
-"""The same for a verified plan whose simulation or pictures were cut short."""
+"""Suffix, likewise, for a verified plan whose simulation or pictures were interrupted."""
 
 
 def place_beside(target: Path, ending: str) -> Path:
-    """Return the folder itself, or, where it holds an earlier result, one of nearly the same name beside it.
+    """Return the folder itself or, where it holds an earlier result, a folder next to it with a suffix.
 
     Args:
         target: the folder of the result.
-        ending: added to its name; a number follows where a result is there too, or something that no run wrote.
+        ending: the suffix; a number follows where that folder also holds a result, or something that no run wrote.
 
     Returns:
-        A folder that may be written: it is new, or holds the record of an earlier failure.
+        A folder that may be written: a new one, or one with the record of an earlier failure.
     """
     if not holds_result(target):
         return target
@@ -124,7 +124,7 @@ def place_beside(target: Path, ending: str) -> Path:
 
 
 def holds_result(folder: Path) -> bool:
-    """Return whether a folder holds a plan or a pose, which only another plan or pose may replace."""
+    """Return whether a folder holds a plan or a pose, which a failure must not replace."""
     return any((folder / arrays).is_file() for arrays in (ARRAYS, POSE_ARRAYS))
 
 
@@ -145,21 +145,21 @@ def write_failure(
     """Write the folder of a problem without a plan: ``solution.json``, and pictures where there are any.
 
     Args:
-        problem: what was asked.
+        problem: the problem.
         status: how the search ended.
         diagnosis: why there is no plan.
-        out: the directory that holds the folder.
-        timings: of the stages that ran [s].
+        out: parent directory.
+        timings: CPU time of the stages that ran [s].
         pictures: content of pictures by file name.
 
     Returns:
-        The folder: ``out / <problem's name>``, or with ``.failed`` at its end where an earlier plan has that place.
+        The folder: ``out / <problem's name>``, with the suffix ``.failed`` where that holds an earlier plan.
 
     Raises:
-        ProblemError: when the folder cannot be written, or another folder is in its place.
+        ProblemError: the folder cannot be written, or a folder of something else is in its place.
     """
     record = failure_json(problem, status, diagnosis, timings or {})
-    # The problem in the record is read with the meshes beside it.
+    # Reading the problem in the record again requires its meshes.
     files = {RECORD: record.encode(), **stored_meshes(problem), **(pictures or {})}
     return write_folder(out / problem.name, files, beside=_FAILED_PLACE)
 
@@ -170,11 +170,11 @@ def write_pose_failure(
     """Write the folder of a problem at whose goal no pose was found: ``pose.json``, in space with the meshes.
 
     Args:
-        problem: what was asked.
+        problem: the problem.
         status: how the search ended.
         diagnosis: why there is no pose.
-        out: the directory that holds the folder.
-        timings: of the stages that ran [s].
+        out: parent directory.
+        timings: CPU time of the stages that ran [s].
 
     Returns:
         The folder, chosen as for ``write_failure``.
@@ -191,11 +191,10 @@ _FAILED_PLACE = partial(place_beside, ending=FAILED)
 
 
 def pareto_files(found: ParetoPlans) -> dict[str, bytes]:
-    """Return the content of every file but the pictures, by file name.
+    """Return the content of every file of Pareto plans except the pictures, by file name.
 
-    In the record lengths are in metres, times in seconds.
-
-    The recommended plan's are those that ``solve`` would write; those of all plans are in the folder ``pareto``.
+    The folder itself holds the recommended plan, as ``solve`` would write it; all plans are in its subfolder
+    ``pareto``. Lengths in the record are in metres, times in seconds.
     """
     files = solution_files(found.best)
     record = {
@@ -214,7 +213,7 @@ def pareto_files(found: ParetoPlans) -> dict[str, bytes]:
 
 
 def folder_of(number: int) -> str:
-    """Return where the plan of a number, from 1, is written within the problem's folder."""
+    """Return the subfolder of a plan, by its number from 1, within the problem's folder."""
     return f"pareto/{number}"
 
 

@@ -1,4 +1,4 @@
-"""Rules between the keys of a problem, and checks of where base, drawing and meshes lie."""
+"""Rules between the keys of a problem file, and checks of the positions of base, drawing and meshes."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -28,11 +28,17 @@ KNOWN = frozenset(
     for name in ("workspace", "workspace.obstacles", "goal")
     for key in tables[name].model_fields
 )
-"""Keys of the tables that offer alternatives; none of them is a misspelling."""
+"""Keys of the tables with alternatives; none of these counts as a misspelling of another."""
 
 
 def check_alternatives(data: Mapping[str, object], issues: Issues, tables: Mapping[str, type[Table]]) -> None:
-    """Check the keys of each table against each other: alternatives, and keys that need another one."""
+    """Report violations of the rules between keys: alternatives, keys that require others, names, feed and contact.
+
+    Args:
+        data: the parsed problem file.
+        issues: receives the defects.
+        tables: schemas of the tables, by name.
+    """
     obstacles = lookup(data, ("workspace", "obstacles"))
     listed = obstacles if isinstance(obstacles, list) else []
     places: list[tuple[KeyPath, type[Table]]] = [(("workspace",), tables["workspace"])]
@@ -55,7 +61,7 @@ def check_alternatives(data: Mapping[str, object], issues: Issues, tables: Mappi
 
 
 def goal_paths(data: Mapping[str, object]) -> list[KeyPath]:
-    """Return where the goals stand: ``[goal]`` alone, or each ``[[goal]]`` in turn."""
+    """Return the key paths of the goals: of ``[goal]``, or of each ``[[goal]]`` in turn."""
     goals = data.get("goal")
     return [("goal", k) for k in range(len(goals))] if isinstance(goals, list) else [("goal",)]
 
@@ -65,12 +71,12 @@ def _given(data: Mapping[str, object], path: KeyPath, kinds: Sequence[str]) -> l
 
 
 def _exactly_one(data: Mapping[str, object], path: KeyPath, table: type[Table], issues: Issues) -> None:
-    """Note a table that has none of its alternatives, or several."""
+    """Report a table that has none of its alternative keys, or several."""
     given_table = lookup(data, path)
     if not isinstance(given_table, Mapping):
         return
     kinds = table.rules.exactly_one
-    # A key that is meant to be one of them is reported already.
+    # A misspelt alternative is already reported as an unknown key.
     misspelt = any(closest(key, kinds) is not None for key in given_table if key not in KNOWN)
     given = _given(data, path, kinds)
     expected = f"expected exactly one of {', '.join(kinds)}"
@@ -81,7 +87,7 @@ def _exactly_one(data: Mapping[str, object], path: KeyPath, table: type[Table], 
 
 
 def _refuse_equal_names(obstacles: list[object], issues: Issues) -> None:
-    """No two obstacles may have the same name, given or by their place: messages call them by it."""
+    """Report obstacles of equal names, given or by default, since messages identify obstacles by name."""
     first: dict[object, int] = {}
     for k, entry in enumerate(obstacles):
         given = entry.get("name") if isinstance(entry, Mapping) else None
@@ -95,18 +101,18 @@ def _refuse_equal_names(obstacles: list[object], issues: Issues) -> None:
 
 
 def _check_contact(data: Mapping[str, object], issues: Issues) -> None:
-    """What may be missing of a gap is there for rounding, and not for plans that go through walls."""
+    """Report a contact tolerance too large to be just rounding, with which plans could pass through walls."""
     path: KeyPath = ("verification", "contact_tolerance")
     tolerance, links, length = (lookup(data, place) for place in (path, ("arm", "links"), ("arm", "link_length")))
     if not isinstance(tolerance, (int, float)) or not isinstance(links, int) or not isinstance(length, (int, float)):
-        return  # that is told already, or nothing is asked for
-    with suppress(OverflowError):  # so are numbers that are far too large
+        return  # absent, or of a wrong type, which is reported elsewhere
+    with suppress(OverflowError):  # far too large numbers are reported elsewhere
         if tolerance > MOST_CONTACT_SHARE_OF_LENGTH * links * length > 0.0:
             issues.add(path, f"at most a thousandth of the arm's length can be left to rounding; got {tolerance:g}")
 
 
 def _check_feed_keys(data: Mapping[str, object], issues: Issues) -> None:
-    """A feed axis needs its limits, and nothing may speak of one that is not there."""
+    """Report missing limits of a feed axis, and keys about the feed of an arm without one."""
     poses = [("start", "feed"), *((*path, "feed") for path in goal_paths(data))]
     limits = [("limits", f"feed_{what}") for what in ("velocity", "acceleration", "jerk", "force")]
     if lookup(data, ("arm", "feed")) is None:
@@ -127,13 +133,13 @@ _LENGTH_TOLERANCE = 1e-6
 """Relative difference allowed between the total length of a pose's segments and the arm's. Taste: lengths are written
 with six digits or more."""
 ANGLE_TOLERANCE = 1e-9
-"""By which bends may pass a limit [rad]. Derived: degrees are rounded when they become radians."""
+"""Amount by which bends may exceed a limit [rad]. Derived: converting degrees to radians rounds."""
 LEAST_ACROSS = 1e-6
-"""Part of ``up`` that must lie across the direction; less is rounding of one along it."""
+"""Least component of ``up`` perpendicular to the direction; less is taken for a vector along the direction."""
 
 
 def check_arm(arm: ArmTable | SpaceArmTable, issues: Issues) -> bool:
-    """Check lists for one value a link, and the base's up for lying across its direction.
+    """Report lists of the wrong length, and an ``up`` that lies along the base's direction.
 
     Returns:
         Whether the arm can be built.
@@ -151,13 +157,13 @@ def check_arm(arm: ArmTable | SpaceArmTable, issues: Issues) -> bool:
 
 
 def check_limit_lists(arm: ChainTable, limits: LimitsTable, issues: Issues) -> None:
-    """Limits given as lists need one value a ball joint or one a revolute."""
+    """Report limits given as lists that have neither one value per ball joint nor one per revolute."""
     for key in ("velocity", "acceleration", "jerk", "torque"):
         _one_each(getattr(limits, key), ("limits", key), (arm.links, 3 * arm.links), "ball joint or revolute", issues)
 
 
 def check_limited_points(arm: ChainTable, limits: LimitsTable, issues: Issues) -> None:
-    """Points whose motion is limited stand on the arm, and something of them is limited."""
+    """Report limited points that lie beyond the tip, have no limit, or are listed twice."""
     length = arm.links * arm.link_length
     for k, point in enumerate(limits.points):
         path: KeyPath = ("limits", "points", k)
@@ -178,7 +184,16 @@ def check_pose(
     path: KeyPath,
     issues: Issues,
 ) -> None:
-    """A pose given by joints must suit the joints, one given by segments the arm's length."""
+    """Report a pose whose bends differ in number from the joints or exceed their limits, or whose segments do not fit.
+
+    Segments must add up to the arm's length.
+
+    Args:
+        arm: the table ``[arm]``.
+        pose: the pose.
+        path: key path of the pose.
+        issues: receives the defects.
+    """
     bends: Sequence[Any] = pose.joints_deg or []
     if bends and len(bends) != arm.links:
         each = "[a, b] a joint" if isinstance(bends[0], list) else "value a link"
@@ -210,26 +225,27 @@ def _one_each(
 
 
 _DEPTH_ROUNDING = 1e-9
-"""Depths below this share of the room are rounding. Derived: a thousandth of the contact tolerance of the verifier."""
+"""Depths below this share of the room's size are rounding. Derived: a thousandth of the contact tolerance of the
+verifier."""
 _SLIPS = (1e-3, 1e3, 1.0 / 25.4, 25.4)
-"""Factors by which scales are off where millimetres are taken for metres or inches, or the other way round."""
+"""Typical errors of scale: millimetres taken for metres or inches, or the other way round."""
 _TINY_SHARE = 0.01
-"""What would be smaller than this share of the room is not what was meant."""
+"""Least size of a rescaled drawing, as a share of the room's: a smaller one is no plausible correction."""
 
 
 def outside_message(
     file: str, box: FloatArray, origin: FloatArray, room: FloatArray, unit: LengthUnit, *, scale: float, keys: str
 ) -> str:
-    """Say that a drawing or a mesh lies wholly outside a room, and what would bring it in.
+    """Return the message that a drawing or mesh lies wholly outside the room, with values that would bring it in.
 
     Args:
-        file: its name.
-        box: its least and greatest corner, shape (2, d) [m].
-        origin: where its own origin lies, shape (d,) [m].
-        room: likewise, shape (2, d) [m].
-        unit: of the problem file.
-        scale: length of one of its units, in that unit.
-        keys: those that say the scale, and where its origin lies.
+        file: name of the file.
+        box: least and greatest corner of the drawing or mesh, shape (2, d) [m].
+        origin: position of its own origin, shape (d,) [m].
+        room: least and greatest corner of the room, shape (2, d) [m].
+        unit: unit of length of the problem file.
+        scale: length of one unit of the drawing or mesh, in that unit.
+        keys: names of the keys for scale and position, separated by a blank.
     """
     scale_key, place_key = keys.split()
     place = (origin + room.mean(axis=0) - box.mean(axis=0)) / METRES[unit]
@@ -256,15 +272,15 @@ def _place(point: FloatArray, unit: str) -> str:
 def check_drawing(
     drawing: ImportedDrawing, offset: FloatArray, scale: float, room: shapely.Polygon, unit: LengthUnit, issues: Issues
 ) -> None:
-    """Refuse a drawing that lies wholly outside the room: nobody means to plan without it.
+    """Report a drawing that lies wholly outside the room, where it would silently have no effect.
 
     Args:
-        drawing: what became of it.
-        offset: where its origin lies, shape (2,), in the file's unit.
-        scale: length of one of its units, likewise.
-        room: the boundary [m].
-        unit: of the file.
-        issues: receives what is wrong.
+        drawing: report on the imported drawing.
+        offset: position of its origin, shape (2,), in the file's unit.
+        scale: length of one unit of the drawing, in the file's unit.
+        room: boundary of the workspace [m].
+        unit: unit of length of the problem file.
+        issues: receives the defect.
     """
     if not shapely.intersects(room, shapely.box(*drawing.box)):
         boxes = np.reshape(drawing.box, (2, 2)), METRES[unit] * offset, np.reshape(room.bounds, (2, 2))
@@ -273,7 +289,14 @@ def check_drawing(
 
 
 def check_meshes(meshes: Mapping[int, MeshBody], room: FloatArray, unit: LengthUnit, issues: Issues) -> None:
-    """Refuse meshes that lie wholly outside the room, shape (2, 3) [m]: nobody means to plan without them."""
+    """Report meshes that lie wholly outside the room, where they would silently have no effect.
+
+    Args:
+        meshes: meshes by the index of their obstacle in the file.
+        room: least and greatest corner of the room, shape (2, 3) [m].
+        unit: unit of length of the problem file.
+        issues: receives the defects.
+    """
     for number, body in meshes.items():
         box = box_about(body.vertices)
         if np.any(box[0] > room[1]) or np.any(box[1] < room[0]):
@@ -289,14 +312,14 @@ def check_base(
     issues: Issues,
     drawing: ImportedDrawing | None = None,
 ) -> None:
-    """Refuse a base inside an obstacle or outside the room; it may touch walls, as the mount does.
+    """Report a base inside an obstacle or outside the room; it may touch walls, as the mount does.
 
     Args:
-        workspace: the room.
-        base: where the motion begins, shape (d,) [m].
+        workspace: the workspace.
+        base: position of the base at the start of the motion, shape (d,) [m].
         arm_length: length of the arm [m].
-        issues: receives what is wrong.
-        drawing: the drawing that the last obstacles come from, if there is one.
+        issues: receives the defects.
+        drawing: the drawing from which the last obstacles come, if there is one.
     """
     unit = said_unit()
     if workspace.dimension == 3:
@@ -322,7 +345,13 @@ def check_base(
 
 
 def _way_out(workspace: Workspace, number: int, drawing: ImportedDrawing | None) -> str:
-    """Return what brings the base out of an obstacle."""
+    """Return advice on how to get the base out of an obstacle.
+
+    Args:
+        workspace: the workspace.
+        number: index of the obstacle.
+        drawing: the drawing from which the last obstacles come, if there is one.
+    """
     if workspace.dimension == 3:
         return " or ".join(ways_out(workspace, workspace.obstacles[number].name, "it"))
     if drawing is None or number < len(workspace.obstacles) - drawing.obstacles:
@@ -334,17 +363,17 @@ def _way_out(workspace: Workspace, number: int, drawing: ImportedDrawing | None)
 
 
 def _depth_inside(obstacle: Obstacle, point: FloatArray) -> float:
-    """Return how far a point is inside an obstacle of the plane [m]; negative outside, minus the distance to it."""
+    """Return the depth of a point inside an obstacle in the plane [m]; outside, minus its distance."""
     place = shapely.Point(point)
     inside_core = isinstance(obstacle.core, shapely.Polygon) and shapely.contains_properly(obstacle.core, place)
     edge = obstacle.core.boundary if isinstance(obstacle.core, shapely.Polygon) else obstacle.core
-    with np.errstate(divide="ignore"):  # of coordinates like 1e-320, whose distances are right all the same
+    with np.errstate(divide="ignore"):  # warns of coordinates like 1e-320, but is right
         distance = float(shapely.distance(edge, place))
     return obstacle.rounding + (distance if inside_core else -distance)
 
 
 def odd_mesh_size(body: MeshBody, arm_length: float) -> str | None:
-    """Return a warning where a mesh is so much larger or smaller than the arm that its scale must be wrong.
+    """Return a warning if the size of a mesh, compared with the arm's, suggests a wrong scale; else None.
 
     Args:
         body: the mesh.

@@ -1,4 +1,4 @@
-"""Reads checked tables into problems."""
+"""Validation of the tables of a problem file, the checks between tables, and construction of the problem."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -41,7 +41,7 @@ from ccm_opt.problem.options import options_without_effect
 from ccm_opt.robot.arm import MappingName
 
 IN_SPACE_KEY = 3
-"""What the key ``space`` says where the arm leaves the plane."""
+"""Value of the key ``space`` for an arm that moves in space."""
 _Pose: TypeAlias = PoseTable | SpacePoseTable
 
 
@@ -58,17 +58,17 @@ def check_data(
     Args:
         data: the parsed TOML.
         issues: receives every defect found.
-        source: the text of the file, kept in the problem unless a drawing says a part of it.
-        folder: of the problem file, where the paths to drawings and meshes begin; None when there is no file.
-        allow_outside: whether they may lie outside that folder.
+        source: text of the file, kept in the problem unless part of the problem comes from a drawing.
+        folder: folder of the problem file, from which the paths of drawings and meshes start; None without a file.
+        allow_outside: whether drawings and meshes may lie outside that folder.
 
     Returns:
-        The problem, or None when there are issues.
+        The problem, or None when there are defects.
     """
     in_space = data.get("space") == IN_SPACE_KEY
     whole, drawing = (data, None) if in_space else with_scene(data, folder, issues, allow_outside=allow_outside)
     check_alternatives(whole, issues, TABLES[in_space])
-    # A defective table is None, or left out where there may be several: defects of others are told all the same.
+    # Defective tables are None, or left out of lists, so that the other tables can still be checked.
     found = _validate(whole, issues, in_space=in_space)
     unit = _length_unit(data)
     listed = found["obstacles"] if in_space else ()
@@ -85,21 +85,21 @@ def check_data(
 
 
 def _length_unit(data: Mapping[str, object]) -> LengthUnit:
-    """Return the unit of lengths; metres where what the file says is none, which is reported elsewhere."""
+    """Return the unit of lengths of a file; metres where it gives no valid unit, which is reported elsewhere."""
     unit = data.get("units", "m")
     return unit if unit in get_args(LengthUnit) else "m"  # type: ignore[return-value]
 
 
 def _validate(data: Mapping[str, object], issues: Issues, *, in_space: bool) -> dict[str, Any]:
-    """Return the tables of a file by where they stand; None for those with defects."""
+    """Return the validated tables of a file by name; None for a table with defects."""
     scale = METRES[_length_unit(data)]
     found: dict[str, Any] = {"root": issues.validate(RootTable, data, (), scale)}
     for name, model in TABLES[in_space].items():
-        if name in {"workspace.obstacles", "goal"}:  # of which there may be several
+        if name in {"workspace.obstacles", "goal"}:  # lists of tables, validated below
             continue
         table = data.get(name, {} if name in OPTIONAL else None)
         if isinstance(table, Mapping):
-            # Obstacles are validated one by one, so that a defect of one does not hide those of the others.
+            # Obstacles are validated one by one below, so that a defect of one does not hide those of the others.
             values = {key: value for key, value in table.items() if (name, key) != ("workspace", "obstacles")}
             table = issues.validate(model, values, (name,), scale)
         found[name] = table if isinstance(table, Table) else None
@@ -112,7 +112,7 @@ def _validate(data: Mapping[str, object], issues: Issues, *, in_space: bool) -> 
 
 
 def _goals(data: Mapping[str, object], issues: Issues, scale: float, model: type[Table]) -> tuple[Table, ...] | None:
-    """Return the goals in order, or None when one is defective, missing or no table."""
+    """Return the validated goals in order, or None when one is defective, missing or no table."""
     paths = goal_paths(data)
     if not paths:
         issues.add(("goal",), "expected at least one goal")
@@ -125,7 +125,7 @@ def _goals(data: Mapping[str, object], issues: Issues, scale: float, model: type
 def _obstacles(
     data: Mapping[str, object], issues: Issues, scale: float, model: type[Table]
 ) -> tuple[tuple[int, Table], ...]:
-    """Return the obstacles with their places in the file; a defective one is noted and left out."""
+    """Return the validated obstacles with their indices in the file, from 0; defective ones are reported and dropped."""
     workspace = data.get("workspace")
     entries = workspace.get("obstacles", []) if isinstance(workspace, Mapping) else []
     if not isinstance(entries, list):
@@ -144,7 +144,7 @@ def _obstacles(
 
 
 def _is_flat_bar(table: Table, path: KeyPath, issues: Issues) -> bool:
-    """Return whether both ends of a cylinder are one place, which is noted. A capsule may be a ball."""
+    """Return whether both ends of a cylinder coincide, and report that defect; a capsule may degenerate to a ball."""
     bar = getattr(table, "cylinder", None)
     if bar is None or not np.allclose(bar.start, bar.end, rtol=1e-12, atol=1e-12):
         return False
@@ -155,7 +155,7 @@ def _is_flat_bar(table: Table, path: KeyPath, issues: Issues) -> bool:
 def _check_rooms(
     found: Mapping[str, Any], drawing: ImportedDrawing | None, data: Mapping[str, object], issues: Issues
 ) -> None:
-    """Check that drawing and meshes lie in the room, as far as there is one."""
+    """Report a drawing or meshes that lie wholly outside the room, where the room has bounds."""
     room = found["workspace"]
     if room is None:
         return
@@ -163,12 +163,12 @@ def _check_rooms(
         check_meshes(found["meshes"], np.array(room.bounds), _length_unit(data), issues)
     elif drawing is not None and (room.bounds or room.boundary):
         offset = np.array(lookup(data, ("workspace", "offset")) or [0.0, 0.0])
-        scale: Any = lookup(data, ("workspace", "scale")) or 1.0  # it was validated with the drawing
+        scale: Any = lookup(data, ("workspace", "scale")) or 1.0  # validated with the drawing
         check_drawing(drawing, offset, float(scale), build_boundary(room), _length_unit(data), issues)
 
 
 def _check_between(found: Mapping[str, Any], issues: Issues, drawing: ImportedDrawing | None) -> None:
-    """Make the checks that need the arm and another table, for those tables that are there."""
+    """Run the checks that involve the arm and another table, for all tables that are valid."""
     table: ArmTable | SpaceArmTable = found["arm"]
     arm_is_whole = check_arm(table, issues)
     if found["limits"] is not None:
@@ -185,7 +185,7 @@ def _check_between(found: Mapping[str, Any], issues: Issues, drawing: ImportedDr
     room = found["workspace"]
     walled = isinstance(room, SpaceWorkspaceTable) or (room is not None and (room.bounds or room.boundary))
     if arm_is_whole and found["start"] is not None and walled:
-        # An obstacle without a shape, or with two, is reported elsewhere, and cannot be built.
+        # Obstacles without exactly one shape are reported elsewhere and cannot be built.
         whole = [(k, each) for k, each in found["obstacles"] if k in found["meshes"] or _has_shape(each)]
         arm = build_arm(table)
         base = arm.base + pose_feed(found["start"], arm) * arm.direction
@@ -193,16 +193,16 @@ def _check_between(found: Mapping[str, Any], issues: Issues, drawing: ImportedDr
 
 
 def _has_shape(table: Table) -> bool:
-    """Return whether an obstacle can be built from its table alone."""
+    """Return whether an obstacle has a shape other than a mesh, so that its table alone defines it."""
     return any(getattr(table, kind) is not None for kind in table.rules.exactly_one if kind != "mesh")
 
 
 def _check_built_pose(
     table: ArmTable | SpaceArmTable, pose: _Pose, mapping: MappingName, path: KeyPath, issues: Issues
 ) -> None:
-    """Check a pose of an arm that can be built.
+    """Report the defects of a pose that show only when it is built.
 
-    It can be folded or laid along the curve, lies in the range of the feed axis, and is straight in the guide tube.
+    The arm must fold, or fit the curve; the feed must be within its range; joints in the guide tube must be straight.
     """
     arm = build_arm(table)
     key = "shape" if pose.segments is None else "segments"
@@ -218,7 +218,7 @@ def _check_built_pose(
     if not low <= at <= high:
         words = f"outside the range of the feed axis, {file_length(low, 6)} to {file_length(high, 6)}"
         issues.add((*path, "feed"), words)
-    # A list of the wrong length is reported elsewhere.
+    # A list of the wrong length is reported elsewhere, hence no strict zip.
     given: Sequence[Any] = pose.joints_deg or []
     for k, (held, bends) in enumerate(zip(arm.held(at), given, strict=False)):
         if held and np.max(np.abs(bends)) > ANGLE_TOLERANCE:
@@ -228,7 +228,7 @@ def _check_built_pose(
 
 
 def _hint_at_scale(drawing: ImportedDrawing | None, found: Mapping[str, Any], issues: Issues) -> None:
-    """Beside other defects say that a drawing or a mesh does not fit the arm, which may be where they come from."""
+    """Add a warning about a drawing or mesh of implausible size, which may be the cause of the other defects."""
     if found["arm"] is None:
         return
     length = found["arm"].links * found["arm"].link_length
