@@ -1,10 +1,10 @@
-"""Drawings beside a problem file, read into obstacles.
+"""Import of drawings, to which a problem file refers, as obstacles.
 
-A reader is a function of a file's bytes and of the distance that may lie between a curve and the polyline that stands
-for it, both in the drawing's own unit. It returns the shapes that it finds (``shapes``), and raises a
-``ProblemError`` for what it cannot read. What follows (placement, repair, naming) is the same for all formats.
+A reader is a function of a file's bytes and of the distance allowed between a curve and its polyline, in the drawing's
+own unit. It returns the shapes found (see ``shapes``), and raises a ``ProblemError`` for anything unreadable.
+Placement, repair and naming are common to all formats.
 
-What follows, the copy in ``solution.json`` included, sees plain obstacles and needs the drawing no more.
+All later stages, and the copy of the problem in ``solution.json``, have plain obstacles and no longer need the drawing.
 """
 
 import math
@@ -35,14 +35,14 @@ from ccm_opt.scene.workspace import Obstacle, PlaneShape
 
 Part = TypeVar("Part", Shape, Obstacle)
 _FLATTENING_SHARE = 0.499
-"""Share of the tolerance by which a polyline may leave its curve. Derived: polygons grow by half the tolerance, so that
-a little less than half keeps the true curve inside."""
+"""Chord deviation allowed for flattened curves, as a share of the tolerance. Derived: polygons grow by half the
+tolerance, so a little less than half keeps the true curve inside."""
 _GROWTH_SHARE = 0.5
-"""Share of the tolerance by which polygons of curves grow. Derived: with the share above the sum stays below the
+"""Offset of polygons of curves, as a share of the tolerance. Derived: together with the share above, it stays below the
 tolerance."""
 _CORNER_REACH = 1.9
-"""Sharp corners of a grown polygon are cut at this many times the growth from the corner. Derived: less than 2, so that
-they stay within the tolerance."""
+"""Distance from a sharp corner at which the grown corner is cut off, in units of the growth. Derived: less than 2, so
+that it stays within the tolerance."""
 
 READERS: Mapping[str, Reader] = {
     ".svg": read_svg,
@@ -51,23 +51,23 @@ READERS: Mapping[str, Reader] = {
     ".json": read_geojson,
     ".wkt": read_wkt,
 }
-"""Reader by the suffix of the file, in small letters."""
+"""Readers by suffix of the file, in lower case."""
 
 
 _FLAT = 1e-12
-"""Outlines thinner than this share of their length and coordinates are lines. Derived: some 5000 roundings."""
+"""Outlines thinner than this share of their length and coordinates count as lines. Derived: some 5000 roundings."""
 
 
 def obstacles_of(shape: Shape, growth: float, wall_thickness: float) -> list[Obstacle]:
-    """Return the obstacles that a placed shape stands for.
+    """Return the obstacles made of a placed shape.
 
     Args:
-        shape: in the coordinates of the result.
-        growth: distance between flattened curves and the true ones; whatever is curved grows by it.
+        shape: the shape, in the coordinates of the result.
+        growth: distance between flattened curves and the true ones, by which curved shapes are grown.
         wall_thickness: least thickness of open lines.
 
     Returns:
-        At least one obstacle, all of the shape's name.
+        At least one obstacle, all with the name of the shape.
 
     Raises:
         ProblemError: the shape cannot be an obstacle.
@@ -78,25 +78,25 @@ def obstacles_of(shape: Shape, growth: float, wall_thickness: float) -> list[Obs
     if shape.drawn == "line":
         rounding = max(shape.half_width, 0.5 * wall_thickness) + growth
         return [Obstacle(shape.name, PlaneShape(shapely.LineString(shape.rings[0]), rounding))]
-    # Chords cut off what bulges outwards; growing by as much holds the true curve inside again.
+    # Chords cut off outward bulges; growing by as much contains the true curve again.
     grow = shape.half_width + growth
     polygons = filled(shape.rings, shape.rule)
     if grow > 0.0:
-        # Mitred corners keep the number of vertices, but a very sharp one would reach far beyond the growth.
+        # Mitred corners do not add vertices, but a very sharp one would reach far beyond the growth.
         whole = shapely.MultiPolygon(polygons)
         polygons = polygon_parts(shapely.intersection(mitred(whole, grow), whole.buffer(_CORNER_REACH * grow)))
     return [Obstacle(shape.name, PlaneShape(polygon)) for polygon in polygons]
 
 
 def divided(shape: Shape, largest: float) -> list[Shape]:
-    """Return a placed shape, its rings without area as lines of their own; none where it has no extent.
+    """Return a placed shape split into the part with area and its flat rings as lines; empty if it has no extent.
 
     Args:
-        shape: in the coordinates of the result.
-        largest: coordinate that is allowed.
+        shape: the shape, in the coordinates of the result.
+        largest: largest coordinate allowed.
 
     Raises:
-        ProblemError: it has numbers that cannot be used.
+        ProblemError: the shape has no outline, or numbers that cannot be used.
     """
     if not shape.rings:
         raise ProblemError("it has no outline")
@@ -124,23 +124,23 @@ def divided(shape: Shape, largest: float) -> list[Shape]:
 
 
 def _is_flat(ring: FloatArray) -> bool:
-    """Return whether a ring is so thin that rounding decides what is inside."""
+    """Return whether a ring is so thin that rounding would decide what lies inside."""
     hull = shapely.MultiPoint(ring).convex_hull
     return bool(hull.area <= _FLAT * (hull.length + float(np.abs(ring).max())) * hull.length)
 
 
 def with_unique_names(obstacles: Iterable[Obstacle], taken: Collection[str] = ()) -> tuple[Obstacle, ...]:
-    """Return the same obstacles; a name that is taken gets the first free number from 2 behind it."""
+    """Return the obstacles with unique names: a name already taken gets the first free number from 2 appended."""
     used = set(taken)
     result = []
-    # A counter for each name goes on where it stopped, so that ten thousand equal names take no longer than others.
+    # One running counter per name, so that ten thousand equal names do not take quadratic time.
     counters: dict[str, Iterator[int]] = {}
     for obstacle in obstacles:
         name = obstacle.name
         if name in used:
             numbers = counters.setdefault(obstacle.name, count(2))
             name = next(candidate for k in numbers if (candidate := f"{obstacle.name} {k}") not in used)
-        # New names count as well: "wall", "wall", "wall 2" must not give "wall 2" twice.
+        # Generated names are taken as well: "wall", "wall", "wall 2" must not give "wall 2" twice.
         used.add(name)
         result.append(replace(obstacle, name=name))
     return tuple(result)
@@ -148,14 +148,14 @@ def with_unique_names(obstacles: Iterable[Obstacle], taken: Collection[str] = ()
 
 @dataclass(frozen=True)
 class ImportOptions:
-    """How a drawing becomes obstacles; what the keys of the problem file say.
+    """How a drawing is converted to obstacles, as set by the keys of the problem file.
 
     Attributes:
-        scale: length in the result of one unit of the drawing.
-        offset: place in the result of the drawing's origin, shape (2,).
+        scale: length of one unit of the drawing, in the unit of the result.
+        offset: position of the drawing's origin, in the unit of the result, shape (2,).
         curve_tolerance: how far outside a curve its polygon may lie, in the unit of the result; it never lies inside.
-        wall_thickness: of open lines, in the unit of the result.
-        closed: what closed outlines are: solids with holes, lines, or, the largest of them, the room.
+        wall_thickness: thickness of open lines, in the unit of the result.
+        closed: meaning of closed outlines: solids with holes, walls, or, for the largest one, the room.
     """
 
     scale: float = 1.0
@@ -167,12 +167,12 @@ class ImportOptions:
 
 @dataclass(frozen=True)
 class ImportedScene:
-    """What a drawing gave.
+    """The result of importing a drawing.
 
     Attributes:
-        obstacles: in the order of the drawing, their names unique; in the unit that the scale leads to.
-        drawing: how many, how large and where they are, in the same unit, and what was left out.
-        room: the outline that is the room, where one is to be.
+        obstacles: obstacles in the order of the drawing, with unique names, in the unit of the result.
+        drawing: report on the import, in the same unit.
+        room: outline of the room, where the largest outline is the room; else None.
     """
 
     obstacles: tuple[Obstacle, ...]
@@ -181,16 +181,16 @@ class ImportedScene:
 
 
 def import_scene(path: Path, options: ImportOptions, taken: Collection[str] = ()) -> ImportedScene:
-    """Return the obstacles of a drawing, and what was left out of it.
+    """Return the obstacles of a drawing, with a report on what was left out.
 
     Args:
         path: an SVG, DXF, GeoJSON or WKT file, recognised by its suffix.
-        options: placement, tolerances, and what closed outlines are.
-        taken: names that other obstacles have already.
+        options: placement, tolerances, and meaning of closed outlines.
+        taken: names already used by other obstacles.
 
     Raises:
-        ProblemError: the file cannot be read, holds nothing that can be an obstacle, or holds shapes that cannot be
-            used; those are listed by name.
+        ProblemError: the file cannot be read, contains nothing that can be an obstacle, or contains unusable shapes,
+            which are listed by name.
     """
     content = read_drawing(path, READERS, "drawing", IMPORT.most_bytes)
     # Readers flatten in the unit of the drawing, so the tolerance is divided by the scale.
@@ -198,7 +198,7 @@ def import_scene(path: Path, options: ImportOptions, taken: Collection[str] = ()
     growth = _GROWTH_SHARE * options.curve_tolerance
     room = None
     try:
-        # Numbers beyond all measure may become infinite, or none at all, on the way: such shapes are refused by name.
+        # Huge numbers may overflow to infinity or NaN on the way; such shapes are refused by name.
         with np.errstate(over="ignore", invalid="ignore"):
             found = _placed(READERS[path.suffix.lower()](content, distance / options.scale), options)
             shapes: Sequence[Shape] = found.shapes
@@ -220,7 +220,15 @@ def import_scene(path: Path, options: ImportOptions, taken: Collection[str] = ()
 
 
 def _of_each(shapes: Iterable[Shape], made: Callable[[Shape], list[Part]]) -> list[Part]:
-    """Return what all shapes become; what cannot be an obstacle is refused in one error that lists it by name."""
+    """Return the concatenated results of a function of one shape, collecting its refusals into one error.
+
+    Args:
+        shapes: the shapes.
+        made: function of one shape, which raises ``ProblemError`` to refuse it.
+
+    Raises:
+        ProblemError: shapes were refused; the message lists them by name.
+    """
     found: list[Part] = []
     refusals: list[str] = []
     for shape in shapes:
@@ -234,10 +242,10 @@ def _of_each(shapes: Iterable[Shape], made: Callable[[Shape], list[Part]]) -> li
 
 
 def _placed(found: DrawingContent, options: ImportOptions) -> DrawingContent:
-    """Return the same in the coordinates of the result, what has no extent left out; at least one shape.
+    """Return the content of a drawing in the coordinates of the result, with shapes without extent left out.
 
     Raises:
-        ProblemError: nothing is left, or a shape has coordinates that cannot be used.
+        ProblemError: no shape is left, or a shape has coordinates that cannot be used.
     """
     left_out = list(found.left_out)
 
@@ -262,7 +270,7 @@ def _placed(found: DrawingContent, options: ImportOptions) -> DrawingContent:
 def _summary(
     path: Path, obstacles: Sequence[Obstacle], room: shapely.Polygon | None, found: DrawingContent
 ) -> ImportedDrawing:
-    """Return what people are told of a drawing that was read."""
+    """Return the report on an imported drawing."""
     boxes = [shapely.bounds(obstacle.core) + obstacle.rounding * np.array([-1, -1, 1, 1]) for obstacle in obstacles]
     if room is not None:
         boxes.append(shapely.bounds(room))
@@ -277,14 +285,14 @@ def read_drawing(path: Path, kinds: Collection[str], what: str, most_bytes: int,
     """Return the bytes of a file of a known kind.
 
     Args:
-        path: of the file.
-        kinds: suffixes that are known, in small letters.
-        what: the file is, in a word.
-        most_bytes: files of more are refused unread.
-        blank: bytes of which an empty file may consist; blanks when None.
+        path: path of the file.
+        kinds: known suffixes, in lower case.
+        what: kind of file expected, in a word, for messages.
+        most_bytes: largest size; larger files are refused unread.
+        blank: bytes that count as empty content; None for whitespace.
 
     Raises:
-        ProblemError: it is of no known kind, not there, too large, empty, or cannot be read.
+        ProblemError: the file is of no known kind, missing, too large, empty, or cannot be read.
     """
     if path.suffix.lower() not in kinds:
         raise ProblemError(
@@ -294,7 +302,7 @@ def read_drawing(path: Path, kinds: Collection[str], what: str, most_bytes: int,
         if not path.is_file():
             where = "is a directory" if path.is_dir() else "does not exist"
             raise ProblemError(f"{path} {where}; expected a {what}, its path relative to the problem file")
-        # Asked before reading, so that a huge file does not fill the memory first.
+        # The size is checked before reading, so that a huge file does not fill the memory.
         size = path.stat().st_size
         if size > most_bytes:
             raise ProblemError(
@@ -311,28 +319,28 @@ def read_drawing(path: Path, kinds: Collection[str], what: str, most_bytes: int,
 def place_beside(
     name: str, folder: Path | None, path: KeyPath, kind: str, issues: Issues, *, allow_outside: bool
 ) -> Path | None:
-    """Return where a file lies.
+    """Return the path of a file to which a problem file refers, if it may be read.
 
     Args:
-        name: its path as the problem file gives it.
-        folder: of the problem file; None where there is none.
-        path: of the key that names the file.
+        name: path of the file as given in the problem file.
+        folder: folder of the problem file; None where there is none.
+        path: key path at which the file is named.
         kind: what is expected, with an example: "a drawing, for example 'scene.svg'".
-        issues: receives why there is no file that may be read.
-        allow_outside: whether it may lie outside that folder.
+        issues: receives the reason why the file may not be read.
+        allow_outside: whether the file may lie outside that folder.
 
     Returns:
-        The file, which may be missing; None where it may not be read.
+        The path of the file, which may not exist; None where it may not be read.
     """
     if folder is None:
         issues.add(path, "a path beside the problem file, but this problem was not read from a file")
         return None
     place = folder / name
     try:
-        is_folder = os.path.isdir(place)  # noqa: PTH112 - pathlib's raises where the user may not look
-        # A problem file from somebody else must not read what lies elsewhere, by a link neither.
+        is_folder = os.path.isdir(place)  # noqa: PTH112 - pathlib's raises without permission
+        # A problem file from a stranger must not read files elsewhere, not even through a link.
         inside = os.path.realpath(place).startswith(os.path.join(os.path.realpath(folder), ""))  # noqa: PTH118
-    except ValueError as error:  # a path with a zero byte in it
+    except ValueError as error:  # the path contains a zero byte
         issues.add(path, f"{name!r} is no path: {error}")
         return None
     if is_folder:
@@ -351,17 +359,17 @@ def place_beside(
 def with_scene(
     data: Mapping[str, object], folder: Path | None, issues: Issues, *, allow_outside: bool = False
 ) -> tuple[Mapping[str, object], ImportedDrawing | None]:
-    """Replace ``workspace.file`` by the obstacles of that file, after those of the table.
+    """Return the data of a problem file with ``workspace.file`` replaced by the obstacles of that drawing.
 
     Args:
         data: the parsed problem file.
-        folder: paths are relative to it; None when the problem was not read from a file.
-        issues: receives what is wrong with the drawing, or with the keys that place it.
+        folder: folder to which paths are relative; None when the problem was not read from a file.
+        issues: receives the defects of the drawing and of the keys that place it.
         allow_outside: whether the drawing may lie outside that folder.
 
     Returns:
-        The data without the keys of the drawing, the same data when there are none; and what became of the drawing,
-        its box in metres, when it could be read.
+        The data without the keys of the drawing and with its obstacles after those of the table, or the given data when
+        there are no such keys; and the report on the drawing, with its box in metres, when it could be read.
     """
     workspace = data.get("workspace")
     keys = SceneTable.model_fields
@@ -386,10 +394,16 @@ def with_scene(
 
 
 def _set_room(workspace: dict[str, object], room: shapely.Polygon, issues: Issues) -> None:
-    """Make an outline of the drawing the boundary; bounds may be left, if they hold it."""
+    """Set the boundary of a workspace to an outline of the drawing, reporting other keys that contradict it.
+
+    Args:
+        workspace: the table ``[workspace]``, which is changed; ``bounds`` are allowed if they contain the outline.
+        room: the outline.
+        issues: receives the defects.
+    """
     bounds = workspace.pop("bounds", None)
     try:
-        holds = bounds is None or shapely.box(*bounds).covers(room)  # type: ignore[misc]  # what it is is seen here
+        holds = bounds is None or shapely.box(*bounds).covers(room)  # type: ignore[misc]  # a wrong type raises here
     except (TypeError, ValueError):
         holds = False
     if "boundary" in workspace or not holds:
@@ -401,7 +415,16 @@ def _set_room(workspace: dict[str, object], room: shapely.Polygon, issues: Issue
 def _imported(
     scene: SceneTable, folder: Path | None, metres: float, listed: list[object], issues: Issues, *, allow_outside: bool
 ) -> ImportedScene | None:
-    """Return what the drawing gives, where there is one that may be read; what is wrong is noted."""
+    """Return the imported drawing, or None, with the defects reported, where it cannot be imported.
+
+    Args:
+        scene: keys of the drawing.
+        folder: folder of the problem file.
+        metres: metres per unit of length of the problem file.
+        listed: obstacles of the table, whose names are taken.
+        issues: receives the defects.
+        allow_outside: whether the drawing may lie outside the folder.
+    """
     if scene.file is None:
         issues.add(("workspace", next(iter(scene.model_fields_set))), "only allowed together with file")
         return None
@@ -425,10 +448,10 @@ def _imported(
 
 
 def obstacle_table(obstacle: Obstacle, unit: LengthUnit = "m") -> dict[str, object]:
-    """Return an obstacle of the plane as its table in a problem file, in metres or in another unit.
+    """Return an obstacle in the plane as its table in a problem file, with lengths in ``unit``.
 
     Raises:
-        ProblemError: it is none that a problem file can say.
+        ProblemError: the obstacle cannot be expressed in a problem file.
     """
     core = obstacle.core
     own: dict[str, object] = {}

@@ -1,4 +1,4 @@
-"""Obstacles from mesh files, mended."""
+"""Obstacles from mesh files: reading, unit and placement, and repair of repeated or degenerate triangles."""
 
 import hashlib
 from collections.abc import Callable, Mapping, Sequence
@@ -24,7 +24,7 @@ from ccm_opt.scene.bodies import MeshBody
 from ccm_opt.scene.shells import find_shells, repeated
 
 _SAME = 1e-9
-"""Share by which two scales may differ and are the same but for rounding."""
+"""Relative difference up to which two scales are equal but for rounding."""
 EXPECTED = "a mesh, for example 'casing.stl'"
 
 
@@ -36,13 +36,13 @@ def mesh_bodies(
     *,
     allow_outside: bool = False,
 ) -> dict[int, MeshBody]:
-    """Return the meshes among obstacles, by their place in the file; each mesh file is read once.
+    """Return the bodies of the obstacles that are meshes, by their index in the file; each mesh file is read once.
 
     Args:
-        listed: the obstacles with their places.
-        folder: of the problem file; None where there is none.
-        metres: in its unit.
-        issues: receives what is wrong with a mesh, which is left out.
+        listed: tables of the obstacles with their indices, from 0.
+        folder: folder of the problem file; None where there is none.
+        metres: metres per unit of length of the problem file.
+        issues: receives the defects of meshes, which are then left out.
         allow_outside: whether meshes may lie outside the folder.
     """
     read = cache(_read_and_repaired)
@@ -100,7 +100,14 @@ def _read_and_repaired(place: Path) -> tuple[RawMesh, RawMesh]:
 
 
 def _scale(table: SpaceObstacleTable, file: str, mesh: RawMesh, metres: float) -> tuple[float, tuple[str, ...]]:
-    """Return metres in one unit of a mesh, and what people should know of its unit, its axes and its other contents."""
+    """Return metres per unit of a mesh, with notes for the user on its unit, its axes and its ignored contents.
+
+    Args:
+        table: table of the obstacle.
+        file: name of the mesh file.
+        mesh: the mesh as read.
+        metres: metres per unit of length of the problem file.
+    """
     notes = [f"passed over {what}" for what in mesh.passed_over]
     unit = next((name for name, length in METRES.items() if length == metres), "m")
     scale = metres * (1.0 if table.scale is None else table.scale)
@@ -119,7 +126,7 @@ def _scale(table: SpaceObstacleTable, file: str, mesh: RawMesh, metres: float) -
 
 
 def turned_up(places: FloatArray) -> FloatArray:
-    """Turn places whose y is up, shape (n, 3), about x so that their z is."""
+    """Return points whose y axis points up, shape (n, 3), rotated about x so that z points up."""
     return np.stack((places[:, 0], -places[:, 2], places[:, 1]), axis=1)
 
 
@@ -130,7 +137,7 @@ MESH_READERS: Mapping[str, Callable[[bytes, MeshSettings], RawMesh]] = {
     ".glb": read_glb,
     ".3mf": read_3mf,
 }
-"""Reader by the suffix of the file, in small letters."""
+"""Readers by suffix of the file, in lower case."""
 
 
 def read_mesh_file(path: Path, settings: MeshSettings = MESHES) -> RawMesh:
@@ -138,10 +145,10 @@ def read_mesh_file(path: Path, settings: MeshSettings = MESHES) -> RawMesh:
 
     Args:
         path: an STL, OBJ, PLY, GLB or 3MF file, recognised by its suffix.
-        settings: bounds.
+        settings: bounds on the file.
 
     Raises:
-        ProblemError: the file cannot be read, or holds no usable mesh.
+        ProblemError: the file cannot be read, or contains no usable mesh.
     """
     content = read_drawing(path, MESH_READERS, "mesh", settings.most_bytes, b"\0 \t\r\n")
     try:
@@ -155,7 +162,11 @@ def read_mesh_file(path: Path, settings: MeshSettings = MESHES) -> RawMesh:
 
 
 def _refuse_unusable(mesh: RawMesh, settings: MeshSettings) -> None:
-    """Refuse a mesh without triangles, with too many, or with vertices that are nowhere."""
+    """Refuse a mesh without triangles, with too many, or with vertices that are not finite or too far away.
+
+    Raises:
+        ProblemError: the mesh is refused.
+    """
     count = len(mesh.faces)
     if count == 0:
         raise ProblemError("it holds no triangles; expected a mesh")
@@ -174,31 +185,31 @@ def _refuse_unusable(mesh: RawMesh, settings: MeshSettings) -> None:
 
 
 def _used(vertices: FloatArray, faces: IntArray) -> BoolArray:
-    """Return which vertices some triangle has, shape (v,); others may be anywhere, or be no numbers at all."""
+    """Return which vertices belong to a triangle, shape (v,); the others do not matter, even if they are NaN."""
     used = np.zeros(len(vertices), dtype=np.bool_)
     used[faces] = True
     return used
 
 
 _MOST_FLAT = 0.5
-"""Share of triangles without area from which on a mesh is refused, since its file must be broken. Taste: programs write
-one in a hundred where they cut curved faces."""
+"""Share of triangles without area above which a mesh is refused as a broken file. Taste: programs write one in a
+hundred where they cut curved faces."""
 
 _MIXERS = np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9], dtype=np.uint64)
-"""Odd numbers without a pattern, by which the three coordinates of a vertex become one number."""
+"""Odd multipliers that hash the three coordinates of a vertex into one number."""
 
 
 def repaired_mesh(raw: RawMesh, settings: MeshSettings = MESHES) -> RawMesh:
-    """Join equal vertices, and leave out what is there twice or has no area and is the edge of another triangle.
+    """Return a mesh with equal vertices merged, and without repeated triangles and those that are edges of others.
 
     Where two bodies touch, the triangles of both stay.
 
-    No place that belonged to the surface is lost: a triangle without area stays unless it covers nothing else than an
-    edge of another.
+    No point of the surface is lost: a triangle without area stays unless it covers nothing but an edge or vertex of
+    another triangle.
 
     Args:
-        raw: a mesh whose numbers are finite.
-        settings: what counts as no area.
+        raw: a mesh with finite coordinates.
+        settings: bound below which a triangle has no area.
 
     Raises:
         ProblemError: most triangles have no area.
@@ -223,24 +234,24 @@ def repaired_mesh(raw: RawMesh, settings: MeshSettings = MESHES) -> RawMesh:
 
 
 def _distinct_rows(points: FloatArray) -> tuple[FloatArray, IntArray]:
-    """Return the different points, and the number of each given one among them, shape (v,)."""
-    # Zero and minus zero are one place.
+    """Return the distinct points, shape (n, 3), and the index among them of each given point, shape (v,)."""
+    # Adding 0.0 makes zero and minus zero equal in their bits.
     points = np.ascontiguousarray(points + 0.0)
     bits = points.view(np.uint64)
-    # Numbers of single precision have nothing but zeros in their lower half, which a product alone would leave there.
+    # The lower half of a single-precision number is all zeros, and a product alone would leave it so.
     bits = bits ^ (bits >> np.uint64(32))
     keys = (bits * _MIXERS).sum(axis=1, dtype=np.uint64)
     _, first, names = np.unique(keys, return_index=True, return_inverse=True)
     distinct = points[first]
     if np.array_equal(distinct[names], points):
         return distinct, names.astype(np.intp)
-    # Two places happened to become one number: sort by all three coordinates, which takes longer.
+    # Hash collision: fall back to sorting by all three coordinates, which takes longer.
     found, slow_names = np.unique(points, axis=0, return_inverse=True)
     return found, slow_names.reshape(-1).astype(np.intp)
 
 
 def _without_area(vertices: FloatArray, faces: IntArray, settings: MeshSettings) -> BoolArray:
-    """Return which triangles are points or lines, shape (m,)."""
+    """Return which triangles are degenerate to points or lines, shape (m,)."""
     corners = vertices[faces]
     sides = np.roll(corners, -1, axis=1) - corners
     lengths = np.sqrt(np.einsum("fij,fij->fi", sides, sides))
@@ -250,7 +261,13 @@ def _without_area(vertices: FloatArray, faces: IntArray, settings: MeshSettings)
 
 
 def _on_edges(vertices: FloatArray, flat: IntArray, others: IntArray) -> BoolArray:
-    """Return which triangles without area cover nothing else than a vertex or an edge of others, shape (f,)."""
+    """Return which triangles without area cover nothing but a vertex or an edge of others, shape (f,).
+
+    Args:
+        vertices: vertices of the mesh, shape (v, 3).
+        flat: triangles without area, shape (f, 3).
+        others: the other triangles, shape (m, 3).
+    """
     corners = vertices[flat]
     sides = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2)
     longest = np.argmax(sides, axis=1)
@@ -259,7 +276,7 @@ def _on_edges(vertices: FloatArray, flat: IntArray, others: IntArray) -> BoolArr
     second = flat[rows, (longest + 1) % 3]
 
     def key(starts: IntArray, ends: IntArray) -> IntArray:
-        """Return the edges as one number each, whichever way they run."""
+        """Return one number per edge, the same in either direction."""
         return np.minimum(starts, ends) * (len(vertices) + 1) + np.maximum(starts, ends)
 
     edges = np.unique(key(others, np.roll(others, -1, axis=1)))

@@ -1,4 +1,4 @@
-"""Reads an output folder again for check, simulate and export, trusting nothing in it."""
+"""Reading of output folders for check, simulate and export; nothing in them is trusted unchecked."""
 
 import json
 import math
@@ -27,17 +27,17 @@ from ccm_opt.robot.frames import bends_from_revolutes, joint_names
 from ccm_opt.robot.segment import CurvatureSegment
 
 MOST_BYTES = 2**26
-"""Larger records are not read. Derived: ten times what a drawing of as many vertices as are allowed takes as JSON."""
+"""Largest size of a record that is read. Derived: ten times the JSON of a drawing with the most vertices allowed."""
 
 
 def read_record(path: Path) -> Mapping[str, object]:
     """Return the record of a folder.
 
     Args:
-        path: of ``solution.json``.
+        path: path of ``solution.json``.
 
     Raises:
-        ProblemError: it is not there, or not readable.
+        ProblemError: the record is missing or not readable.
     """
     try:
         content = read_plain(path, MOST_BYTES).decode("utf-8")
@@ -58,7 +58,11 @@ def _refuse_constant(name: str) -> NoReturn:
 
 
 def _each_once(pairs: Sequence[tuple[str, object]]) -> dict[str, object]:
-    """Return a table; of a key that is there twice other programs would take the other value."""
+    """Return a JSON object as a dictionary, refusing repeated keys, of which other programs may use another value.
+
+    Raises:
+        ValueError: a key is repeated.
+    """
     table = dict(pairs)
     if len(table) < len(pairs):
         keys = [key for key, _ in pairs]
@@ -68,19 +72,19 @@ def _each_once(pairs: Sequence[tuple[str, object]]) -> dict[str, object]:
 
 
 CONSTRAINT_PREFIX = "constraint "
-"""In front of the name of a user's constraint, in the name of its check."""
+"""Prefix of the name of a check of one of the user's constraints; the constraint's name follows."""
 
 
 @dataclass(frozen=True)
 class RecordedResults:
-    """Results as a record has them.
+    """The results stored in a record.
 
     Attributes:
-        figures: of merit, by name; those that are not finite are None.
-        checks: in the order of the record; numbers that are not finite are nan.
-        verdict: on the simulation, by the names of ``SimulationVerdict``.
-        tolerance: errors that are survived; none where nobody asked.
-        data: all of the record.
+        figures: figures of merit by name; None for those that are not finite.
+        checks: checks in the order of the record; NaN for numbers that are not finite.
+        verdict: verdict on the simulation, by the field names of ``SimulationVerdict``.
+        tolerance: errors that the motion survives; empty where not asked for.
+        data: the whole record.
     """
 
     figures: Mapping[str, float | None]
@@ -91,19 +95,19 @@ class RecordedResults:
 
     @property
     def constraints(self) -> tuple[str, ...]:
-        """Names of the user's constraints that the plan was made to keep, in order."""
+        """Names of the user's constraints on the plan, in order."""
         names = [check.name for check in self.checks if check.name.startswith(CONSTRAINT_PREFIX)]
         return tuple(name.removeprefix(CONSTRAINT_PREFIX) for name in names)
 
 
 def recorded_results(folder: Path) -> RecordedResults:
-    """Return the results in a folder.
+    """Return the results in an output folder.
 
     Args:
         folder: an output folder.
 
     Raises:
-        ProblemError: when there is no readable record, or these are not what they should be.
+        ProblemError: there is no readable record, or its results are malformed.
     """
     record: Mapping[str, Any] = read_record(folder / RECORD)
     try:
@@ -136,7 +140,11 @@ def _check(data: Mapping[str, Any]) -> Check:
 
 
 def _survived(data: Mapping[str, Any]) -> SurvivedError:
-    """Return an error, its size in degrees being the same as that in radians, where there is one."""
+    """Return a survived error from its record.
+
+    Raises:
+        ValueError: the size is missing, or differs from the one in degrees.
+    """
     size, degrees = (_number(data.get(name)) for name in ("size", "size_deg"))
     if size is None or (degrees is not None and not math.isclose(degrees, math.degrees(size), rel_tol=1e-9)):
         raise ValueError(f"the size of an error is {size!r}, in degrees {degrees!r}")
@@ -144,7 +152,12 @@ def _survived(data: Mapping[str, Any]) -> SurvivedError:
 
 
 def _number(value: object) -> float | None:
-    """Return a number; None for what is not finite, which stands as null."""
+    """Return a number of a record, or None for null, which stands for a number that was not finite.
+
+    Raises:
+        TypeError: the value is neither a number nor null.
+        ValueError: the number is too large for a double.
+    """
     if value is None:
         return None
     if isinstance(value, bool) or not isinstance(value, (int, float)):
@@ -156,14 +169,14 @@ def _number(value: object) -> float | None:
 
 
 def recorded_curves(arrays: Mapping[str, FloatArray], arm: Arm) -> tuple[Configuration, ...]:
-    """Return the curves behind a plan's keyframes, in order; none in space, where a folder has none.
+    """Return the curves to which a plan's keyframes were fitted, in order; empty in space, where folders have none.
 
     Args:
-        arrays: of the motion.
-        arm: whose base the curves begin at.
+        arrays: arrays of the motion, by name.
+        arm: the arm, at whose base the curves start.
 
     Raises:
-        ProblemError: the arrays are not those of curves.
+        ProblemError: the arrays do not describe curves.
     """
     if "base_headings" not in arrays:
         return ()
@@ -187,13 +200,24 @@ def recorded_curves(arrays: Mapping[str, FloatArray], arm: Arm) -> tuple[Configu
 def _curve(
     base: FloatArray, headings: FloatArray, lengths: FloatArray, curvatures: FloatArray, knots: FloatArray
 ) -> Configuration:
-    """Return a curve from its arrays, ``headings`` being those at which its segments begin."""
+    """Return a curve from the arrays of its segments.
+
+    Args:
+        base: start of the curve, shape (2,) [m].
+        headings: heading at the start of each segment, shape (S,) [rad].
+        lengths: lengths of the segments, shape (S,) [m].
+        curvatures: curvatures of the segments, shape (S, 5) [1/m].
+        knots: knots of the segments, shape (S, 3).
+    """
     parts = zip(lengths.tolist(), headings.tolist(), curvatures, knots.tolist(), strict=True)
     return Configuration(base, tuple(CurvatureSegment(a, heading, c, tuple(k)) for a, heading, c, k in parts))
 
 
 def _turns(lengths: FloatArray, curvatures: FloatArray, knots: FloatArray) -> FloatArray:
-    """Return by how much segments turn, shape (S,) [rad]: linear in the curvatures, alike for all of the same knots."""
+    """Return the change of heading along each segment, shape (S,) [rad].
+
+    It is linear in the curvatures, so the integrals of the basis are computed once for all segments of equal knots.
+    """
     kinds, kind = np.unique(knots, axis=0, return_inverse=True)
     of_kinds = [
         [CurvatureSegment(1.0, 0.0, unit, tuple(each)).end_heading for unit in np.eye(5)] for each in kinds.tolist()
@@ -203,7 +227,7 @@ def _turns(lengths: FloatArray, curvatures: FloatArray, knots: FloatArray) -> Fl
 
 
 def recorded_nearest(folder: Path) -> NearPlace | None:
-    """Return where the least gap of a plan is; None where its record does not say, or nothing is near.
+    """Return the place of the least gap of a plan; None where its record has none, or nothing is near.
 
     Args:
         folder: an output folder.
@@ -229,7 +253,7 @@ def recorded_nearest(folder: Path) -> NearPlace | None:
 
 
 POSITION_TOLERANCE = 1e-9
-"""Stored joint positions may differ from those of the stored angles by this much, relative to the arm's length."""
+"""Difference allowed between stored joint positions and those of the stored angles, as a share of the arm's length."""
 
 Shapes = Mapping[str, tuple[str | int, ...]]
 
@@ -252,14 +276,14 @@ SHAPES: Shapes = {
     "simulated_torques": ("samples", "revolutes"),
     "stops": ("stops",),
 }
-"""Arrays of ``solution.npz``; equal words are equal sizes."""
+"""Shapes of the arrays of ``solution.npz``; equal words stand for equal sizes."""
 SPACE_SHAPES: Shapes = {
     **{name: shape for name, shape in SHAPES.items() if not name.startswith("segment") and name != "base_headings"},
     "bend_angles": ("samples", "links", 2),
     "joint_positions": ("samples", "points", 3),
     "keyframes": ("keyframes", "links", 2),
 }
-"""The same of an arm in space, which has no curve in the plane."""
+"""Shapes of the arrays for an arm in space, which has no planar curves."""
 FEED_SHAPES: Shapes = {
     "base_feed": ("samples",),
     "feed_velocities": ("samples",),
@@ -268,23 +292,23 @@ FEED_SHAPES: Shapes = {
     "simulated_feed": ("samples",),
     "keyframe_feeds": ("keyframes",),
 }
-"""Further arrays of an arm with a feed axis."""
+"""Additional arrays for an arm with a feed axis."""
 ROOM_SHAPES: Shapes = {"room_time": ("looks",), "wall_gaps": ("looks",), "self_gaps": ("looks",)}
-"""Further arrays where the room of the motion was measured."""
+"""Additional arrays where the clearance of the motion was measured."""
 
 
 @dataclass(frozen=True)
 class SavedMotion:
-    """The motion in an output folder.
+    """The motion stored in an output folder.
 
     Attributes:
-        trajectory: in time.
-        joints: the same for all drives.
-        keyframes: of the planner, shape (K, coordinates).
-        simulated_angles: of the simulated arm, shape (T, 3 * links) [rad].
-        simulated_torques: likewise, shape (T, 3 * links) [N m].
-        simulated_base: positions of the axes that carry its base, shape (T, axes) [m].
-        arrays: all of the file but the names, as they stand there.
+        trajectory: the timed motion.
+        joints: the timed motion as the drives see it.
+        keyframes: keyframes of the planner, shape (K, coordinates) [rad, m].
+        simulated_angles: revolute angles of the simulated arm, shape (T, 3 * links) [rad].
+        simulated_torques: torques of the simulated arm, shape (T, 3 * links) [N m].
+        simulated_base: positions of the base axes of the simulated arm, shape (T, axes) [m].
+        arrays: all arrays of the file except the names of the joints, as stored.
     """
 
     trajectory: JointTrajectory
@@ -297,7 +321,7 @@ class SavedMotion:
 
     @property
     def room_arrays(self) -> Mapping[str, FloatArray]:
-        """Gaps over time by name, each of shape (N,); none where nobody measured them."""
+        """Gaps over time by name, each of shape (N,); empty where they were not measured."""
         return {name: self.arrays[name] for name in ROOM_SHAPES if name in self.arrays}
 
 
@@ -311,8 +335,8 @@ def load_problem_data(folder: Path) -> Mapping[str, object]:
         The data of the problem file.
 
     Raises:
-        ProblemError: when there is no folder, or it has no readable record of a known schema.
-        VerificationError: when the record says that there is no plan.
+        ProblemError: there is no folder, or it has no readable record of a known schema.
+        VerificationError: the record says that there is no plan.
     """
     record = read_record(folder / RECORD)
     if (schema := record.get("schema")) != SCHEMA or type(schema) is not int:
@@ -332,14 +356,14 @@ def load_problem_data(folder: Path) -> Mapping[str, object]:
 
 
 def load_any_problem(folder: Path) -> Problem:
-    """Return the problem that a folder's plan solves, in the plane or in space; meshes are those that the folder keeps.
+    """Return the problem solved by a folder's plan, planar or spatial, with the meshes stored in the folder.
 
     Args:
         folder: an output folder.
 
     Raises:
-        ProblemError: when there is no readable record, or the problem in it is not usable.
-        VerificationError: when the record says that there is no plan.
+        ProblemError: there is no readable record, or the problem in it is not usable.
+        VerificationError: the record says that there is no plan.
     """
     return problem_from_mapping(load_problem_data(folder), str(folder / RECORD), folder)
 
@@ -352,10 +376,10 @@ def load_motion(folder: Path, arm: Arm) -> SavedMotion:
         arm: the arm that moves.
 
     Returns:
-        The motion; the bends' velocities and accelerations are those of the revolutes.
+        The motion; velocities and accelerations of the bends are taken from the revolutes.
 
     Raises:
-        ProblemError: when an array is missing, has the wrong shape or type, is not finite, or contradicts another.
+        ProblemError: an array is missing, has the wrong shape or type, is not finite, or contradicts another.
     """
     path = folder / ARRAYS
     arrays = read_arrays(path)
@@ -372,7 +396,7 @@ def load_motion(folder: Path, arm: Arm) -> SavedMotion:
     numbers = {name: np.asarray(arrays[name], dtype=np.float64) for name in shapes if name != "joint_names"}
 
     def of_base(name: str, rows_of: str = "time") -> FloatArray:
-        """Return an array of the axes that carry the base, shape (T, axes)."""
+        """Return an array of the base axes, shape (T, axes); with no columns for a fixed base."""
         columns = [numbers[name]] if name in numbers else []
         return np.column_stack([np.zeros((len(numbers[rows_of]), 0)), *columns])
 
@@ -390,7 +414,7 @@ def load_motion(folder: Path, arm: Arm) -> SavedMotion:
         raise ProblemError(f"{path}: the array 'stops' holds something that is no number of one of {samples} samples")
     trajectory = JointTrajectory(
         numbers["time"],
-        # Bends of one joint may stand in a row of their own.
+        # In space, the stored array has the two bends of a joint on an axis of their own.
         np.column_stack((numbers["bend_angles"].reshape(samples, -1), of_base("base_feed"))),
         np.column_stack((bends_from_revolutes(arm, joints.velocities), of_base("feed_velocities"))),
         np.column_stack((bends_from_revolutes(arm, joints.accelerations), of_base("feed_accelerations"))),
@@ -416,29 +440,29 @@ def load_motion(folder: Path, arm: Arm) -> SavedMotion:
 
 
 def read_arrays(path: Path) -> dict[str, npt.NDArray[np.generic]]:
-    """Return the arrays of a plan's file, by name, as they stand there.
+    """Return the arrays of a plan's file by name, as stored.
 
     Raises:
-        ProblemError: when it cannot be read.
+        ProblemError: the file cannot be read.
     """
     return read_archive(path, (*SHAPES, *FEED_SHAPES, *ROOM_SHAPES))
 
 
 MOST_BYTES_OF_ARRAYS = 2**29
-"""Arrays that take more are not unpacked: a minute of motion of the longest arm takes less."""
+"""Largest unpacked size of the arrays that are read; a minute of motion of the longest arm takes less."""
 _METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
-"""How numpy packs arrays; no other program has to unpack them in another way."""
+"""Compression methods accepted, those of NumPy, so that every NumPy can read the file."""
 
 
 def read_archive(path: Path, known: Collection[str]) -> dict[str, npt.NDArray[np.generic]]:
-    """Return the arrays of a file, by name, as they stand there.
+    """Return the arrays of an ``.npz`` file by name, as stored.
 
     Args:
-        path: of the archive.
-        known: names of the arrays that it may hold.
+        path: path of the archive.
+        known: names of the arrays that it may contain.
 
     Raises:
-        ProblemError: it cannot be read, or holds anything else.
+        ProblemError: the file cannot be read, or contains anything else.
     """
     if not path.is_file():
         raise ProblemError(f"{path}: there is no such file; expected a folder written by 'ccm-opt solve'")
@@ -448,12 +472,12 @@ def read_archive(path: Path, known: Collection[str]) -> dict[str, npt.NDArray[np
         with zipfile.ZipFile(path) as archive:
             _check_members(path, archive.infolist(), {f"{name}.npy" for name in known})
         with warnings.catch_warnings():
-            warnings.simplefilter("error")  # of what numpy warns, and takes it all the same, it has not written
+            warnings.simplefilter("error")  # numpy reads some malformed files with a warning
             with np.load(path, allow_pickle=False) as loaded:
                 arrays = {name: loaded[name] for name in loaded.files}
     except ProblemError:
         raise
-    except Exception as error:  # archives and their heads are parsed by others, with errors of a dozen kinds
+    except Exception as error:  # the parsers of zip and npy raise errors of many types
         raise ProblemError(f"{path}: not readable as arrays: {error}") from error
     for name, array in arrays.items():
         if not isinstance(array, np.ndarray):
@@ -462,7 +486,11 @@ def read_archive(path: Path, known: Collection[str]) -> dict[str, npt.NDArray[np
 
 
 def _check_members(path: Path, members: Sequence[zipfile.ZipInfo], known: Collection[str]) -> None:
-    """Refuse, unread, an archive with anything but the arrays of the format, or with more than a plan can hold."""
+    """Refuse, before unpacking, an archive with other or repeated members, other compression, or too much data.
+
+    Raises:
+        ProblemError: the archive is refused.
+    """
     names = [member.filename for member in members]
     strange = next((name for name in names if name not in known or names.count(name) > 1), None)
     if strange is not None:
@@ -476,13 +504,17 @@ def _check_members(path: Path, members: Sequence[zipfile.ZipInfo], known: Collec
 
 
 def _check_shapes(arrays: Mapping[str, npt.NDArray[np.generic]], path: Path, links: int, shapes: Shapes) -> None:
-    """Every array of the format must be there, numeric, finite, and of one number of samples, links and keyframes."""
+    """Check that all arrays are present, numeric and finite, and agree in the numbers of samples, links and keyframes.
+
+    Raises:
+        ProblemError: they do not.
+    """
     sizes = {"links": links, "revolutes": 3 * links, "points": links + 1}
     for name, shape in shapes.items():
         if name not in arrays:
             raise ProblemError(f"{path}: the array '{name}' is missing")
         array = arrays[name]
-        # The first array that has a size fixes it for all others.
+        # The first array with a named size fixes it for all others.
         wanted = tuple(
             sizes.setdefault(size, got) if isinstance(size, str) else size
             for size, got in zip(shape, array.shape, strict=False)

@@ -1,8 +1,8 @@
-"""Keys of a problem file, of workspace, start and goal.
+"""Schema of a problem file: the tables of workspace, arm in space, start and goal, and the file as a whole.
 
-Rules between keys and checks of places are in ``rules``, checks between tables in ``table_reading``.
+Rules between keys and checks of positions are in ``rules``, checks between tables in ``table_reading``.
 
-The description of a key is what it means; the tables of the pages are made from that by ``docs/write_references.py``.
+The description of a key gives its meaning; ``docs/write_references.py`` makes the reference tables from it.
 """
 
 import math
@@ -40,7 +40,7 @@ from ccm_opt.io.schema_tables import (
 from ccm_opt.problem import LengthUnit, Tolerances
 
 CLOSEST_KNOTS = 1e-6
-"""Of a segment, as a share of it; a spline through closer ones swings wildly."""
+"""Least distance between knots, as a share of the segment's length; a spline through closer knots oscillates."""
 
 
 class SegmentTable(Table):
@@ -203,7 +203,7 @@ class WorkspaceTable(SceneTable):
 
 
 SHORTEST = 1e-9
-"""Directions and quaternions shorter than this have lost the digits that say where they point."""
+"""Least length of directions and quaternions; the direction of shorter ones is lost in rounding."""
 
 
 def _unit(values: list[float]) -> list[float]:
@@ -417,7 +417,7 @@ OPTIONAL: Mapping[str, type[Table]] = {
     "tolerance": ToleranceTable,
     "verification": VerificationTable,
 }
-"""Tables that may be left out."""
+"""Optional tables, by name."""
 TABLES: Mapping[bool, Mapping[str, type[Table]]] = {
     False: {
         "workspace": WorkspaceTable,
@@ -438,7 +438,7 @@ TABLES: Mapping[bool, Mapping[str, type[Table]]] = {
         **OPTIONAL,
     },
 }
-"""Tables of a file by where they stand, in the plane and, under True, in space."""
+"""Tables of a file by name, for arms in the plane under False and in space under True."""
 
 _FOLDER_NAME = re.compile(r"\w(?:[\w .+-]*[\w+-])?")
 _RESERVED = re.compile(r"(?i)(con|prn|aux|nul|com\d|lpt\d)(\..*)?")
@@ -453,7 +453,7 @@ def _folder_name(name: str) -> str:
 
 
 class RootTable(Table):
-    """The keys above the first table, and the tables themselves, each validated by itself."""
+    """The keys above the first table, and the tables, which are validated separately."""
 
     schema_version: Literal[1] = Field(alias="schema", description="Version of the format.")
     space: Literal[2, 3] = Field(

@@ -1,8 +1,8 @@
-"""Tables of a problem file and the types of their quantities.
+"""Types of the quantities in a problem file, and the tables common to arms in the plane and in space.
 
-A type says both ways between a file and SI units: lengths are multiplied by the metres in the file's unit, which the
-context of a validation carries as ``scale``, and written in the ``unit`` of the context of a serialisation. What a
-value has to look like is said in the description of its type, for the pages.
+The types convert between the units of a file and SI units: on validation lengths are multiplied by ``scale`` of the
+context, the metres per unit of the file; on serialisation they are written in the ``unit`` of the context. The
+description of a type, used by the documentation, says which values are valid.
 """
 
 import math
@@ -46,8 +46,8 @@ MAX_LENGTH = 1e9
 """Largest coordinate [m]; beyond it double precision no longer resolves a micrometre."""
 
 LARGEST = 1e12
-"""Largest number of any kind; no length, angle or limit of an arm comes near it, and squares of far larger ones are
-infinite."""
+"""Largest number of any kind; no length, angle or limit of an arm comes near it, and the squares of far larger numbers
+overflow."""
 
 
 def _scale(info: ValidationInfo) -> float:
@@ -69,7 +69,7 @@ def _to_inverse_metres(value: float, info: ValidationInfo) -> float:
 
 
 def _lengths(values: npt.ArrayLike, info: SerializationInfo) -> Any:
-    """Return the lengths or places in a unit, as a number or nested lists."""
+    """Return lengths or points [m] in the unit of the context, as a number or nested lists."""
     metres = np.asarray(values, dtype=np.float64)
     given = np.array([in_unit(value, (info.context or {})["unit"]) for value in metres.flat])
     return given.reshape(metres.shape).tolist()
@@ -97,13 +97,17 @@ def _ordered_box(corners: list[float]) -> list[float]:
 
 
 def _simple_ring(points: list[list[float]]) -> list[list[float]]:
-    """Refuse an outline that crosses itself or has no area, and say near which vertex."""
+    """Return an outline unchanged, or refuse one that crosses itself or has no area.
+
+    Raises:
+        ValueError: the outline is refused; the message names the nearest corner.
+    """
     if max(abs(value) for point in points for value in point) > LARGEST:
         raise ValueError(f"expected coordinates of at most {LARGEST:g}")
     polygon = shapely.Polygon(points)
     if polygon.is_valid and polygon.area > 0.0:
         return points
-    # GEOS gives the place of a crossing in brackets, for example "Self-intersection[1 2]".
+    # GEOS gives the coordinates of a crossing in brackets, for example "Self-intersection[1 2]".
     place = re.search(r"\[(\S+) (\S+)\]", shapely.is_valid_reason(polygon))
     if place is None or polygon.convex_hull.area == 0.0:
         raise ValueError("the outline encloses no area; expected at least three corners that are not in one line")
@@ -127,7 +131,7 @@ def _points_to_metres(points: list[list[float]], info: ValidationInfo) -> list[l
 
 
 def exactly(count: int) -> AfterValidator:
-    """Return the rule that a list has ``count`` entries, no fewer and no more."""
+    """Return a validator that accepts lists of exactly ``count`` entries."""
 
     def check(values: list[float]) -> list[float]:
         if len(values) != count:
@@ -138,14 +142,19 @@ def exactly(count: int) -> AfterValidator:
 
 
 def _is_number(value: object) -> TypeGuard[float]:
-    """Return whether a value is a finite number; to Python true and false are numbers too, to a user they are not."""
+    """Return whether a value is a finite number; booleans, which are numbers to Python, do not count."""
     if isinstance(value, bool) or not isinstance(value, (int, float)):
         return False
     return abs(value) <= sys.float_info.max
 
 
 def _numbers_each(expected: str, *, zero: bool) -> BeforeValidator:
-    """Return the rule for one number or a list of numbers; pydantic's own union would report every defect twice."""
+    """Return a validator for one positive number or a list of such; pydantic's own union would report defects twice.
+
+    Args:
+        expected: what is expected, in words, for the message.
+        zero: whether 0 is allowed.
+    """
 
     def check(value: object) -> object:
         if value == []:
@@ -199,13 +208,13 @@ PositiveEach: TypeAlias = Annotated[
     Field(description="number above 0, or a list of such"),
     _numbers_each("a positive number", zero=False),
 ]
-"""One positive number for all, or a list with one each."""
+"""One positive number for all, or a list with one for each."""
 NonNegativeEach: TypeAlias = Annotated[
     float | list[float],
     Field(description="number, 0 or more, or a list of such"),
     _numbers_each("a number that is not negative", zero=True),
 ]
-"""The same with zero allowed."""
+"""One non-negative number for all, or a list with one for each."""
 NonNegative: TypeAlias = Annotated[float, Field(ge=0.0)]
 
 
@@ -213,10 +222,10 @@ class Rules(NamedTuple):
     """Rules between the keys of a table.
 
     Attributes:
-        exactly_one: keys of which exactly one is given; any or none where there are none.
-        otherwise: what else would do, in words.
-        at_most_one: two keys of which not both are given.
-        needs: for a key those of which one is needed beside it.
+        exactly_one: keys of which exactly one must be given; empty for no such rule.
+        otherwise: another way to satisfy ``exactly_one``, in words, appended to its message.
+        at_most_one: two keys of which at most one may be given.
+        needs: for a key, the keys of which at least one must be given with it.
     """
 
     exactly_one: tuple[str, ...] = ()
@@ -226,7 +235,7 @@ class Rules(NamedTuple):
 
 
 class Table(BaseModel):
-    """A table: unknown keys, guessed types, and numbers that are not finite or beyond all measure are errors."""
+    """Base class of all tables: unknown keys, wrong types, and numbers that are not finite or too large are errors."""
 
     rules: ClassVar[Rules] = Rules()
 
@@ -235,16 +244,16 @@ class Table(BaseModel):
         extra="forbid",
         allow_inf_nan=False,
         frozen=True,
-        defer_build=True,  # a file in space has other tables than one in the plane, and most files lack some
+        defer_build=True,  # most files use only some of the tables
     )
 
     @classmethod
     def of(cls, part: object, **own: object) -> Self:
-        """Return the table that says what an object says by attributes of the names of the keys, without their units.
+        """Return the table of an object, whose attributes have the names of the keys without the suffix ``_deg``.
 
         Args:
             part: the object.
-            own: values of keys that it does not say so; None where nothing is said.
+            own: values of keys that are no such attributes; None leaves a key out.
         """
         nested = table_models(cls)
         said = {name: getattr(part, name.removesuffix("_deg"), None) for name in cls.model_fields} | own
@@ -252,12 +261,12 @@ class Table(BaseModel):
         return cls.model_construct(**{name: value for name, value in values.items() if value is not None})
 
     def written(self, unit: LengthUnit) -> dict[str, Any]:
-        """Return the keys that are given, with lengths in a unit, angles in degrees."""
+        """Return the keys that are set, with lengths in ``unit`` and angles in degrees."""
         return self.model_dump(by_alias=True, exclude_unset=True, context={"unit": unit}, warnings=False)
 
     @property
     def values(self) -> dict[str, Any]:
-        """All values, by their keys without the units that these name, in which no value is any more."""
+        """All values in SI units and radians, by their keys without the suffix ``_deg``."""
         return {name.removesuffix("_deg"): getattr(self, name) for name in type(self).model_fields}
 
     @field_validator("*")
@@ -269,7 +278,7 @@ class Table(BaseModel):
 
 
 def _plain(value: object, table: type[BaseModel] | None) -> object:
-    """Return a value of a table: lists and numbers of Python, and tables for objects."""
+    """Return a value as plain lists and numbers, with objects converted to the given kind of table."""
     if isinstance(value, (list, tuple)):
         return [_plain(each, table) for each in value]
     if table is not None and issubclass(table, Table) and value is not None and not isinstance(value, Table):
@@ -278,7 +287,7 @@ def _plain(value: object, table: type[BaseModel] | None) -> object:
 
 
 def _floats(value: object) -> Iterator[float]:
-    """Yield all floats of a value and of the lists in it."""
+    """Yield a value that is a float, or all floats in nested lists."""
     if isinstance(value, float):
         yield value
     elif isinstance(value, (list, tuple)):
@@ -287,7 +296,7 @@ def _floats(value: object) -> Iterator[float]:
 
 
 MAX_LINKS = 400
-"""Far more than any arm that has been planned for; planning for more would take hours."""
+"""Largest number of links, far above any real arm; planning for more would take hours."""
 
 
 class InertiaTable(Table):

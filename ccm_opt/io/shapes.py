@@ -1,7 +1,7 @@
-"""Shapes that a drawing holds, and curves as chords.
+"""Shapes found in drawings, and flattening of curves into chords.
 
-A curve p(t), replaced by chords over equal steps h of its parameter, is nowhere farther from the chord at the same
-parameter than h² max|p''| / 8 (the error of linear interpolation). The number of steps follows from a bound on p''.
+A curve p(t) replaced by chords over equal steps h of its parameter deviates from the chord at the same parameter by at
+most h² max|p''| / 8 (the error of linear interpolation). The number of steps follows from a bound on p''.
 """
 
 import math
@@ -21,20 +21,20 @@ class ImportBounds:
     """Bounds of the import, the same for all formats.
 
     Attributes:
-        most_bytes: larger files are refused. Taste.
-        most_vertices: larger scenes are refused. Taste: a planner would take hours with them.
-        most_points: shapes of more points in all, counted before repairs join some, are refused while they are read.
-            Derived: what more than ``most_vertices`` would remain of, but for outlines that are drawn several times.
-        most_elements: drawings of more elements, those counted as often as they are used or inserted, are refused
-            while they are expanded. Derived: an element gives one vertex at least.
-        most_nodes: files of more elements of any kind, or places in lists, are refused while they are read. Taste.
-        deepest: elements nested deeper are refused, so that nothing depends on how deep a file nests. Taste: people
-            nest a dozen deep, and programs that convert drawings some dozens.
-        reported_defects: how many defects of a drawing an error lists. Taste.
-        largest_coordinate: larger ones are refused, in the unit of the result. Derived: beyond it double precision no
-            longer resolves a millionth.
-        most_nested: pairs of rings of one shape whose boxes meet. Measured: 0.5 s for
-            as many, each ring in the next.
+        most_bytes: largest size of a file. Taste.
+        most_vertices: largest number of vertices of all obstacles. Taste: a planner would take hours with more.
+        most_points: largest number of points of all shapes, counted while they are read, before repairs join some.
+            Derived: with more points, more than ``most_vertices`` would remain, except of outlines drawn repeatedly.
+        most_elements: largest number of elements, counted each time they are used or inserted. Derived: an element
+            gives at least one vertex.
+        most_nodes: largest number of elements of any kind, or of points in lists, in a file. Taste.
+        deepest: deepest nesting of elements, which bounds recursion. Taste: people nest a dozen deep, and converters of
+            drawings some dozens.
+        reported_defects: number of defects of a drawing listed in an error. Taste.
+        largest_coordinate: largest coordinate, in the unit of the result. Derived: beyond it double precision no longer
+            resolves a millionth.
+        most_nested: largest number of pairs of rings of one shape whose boxes meet. Measured: 0.5 s for as many, each
+            ring inside the next.
     """
 
     most_bytes: int = 32 * 2**20
@@ -48,7 +48,7 @@ class ImportBounds:
     most_nested: int = 500_000
 
     def listed(self, defects: Sequence[str]) -> str:
-        """Return the first defects of a drawing in one sentence, with the number of the rest."""
+        """Return the first defects of a drawing in one sentence, and the number of the remaining ones."""
         shown = list(defects[: self.reported_defects])
         if len(defects) > len(shown):
             shown.append(f"and {len(defects) - len(shown)} more")
@@ -56,31 +56,31 @@ class ImportBounds:
 
 
 IMPORT = ImportBounds()
-"""What every drawing is held to."""
+"""Bounds applied to every drawing."""
 
 
 FillRule = Literal["polygon", "evenodd", "nonzero"]
-"""How rings within rings count, see ``Shape``."""
+"""Fill rule of nested rings, see ``Shape``."""
 
 Drawn = Literal["line", "outline", "painted", "area"]
-"""How a shape is drawn: as an open line; as a closed line alone, so that outlines within it are holes; filled; or as an
-area, by a hatch for example, which is solid whatever outlines stand for."""
+"""How a shape is drawn: as an open line; as a closed line without fill, so that outlines within it are holes; filled;
+or as an area, for example a hatch, which is solid whatever closed outlines mean."""
 
 
 @dataclass(frozen=True)
 class Shape:
-    """What a drawing holds in one piece: what closed rings enclose, an open line, or a true circle.
+    """One shape of a drawing: the area enclosed by closed rings, an open line, or a true circle.
 
     Attributes:
-        name: what the drawing calls it.
-        rings: each of shape (k, 2), of closed ones the first point not repeated; the points of an open line; the centre
-            of a circle, shape (1, 2).
-        drawn: see ``Drawn``.
-        rule: ``polygon``: the first ring is the outline, the others are holes; ``evenodd`` and ``nonzero``: rings
-            within rings are holes by the fill rules of SVG.
-        curved: whether some ring is a flattened curve.
-        half_width: by which the drawn line is wider than the ring on each side; the radius of a circle.
-        layer: on which it is drawn; empty where the drawing has none.
+        name: name of the shape in the drawing.
+        rings: closed rings, each of shape (k, 2), without repeating the first point; the points of an open line; the
+            centre of a circle, shape (1, 2).
+        drawn: how the shape is drawn, see ``Drawn``.
+        rule: ``polygon``: the first ring is the outline, the others are holes; ``evenodd`` and ``nonzero``: nested
+            rings are holes by the fill rules of SVG.
+        curved: whether a ring is a flattened curve.
+        half_width: distance by which the shape extends beyond its rings, half the line width; the radius of a circle.
+        layer: layer on which the shape is drawn; empty where the drawing has none.
     """
 
     name: str
@@ -93,23 +93,23 @@ class Shape:
 
     @property
     def is_circle(self) -> bool:
-        """Whether it is a true circle."""
+        """Whether the shape is a true circle."""
         return self.size == 1
 
     @property
     def size(self) -> int:
-        """Number of points."""
+        """Number of points of all rings."""
         return sum(len(ring) for ring in self.rings)
 
 
 @dataclass(frozen=True)
 class DrawingContent:
-    """What a reader found.
+    """The shapes that a reader found in a drawing.
 
     Attributes:
-        shapes: in the order of the drawing.
-        left_out: what became no shape, with the reasons.
-        unit: of length that the file names, for example ``mm``; empty where it names none.
+        shapes: shapes in the order of the drawing.
+        left_out: elements that are no shapes, with the reasons.
+        unit: unit of length stated in the file, for example ``mm``; empty where it states none.
     """
 
     shapes: tuple[Shape, ...]
@@ -118,22 +118,22 @@ class DrawingContent:
 
 
 Reader: TypeAlias = Callable[[bytes, float], DrawingContent]
-"""Finds the shapes in a file's bytes; curves are flattened to the given distance, in the drawing's own unit."""
+"""Function that returns the shapes in a file's bytes, curves flattened to within a distance in the drawing's unit."""
 
 
 MAX_STEPS = 20_000
-"""A single curve of more chords than this is taken for a mistake in scale."""
+"""Largest number of chords of one curve; more suggest an error of scale."""
 
 
 def flatten_bezier(control: FloatArray, distance: float) -> FloatArray:
     """Return a Bézier curve of any degree as a polyline.
 
-    Of degree d its second derivative is at most d (d - 1) max|P_i - 2 P_(i+1) + P_(i+2)| (Farin, Curves and Surfaces
-    for CAGD, section 4.4).
+    The second derivative of a curve of degree d is at most d (d - 1) max|P_i - 2 P_(i+1) + P_(i+2)| (Farin, Curves and
+    Surfaces for CAGD, section 4.4).
 
     Args:
         control: control points, shape (d + 1, 2).
-        distance: greatest distance between curve and polyline.
+        distance: largest distance allowed between curve and polyline.
 
     Returns:
         Points on the curve, both ends included, shape (k, 2).
@@ -155,15 +155,15 @@ def flatten_ellipse(
 ) -> FloatArray:
     """Return the arc center + major cos t + minor sin t of an ellipse as a polyline.
 
-    Its second derivative is at most the longer of the two perpendicular half axes.
+    Its second derivative is at most the longer of the two perpendicular semi-axes.
 
     Args:
-        center: shape (2,).
-        major: a half axis, shape (2,).
-        minor: the half axis perpendicular to it, shape (2,).
-        start: first parameter [rad].
-        sweep: parameter passed, negative for clockwise [rad].
-        distance: greatest distance between arc and polyline.
+        center: centre, shape (2,).
+        major: a semi-axis, shape (2,).
+        minor: the semi-axis perpendicular to ``major``, shape (2,).
+        start: parameter of the first point [rad].
+        sweep: change of the parameter, negative for clockwise [rad].
+        distance: largest distance allowed between arc and polyline.
 
     Returns:
         Points on the arc, both ends included, shape (k, 2).
@@ -173,7 +173,7 @@ def flatten_ellipse(
     """
     longest = max(float(np.hypot(*major)), float(np.hypot(*minor)))
     steps = _steps(longest * sweep**2, distance)
-    # A chord a quarter at least keeps the outline of an ellipse from collapsing where the distance is large.
+    # At least one chord per quarter turn, so that an ellipse does not collapse when the distance is large.
     steps = max(steps, math.ceil(abs(sweep) / (0.5 * math.pi)))
     t = start + sweep * np.linspace(0.0, 1.0, steps + 1)
     points: FloatArray = center + np.outer(np.cos(t), major) + np.outer(np.sin(t), minor)
@@ -186,18 +186,18 @@ def flatten_arc(center: FloatArray, radius: float, start: float, sweep: float, d
 
 
 def flatten_bulges(points: FloatArray, bulges: FloatArray, distance: float) -> FloatArray:
-    """Return a polyline whose legs may be arcs, given by bulges as in DXF.
+    """Return a polyline with arcs, given by bulges as in DXF, as a polyline of straight legs.
 
-    A bulge is tan(φ/4), φ the angle of the arc, positive counter-clockwise; the radius is c (1 + b²) / (4 |b|) over
-    a chord of length c.
+    A bulge b is tan(φ/4) with φ the angle of the arc, positive counter-clockwise; the radius over a chord of length c
+    is c (1 + b²) / (4 |b|).
 
     Args:
-        points: shape (k, 2).
-        bulges: of the leg after each point but the last, shape (k - 1,).
-        distance: greatest distance between arc and polyline.
+        points: vertices, shape (k, 2).
+        bulges: bulge of the leg after each point but the last, shape (k - 1,).
+        distance: largest distance allowed between arc and polyline.
 
     Returns:
-        Shape (m, 2), all of ``points`` included.
+        Points, all of ``points`` included, shape (m, 2).
     """
     pieces = [points[:1]]
     for tail, head, bulge in zip(points[:-1], points[1:], bulges, strict=True):
@@ -208,7 +208,7 @@ def flatten_bulges(points: FloatArray, bulges: FloatArray, distance: float) -> F
 
 def _bulge(tail: FloatArray, head: FloatArray, bulge: float, distance: float) -> FloatArray:
     chord = head - tail
-    # The centre stands off the middle of the chord, to its left, by c (1 − b²) / (4 b).
+    # The centre is offset from the middle of the chord, to its left, by c (1 − b²) / (4 b).
     center = 0.5 * (tail + head) + (1.0 - bulge**2) / (4.0 * bulge) * np.array([-chord[1], chord[0]])
     start = math.atan2(*(tail - center)[::-1])
     arc = flatten_arc(center, float(np.hypot(*(tail - center))), start, 4.0 * math.atan(bulge), distance)
@@ -216,19 +216,27 @@ def _bulge(tail: FloatArray, head: FloatArray, bulge: float, distance: float) ->
 
 
 def _pinned(points: FloatArray, first: FloatArray, last: FloatArray) -> FloatArray:
-    """Return the same points with their ends free of rounding."""
+    """Set the ends of a polyline, in place, to exact values free of rounding, and return it."""
     points[0] = first
     points[-1] = last
     return points
 
 
 def _steps(second_derivative: float, distance: float) -> int:
-    """Return the chords needed over a parameter interval of length 1."""
+    """Return the number of chords needed over a parameter interval of length 1.
+
+    Args:
+        second_derivative: bound on |p''|.
+        distance: largest distance allowed between curve and chords.
+
+    Raises:
+        ProblemError: the bound is not finite, or more than ``MAX_STEPS`` chords would be needed.
+    """
     if not math.isfinite(second_derivative):
         raise ProblemError("a curve has a point that is not finite; expected finite coordinates")
     # h² max|p''| / 8 ≤ distance with h = 1 / steps.
     needed = math.sqrt(second_derivative / (8.0 * distance))
-    if needed > MAX_STEPS:  # maybe infinite
+    if needed > MAX_STEPS:  # possibly infinite
         raise ProblemError(
             f"a curve needs {needed:.0f} chords to stay within {distance:.3g} drawing units; check the scale, or allow "
             "a larger curve_tolerance"
@@ -241,15 +249,15 @@ def flatten_spline(
 ) -> FloatArray:
     """Return a B-spline curve, which may be rational, as a polyline.
 
-    Between two knots the curve is a quotient p = n / w of polynomials, whose coefficients bound their derivatives:
+    Between two knots the curve is a quotient p = n / w of polynomials, and their coefficients bound the derivatives:
     p' = (n' − w' p) / w and p'' = (n'' − 2 w' p' − w'' p) / w (Piegl and Tiller, The NURBS Book, equation 4.8).
 
     Args:
-        knots: shape (k + degree + 1,), not decreasing.
+        knots: knots, non-decreasing, shape (k + degree + 1,).
         control: control points, shape (k, 2).
-        weights: of the control points, positive, shape (k,).
-        degree: at least 1.
-        distance: greatest distance between curve and polyline.
+        weights: weights of the control points, positive, shape (k,).
+        degree: degree, at least 1.
+        distance: largest distance allowed between curve and polyline.
 
     Returns:
         Points on the curve, both ends included, shape (m, 2).
@@ -265,13 +273,13 @@ def flatten_spline(
     # Columns: n and w.
     columns = np.column_stack((weights[:, None] * control, weights))
     coefficients = np.stack([PPoly.from_spline((knots, column, degree)).c for column in columns.T], axis=-1)
-    powers = np.arange(degree, -1, -1)  # from the highest on
+    powers = np.arange(degree, -1, -1)  # highest first
     pieces: list[FloatArray] = []
     for k in range(degree, len(knots) - degree - 1):
         width = float(knots[k + 1] - knots[k])
         if width <= 0.0:
             continue
-        # Over a span of width 1, places seen from where it begins.
+        # Rescale the span to width 1; for the bounds, measure positions from its start.
         terms = coefficients[:, k] * width ** powers[:, None]
         whole = terms.copy()
         terms[:, :2] -= terms[:, 2:] * (terms[-1, :2] / terms[-1, 2])

@@ -125,7 +125,7 @@ def _goals(data: Mapping[str, object], issues: Issues, scale: float, model: type
 def _obstacles(
     data: Mapping[str, object], issues: Issues, scale: float, model: type[Table]
 ) -> tuple[tuple[int, Table], ...]:
-    """Return the validated obstacles with their indices in the file, from 0; defective ones are reported and dropped."""
+    """Return the valid obstacles with their indices in the file, from 0; the defects of the others are reported."""
     workspace = data.get("workspace")
     entries = workspace.get("obstacles", []) if isinstance(workspace, Mapping) else []
     if not isinstance(entries, list):
