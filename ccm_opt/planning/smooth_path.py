@@ -216,7 +216,7 @@ class _Room:
 
     @property
     def _looks(self) -> FloatArray:
-        """Places of a path at which is looked: a fed arm's has many more spans than its motion has keyframes."""
+        """Path parameters at which clearance is measured; a fed arm's path has many more spans than keyframes."""
         return np.linspace(0.0, 1.0, _LOOKS * self.keyframes + 1)
 
     def lost_places(self, spline: BSpline) -> FloatArray:

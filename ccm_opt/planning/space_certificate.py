@@ -1,9 +1,10 @@
 """The certificate of a motion in space.
 
-Over an interval the coordinates are linear in t from 0 to 1. With the axes of the joints half-way, ω_j = Σ_{i≤j} (Δa_i
-z_i + Δb_i y_i) is the angular velocity of link j there, in which opposite turns cancel. Axes turn with the links before
-them, so that ω_j changes at a rate of at most D_j = D_{j−1} + S_{j−1} √(Δa_j² + Δb_j²) + |Δa_j Δb_j|, and |ω_j| is at
-most S_j = |ω_j(½)| + ½ D_j throughout. A joint k then has a second derivative of at most c_k = Σ_{j<k} l (S_j² + D_j),
+Over an interval the coordinates are linear in t from 0 to 1. With the axes of the joints half-way,
+ω_j = Σ_{i≤j} (Δa_i z_i + Δb_i y_i) is the angular velocity of link j there, in which opposite turns cancel. Axes turn
+with the links before them, so that ω_j changes at a rate of at most
+D_j = D_{j−1} + S_{j−1} √(Δa_j² + Δb_j²) + |Δa_j Δb_j|, and |ω_j| is at most
+S_j = |ω_j(½)| + ½ D_j throughout. A joint k then has a second derivative of at most c_k = Σ_{j<k} l (S_j² + D_j),
 and since its mean velocity is the chord from end to end, a velocity of at most |chord_k| + ½ c_k.
 
 A point that moves by at most v over an interval, and whose distance from the walls is d(0) and d(1) at its ends, has at

@@ -1,7 +1,7 @@
 """Cells of a reach map, and how they are flooded.
 
-Cells are looked at in waves: all that a wave may lead to is known before it begins, and what it found is taken in
-together in the order of its tasks. So the map does not depend on which process is done first, nor on their number.
+Cells are processed in waves: all seeds of a wave are known before it begins, and its results are taken in together in
+the order of its tasks. So the map depends neither on which process finishes first nor on the number of processes.
 """
 
 import pickle
@@ -31,34 +31,33 @@ from ccm_opt.problem import Problem, TipGoal
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 
 _STEPS = 40
-"""Most steps from a pose in the cell beside onto a place. Measured: of those that arrive nearly all take less."""
+"""Most steps from a pose in the neighbouring cell onto a place. Measured: nearly all that arrive take fewer."""
 _PROGRESS = 0.9
-"""Share of the way left that four steps may leave, or the place is given up. Taste."""
+"""Share of the distance left that four steps may leave for a place not to be given up. Taste."""
 _ROUND = 4
-"""Steps after which it is looked whether they help."""
+"""Number of steps between checks of the progress."""
 _TURNS = 2
-"""Poses from which a direction is tried in a cell. Taste."""
+"""Number of poses from which a direction is tried in a cell. Taste."""
 
 Cell: TypeAlias = tuple[int, ...]
-"""Numbers of a cell along x and y, in space along z too."""
+"""Indices of a cell along x and y, in space along z too."""
 
 
 @dataclass(frozen=True)
 class ReachSettings:
-    """How it is found out where the tip can be.
+    """Settings of the search for where the tip can be.
 
     Attributes:
-        step: width of a cell in the plane, as a share of the arm's length, where none is given. Taste.
-        step_in_space: the same in space. Taste: with a base that stands still some two thousand cells, in about half a
-            minute.
-        headings: that are tried in a cell in the plane, where no number is given. Taste.
-        directions: that are tried in a cell in space, where no number is given. Taste: none, for each of them takes as
-            long as all of the map without.
-        drawn: poses that are drawn, each of which is a beginning in the cell of its tip. Taste: a thousandth of a
-            second each; they find what lies beyond narrow places.
-        margin: room that steps in the plane keep, in nominal links, where there is so much. Taste.
-        seen: room that is looked at, as a share of the arm's length; above it gaps are not told apart. Taste.
-        most_cells: of a grid; more are refused. Derived: some minutes of work and 10 MB of arrays.
+        step: default width of a cell in the plane, as a share of the arm's length. Taste.
+        step_in_space: default width in space. Taste: with a fixed base some two thousand cells, in about half a minute.
+        headings: default number of headings tried in a cell in the plane. Taste.
+        directions: default number of directions tried in a cell in space. Taste: none, since each takes as long as all
+            of the map without.
+        drawn: number of sampled poses, each of which is a seed in the cell of its tip. Taste: a thousandth of a second
+            each; they find the regions beyond narrow places.
+        margin: planning margin of steps in the plane, in nominal links, where possible. Taste.
+        seen: largest gap that is measured, as a share of the arm's length. Taste.
+        most_cells: largest grid; larger ones are refused. Derived: some minutes of work and 10 MB of arrays.
     """
 
     step: float = 1.0 / 16.0
@@ -72,18 +71,18 @@ class ReachSettings:
 
 
 REACH = ReachSettings()
-"""Used where no other settings are given."""
+"""Default settings."""
 
 
 @dataclass(frozen=True, eq=False)
 class ReachQuestion:
-    """What all cells of one map have in common; cheap to pickle.
+    """Inputs that all cells of one map share; cheap to pickle.
 
     Attributes:
-        pickled: the problem.
-        width: of a cell [m].
-        directions: that are tried in every cell, shape (K, d).
-        settings: how hard is tried.
+        pickled: the pickled problem.
+        width: width of a cell [m].
+        directions: directions that are tried in every cell, shape (K, d).
+        settings: settings of the search.
     """
 
     pickled: bytes
@@ -95,7 +94,11 @@ class ReachQuestion:
     def about(
         cls, problem: Problem, width: float, directions: FloatArray, settings: ReachSettings = REACH
     ) -> "ReachQuestion":
-        """The question for a problem, whose last goal, if it is one of a tip in space, is where a motion may lead."""
+        """Return the question for a problem.
+
+        In space a last goal for the tip is kept, as the goal of a motion to begin with; otherwise the tip's start is
+        the goal.
+        """
         goal = TipGoal(problem.start.tip(problem.arm))
         if problem.dimension == 3 and problem.goal.whole(problem.arm) is None:
             goal = problem.goal  # type: ignore[assignment]  # that is no pose of the whole arm
@@ -103,20 +106,21 @@ class ReachQuestion:
 
     @property
     def looker(self) -> "TipLooker":
-        """Who looks at cells in this process, made once."""
+        """The object that processes cells in this process, created once."""
         return _looker(self.pickled, self.settings)
 
 
 @dataclass(frozen=True, eq=False)
 class ReachTask:
-    """A cell to be entered, or one that is reached, in which directions and room are looked at.
+    """A cell to be entered, or a reached cell whose directions and gap are to be found.
 
     Attributes:
-        cell: its numbers.
-        middle: of it, shape (d,) [m].
-        seeds: unknowns of poses, each of shape (p,): to enter it, such with the tip in it or beside it, in the order of
-            trying; where it is reached, first of the pose with the tip in its middle, then of those beside.
-        reached: whether it is.
+        cell: indices of the cell.
+        middle: middle of the cell, shape (d,) [m].
+        seeds: unknowns of poses, each of shape (p,), in the order of trying: to enter the cell, poses with the tip in
+            it or in a neighbour; where it is reached, first the pose with the tip in its middle, then those of the
+            neighbours.
+        reached: whether the cell is reached.
     """
 
     cell: Cell
@@ -127,16 +131,16 @@ class ReachTask:
 
 @dataclass(frozen=True, eq=False)
 class CellFound:
-    """What was found in a cell.
+    """Result for a cell.
 
     Attributes:
-        arrived: unknowns of a free pose with the tip in its middle, shape (p,); None where there is none.
-        stone: of one that only came into the cell; None where there is none.
-        tried: seeds that were tried.
-        taken: directions that it can have, shape (K,).
-        turned: unknowns of poses with these, each of shape (p,).
-        gap: room of the roomiest pose, as far as is looked [m].
-        cpu: that it took [s].
+        arrived: unknowns of a free pose with the tip in the middle, shape (p,); None where there is none.
+        stone: unknowns of a free pose that only entered the cell; None where there is none.
+        tried: number of seeds tried.
+        taken: mask of the directions that the tip can have, shape (K,).
+        turned: unknowns of poses with these directions, each of shape (p,).
+        gap: largest gap of these poses, as far as measured [m].
+        cpu: CPU time taken [s].
     """
 
     arrived: FloatArray | None = None
@@ -150,14 +154,14 @@ class CellFound:
 
 @on_one_thread()
 def look_at_cell(question: ReachQuestion, task: ReachTask) -> CellFound:
-    """Do one task of a map."""
+    """Carry out one task of a map, and return its result."""
     begun = time.process_time()
     looker = question.looker
     found = looker.turned(task, question.directions) if task.reached else looker.entered(task, question.width)
     return replace(found, cpu=time.process_time() - begun)
 
 
-@lru_cache(maxsize=2)  # a worker makes it once for all cells of a map
+@lru_cache(maxsize=2)  # a worker creates it once for all cells of a map
 def _looker(pickled: bytes, settings: ReachSettings) -> "TipLooker":
     problem: Problem = pickle.loads(pickled)  # noqa: S301 - made by this very program
     return _in_plane(problem, settings) if problem.dimension == 2 else _in_space(problem, settings)
@@ -165,15 +169,15 @@ def _looker(pickled: bytes, settings: ReachSettings) -> "TipLooker":
 
 @dataclass(frozen=True, eq=False)
 class TipLooker:
-    """Leads poses of one arm among fixed walls or surfaces from place to place.
+    """Moves poses of one arm among fixed walls or surfaces from place to place.
 
     Attributes:
         stepper: takes the steps.
         start: unknowns of the first pose, shape (p,).
-        room: least of configurations, shape (k, c), beyond radius and clearance, as far as is looked [m].
-        drawn: draws unknowns of random shapes.
-        seed: of the draws.
-        task: in space, for a motion to begin with; None in the plane.
+        room: least gap of configurations, shape (k, c), beyond radius and clearance, as far as measured [m].
+        drawn: samples unknowns of random shapes.
+        seed: seed of the samples.
+        task: task in space, for a motion to begin with; None in the plane.
     """
 
     stepper: StepperOf[Any]
@@ -188,15 +192,15 @@ class TipLooker:
         return self.stepper.safe(pose.q, pose.q)
 
     def entered(self, task: ReachTask, width: float) -> CellFound:
-        """Return a pose in a cell, or one that comes into it, from poses near by.
+        """Return a pose in the middle of a cell, or one that only enters the cell, from nearby poses.
 
-        In a duct the middles of cells may lie in its walls. So a pose that only comes into the cell is a stepping
+        In a duct the middles of cells may lie in its walls. So a pose that only enters the cell serves as a stepping
         stone, though the cell does not count as reached by it.
         """
         stone: FloatArray | None = None
         for number, seed in enumerate(task.seeds, start=1):
             near = self.stepper.pose(seed)
-            # Straight across the side that the cells share, as a duct may go, and then to the middle.
+            # Straight across the side that the cells share, since a duct may lead there, and then to the middle.
             across = _into(task.middle, width, near.tip)
             if float(np.linalg.norm(across - task.middle)) > self.stepper.space.nominal_length:
                 _, near = self._led(near, GoalPose(across))
@@ -211,7 +215,7 @@ class TipLooker:
         return CellFound(stone=stone, tried=len(task.seeds))
 
     def turned(self, task: ReachTask, directions: FloatArray) -> CellFound:
-        """Return the directions that a cell can have, each tried from the poses that point most nearly there."""
+        """Return the directions that the tip can have in a cell, each tried from the poses that point nearest to it."""
         own, *beside = map(self.stepper.pose, task.seeds)
         found = [own]
         taken = np.zeros(len(directions), dtype=bool)
@@ -230,7 +234,7 @@ class TipLooker:
         )
 
     def _led(self, pose: Pose, goal: GoalPose) -> tuple[Pose | None, Pose]:
-        """Return a free pose at a goal, from a pose near by, or None where it does not arrive; and how far it comes."""
+        """Return a free pose at a goal, from a nearby pose, or None if not reached; and the last pose stepped to."""
         stepper = self.stepper
         if self.task is not None:
             goal = self.task.limited(goal)
@@ -250,10 +254,10 @@ class TipLooker:
 
 
 def _in_plane(problem: Problem, settings: ReachSettings) -> TipLooker:
-    """Of an arm among walls, whose base stands still.
+    """Return the looker for an arm on a fixed base among walls.
 
     Raises:
-        UnreachableGoal: the start touches something, or breaks a joint limit.
+        UnreachableGoal: the start touches something, or violates a joint limit.
     """
     ends = resolve_ends(problem)
     task = MotionPlanner().task_without_routes(problem, ends, Deadline.never())
@@ -269,7 +273,7 @@ def _in_plane(problem: Problem, settings: ReachSettings) -> TipLooker:
 
 
 def _in_space(problem: Problem, settings: ReachSettings) -> TipLooker:
-    """Of an arm among surfaces."""
+    """Return the looker for an arm among surfaces."""
     task = space_task(problem, SurfaceTree.of(problem.workspace.soup), Deadline.never(), SpaceMotionSettings())
     curve, start = CurveMap.through(task.arm, task.start)
     stepper = task.stepper(curve)
@@ -278,24 +282,24 @@ def _in_space(problem: Problem, settings: ReachSettings) -> TipLooker:
 
 
 def _into(middle: FloatArray, width: float, place: FloatArray) -> FloatArray:
-    """Return a place moved into a cell along the axes on which it is not within it, as far as its middle there."""
+    """Return a place moved into a cell: coordinates outside the cell are set to those of its middle."""
     return np.where(np.abs(place - middle) > 0.5 * width, middle, place)
 
 
 @dataclass(eq=False)
 class TipFlood:
-    """The state of a map while it is made: an iterator of tasks that ends when there is none at the moment.
+    """State of a map under construction: an iterator of tasks, which ends when there is none at the moment.
 
     Attributes:
         axes: middles of the cells along x and y, in space along z too [m].
-        width: of a cell [m].
-        closed: cells that no pose can have, one axis a coordinate.
-        count: of the directions that are tried in a cell.
-        settings: how hard is tried.
-        poses: unknowns of a pose in each cell that is reached, shape (p,).
-        taken: which directions a cell has, shape (..., K).
-        gap: room in a cell [m]; not a number where it is not reached.
-        cpu: that all cells took [s].
+        width: width of a cell [m].
+        closed: mask of cells that no pose can have, one axis per coordinate.
+        count: number of directions that are tried in a cell.
+        settings: settings of the search.
+        poses: unknowns of a pose in each reached cell, shape (p,).
+        taken: mask of the directions in each cell, shape (..., K).
+        gap: gap in each cell [m]; NaN where it is not reached.
+        cpu: CPU time of all cells [s].
     """
 
     axes: tuple[FloatArray, ...]
@@ -318,11 +322,11 @@ class TipFlood:
         self.gap: FloatArray = np.full(self.closed.shape, np.nan)
 
     def begin(self, looker: TipLooker, along: FloatArray) -> None:
-        """Begin at the start, at the poses of a motion, and at drawn ones.
+        """Create the first wave from the start, the poses of a motion, and sampled poses.
 
         Args:
-            looker: makes poses.
-            along: unknowns of poses of a motion, which leads where nothing else does, shape (N, p).
+            looker: builds poses.
+            along: unknowns of poses of a motion, which may reach regions that nothing else does, shape (N, p).
         """
         for pose in (*map(looker.stepper.pose, (looker.start, *along)), *self._drawn(looker)):
             cell = self._cell_index(pose.tip)
@@ -331,19 +335,19 @@ class TipFlood:
                 self._wave.append(ReachTask(cell, self._place(cell), (pose.v,)))
 
     def add(self, task: ReachTask, found: CellFound) -> None:
-        """Take in what was found in a cell."""
+        """Record the result for a cell."""
         self.cpu += found.cpu
         self._found[task.cell] = found
 
     def __iter__(self) -> Iterator[ReachTask]:
-        """Return the itself."""
+        """Return the flood itself."""
         return self
 
     def __next__(self) -> ReachTask:
-        """Return the next task; it may end and go on again when results have come.
+        """Return the next task; after the end, iteration may resume when results have been added.
 
         Raises:
-            StopIteration: there is none at the moment.
+            StopIteration: there is no task at the moment.
         """
         if self._given == len(self._wave) == len(self._found):
             self._next_wave()
@@ -354,9 +358,9 @@ class TipFlood:
         return task
 
     def _next_wave(self) -> None:
-        """Take in a wave that is over, and make the next one.
+        """Take in the results of a finished wave, and create the next one.
 
-        Cells are entered while there are any; then those that are reached are turned in, which may lead to others.
+        Cells are entered while there are any; then directions are tried in the reached cells, which may lead to others.
         """
         first = not self._tried
         gained = [task.cell for task in self._wave if self._take(task) or first]
@@ -365,7 +369,7 @@ class TipFlood:
         self._wave = self._entering(gained) or self._turning() or self._from_turned()
 
     def _take(self, task: ReachTask) -> bool:
-        """Take in what a task found; whether its cell has got a pose from which others may be reached."""
+        """Take in a task's result, and return whether its cell has gained a pose from which others may be reached."""
         cell = task.cell
         found = self._found[cell]
         if task.reached:
@@ -380,7 +384,7 @@ class TipFlood:
         if found.arrived is None:
             return found.stone is not None and new
         if self.closed[cell]:
-            # It does not count as reached, but may lead on.
+            # The cell does not count as reached, but may lead on.
             if new:
                 self._stones[cell] = found.arrived
             return new
@@ -388,7 +392,7 @@ class TipFlood:
         return True
 
     def _entering(self, gained: list[Cell]) -> list[ReachTask]:
-        """Return what can be tried beside cells that have got a pose, from each of those beside them once."""
+        """Return the tasks of entering the neighbours of cells that have gained a pose, a seed from each such cell."""
         seeds: dict[Cell, list[FloatArray]] = {}
         for cell in gained:
             for other in self._beside(cell):
@@ -399,7 +403,7 @@ class TipFlood:
         return [ReachTask(cell, self._place(cell), tuple(poses)) for cell, poses in seeds.items()]
 
     def _turning(self) -> list[ReachTask]:
-        """Return the directions to be looked at in cells that are reached."""
+        """Return the tasks of trying directions in reached cells."""
         tasks: list[ReachTask] = []
         for cell in self.poses:
             if cell not in self._turned:
@@ -408,7 +412,7 @@ class TipFlood:
         return tasks
 
     def _from_turned(self) -> list[ReachTask]:
-        """What can be tried in cells that nothing else led to, from the poses of the cells beside with directions."""
+        """Return the tasks of entering cells not reached otherwise, from their neighbours' poses with directions."""
         seeds: dict[Cell, list[FloatArray]] = {}
         for cell, poses in self._turned.items():
             if cell not in self._given_on:
@@ -419,7 +423,7 @@ class TipFlood:
         return [ReachTask(cell, self._place(cell), tuple(poses)) for cell, poses in seeds.items() if poses]
 
     def _drawn(self, looker: TipLooker) -> Iterator[Pose]:
-        """Yield the free poses that are drawn."""
+        """Yield the sampled poses that are free."""
         rng = np.random.default_rng(looker.seed)
         for _ in range(self.settings.drawn):
             pose = looker.stepper.pose(looker.drawn(rng))
@@ -427,14 +431,14 @@ class TipFlood:
                 yield pose
 
     def _cell_index(self, place: FloatArray) -> Cell | None:
-        """Return the cell of a place; None where the grid does not reach."""
+        """Return the cell of a place; None outside the grid."""
         low = np.array([middles[0] for middles in self.axes])
         numbers = np.round((place - low) / self.width).astype(int)
         within = np.all(numbers >= 0) and np.all(numbers < self.closed.shape)
         return tuple(numbers.tolist()) if within else None
 
     def _beside(self, cell: Cell) -> Iterator[Cell]:
-        """Yield the cells with a side in common."""
+        """Yield the cells that share a side with a cell."""
         for axis, size in enumerate(self.closed.shape):
             for step in (1, -1):
                 if 0 <= cell[axis] + step < size:

@@ -1,4 +1,4 @@
-"""Candidates of the search in space."""
+"""Tip paths, the candidates of the search in space."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
@@ -15,66 +15,65 @@ from ccm_opt.planning.space_task import SpaceTask
 from ccm_opt.robot.arm import Arm
 
 _FOLLOWABLE_CELLS = (200000, 1500000)
-"""Of the grids that they are looked for in, in turn."""
+"""Numbers of cells of the grids in which followable paths are sought, in turn."""
 
 _TIGHTEST = 1.5
-"""Radius of the tightest bend [u]; the least where knots of the curve still show a right angle."""
+"""Radius of the tightest bend [u]; the least for which knots of the curve still represent a right angle."""
 _LIMIT_SHARES = (1.15, 0.75, 1.6)
-"""Radii that are counted on, as multiples of that of the circle through the joints of an arm which bends as far as it
-may; tried in turn. The circle that its links touch has a radius of cos(limit / 2) of that, 0.71 for right angles: with
+"""Assumed bend radii, as multiples of that of the circle through the joints of an arm that bends as far as it may;
+tried in turn. The circle that its links touch has a radius of cos(limit / 2) of that, 0.71 for right angles: with
 less than the whole, links reach out of a bend on both sides."""
 _APART = 0.9
-"""A radius is tried beside others if it is less than this share of each that is greater, and they of it."""
+"""Largest ratio of the smaller to the greater of two radii for both to be tried."""
 
 _GRID_MARGINS = (1.0, 0.0)
-"""Shares of the margin with which the grid is free; tried in turn until there is a way."""
+"""Shares of the margin with which the grid is free; tried in turn until there is a path."""
 _STRAIGHT_ENDS = (3.0, 0.0, 1.5, 6.0)
 """Lengths of the straight end along the wanted direction, tried in turn [u]."""
 
 _APPROACHES = (1.0, 0.0)
-"""Lengths of the straight end along the wanted direction, tried in turn; in nominal links, or in links where these are
-longer."""
+"""Lengths of the straight end along the wanted direction, tried in turn; in nominal links, or in links where these
+are longer. Used for paths that a fed arm follows."""
 _PRICES = ((3.0, 1.0), (1.0, 0.0))
-"""Tried in turn: what a way along a wall costs more than one far away, as a multiple, and the share of the margin with
-which the grid is free."""
+"""Pairs tried in turn: extra cost of a path along a wall relative to one far away, as a multiple, and the share of
+the margin with which the grid is free."""
 _CELLS = (200_000, 1_500_000, 8_000_000)
-"""Of the grids that they are looked for in, the coarse one first."""
+"""Numbers of cells of the grids in which paths are sought, the coarse one first."""
 _FINEST = 0.12
-"""Size that their cells have at least [u]."""
+"""Least size of the grids' cells [u]."""
 _NEARNESS = (3.0, 20.0)
-"""What a way along a wall costs more than one far away, as a multiple; tried in turn."""
+"""Extra cost of a path along a wall relative to one far away, as a multiple; tried in turn."""
 _CLOSE = 0.4
-"""Share of the margin that steps keep where the whole of it has failed."""
+"""Share of the margin that steps keep where all of it has failed."""
 _FAR = 2.0
-"""Distance from which on walls do not make a way dearer [u]."""
+"""Distance above which walls do not make a path more costly [u]."""
 _AROUND = 4.0
-"""How far beyond everything in the scene ways may go [u]; there is nothing to go round farther out."""
+"""Distance that paths may extend beyond everything in the scene [u]; there is nothing to go round farther out."""
 
 _CLOSE_ONTO_TRACK = 3.0
-"""The same where an arm got stuck on walls; links that are long beside the bends of a duct do with less (measured in
-pipes and slots with 8 and 12 links)."""
+"""Weight of drawing the joints onto the track where an arm got stuck on walls; links that are long relative to the
+bends of a duct get through with less (measured in pipes and slots with 8 and 12 links)."""
 _SHORTCUT_GAP = 0.5
-"""Room that straight parts keep where corners are cut [u]."""
+"""Gap that straight parts keep where corners are cut [u]."""
 _DETOUR_PRICE = 4.0
-"""What a way costs more near one that has failed, as a multiple."""
+"""Extra cost of a path near one that has failed, as a multiple."""
 _DETOURS = 3
-"""Ways that keep away from those before, at most."""
+"""Most paths that are sought away from those before."""
 _BEHIND_HOLE = np.array((0.75, 1.5))
-"""How far behind the end of the guide tube, and how far beside its axis, no way goes [u]. Taste."""
+"""Size of the region closed to paths behind the end of the guide tube, along its axis and across it [u]. Taste."""
 _SPARE_LENGTH = 2.0
-"""By how much a way may be longer than what an arm can be fed [u]."""
+"""Excess allowed for the length of a path over what an arm can be fed [u]."""
 
 
 def bend_allowances(arm: Arm, unit: float) -> list[tuple[float, float]]:
-    """Return what is counted on where an arm that follows its tip bends, in turn.
+    """Return the bends assumed of an arm that follows its tip, in the order of trying.
 
     Args:
         arm: the arm.
         unit: length u of its nominal links [m].
 
     Returns:
-        Radii of the tightest bend, and how far a link reaches out of it between its joints, beyond what a nominal link
-        does [m].
+        Radii of the tightest bend, and how far a link reaches out of it between its joints, beyond a nominal link [m].
     """
     # Half of the largest bend; a link that spans a right angle and more counts as one that spans a right angle.
     half = 0.5 * min(arm.joint_limit, np.pi / 2.0)
@@ -93,13 +92,13 @@ def bend_allowances(arm: Arm, unit: float) -> list[tuple[float, float]]:
 
 @dataclass(frozen=True)
 class TipWay:
-    """One way of the tip.
+    """One tip path.
 
     Attributes:
-        name: in words, for the record.
-        corners: shape (m, 3) [m].
+        name: name in words, for the record.
+        corners: corners of the path, shape (m, 3) [m].
         margin: share of the margin that steps along it keep.
-        followed: weight with which all joints are drawn onto it behind the tip; 0 where they are not.
+        followed: weight with which all joints are drawn onto the path behind the tip; 0 where they are not.
     """
 
     name: str
@@ -110,16 +109,16 @@ class TipWay:
 
 @dataclass
 class SpaceTipWays:
-    """Makes the ways for a task one by one; the grids are made when they are first needed.
+    """Generates the tip paths of a task one by one; the grids are built on first use.
 
     Args:
-        task: what is asked; its goal is one for the tip.
-        tip: where the motion begins, shape (3,) [m].
+        task: the task; its goal is one for the tip.
+        tip: tip where the motion begins, shape (3,) [m].
         goal: place of the tip at the end, shape (3,) [m].
-        direction: of the last link there, shape (3,), or None.
-        heading: where the last link points when the motion begins, shape (3,).
+        direction: direction of the last link there, shape (3,), or None.
+        heading: direction of the last link when the motion begins, shape (3,).
         fed: how much farther the base can be fed [m]; None where it is fixed.
-        straight: how far the tip goes on straight until the first joint is out of the guide tube [m].
+        straight: distance that the tip moves straight on until the first joint is out of the guide tube [m].
     """
 
     task: SpaceTask
@@ -129,24 +128,24 @@ class SpaceTipWays:
     heading: FloatArray
     fed: float | None = None
     straight: float = 0.0
-    _followed: list[FloatArray] = field(default_factory=list)  # ways that an arm could follow, as far as was tried
+    _followed: list[FloatArray] = field(default_factory=list)  # followable paths tried so far
     _grids: dict[tuple[int, float, float, float], TipGrid] = field(default_factory=dict)
     _known: dict[tuple[int, float], GridDistances] = field(default_factory=dict)
-    _tried: set[float] = field(default_factory=set)  # sizes of the cells of grids that were gone through [m]
-    _seen: list[FloatArray] = field(default_factory=list)  # ways through them
+    _tried: set[float] = field(default_factory=set)  # cell sizes of grids already searched [m]
+    _seen: list[FloatArray] = field(default_factory=list)  # paths through them
 
     @cached_property
     def start(self) -> FloatArray:
-        """Tip where the arm can turn off from its straight way, shape (3,) [m]."""
+        """Tip where the arm can turn off from its straight path, shape (3,) [m]."""
         return self.tip + self.straight * self.heading
 
     def first(self) -> Iterator[TipWay]:
-        """The ways that are tried first: the straight one, and for a fed arm such as it can follow behind its tip."""
+        """Yield the tip paths that are tried first: the straight one, and for a fed arm those that it can follow."""
         yield TipWay("straight", self._joined([self.start, *self._ends(_STRAIGHT_ENDS[0])]))
         yield from self._behind_the_tip(_FOLLOWABLE_CELLS[0])
 
     def others(self) -> Iterator[TipWay]:
-        """Yield the through finer grids, the cheapest ways whatever their bends, and others round other sides."""
+        """Yield followable paths of finer grids, the cheapest whatever their bends, and paths round other sides."""
         for cells in _FOLLOWABLE_CELLS[1:]:
             yield from self._behind_the_tip(cells)
         for cells in _CELLS[:-1]:
@@ -157,11 +156,11 @@ class SpaceTipWays:
                 yield TipWay("with another approach", way, _CLOSE)
 
     def finest(self) -> Iterator[TipWay]:
-        """Yield the same through the finest grid, which takes longer than all before it."""
+        """Yield paths through the finest grid, which takes longer than all before it."""
         yield from self._through_cells(_CELLS[-1])
 
     def _through_cells(self, cells: int) -> Iterator[TipWay]:
-        """Yield the cheapest ways through a grid, and others round other sides; none through one that was tried."""
+        """Yield the cheapest paths through a grid, and paths round other sides; none if the grid was searched."""
         size = self._grid(cells, _GRID_MARGINS[-1]).cell
         if size in self._tried:
             return
@@ -180,7 +179,7 @@ class SpaceTipWays:
         yield from self._detours(cells, seen)
 
     def _behind_the_tip(self, cells: int) -> Iterator[TipWay]:
-        """Yield the ways that a fed arm can follow; none for an arm whose base is fixed."""
+        """Yield the paths that a fed arm can follow; none for an arm on a fixed base."""
         if self.fed is None:
             return
         seen = self._followed
@@ -196,7 +195,7 @@ class SpaceTipWays:
     def _followable(
         self, cells: int, allowance: tuple[float, float], price: tuple[float, float], approach: float
     ) -> FloatArray | None:
-        """Return a way past all places with bends that the arm can take behind its tip."""
+        """Return a path past all places with bends that the arm can take behind its tip; None without one."""
         task = self.task
         nearness, margin = price
         radius, beside = allowance
@@ -207,7 +206,7 @@ class SpaceTipWays:
         search = FollowableWays(grid, prices, radius, task.unit, task.deadline)
         most = self._longest_followed
         goals = [WayEnd(place, None) for place in task.via]
-        # The last link lies on the way, not on a chord of a bend, where it is as long as a link.
+        # The straight end is at least a link long, so that the last link lies on it and not on a chord of a bend.
         last = self._before_goal(approach * max(1.0, task.arm.link_length / task.unit))
         goals.append(WayEnd(last, self.direction))
         parts = [self.start[None]]
@@ -223,7 +222,7 @@ class SpaceTipWays:
         return self._joined([*parts, self.goal])
 
     def _detours(self, cells: int, seen: list[FloatArray]) -> Iterator[TipWay]:
-        """Yield the ways that keep away from those that have failed already."""
+        """Yield paths that keep away from those that have failed already."""
         for _ in range(_DETOURS):
             way = self._through_grid(cells, _NEARNESS[0], _GRID_MARGINS[-1], _STRAIGHT_ENDS[0], seen)
             if way is None or any(_alike(way, other, self.task.unit) for other in seen):
@@ -232,13 +231,13 @@ class SpaceTipWays:
             yield TipWay("round another side", way, _CLOSE)
 
     def _ends(self, approach: float) -> list[FloatArray]:
-        """The last places of a way: where the straight approach along the wanted direction begins, and the goal."""
+        """Return the last places of a path: via places, where the straight approach begins, and the goal."""
         if self.direction is None or approach == 0.0:
             return [*self.task.via, self.goal]
         return [*self.task.via, self._before_goal(approach), self.goal]
 
     def _before_goal(self, approach: float) -> FloatArray:
-        """Return where the approach begins: as far before the goal as there is room for."""
+        """Return where the straight approach begins: as far before the goal as clearance permits."""
         if self.direction is None:
             return self.goal
         task = self.task
@@ -253,7 +252,7 @@ class SpaceTipWays:
     def _through_grid(
         self, cells: int, nearness: float, margin: float, approach: float, avoided: list[FloatArray] | None
     ) -> FloatArray | None:
-        """Return the cheapest way through the grid past all places, its corners cut where there is room."""
+        """Return the cheapest path through the grid past all places, corners cut where possible; None without one."""
         task = self.task
         if task.deadline.passed():
             return None
@@ -273,33 +272,34 @@ class SpaceTipWays:
 
     @property
     def _longest_followed(self) -> float:
-        """Length of the longest way to where the approach begins that an arm can follow behind its tip [m]."""
+        """Length of the longest followable path, up to where the approach begins [m]."""
         return (self.fed or 0.0) - self.straight + _SPARE_LENGTH * self.task.unit
 
     def _grid(self, cells: int, margin: float, beside: float = 0.0, longest: float = np.inf) -> TipGrid:
-        """Return the grid of places with room for the tip, a share of the margin and a further distance [m].
+        """Return the grid of places with clearance for the tip, a share of the margin and a further distance [m].
 
         Args:
-            cells: about how many.
+            cells: approximate number of cells.
             margin: share of the margin.
             beside: the further distance [m].
-            longest: way that is looked for, to where the approach begins; cells that none passes have no room [m].
+            longest: longest path that is sought, up to where the approach begins; cells on no such path count as closed
+                [m].
         """
         key = (cells, margin, beside, longest)
         if key not in self._grids:
             task = self.task
             far = _FAR * task.unit
             around = task.kept + beside
-            # With the whole margin they are asked for too, sooner or later.
+            # Distances up to the whole margin will be needed later.
             distances = self._distances(cells, longest, around + max(margin, 1.0) * task.margin + far)
             grid = TipGrid.of(distances, around + margin * task.margin, far, task.deadline)
             self._grids[key] = self._closed_behind(grid)
         return self._grids[key]
 
     def _closed_behind(self, grid: TipGrid) -> TipGrid:
-        """Return the grid without room just behind the end of the guide tube: no arm turns back through its hole.
+        """Return the grid closed just behind the end of the guide tube: no arm turns back through its hole.
 
-        The grid itself where the base is fixed, or a place that is asked for lies there.
+        The grid itself where the base is fixed, or where a place to be passed lies there.
         """
         arm = self.task.arm
         if not arm.base_axes:
@@ -322,7 +322,7 @@ class SpaceTipWays:
         return replace(grid, gaps=gaps)
 
     def _distances(self, cells: int, longest: float, reach: float) -> GridDistances:
-        """Return the distances of the places of a grid, at least up to a reach; arguments as of ``_grid``."""
+        """Return the distances of the places of a grid, at least up to a reach; arguments as for ``_grid``."""
         known = self._known.get((cells, longest))
         if known is None or known.reach < reach:
             task = self.task
@@ -337,14 +337,14 @@ class SpaceTipWays:
 
     @cached_property
     def _box(self) -> FloatArray:
-        """Where ways may lie: where the tip can be, and no farther from everything in the scene than makes sense."""
+        """Box of the tip paths: where the tip can be, and not far beyond everything in the scene."""
         task = self.task
         places = [task.scene.reshape(-1, 3), self.start, self.goal, *task.via]
         found = np.vstack([np.atleast_2d(place) for place in places])
         wide = _AROUND * task.unit
         low = np.maximum(found.min(axis=0) - wide, task.box[0])
         high = np.minimum(found.max(axis=0) + wide, task.box[1])
-        # The start and the goal are in it, even if they are out of reach.
+        # The box includes the start and the goal, even if they are out of reach.
         ends = np.stack((self.start, self.goal))
         return np.stack((np.minimum(low, ends.min(axis=0)), np.maximum(high, ends.max(axis=0))))
 
@@ -355,13 +355,13 @@ class SpaceTipWays:
 
 
 def _prices(grid: TipGrid, avoided: list[FloatArray], price: float) -> FloatArray:
-    """Return what cells near ways that have failed cost more, of the shape of the grid."""
+    """Return the extra cost of cells near paths that have failed, of the shape of the grid."""
     prices = np.zeros(grid.gaps.shape)
     for way in avoided:
         lengths = np.linalg.norm(np.diff(way, axis=0), axis=1)
         s = np.arange(0.0, float(np.sum(lengths)), grid.cell)
         arcs = np.concatenate(([0.0], np.cumsum(lengths)))
-        # Not the ends, which every way has in common.
+        # Not the ends, which all paths have in common.
         middle = s[len(s) // 5 : len(s) - len(s) // 5]
         places = np.stack([np.interp(middle, arcs, column) for column in way.T], axis=1)
         reach = max(1, round(grid.far / grid.cell))
@@ -372,7 +372,7 @@ def _prices(grid: TipGrid, avoided: list[FloatArray], price: float) -> FloatArra
 
 
 def _alike(way: FloatArray, other: FloatArray, unit: float) -> bool:
-    """Return whether two ways keep within a nominal link of each other."""
+    """Return whether two paths stay within a nominal link of each other."""
     share = np.linspace(0.0, 1.0, 33)
 
     def places(corners: FloatArray) -> FloatArray:

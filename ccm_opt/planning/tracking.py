@@ -1,10 +1,10 @@
-"""Motions that follow users' terms of the path parameter.
+"""Motions under users' terms that depend on the path parameter.
 
-The path parameter u advances in small steps. At each the arm is drawn to the reference motion, which knows nothing of
-these limits, while the limits at u are rows of every step; u goes on when they are met.
+The path parameter u advances in small steps. At each step the arm is drawn to the reference motion, which ignores these
+limits, while the limits at u are rows of every step; u advances when they are met.
 
-How fast u grows along a motion is free. Of all ways to let it grow, dynamic time warping (Sakoe and Chiba, 1978) takes
-that which misses the constraints least, and of equal ones that which is nearest to even growth.
+The growth of u along a motion is free. Among all monotone schedules, dynamic time warping (Sakoe and Chiba, 1978)
+chooses the one that violates the constraints least, and of equal ones the one nearest to even growth.
 """
 
 from dataclasses import dataclass, replace
@@ -28,17 +28,17 @@ from ccm_opt.planning.step import AnyUnknowns, StepperOf
 _LEAST_ADVANCE = 1e-4
 """Step of u below which tracking is given up. Taste."""
 _GROWTH = 1.5
-"""Growth of the step of u after each that was met. Taste."""
+"""Growth of the step of u after each success. Taste."""
 _ARRIVAL = 0.98
 """Path parameter where tracking ends and the arm settles on the goal. Taste."""
 _MEETING_STEPS = 24
-"""Steps that may be needed to meet the constraints at a new u. Taste."""
+"""Most steps to meet the constraints at a new u. Taste."""
 _LARGEST_TURN = 0.3
 """Largest turn towards the reference that a step asks for [rad]. Taste."""
 _PULL_WEIGHT = 0.1
-"""Weight of the reference, against a nominal link's distance. Taste."""
+"""Weight of the reference, relative to the distance of a nominal link. Taste."""
 _TIED_WEIGHT = 1e-4
-"""Weight of its unknowns themselves, which ties down what no turn shows. Taste."""
+"""Weight of the reference's unknowns themselves, which fixes those that no turn depends on. Taste."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +47,7 @@ class Reference:
 
     Attributes:
         u: path parameters of its keyframes, increasing from 0 to 1, shape (K,).
-        unknowns: at these, in the curve of whoever tracks it, shape (K, p).
+        unknowns: unknowns at the keyframes, in the curve of the tracking motion, shape (K, p).
     """
 
     u: FloatArray
@@ -55,13 +55,13 @@ class Reference:
 
     @classmethod
     def of(cls, motion: Motion, space: LinkSpace) -> "Reference":
-        """Return a motion in the plane with u even in the turns of its links, as another space shows it."""
+        """Return a planar motion as a reference in another space, with u proportional to the turns of its links."""
         way = arc_lengths(space.arm.poses(motion.configurations))
         u = way / way[-1] if way[-1] > 0.0 else np.linspace(0.0, 1.0, len(way))
         return cls(u, space.closest(motion.configurations))
 
     def drawn(self, space: CurveUnknowns, u: float, pose: Pose) -> tuple[list[Term], bool]:
-        """Return what draws the links to where they are at u, and whether one step could turn them there."""
+        """Return the terms that draw the links to the reference at u, and whether one step could turn them there."""
         missing = np.array([np.interp(u, self.u, column) for column in self.unknowns.T]) - pose.v
         rows = turn_rows(space.arm, pose)
         turn = rows @ missing
@@ -73,10 +73,10 @@ class Reference:
 
 @dataclass(frozen=True)
 class TrackedPoses:
-    """Poses on the way, and how far each has come.
+    """Poses of a tracked motion, with their path parameters.
 
     Attributes:
-        poses: on the way.
+        poses: the poses.
         u: path parameter of each, increasing from 0 to 1.
     """
 
@@ -92,30 +92,29 @@ class TrackedPoses:
 def follow_reference(
     stepper: StepperOf[AnyUnknowns], reference: Reference, goal: GoalPose, start: Pose, deadline: Deadline
 ) -> TrackedPoses:
-    """Poses from a start along a reference motion, bent to the stepper's limits, to where it ends, or onto the goal.
+    """Return the poses that track a reference motion under the stepper's limits, to its end, or onto the goal.
 
     Args:
-        stepper: with the limits on the way.
-        reference: what to track.
-        goal: where the motion ends.
-        start: where it begins.
+        stepper: stepper with the limits.
+        reference: motion to track.
+        goal: goal at the end of the motion.
+        start: pose where the motion begins.
         deadline: when to stop.
 
     Raises:
-        Stalled: naming the constraint that could not be met, and by how much it was missed.
+        Stalled: names the constraint that could not be met, and by how much it was violated.
     """
     settings = stepper.settings.tracking
     tracked = TrackedPoses([start], [0.0])
     advance = settings.first_advance
-    # No step passes by a place where a limit begins or ends.
+    # No step skips a place where a limit begins or ends.
     breaks = sorted({place for limit in stepper.limits for place in limit.breaks})
     while tracked.u[-1] < _ARRIVAL:
         u = min(_ARRIVAL, tracked.u[-1] + advance)
         u = next((at for at in breaks if tracked.u[-1] < at < u), u)
         poses = _advanced(stepper.at(u), reference, u, tracked.poses[-1])
         if poses is None:
-            # The arm stays where it was: rows that move a little with u may be met where a large step of u outruns the
-            # arm.
+            # Try again from the same pose: a smaller step of u moves the rows less, so that the arm may keep up.
             advance *= 0.5
             if advance < _LEAST_ADVANCE or deadline.passed():
                 raise Stalled(describe_violation(stepper.at(u), tracked.poses[-1], u), tracked.poses)
@@ -129,7 +128,11 @@ def follow_reference(
 def _ended(
     stepper: StepperOf[AnyUnknowns], reference: Reference, goal: GoalPose, pose: Pose, deadline: Deadline
 ) -> list[Pose]:
-    """Return the poses from the last one that was tracked to where the reference ends, or at least onto the goal."""
+    """Return the poses from the last tracked one to the end of the reference, or at least onto the goal.
+
+    Raises:
+        Stalled: neither is reached.
+    """
     end = stepper.pose(reference.unknowns[-1])
     poses = [pose]
     if goal.on_goal(end) and goal.limits_met(end):
@@ -150,7 +153,7 @@ def _advanced(stepper: StepperOf[AnyUnknowns], reference: Reference, u: float, p
     kept = False
     for _ in range(_MEETING_STEPS):
         before = pose
-        # The last stretch of u belongs to settling, so the reference is run through by the time of arrival.
+        # The last stretch of u belongs to settling, so the reference is completed by the arrival.
         terms, near = reference.drawn(stepper.space, u / _ARRIVAL, pose)
         pose = stepper.step(pose, terms)
         if pose is not before:
@@ -163,7 +166,7 @@ def _advanced(stepper: StepperOf[AnyUnknowns], reference: Reference, u: float, p
 
 
 def describe_violation(stepper: StepperOf[AnyUnknowns], pose: Pose, u: float) -> str:
-    """Return which constraint could not be met at u, in words."""
+    """Return, in words, which constraint could not be met at u."""
     name, miss = max((limit.worst(pose.q) for limit in stepper.limits), key=lambda worst: worst[1])
     if miss == 0.0:
         return f"at u = {u:.3f} the motion that was found cannot be bent to the constraints"
@@ -171,29 +174,29 @@ def describe_violation(stepper: StepperOf[AnyUnknowns], pose: Pose, u: float) ->
 
 
 _PRICE = 10000.0
-"""Of a constraint that is missed by a turn of the whole arm of 1 rad, against uneven growth; taste."""
+"""Price of a constraint that is violated by a turn of the whole arm of 1 rad, against uneven growth. Taste."""
 
 _PLACES = 101
-"""Of the motion that are looked at; taste."""
+"""Number of samples of the motion for the schedule. Taste."""
 _STEPS = 61
-"""Of the path parameter; taste."""
+"""Number of samples of the path parameter. Taste."""
 _EVEN = 0.02
-"""Least growth of the one where the other grows alone, as a share; taste."""
+"""Least growth of either where the other grows alone, as a share. Taste."""
 
 
 def shares_of(motion: SpaceMotion, slowness: FloatArray) -> FloatArray:
-    """Return how far each configuration of a motion is along it, by the length of the joint path, shape (K,)."""
+    """Return the share of the joint path's length at each configuration of a motion, shape (K,)."""
     arcs = arc_lengths(motion.configurations * slowness)
     return np.asarray(arcs / arcs[-1]) if arcs[-1] > 0.0 else np.linspace(0.0, 1.0, len(arcs))
 
 
 def schedule(motion: SpaceMotion, user: UserLimit, slowness: FloatArray) -> FloatArray:
-    """Return the path parameters of the configurations of a motion, increasing from 0 to 1, shape (K,).
+    """Return path parameters for the configurations of a motion, increasing from 0 to 1, shape (K,).
 
     Args:
-        motion: that knows nothing of u.
+        motion: motion without path parameters.
         user: the constraints.
-        slowness: how dear a unit of each coordinate is, shape (c,).
+        slowness: cost of a unit of each coordinate, shape (c,).
     """
     share = shares_of(motion, slowness)
     s = np.linspace(0.0, 1.0, _PLACES)
@@ -202,14 +205,14 @@ def schedule(motion: SpaceMotion, user: UserLimit, slowness: FloatArray) -> Floa
     missed = np.stack([_missed(user, q, float(place)) for place in u], axis=1)
     price = _PRICE * missed + np.abs(s[:, None] - u[None, :])
     rows, columns = _cheapest(price)
-    # Where u stands still in the plan it grows a little, and so does the motion where that stands still.
+    # Where u stands still in the schedule it grows a little, and likewise the motion where it stands still.
     grown = (1.0 - _EVEN) * u[columns] + _EVEN * s[rows]
     moved = (1.0 - _EVEN) * s[rows] + _EVEN * u[columns]
     return np.asarray(np.interp(share, moved, grown))
 
 
 def _missed(user: UserLimit, q: FloatArray, u: float) -> FloatArray:
-    """By how much the worst row is missed at u, as a turn of the whole arm, in each of N configurations, shape (N,)."""
+    """Return the worst row's violation at u, as a turn of the whole arm, in each of N configurations, shape (N,)."""
     rows = user.placed(u).rows
     table = rows.table(q, u)
     scale = user.turns(np.asarray(rows.slopes(q[0], u)[1]))
@@ -219,7 +222,7 @@ def _missed(user: UserLimit, q: FloatArray, u: float) -> FloatArray:
 
 
 def _cheapest(price: FloatArray) -> tuple[list[int], list[int]]:
-    """Return the cells of the cheapest way from the first to the last corner of a table; no step leads back."""
+    """Return the cells of the cheapest monotone path from the first to the last corner of a table."""
     total = np.full(price.shape, np.inf)
     total[0, 0] = price[0, 0]
     for i in range(price.shape[0]):
@@ -242,14 +245,14 @@ def _cheapest(price: FloatArray) -> tuple[list[int], list[int]]:
 
 
 def tracked(task: SpaceTask, motion: SpaceMotion) -> SpaceMotion:
-    """Return a motion under constraints that depend on u, near one that knows nothing of it.
+    """Return a motion under constraints that depend on u, near one found without them.
 
     Args:
-        task: with the constraints.
-        motion: certified, to the same goal.
+        task: task with the constraints.
+        motion: certified motion to the same goal.
 
     Raises:
-        MotionNotFound: naming the constraint that could not be met, and by how much it was missed.
+        MotionNotFound: names the constraint that could not be met, and by how much it was violated.
     """
     if task.user is None or not task.user.terms.parametric:
         return motion
@@ -260,7 +263,11 @@ def tracked(task: SpaceTask, motion: SpaceMotion) -> SpaceMotion:
 
 
 def _bent(task: SpaceTask, user: UserLimit, motion: SpaceMotion, u: FloatArray) -> SpaceMotion:
-    """Return a motion with path parameters u, shape (K,), bent to the constraints."""
+    """Return a motion with path parameters u, shape (K,), tracked under the constraints.
+
+    Raises:
+        MotionNotFound: a constraint could not be met.
+    """
     stepper = task.stepper(motion.curve)
     start = stepper.pose(motion.unknowns[0])
     goal = task.limited_goal if task.goal_pose is None else replace(task.limited_goal, coordinates=motion.unknowns[-1])

@@ -1,7 +1,7 @@
 """The search by two trees: one grows from the start, one from poses at the goal, until a motion joins them.
 
 After RRT-Connect (Kuffner and LaValle, 2000), with the continuation as local planner: an extension follows a guide
-round obstacles and along them instead of stopping at the first touch, so a few hundred poses cover what thousands of
+round and along obstacles instead of stopping at the first contact, so a few hundred poses cover what thousands of
 straight connections would not.
 """
 
@@ -20,45 +20,46 @@ from ccm_opt.planning.pose_tree import ExtensionSampler, PoseTree
 from ccm_opt.planning.search_run import PlanarRun
 
 MOST_EXTENSIONS = 400
-"""Extensions in all before the search is given up, however much time is left, so that what is found does not depend on
-it. Measured in 24 scenes of clutter: 22 need at most 16, one 51, one 201."""
+"""Total number of extensions before the search is given up, however much time is left, so that the result does not
+depend on it. Measured in 24 scenes of clutter: 22 need at most 16, one 51, one 201."""
 _DISPERSION = 0.04
-"""Distance that nodes keep. Taste."""
+"""Least distance between nodes. Taste."""
 _STEPS = 250
-"""Of the longest extension. Taste."""
+"""Most steps of an extension. Taste."""
 _SATURATED = 80
 """Extensions in a row that add no node before the search is given up. Taste."""
 
 _CONNECTION_PATIENCE = 5
-"""The same for a connection of the trees; what it does not reach, an extension may. Taste."""
+"""Steps without progress before a connection of the trees ends; an extension may reach what a connection does not.
+Taste."""
 _NODE_INTERVAL = 10
 """Least number of steps between two nodes of one extension. Taste."""
 _CONNECTIONS = 1
-"""Nodes of the other tree that a new node is connected to, nearest first. Taste."""
+"""Number of nodes of the other tree that a new node is connected to, nearest first. Taste."""
 _ROOT_INTERVAL = 40
 """Extensions between two new poses at the goal. Taste."""
 _SETTLING_DISTANCE = 3.0
-"""A tip nearer to its goal than this is drawn onto it, in nominal links. Derived: twice the leash of tip-led
+"""Distance from the goal below which a tip is drawn onto it, in nominal links. Derived: twice the leash of tip-led
 continuation."""
 _PATIENCE = 12
 """Steps without progress before an extension ends. Taste."""
 
 
 class _Root(IntEnum):
-    """From where a tree grows: its place in pairs of trees."""
+    """Origin of a tree, used as its index in pairs of trees."""
 
     START = 0
     GOAL = 1
 
 
 def search_by_trees(runs: list[PlanarRun]) -> list[Pose]:
-    """Grow both trees until they meet; the poses from start to goal.
+    """Grow both trees until they meet, and return the poses from start to goal.
 
     Args:
-        runs: of one task with different margins, the narrowest last; its poses and goal count.
+        runs: runs of one task with different margins, the narrowest last, whose poses and goal are used.
 
     Raises:
-        Stalled: when the time is up or nothing new is reached; its pose is the one nearest to the goal.
+        Stalled: the time is up or nothing new is reached; its pose is the one nearest to the goal.
     """
     search = TreeSearch.from_runs(runs)
     search.run()
@@ -69,16 +70,16 @@ def search_by_trees(runs: list[PlanarRun]) -> list[Pose]:
 
 @dataclass
 class TreeSearch:
-    """Two trees in the making.
+    """State of a search with two trees.
 
     Attributes:
-        runs: of one task with different margins, the narrowest last.
-        goal_poses: draws poses at the goal.
+        runs: runs of one task with different margins, the narrowest last.
+        goal_poses: generator of poses at the goal.
         rng: source of every random choice.
-        trees: from the start, and from poses at the goal.
-        samplers: of their extensions.
-        rejected: extensions since the last that added a node.
-        extensions: tried so far.
+        trees: trees from the start, and from poses at the goal.
+        samplers: samplers of their extensions.
+        rejected: number of extensions since the last that added a node.
+        extensions: number of extensions so far.
         found: poses from start to goal, empty as long as there are none.
     """
 
@@ -93,7 +94,7 @@ class TreeSearch:
 
     @classmethod
     def from_runs(cls, runs: list[PlanarRun]) -> "TreeSearch":
-        """Return the start alone, before any extension."""
+        """Return the search with the start as its only node."""
         run = runs[-1]
         task = run.task
         rng = np.random.default_rng(task.seed)
@@ -110,16 +111,16 @@ class TreeSearch:
 
     @property
     def task(self) -> MotionTask:
-        """What is looked for."""
+        """The task."""
         return self.runs[-1].task
 
     @property
     def goal(self) -> GoalPose:
-        """Where the motion ends, in the coordinates of the runs."""
+        """Goal of the motion, in the coordinates of the runs."""
         return self.runs[-1].goal
 
     def run(self) -> None:
-        """Extend the trees in turn."""
+        """Extend the trees in turn until a motion is found or the search ends."""
         while not self.found and not self.task.deadline.passed() and not self._exhausted:
             if self.extensions % _ROOT_INTERVAL == 0:
                 self._draw_root()
@@ -129,18 +130,18 @@ class TreeSearch:
 
     @property
     def _exhausted(self) -> bool:
-        """Whether the trees reach nothing new, or are as large as they may become."""
+        """Whether the trees reach nothing new, or the most extensions have been made."""
         return self.rejected >= _SATURATED or self.extensions >= MOST_EXTENSIONS
 
     def _draw_root(self) -> None:
-        """Add a pose at the goal, if there is another, and try to reach it at once."""
+        """Add another pose at the goal, if there is one, and try to connect it at once."""
         pose = next(self.goal_poses, None)
         if pose is not None:
             root = self.trees[_Root.GOAL].add_root(pose)
             self._connect(_Root.GOAL, root)
 
     def _extend(self, side: int) -> None:
-        """Follow one random guide, keep what is certified and new, and try to end the search from where it led."""
+        """Follow one random guide, keep certified new poses, and try to complete the motion from there."""
         tree = self.trees[side]
         other = self.trees[1 - side]
         node, guide = self.samplers[side].draw(tree, other)
@@ -150,14 +151,14 @@ class TreeSearch:
             self.rejected += 1
             return
         self.rejected = 0
-        # Poses of the other tree come from the goal; only those from the start have yet to get there.
+        # Poses of the other tree come from the goal; only those from the start have yet to reach it.
         if side == _Root.START:
             self._settle(added[-1])
         if not self.found:
             self._connect(side, added[-1])
 
     def _led(self, guide: Guide, pose: Pose, patience: int) -> list[Pose]:
-        """Return the poses of one extension, with a planning margin drawn at random."""
+        """Return the poses of one extension, with a randomly chosen planning margin."""
         # A wide margin moves on faster in the open, a narrow one gets through where it is tight.
         stepper = self.runs[int(self.rng.integers(len(self.runs)))].stepper
         try:
@@ -166,14 +167,14 @@ class TreeSearch:
             return stalled.poses
 
     def _certified(self, poses: list[Pose]) -> list[Pose]:
-        """Return the longest certified beginning of a motion."""
+        """Return the longest certified initial part of a motion."""
         if len(poses) < 2:
             return poses
         failing = self.task.certificate.failures(np.array([pose.q for pose in poses]))
         return poses[: int(failing[0]) + 1] if len(failing) else poses
 
     def _keep(self, tree: PoseTree, node: int, poses: list[Pose]) -> list[int]:
-        """Add the poses that are apart from all nodes; numbers of the new nodes."""
+        """Add those poses that are apart from all nodes, and return the numbers of the new nodes."""
         added: list[int] = []
         edge: list[Pose] = []
         last = len(poses) - 1
@@ -191,7 +192,7 @@ class TreeSearch:
         """Draw the tip of a node that is near the goal onto it."""
         run = self.runs[-1]
         if self.goal.coordinates is not None:
-            return  # a goal of the whole arm is the other tree's root, which is connected to
+            return  # a goal of the whole arm is the root of the other tree, and reached by connections
         tree = self.trees[_Root.START]
         pose = tree.poses[node]
         distance, _ = self.goal.errors(pose)
@@ -200,14 +201,14 @@ class TreeSearch:
         try:
             poses = settle(run.stepper, self.goal, pose, self.task.deadline)
         except Stalled as stalled:
-            # Poses near the goal are worth keeping, whatever kept the tip off it.
+            # Poses near the goal are worth keeping, whatever stopped the tip.
             self._keep(tree, node, self._certified(stalled.poses))
             return
         if len(self._certified(poses)) == len(poses):
             self.found = tree.poses_to_node(node) + poses[1:]
 
     def _connect(self, side: int, node: int) -> None:
-        """Lead a node to the nearest ones of the other tree."""
+        """Lead a node to the nearest nodes of the other tree."""
         tree = self.trees[side]
         other = self.trees[1 - side]
         if not len(other):
@@ -230,11 +231,11 @@ class TreeSearch:
                 else:
                     self.found = from_other + from_side[::-1]
                 return
-            # As far as it came it brought this tree nearer to the other.
+            # Even a failed connection brings this tree nearer to the other.
             self._keep(tree, node, certified)
 
     def ended(self) -> str:
-        """Return why the growth ended, in words."""
+        """Return, in words, why the growth ended."""
         if self.rejected >= _SATURATED:
             limit = "until they reached nothing new"
         elif self._exhausted:

@@ -1,4 +1,4 @@
-"""Where a path of the tip passes the places that a goal names on the way, one after the other."""
+"""Via places: where a tip path passes, in order, the places that a goal names on the way."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -12,11 +12,11 @@ from ccm_opt.planning.pose import CurveUnknowns
 
 @dataclass(frozen=True, eq=False)
 class Passings:
-    """Where a path of straight legs comes nearest to places, in their order.
+    """Positions where a path of straight legs comes nearest to places, in their order.
 
     Attributes:
-        leg: on which each place is passed, shape (m,).
-        share: of the leg, from 0 to 1, shape (m,).
+        leg: leg on which each place is passed, shape (m,).
+        share: share of the leg, from 0 to 1, shape (m,).
     """
 
     leg: IntArray
@@ -24,16 +24,16 @@ class Passings:
 
     @property
     def along(self) -> FloatArray:
-        """The same as one number, corners being whole ones, shape (m,)."""
+        """The positions as single numbers, corners being integers, shape (m,)."""
         return np.asarray(self.leg + self.share, dtype=np.float64)
 
 
 def passings(tips: FloatArray, places: FloatArray) -> Passings:
-    """Return where a path passes places in their order so that the squares of its distances from them are least in all.
+    """Return where a path passes places in their order, with the least sum of squared distances from them.
 
     Args:
         tips: corners of the path, at least two, shape (K, 3) [m].
-        places: shape (m, 3) [m].
+        places: the places, shape (m, 3) [m].
     """
     leg = np.diff(tips, axis=0)
     size = np.einsum("kd,kd->k", leg, leg)
@@ -46,11 +46,8 @@ def passings(tips: FloatArray, places: FloatArray) -> Passings:
 
 
 def _in_order(away: FloatArray) -> IntArray:
-    """Return the columns of a table, shape (m, k), one for each row and none before the last, of the least sum.
-
-    Shape (m,).
-    """
-    # The least sum of rows so far with the last of them at a column or before it; then back from the end.
+    """Return one column for each row of a table, shape (m, k), non-decreasing and with the least sum; shape (m,)."""
+    # Dynamic programme: the least sum of rows so far with the last at a column or before it; then back from the end.
     sums = np.zeros_like(away)
     best = np.zeros(away.shape[1])
     for m in range(len(away)):
@@ -65,12 +62,12 @@ def _in_order(away: FloatArray) -> IntArray:
 
 
 def first_violation(tips: FloatArray, places: FloatArray, reach: float) -> tuple[int, float] | None:
-    """Number of the first place that a path does not pass within reach, and how near it comes [m]; None of none.
+    """Return the number of the first place that a path does not pass, and its distance [m]; None without one.
 
     Args:
-        tips: the path at samples, shape (N, 3) [m].
-        places: in the order in which they are to be passed, shape (m, 3) [m].
-        reach: how near counts [m].
+        tips: samples of the path, shape (N, 3) [m].
+        places: places in the order in which they are to be passed, shape (m, 3) [m].
+        reach: distance that counts as passing [m].
     """
     first = 0
     for number, place in enumerate(places):
@@ -84,24 +81,24 @@ def first_violation(tips: FloatArray, places: FloatArray, reach: float) -> tuple
 
 @dataclass(frozen=True, eq=False)
 class PassedPlaces(LimitOf[CurveUnknowns]):
-    """Places that the tip passes at keyframes of a motion, in their order.
+    """Limit of motions whose tip passes places at keyframes, in their order.
 
     Attributes:
-        places: shape (m, d) [m].
-        reach: how far off the tip may be, or else no farther than it was [m].
+        places: the places, shape (m, d) [m].
+        reach: largest distance of the tip from a place, unless it was larger before [m].
     """
 
     places: FloatArray
     reach: float
 
     def _passed(self, sweep: Any) -> tuple[IntArray, FloatArray]:
-        """Return the keyframes that pass the places, shape (m,), and from these to the tip, shape (m, d) [m]."""
+        """Return the keyframes that pass the places, (m,), and the offsets from these to the tip, shape (m, d) [m]."""
         off = sweep.points[:, sweep.space.arm.links] - self.places[:, None]
         keyframe = _in_order(np.sum(off**2, axis=2))
         return keyframe, off[np.arange(len(keyframe)), keyframe]
 
     def keyframe_rows(self, sweep: Any, u: FloatArray) -> tuple[KeyframeRows, ...]:
-        """Return two rows an axis: the tip stays in the cube that fits into the ball, or leaves it no farther."""
+        """Return bounds for each axis: the tip stays in the cube inscribed in the ball, or leaves it no farther."""
         del u
         keyframe, off = self._passed(sweep)
         moved = np.flatnonzero(keyframe > 0)
