@@ -1,4 +1,4 @@
-"""Ways of an arm in space, as a flood of cubes shows them."""
+"""Ways for the axis of an arm in space, found and bounded by adaptive cube decomposition."""
 
 import time
 from collections.abc import Iterator
@@ -26,48 +26,47 @@ from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from ccm_opt.scene.workspace import Workspace
 
 _SECONDS = 8.0
-"""CPU time after which nothing more is looked at about one goal [s]. Taste: half of all the time for reasons and
-changes."""
+"""CPU time limit of the search for one goal [s]. Taste: half of the time for reasons and changes together."""
 _CELLS = 20_000
-"""Cubes at first. Taste: a thirtieth of the room along a side."""
+"""Initial number of cubes. Taste: a thirtieth of the room along a side."""
 _FINENESS = 0.03
 """Relative accuracy of the widest way. Taste."""
 _LEAST = 0.3
-"""Of the room that is needed, the share below which ways are told to be closed altogether. Taste."""
+"""Share of the required distance below which ways are reported as closed altogether. Taste."""
 _DETOUR = 1.5
-"""Ways are looked for up to this multiple of the arm's length. Taste."""
+"""Multiple of the arm's length up to which ways are searched for. Taste."""
 _HALVINGS = 3
-"""Of what is not known of the length that would do. Taste."""
+"""Number of bisections of the link length that would suffice. Taste."""
 _REACH = 8.0
-"""Distances are looked at up to this multiple of the room that is needed. Taste."""
+"""Multiple of the required distance up to which distances are computed. Taste."""
 _MOST_REMOVED = 8
-"""Obstacles that are taken away one at a time, nearest to the straight way first. Taste."""
+"""Number of obstacles that are removed one at a time, nearest to the straight line first. Taste."""
 _PULLS = 6
-"""How often a short way is pulled tighter. Measured: six bring it to 2 % of the shortest round one edge."""
+"""Number of times a short way is tightened. Measured: six bring it within 2 % of the shortest around one edge."""
 _PLACES = 9
-"""Along each straight part of a way that are looked at. Taste."""
+"""Number of points tested along each straight part of a way. Taste."""
 
 _MORE_CELLS = 40_000
-"""That are added for how wide the widest way is, at each width. Taste."""
+"""Number of cubes added at each width to find the widest way. Taste."""
 _FLOOR_CELLS = 150_000
-"""That are added for whether there is any way that deserves the name. Taste."""
+"""Number of cubes added to find out whether there is a way of any useful width. Taste."""
 _DETOUR_CELLS = 15_000
-"""That are added for whether there is a way that is too long. Taste: wide ones are found at once."""
+"""Number of cubes added to find a way that is too long. Taste: wide ways are found at once."""
 _PULL_STEPS = 5
-"""Halvings of how far one of its corners is moved then. Taste."""
+"""Number of halvings of a corner's displacement when a way is tightened. Taste."""
 
 
 def axis_ways(problem: Problem, until: Deadline) -> Iterator["AxisWays"]:
-    """Yield the ways to every goal of the tip: from the base, or from the places to which it is fed."""
+    """Yield the ways to every goal of the tip, from the base or from the positions to which it is fed."""
     for place in tip_places(problem):
-        # What is proved does not depend on what else the machine does.
+        # CPU time makes the result independent of other load on the machine.
         own = time.process_time() + _SECONDS
         yield AxisWays(problem, place, Deadline(min(own, until.cpu), until.wall))
 
 
 @dataclass(frozen=True, eq=False)
 class AxisWays(Ways):
-    """Looks for ways from the base, or the places to which it is fed, to the tolerance of a goal."""
+    """Ways in space from the base, or the positions to which it is fed, to the tolerance of a goal."""
 
     shortest_is_proved = False
     closed_to_short_arms = True
@@ -75,7 +74,7 @@ class AxisWays(Ways):
 
     @property
     def arm(self) -> Arm:
-        """The arm, all of which may be beyond its tube."""
+        """The whole arm, since all of it may be beyond its guide tube."""
         return self.problem.arm
 
     @cached_property
@@ -85,13 +84,13 @@ class AxisWays(Ways):
 
     @property
     def room(self) -> float:
-        """Distance that the axis needs from the surfaces, as far as these do not stand out of the obstacles [m]."""
+        """Distance that the axis must keep from the surfaces, less their possible excess over the obstacles [m]."""
         need = self.arm.radius + self.problem.workspace.clearance - self.gaps.stands_out
         return max(need, 0.0) - touching_overlap(self.arm)
 
     @cached_property
     def ends(self) -> WayEnds:
-        """Where ways begin and end: in the tube of a feed axis the arm may be anywhere."""
+        """Where ways begin and end; with a feed axis, they may begin anywhere in the guide tube."""
         arm = self.arm
         low, high = arm.base_range
         until = max(high, arm.hole) if arm.base_axes else high
@@ -102,7 +101,7 @@ class AxisWays(Ways):
 
     @cached_property
     def search(self) -> WaySearch:
-        """Among the places that the arm can reach, and a longer one."""
+        """Search in the region that a somewhat longer arm could reach."""
         return self._search_in(self.problem.workspace, self.gaps.tree)
 
     def _search_in(self, workspace: Workspace, tree: SurfaceTree) -> WaySearch:
@@ -114,7 +113,7 @@ class AxisWays(Ways):
 
     @cached_property
     def answer(self) -> Answer:
-        """Whether there is a way that is wide and short enough; an arm without any width is asked about in vain."""
+        """Whether there is a way that is wide and short enough; not known for an arm of zero width."""
         return self.search.answer(self.room, self.arm.length) if self.room > 0.0 else "not known"
 
     @property
@@ -124,7 +123,7 @@ class AxisWays(Ways):
 
     @cached_property
     def shortest(self) -> FloatArray | None:
-        """Corners of a short way that is wide enough, shape (m, 3) [m]; None where none was found."""
+        """Corners of a short way that is wide enough, shape (m, 3) [m]; None if none was found."""
         longest = _DETOUR * self.arm.length
         if self.answer != "open" and self.search.answer(self.room, longest, _DETOUR_CELLS) != "open":
             return None
@@ -132,20 +131,21 @@ class AxisWays(Ways):
 
     @property
     def least(self) -> float:
-        """Length of that way [m]; 0 where none was found."""
+        """Length of the short way [m]; 0 if none was found."""
         return 0.0 if self.shortest is None else way_length(self.shortest)
 
     def bound(self, known: float) -> float:
-        """Return the distance from surfaces that no way keeps more than, at most the room.
+        """Return an upper bound on the distance from surfaces that any way keeps, at most `room` [m].
 
-        Some way keeps a known one [m].
+        Args:
+            known: distance that some way is known to keep [m].
         """
         if self.room <= 0.0 or self.search.answer(self.room, self.arm.length, _MORE_CELLS) != "closed":
             return self.room
         return self.widest_between(known, self.room, 0.5 * (known + self.room)).most
 
     def widest(self, most: float) -> WidestWay:
-        """Return the widest way that keeps at most so much distance from surfaces [m]."""
+        """Return the widest way, searched for up to a distance of `most` from surfaces [m]."""
         length = self.arm.length
         if most > self.room and self.search.answer(most, length, _MORE_CELLS) != "closed":
             place = self.search.narrowest(length)
@@ -158,16 +158,16 @@ class AxisWays(Ways):
         """Return the widest way that is no longer than the arm, by bisection.
 
         Args:
-            low: distance from surfaces that some way is known to keep; 0 where none is [m].
-            high: that none keeps [m].
-            trial: what is asked about first [m].
+            low: distance from surfaces that some way is known to keep; 0 if no way is known [m].
+            high: upper bound on the distance that any way keeps [m].
+            trial: first distance to be tried [m].
         """
         length = self.arm.length
         high = min(self.search.widest(high, length), high)
         while high - low > _FINENESS * self.room:
             more = _MORE_CELLS if low else _FLOOR_CELLS
             answer = self.search.answer(trial, length, more)
-            # Whatever it is, there is no wider way than the widest chain that may be open.
+            # Whatever the answer, no way is wider than the widest chain of possibly open cubes.
             high = min(high, self.search.widest(trial if answer == "closed" else high, length))
             low = max(low, trial if answer == "open" else 0.0)
             if answer == "not known" or (answer == "closed" and low == 0.0):
@@ -175,17 +175,14 @@ class AxisWays(Ways):
             trial = 0.5 * (low + high)
         closed = low == 0.0 and high <= _LEAST * self.room
         narrow = self.search.narrowest(length)
-        # What was found to be open still is: cubes are only ever split.
+        # Ways that were found open stay open, since cubes are only ever split.
         way = shortest_in(self.search, self.gaps.tree, low) if low else None
         exact = high - low <= _FINENESS * self.room
         walls = beside(self.gaps, narrow, FINEST * max(self.room, 0.0))
         return WidestWay(high, exact, closed, narrow, walls, way=way)
 
     def opening(self, place: FloatArray, *, closed: bool) -> tuple[str, ...]:
-        """Return the obstacles beside a place (3,) without any one of which there is a way.
-
-        Else such near the straight way.
-        """
+        """Return the obstacles whose removal alone opens a way: those near a place (3,), or near the straight line."""
         if closed:
             return self._closing
         walls = beside(self.gaps, place, FINEST * max(self.room, 0.0))
@@ -196,18 +193,18 @@ class AxisWays(Ways):
 
     @lru_cache(maxsize=32)  # noqa: B019 - lives as long as the searches that it keeps
     def _without(self, name: str) -> WaySearch | None:
-        """Return the search where one obstacle is left out; None where there still is no way, and for the room."""
+        """Return the search without one obstacle; None if there still is no way or the name is not an obstacle's."""
         workspace = self.problem.workspace.without(name)
         if len(workspace.obstacles) == len(self.problem.workspace.obstacles) or self.until.passed():
             return None
         search = self._search_in(workspace, SurfaceTree.of(workspace.soup))
         answer = search.answer(self.room, self.arm.length)
-        # Nothing is said of an obstacle that there was no time for.
+        # An obstacle counts as opening a way only if there was time to find out.
         return None if answer == "closed" or self.until.passed() else search
 
     @cached_property
     def _closing(self) -> tuple[str, ...]:
-        """Obstacles near the straight way without any one of which there is a way, the smallest first."""
+        """Obstacles near the straight line whose removal alone opens a way, the smallest first."""
         straight = np.stack((self.ends.end, self.ends.goal))[None]
         near = sorted(self.gaps.each(straight, self.arm.length), key=lambda each: float(each.gaps[0]))
         opened = self._opened(tuple(each.name for each in near[:_MOST_REMOVED]))
@@ -216,9 +213,11 @@ class AxisWays(Ways):
         return tuple(sorted(opened, key=lambda name: sizes[name]))
 
     def blocking_place(self, name: str, place: FloatArray) -> FloatArray:
-        """Return where a way that an obstacle closes leads through it, or nearest to it, (3,) [m].
+        """Return where a way would lead deepest through an obstacle that closes it, shape (3,) [m].
 
-        Else the place given.
+        Args:
+            name: name of the obstacle.
+            place: position that is returned if there is no way without the obstacle, shape (3,) [m].
         """
         search = self._without(name)
         way = None if search is None else shortest_in(search, search.cells.tree, self.room)
@@ -230,7 +229,7 @@ class AxisWays(Ways):
         return np.asarray(along[int(np.argmax([depth_inside(body, each) for each in along]))])
 
     def length_remedies(self) -> dict[str, float]:
-        """Return the up to which length of a link every way is closed, as far as is known, by its key [m]."""
+        """Return the link length up to which every way is known to be closed, by its key [m]."""
         low = self.arm.length
         high = self.least
         for _ in range(_HALVINGS):
@@ -243,7 +242,13 @@ class AxisWays(Ways):
 
 
 def shortest_in(search: WaySearch, tree: SurfaceTree, room: float) -> FloatArray | None:
-    """Return corners of a short way through the cubes that have a room, shape (m, 3) [m]; None where there is none."""
+    """Return the corners of a short way through cubes that keep a distance, shape (m, 3) [m]; None if there is none.
+
+    Args:
+        search: the search, with its cubes.
+        tree: surfaces of the scene.
+        room: distance that every point of the cubes must keep from the surfaces [m].
+    """
     cells = search.cells
     start, goal = search.end_cubes()
     usable = (cells.least >= room) & (search.sides < 1) | start
@@ -275,13 +280,13 @@ def shortest_in(search: WaySearch, tree: SurfaceTree, room: float) -> FloatArray
 
 
 def _pulled(tree: SurfaceTree, way: FloatArray, room: float, steps: int) -> FloatArray:
-    """A way pulled tighter: corners, and middles, moved towards the straight line past them as far as there is room.
+    """Tighten a way by moving its corners and midpoints towards the line between their neighbours.
 
     Args:
-        tree: of the surfaces.
-        way: corners, shape (m, 3) [m].
-        room: distance that is kept where the way has so much [m].
-        steps: halvings of how far a corner is moved.
+        tree: surfaces of the scene.
+        way: corners of the way, shape (m, 3) [m].
+        room: distance from surfaces that moved parts must keep [m].
+        steps: number of halvings of a corner's displacement.
     """
     fine = np.empty((2 * len(way) - 1, 3))
     fine[::2] = way

@@ -1,8 +1,8 @@
-"""Cubes of many sizes that fill a box, split where more has to be known, and which of them touch.
+"""An adaptive decomposition of a box into cubes of many sizes, with a list of the pairs that touch.
 
-No place of a cube is farther than half its diagonal from its middle; so its distance from all surfaces is that of the
-middle, less or more by that at most. Which cubes touch is kept as a list of pairs. Where a cube is split its pairs are
-handed to those of its parts that still touch, so that nothing ever has to be looked up.
+No point of a cube is farther than half the diagonal from the centre, so its distance from surfaces differs from that of
+the centre by at most this amount. When a cube is split, its pairs pass to those of its parts that still touch, so no
+neighbour search is ever needed.
 """
 
 from dataclasses import dataclass
@@ -14,9 +14,9 @@ from ccm_opt.core.arrays import BoolArray, FloatArray, IntArray
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 
 _UNITS = 2**20
-"""Lengths of the finest cube in a first one; places are counted in them, so that touching is a matter of integers."""
+"""Number of finest units along a first cube; positions are integers in these units, so contact tests are exact."""
 _CORNERS = np.array(list(product((0, 1), repeat=3)))
-"""Of a cube, shape (8, 3)."""
+"""Corners of the unit cube, shape (8, 3)."""
 _PARTS = np.array([(a, b) for a in range(8) for b in range(a)])
 """Pairs of the eight parts of a cube, all of which touch, shape (28, 2)."""
 
@@ -26,14 +26,14 @@ class CellTree:
     """Cubes that fill a box; those that were split are replaced by their parts.
 
     Attributes:
-        tree: of the surfaces.
+        tree: surfaces of the scene.
         origin: lower corner of the box, shape (3,) [m].
-        first: size of a first cube [m].
-        reach: distances are cut off here [m].
-        low: lower corners, counted in the finest units, shape (n, 3).
-        size: of the cubes, counted likewise, shape (n,).
-        gap: distance of their middles from the surfaces, at most the reach, shape (n,) [m].
-        pairs: numbers of cubes that touch, shape (m, 2).
+        first: size of an unsplit cube [m].
+        reach: value at which distances are capped [m].
+        low: lower corners of the cubes in finest units, shape (n, 3).
+        size: sizes of the cubes in finest units, shape (n,).
+        gap: distances of the centres from the surfaces, capped at the reach, shape (n,) [m].
+        pairs: indices of cubes that touch, shape (m, 2).
     """
 
     tree: SurfaceTree
@@ -47,18 +47,18 @@ class CellTree:
 
     @classmethod
     def over(cls, tree: SurfaceTree, box: FloatArray, cells: int, reach: float) -> "CellTree":
-        """Return the cubes of one size over a box.
+        """Cover a box with cubes of equal size.
 
         Args:
-            tree: of the surfaces.
+            tree: surfaces of the scene.
             box: lower and upper corner, shape (2, 3) [m].
-            cells: about how many.
-            reach: distances are cut off here [m].
+            cells: approximate number of cubes.
+            reach: value at which distances are capped [m].
         """
         sides = np.maximum(box[1] - box[0], 1e-9)
         first = float((np.prod(sides) / cells) ** (1.0 / 3.0))
         counts = np.maximum(np.ceil(sides / first).astype(np.intp), 1)
-        # Cubes stand out of the box evenly on both sides.
+        # The grid of cubes is centred on the box, which it may exceed.
         origin = box[0] - 0.5 * (counts * first - sides)
         numbers = np.arange(int(np.prod(counts))).reshape(counts)
         low = np.stack(np.unravel_index(numbers.ravel(), tuple(counts)), axis=1) * _UNITS
@@ -72,31 +72,31 @@ class CellTree:
 
     @property
     def sides(self) -> FloatArray:
-        """Size of every cube, shape (n,) [m]."""
+        """Sizes of the cubes, shape (n,) [m]."""
         return np.asarray(self.size * (self.first / _UNITS))
 
     @property
     def half_diagonals(self) -> FloatArray:
-        """How far a place of each cube is from its middle at most, shape (n,) [m]."""
+        """Greatest distances of points of the cubes from their centres, shape (n,) [m]."""
         return np.asarray(0.5 * np.sqrt(3.0) * self.sides)
 
     @property
     def middles(self) -> FloatArray:
-        """Shape (n, 3) [m]."""
+        """Centres of the cubes, shape (n, 3) [m]."""
         return np.asarray(self.origin + (self.low + 0.5 * self.size[:, None]) * (self.first / _UNITS))
 
     @property
     def greatest(self) -> FloatArray:
-        """What a place of each cube may have as distance from the surfaces at most, shape (n,) [m]."""
+        """Upper bounds on the distance of any point of each cube from the surfaces, shape (n,) [m]."""
         return np.asarray(self.gap + self.half_diagonals)
 
     @property
     def least(self) -> FloatArray:
-        """What every place of each cube has as distance from the surfaces at least, shape (n,) [m]."""
+        """Lower bounds on the distance of every point of each cube from the surfaces, shape (n,) [m]."""
         return np.asarray(self.gap - self.half_diagonals)
 
     def distances_from(self, start: FloatArray, end: FloatArray) -> FloatArray:
-        """Return the distance of the middle of each cube from a segment between two places (3,), shape (n,) [m]."""
+        """Return the distances of the cubes' centres from a segment between two points (3,), shape (n,) [m]."""
         way = end - start
         middles = self.middles
         square = float(way @ way)
@@ -104,10 +104,10 @@ class CellTree:
         return np.asarray(np.linalg.norm(middles - start - share[:, None] * way, axis=1))
 
     def split(self, chosen: BoolArray) -> tuple["CellTree", IntArray]:
-        """The tree with some cubes split into eight each, and for every cube of it the number of that it comes from.
+        """Split cubes into eight each; return the new tree and the index of the old cube that each new cube is from.
 
         Args:
-            chosen: which ones, shape (n,).
+            chosen: mask of the cubes to split, shape (n,).
         """
         parents = np.flatnonzero(chosen)
         kept = np.flatnonzero(~chosen)
@@ -118,7 +118,7 @@ class CellTree:
         origins = np.concatenate((kept, np.repeat(parents, 8)))
         middles = self.origin + (parts + 0.5 * np.repeat(half, 8)[:, None]) * (self.first / _UNITS)
         gap = self.tree.distances(np.stack((middles, middles), axis=1), self.reach)
-        # Of a cube that is kept the first number counts; of one that is split its eight parts begin there.
+        # New index of each kept cube, or of the first of the eight parts of a split cube.
         places = np.zeros(len(self), dtype=np.intp)
         places[kept] = np.arange(len(kept))
         places[parents] = len(kept) + 8 * np.arange(len(parents))
@@ -144,20 +144,20 @@ def _neighbours(numbers: IntArray) -> IntArray:
 def _inherited_pairs(
     pairs: IntArray, chosen: BoolArray, places: IntArray, before: "CellTree", low: IntArray, size: IntArray
 ) -> IntArray:
-    """Return the pairs of cubes that touched and still do, when some were split.
+    """Return the pairs of touching cubes after a split that come from pairs before it.
 
     Args:
-        pairs: of the cubes before, shape (m, 2).
-        chosen: which of these were split.
-        places: new number of each, or that of the first of its parts.
-        before: the cubes before.
-        low: lower corners of the cubes now.
-        size: of the cubes now.
+        pairs: pairs of the cubes before the split, shape (m, 2).
+        chosen: mask of the cubes that were split.
+        places: new index of each old cube, or of the first of its parts.
+        before: the cubes before the split.
+        low: lower corners of the new cubes.
+        size: sizes of the new cubes.
     """
     split = chosen[pairs]
     kept = [places[pairs[~split.any(axis=1)]]]
     for here, other in ((0, 1), (1, 0)):
-        # One side after the other, so that of both the parts that do not touch fall away early.
+        # One side at a time, so that parts that do not touch are dropped early.
         alone = split[:, here] & ~split[:, other]
         kept.append(_parts_that_touch(places[pairs[alone]], here, low, size, low, size))
     both = pairs[split.all(axis=1)]
@@ -170,15 +170,15 @@ def _inherited_pairs(
 def _parts_that_touch(
     pairs: IntArray, side: int, low: IntArray, size: IntArray, others_low: IntArray, others_size: IntArray
 ) -> IntArray:
-    """Return pairs whose cube on one side is replaced by those of its eight parts that touch the other, shape (k, 2).
+    """Replace the cube on one side of each pair by those of its eight parts that touch the other, shape (k, 2).
 
     Args:
-        pairs: of the first of eight parts, on that side, and another cube.
-        side: 0 or 1.
+        pairs: pairs of the first of eight parts, on the given side, and another cube.
+        side: side of the split cubes, 0 or 1.
         low: lower corners of the parts.
-        size: of the parts.
+        size: sizes of the parts.
         others_low: lower corners of the other cubes.
-        others_size: of the other cubes.
+        others_size: sizes of the other cubes.
     """
     several = np.repeat(pairs, 8, axis=0)
     several[:, side] += np.tile(np.arange(8), len(pairs))

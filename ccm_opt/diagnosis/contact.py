@@ -1,4 +1,4 @@
-"""Whether an arm can be at its start and goals: contacts, and torques that hold it."""
+"""Checks of the start and goal poses: contacts, and torques needed to hold them."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -19,12 +19,14 @@ from ccm_opt.robot.frames import joint_names, revolute_angles
 from ccm_opt.scene.distances.enclosures import segment_distances
 
 _TOUCHING = 1e-6
-"""Overlap that counts as touching in a proof, and room that is granted to every passage, as a share of the arm's
-length. Derived: of the size of what the verifier lets pass, above all rounding."""
+"""Overlap that counts as touching in a proof, and allowance for every passage, as a share of the arm's length.
+
+Derived: of the order of the verifier's tolerances, and above all rounding.
+"""
 
 
 def contact_at_poses(problem: Problem) -> Iterator[Finding]:
-    """Every obstacle that the arm touches in a pose of the problem, deepest first, and where it touches itself."""
+    """Yield a contact for every obstacle that the arm touches at its start or goals, deepest first, and for itself."""
     gaps = gaps_of(problem.workspace)
     for pose in whole_poses(problem):
         yield from _deepest_first(_touched_by_links(problem, gaps, pose))
@@ -32,7 +34,7 @@ def contact_at_poses(problem: Problem) -> Iterator[Finding]:
 
 
 def contact_at_tips(problem: Problem) -> Iterator[Finding]:
-    """Yield every obstacle that the tip touches at a goal of its own; deepest first."""
+    """Yield a contact for every obstacle that the tip touches at a tip goal, deepest first."""
     gaps = gaps_of(problem.workspace)
     for place in tip_places(problem):
         yield from _deepest_first(_touched_by_tip(problem, gaps, place))
@@ -43,19 +45,19 @@ def _deepest_first(findings: Iterator[Finding]) -> list[Finding]:
 
 
 def touching_overlap(arm: Arm) -> float:
-    """Overlap that counts as touching in a proof [m]: what touches is not hit, and rounding is not contact."""
+    """Return the overlap that counts as touching in a proof [m]; touching and rounding are not contact."""
     return _TOUCHING * arm.length
 
 
 def _touched_by_links(problem: Problem, gaps: Gaps, pose: WholePose) -> Iterator[Finding]:
-    """Yield every obstacle that a pose touches, at the link that is deepest in it."""
+    """Yield a contact for every obstacle that a pose touches, at the link with the greatest overlap."""
     arm = problem.arm
     first, segments = arm.exposed_links(arm.joint_positions_at(pose.q))
     if not len(segments):
         return
     need = arm.radius + problem.workspace.clearance
     for found in gaps.touched(segments, need):
-        # One finding an obstacle. A goal's tolerances may let some links out, not all.
+        # One finding per obstacle; it is proved if the goal's tolerances cannot free all links.
         k = int(np.argmin(found.gaps))
         touch = _touch(problem, pose.name, pose.key, f"link {first + k + 1}", found, k, 0.0)
         lacking = need - found.gaps - found.error - pose.link_play(arm)[first:]
@@ -63,7 +65,10 @@ def _touched_by_links(problem: Problem, gaps: Gaps, pose: WholePose) -> Iterator
 
 
 def _touched_by_tip(problem: Problem, gaps: Gaps, place: TipPlace) -> Iterator[Finding]:
-    """Yield the obstacles that leave the tip, or with a direction the last link, no room within the tolerances."""
+    """Yield a contact for every obstacle that the tip touches even within the goal's tolerances.
+
+    If the goal has a direction, the whole last link is checked.
+    """
     arm = problem.arm
     if arm.mount_length >= arm.length:
         return
@@ -75,7 +80,7 @@ def _touched_by_tip(problem: Problem, gaps: Gaps, place: TipPlace) -> Iterator[F
         visible = min(arm.link_length, arm.length - arm.mount_length)
         back = visible * place.goal.direction / np.linalg.norm(place.goal.direction)
         what = f"link {arm.links}"
-        # The last link may be shifted by one tolerance and turned about the tip by the other.
+        # The last link may be shifted by the position tolerance and turned about the tip by the heading tolerance.
         play += visible * place.tolerances.heading
     body = np.stack((tip - back, tip))[None]
     need = arm.radius + problem.workspace.clearance
@@ -85,16 +90,16 @@ def _touched_by_tip(problem: Problem, gaps: Gaps, place: TipPlace) -> Iterator[F
 
 
 def _touch(problem: Problem, name: str, key: str, what: str, found: ObstacleGap, k: int, play: float) -> Finding:
-    """Return one contact, with the radius and the clearance that would just end it.
+    """Return the finding of one contact, with the radius and the clearance that would just resolve it.
 
     Args:
-        problem: what was asked.
-        name: of the pose.
-        key: of the pose in the problem file.
-        what: of the arm is in contact.
-        found: with which obstacle.
-        k: which of the segments.
-        play: by how much tolerances may widen the gap [m].
+        problem: the problem.
+        name: name of the pose.
+        key: key of the pose in the problem file.
+        what: part of the arm that is in contact, in words.
+        found: gaps to the obstacle.
+        k: index of the segment in contact.
+        play: amount by which tolerances may widen the gap [m].
     """
     radius = problem.arm.radius
     clearance = problem.workspace.clearance
@@ -127,12 +132,12 @@ def _touch(problem: Problem, name: str, key: str, what: str, found: ObstacleGap,
 
 
 def gap_words(gap: float) -> str:
-    """Return a gap in words [m]; what rounding leaves of one is none that a length tells anything of."""
+    """Return a gap [m] in words; a gap of the size of rounding is not given as a length."""
     return short_length(gap) if gap > ROUNDING else "a hair"
 
 
 def _self_touched(arm: Arm, pose: WholePose) -> Iterator[Finding]:
-    """Yield the two distant links that overlap most."""
+    """Yield a contact for the two distant links that overlap most, if any do."""
     i, j = arm.self_pairs
     if len(i) == 0:
         return
@@ -141,7 +146,7 @@ def _self_touched(arm: Arm, pose: WholePose) -> Iterator[Finding]:
     k = int(np.argmin(distances))
     overlap = 2.0 * arm.radius - float(distances[k])
     play = pose.link_play(arm)
-    # In the plane even links of no thickness cannot pass through each other.
+    # In the plane, even links of zero thickness cannot pass through each other.
     crossing = arm.dimension == 2 and distances[k] <= ROUNDING
     if overlap <= ROUNDING and not crossing:
         return
@@ -158,15 +163,15 @@ def _self_touched(arm: Arm, pose: WholePose) -> Iterator[Finding]:
 
 
 def strong_enough(problem: Problem) -> Iterator[Finding]:
-    """Yield the poses that some joint cannot hold; only for a base that stands still."""
+    """Yield a finding for every pose that some joint is too weak to hold; only for arms with a fixed base."""
     torque = problem.limits.torque
-    # What a guide tube bears no joint has to.
+    # A guide tube carries part of the load, so fed arms are not checked.
     if torque is None or problem.arm.base_axes:
         return
     arm = problem.arm
     model = InverseDynamics(arm, problem.simulation.gravity)
     for pose in whole_poses(problem):
-        # At rest, inverse dynamics gives what gravity asks of every joint.
+        # At rest, inverse dynamics gives the gravity load of every joint.
         angles = revolute_angles(arm, pose.q[arm.coordinates.bends])
         load = np.abs(model(angles, np.zeros_like(angles), np.zeros_like(angles)))
         number = int(np.argmax(load / torque))
@@ -177,15 +182,15 @@ def strong_enough(problem: Problem) -> Iterator[Finding]:
 
 
 def _lighter(problem: Problem, pose: WholePose) -> FloatArray:
-    """Return by how much the tolerances of a pose can lower each revolute's load, at most, shape (3 links,) [N m]."""
+    """Return bounds on how much the tolerances of a pose can lower each revolute's load, shape (3 links,) [N m]."""
     arm = problem.arm
     play = pose.link_play(arm)
     weights = float(np.linalg.norm(problem.simulation.gravity)) * np.append(arm.masses, arm.payload)
     carried = np.cumsum(weights[::-1])[::-1][: arm.links]
-    # Every weight beyond a joint may come nearer by its own play and by the joint's.
+    # Every weight beyond a joint may come nearer to it by its own play plus that of the joint.
     moved = np.append(play, play[-1])
     nearer = np.cumsum((weights * moved)[::-1])[::-1][: arm.links] + carried * play
-    # Where bends turn the joint's axes, of a moment M they feel another share, by M times the angle at most.
+    # In space, bends also tilt the joint's axes, which changes the load of a moment M by at most M times the angle.
     if arm.coordinates.bends_a_joint > 1:
         lever = arm.link_length * (arm.links - np.arange(arm.links))
         nearer = nearer + carried * lever * pose.turn_play(arm)
@@ -193,13 +198,13 @@ def _lighter(problem: Problem, pose: WholePose) -> FloatArray:
 
 
 def overloaded(problem: Problem, where: str, number: int, load: float) -> Finding:
-    """A joint that cannot hold the arm in one pose, which by itself proves nothing: its torque against its limit.
+    """Return the finding that a joint cannot hold the arm in one pose; by itself, this proves nothing.
 
     Args:
-        problem: what was asked.
-        where: the beginning of the reason, up to the joint.
-        number: of the revolute.
-        load: torque that it needs [N m].
+        problem: the problem.
+        where: beginning of the reason, up to the joint.
+        number: index of the revolute.
+        load: torque that the revolute needs [N m].
     """
     limits = problem.limits.torque
     limit = np.inf if limits is None else float(limits[number])
@@ -217,5 +222,5 @@ def overloaded(problem: Problem, where: str, number: int, load: float) -> Findin
 
 
 def joint_words(arm: Arm, number: int) -> str:
-    """Return a revolute in words: its ball, counted from 1, and its name."""
+    """Return a revolute in words: its ball joint, counted from 1, and its name."""
     return f"joint {number // 3 + 1} ({joint_names(arm)[number]})"

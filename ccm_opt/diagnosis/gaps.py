@@ -1,4 +1,4 @@
-"""How far segments are from every obstacle, in the plane from walls, in space from surfaces."""
+"""Distances of segments from every obstacle: from walls in the plane, from surfaces in space."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -16,33 +16,33 @@ from ccm_opt.scene.surfaces import TriangleSoup
 from ccm_opt.scene.workspace import BOUNDARY_NAME, ROOM_NAME, Obstacle, Workspace
 
 _SAMPLES = np.linspace(0.0, 1.0, 9)
-"""Places along a segment at which its depth in a body is measured; between them it is hardly deeper."""
+"""Positions along a segment at which its depth in a body is measured; in between it is hardly deeper."""
 _STEP = 2e-3
-"""Between places of an axis at which its depth in a polygon is measured [m], likewise."""
+"""Spacing of the points of an axis at which its depth in a polygon is measured [m]."""
 _BESIDE = 1.3
-"""Obstacles up to this multiple of the distance of the nearest are beside a place. Taste."""
+"""Multiple of the nearest obstacle's distance up to which obstacles count as near a position. Taste."""
 _FAR = 1e9
-"""Farther than anything [m]."""
+"""Distance beyond any scene [m]."""
 _MOST_BESIDE = 3
-"""Of them at most. Taste."""
+"""Largest number of obstacles that are reported as near a position. Taste."""
 
 _FIRST_STEP = 0.1
-"""With which an axis is moved away from a place at first, as a share of the distance that it keeps. Taste."""
+"""First step of an axis away from a position, as a share of the distance that it must keep. Taste."""
 
 ROOM_NAMES = frozenset((BOUNDARY_NAME, ROOM_NAME))
-"""What the walls of the room are called, which cannot be removed."""
+"""Names of the walls of the room, which cannot be removed."""
 
 
 @dataclass(frozen=True)
 class ObstacleGap:
-    """How far segments are from one obstacle.
+    """Distances of segments from one obstacle.
 
     Attributes:
-        name: of the obstacle, or what the room is called.
-        gaps: distance of each segment's axis from it, negative by how deep it is inside, shape (k,) [m].
-        places: where the obstacle, or else the segment, is deepest in the other or nearest, shape (k, d) [m].
-        error: by how much the surfaces that are looked at may stand out of the obstacle itself [m].
-        outside: whether it is the room, and a segment reaches out of it.
+        name: name of the obstacle, or of the room.
+        gaps: distances of the segments from the obstacle, negative depths for segments inside, shape (k,) [m].
+        places: position of the greatest depth or least distance for each segment, shape (k, d) [m].
+        error: largest excess of the surfaces used over the obstacle itself [m].
+        outside: whether the obstacle is the room and a segment reaches out of it.
     """
 
     name: str
@@ -53,32 +53,30 @@ class ObstacleGap:
 
 
 class Gaps(Protocol):
-    """Distances from everything in a workspace."""
+    """Distances of segments from all obstacles of a workspace."""
 
     def distances(self, segments: FloatArray, reach: float) -> FloatArray:
-        """Distance of segments (k, 2, d) from the nearest wall or surface, cut off at a reach, shape (k,) [m]."""
+        """Return the distances of segments (k, 2, d) from the nearest obstacle, capped at `reach`, shape (k,) [m]."""
 
     def each(self, segments: FloatArray, reach: float) -> Iterator[ObstacleGap]:
-        """Return every obstacle, and the room, that is nearer to some of the segments (k, 2, d) than a distance [m]."""
+        """Yield the gaps to each obstacle, or the room, that is nearer than `reach` to some segment (k, 2, d) [m]."""
 
     def touched(self, segments: FloatArray, need: float) -> Iterator[ObstacleGap]:
-        """Return every one that is nearer than is needed, by more than rounding [m]."""
+        """Yield the gaps to each obstacle, or the room, nearer than `need` by more than rounding [m]."""
 
 
 def gaps_of(workspace: Workspace) -> Gaps:
-    """Return distances from everything in a workspace."""
+    """Return the distances from all obstacles of a workspace."""
     return WallGaps(workspace) if workspace.dimension == 2 else SurfaceGaps(workspace)
 
 
 def beside(gaps: Gaps, place: FloatArray, least: float) -> tuple[str, ...]:
-    """Return the names of the obstacles that are nearest to a place, and of others that are hardly farther.
-
-    The nearest first.
+    """Return the names of the obstacles nearest to a position, and of others hardly farther away, the nearest first.
 
     Args:
-        gaps: of the workspace.
-        place: shape (d,) [m].
-        least: so much farther is hardly farther in any case [m].
+        gaps: distances from the obstacles of the workspace.
+        place: position, shape (d,) [m].
+        least: difference of distances that always counts as small [m].
     """
     point = np.stack((place, place))[None]
     near = float(gaps.distances(point, _FAR)[0])
@@ -87,21 +85,21 @@ def beside(gaps: Gaps, place: FloatArray, least: float) -> tuple[str, ...]:
 
 
 def depth_beyond(gaps: Gaps, place: FloatArray, direction: FloatArray, room: float, most: float) -> float:
-    """Return how far from a place an axis may be moved in a direction [m].
+    """Return how far an axis may be moved from a position in a direction [m].
 
     Args:
-        gaps: of the workspace.
-        place: shape (d,) [m].
+        gaps: distances from the obstacles of the workspace.
+        place: position, shape (d,) [m].
         direction: unit vector, shape (d,).
-        room: distance that is kept from everything [m].
-        most: farther is not looked [m].
+        room: distance that must be kept from all obstacles [m].
+        most: largest displacement considered [m].
     """
-    # Beside the place itself there may be just the room that is kept.
+    # At the position itself the axis may have no clearance beyond the required distance, so start a step away.
     depth = _FIRST_STEP * room
     while depth < most:
         here = place + depth * direction
         spare = float(gaps.distances(np.stack((here, here))[None], room + most)[0]) - room
-        # As far as there is room about a place one can go from it.
+        # The axis can move by its spare distance from obstacles without violating the required one.
         if spare <= 1e-3 * room:
             break
         depth += spare
@@ -119,13 +117,13 @@ class WallGaps:
     workspace: Workspace
 
     def distances(self, segments: FloatArray, reach: float) -> FloatArray:
-        """Return the distance of segments (k, 2, 2) from the nearest wall, cut off at a reach, shape (k,) [m]."""
+        """Return the distances of segments (k, 2, 2) from the nearest wall, capped at `reach`, shape (k,) [m]."""
         lines = _lines(segments)
         gaps = [shapely.distance(lines, wall.core) - wall.rounding for wall in self.workspace.walls]
         return np.asarray(np.clip(np.min(gaps, axis=0), 0.0, reach))
 
     def each(self, segments: FloatArray, reach: float) -> Iterator[ObstacleGap]:
-        """Yield every wall that is nearer to some of the segments (k, 2, 2) than a distance [m]."""
+        """Yield the gaps to each wall that is nearer than `reach` to some of the segments (k, 2, 2) [m]."""
         lines = _lines(segments)
         for wall in self.workspace.walls:
             found = self._from_wall(wall, lines)
@@ -133,11 +131,11 @@ class WallGaps:
                 yield found
 
     def touched(self, segments: FloatArray, need: float) -> Iterator[ObstacleGap]:
-        """Return every wall that is nearer than is needed, by more than rounding [m]."""
+        """Yield the gaps to each wall nearer than `need` by more than rounding [m]."""
         return self.each(segments, need - ROUNDING)
 
     def _from_wall(self, wall: Obstacle, lines: Any) -> ObstacleGap:
-        """Return the distances from one wall: inside of a polygon, and outside of the room, the depth."""
+        """Return the gaps to one wall, which are negative depths inside a polygon and outside the room."""
         gaps = shapely.distance(lines, wall.core) - wall.rounding
         of_room = wall.name == BOUNDARY_NAME
         room = self.workspace.boundary
@@ -149,7 +147,7 @@ class WallGaps:
             hidden = gaps <= 0.0
         for k in np.flatnonzero(hidden):
             part = shapely.difference(lines[k], room) if of_room else shapely.intersection(lines[k], wall.core)
-            # Distance says nothing there: what counts is how deep the axis is.
+            # For segments inside, the distance is zero, so the depth of the axis is computed.
             points = shapely.get_coordinates(shapely.segmentize(part, _STEP))
             edge = room.exterior if of_room else shapely.boundary(wall.core)
             depths = np.atleast_1d(shapely.distance(shapely.points(points), edge))
@@ -160,7 +158,7 @@ class WallGaps:
 
 
 def _lines(segments: FloatArray) -> Any:
-    """Return the segments (k, 2, 2) as geometries; those of no length as places, shape (k,)."""
+    """Convert segments (k, 2, 2) to line geometries, and those of zero length to points, shape (k,)."""
     stand = np.all(segments[:, 0] == segments[:, 1], axis=1)
     lines: Any = shapely.linestrings(segments)
     points: Any = shapely.points(segments[:, 0])
@@ -173,7 +171,7 @@ class SurfaceGaps:
 
     Attributes:
         workspace: the scene.
-        tree: all surfaces at once.
+        tree: bounding-box tree of all surfaces.
     """
 
     workspace: Workspace
@@ -184,15 +182,15 @@ class SurfaceGaps:
 
     @cached_property
     def stands_out(self) -> float:
-        """By how much any surface that planning keeps away from may stand out of its obstacle [m]."""
+        """Largest excess of any surface used in planning over its obstacle [m]."""
         return max((each.body.error for each in self.workspace.obstacles), default=0.0)
 
     def distances(self, segments: FloatArray, reach: float) -> FloatArray:
-        """Return the distance of segments (k, 2, 3) from the nearest surface, cut off at a reach, shape (k,) [m]."""
+        """Return the distances of segments (k, 2, 3) from the nearest surface, capped at `reach`, shape (k,) [m]."""
         return self.tree.distances(segments, reach)
 
     def each(self, segments: FloatArray, reach: float) -> Iterator[ObstacleGap]:
-        """Yield every obstacle, and the room, that is nearer to some of the segments (k, 2, 3) than a distance [m]."""
+        """Yield the gaps to each obstacle, or the room, that is nearer than `reach` to some segment (k, 2, 3) [m]."""
         low = segments.min(axis=(0, 1)) - reach
         high = segments.max(axis=(0, 1)) + reach
         for obstacle in self.workspace.obstacles:
@@ -211,21 +209,21 @@ class SurfaceGaps:
                 yield found
 
     def touched(self, segments: FloatArray, need: float) -> Iterator[ObstacleGap]:
-        """Yield every one that is nearer than is needed, by more than rounding [m]."""
-        # One look at all surfaces at once: mostly there is nothing near, and no obstacle is looked at by itself.
+        """Yield the gaps to each obstacle, or the room, nearer than `need` by more than rounding [m]."""
+        # One query of all surfaces first: mostly nothing is near, and obstacles need not be checked one by one.
         nearest = float(self.tree.distances(segments, need).min())
         if nearest < need - ROUNDING or deepest_enclosure(self.workspace, segments[:, 1]) is not None:
             yield from self.each(segments, need - ROUNDING)
 
 
 def _from_obstacle(obstacle: Obstacle, segments: FloatArray, reach: float) -> ObstacleGap:
-    """Return the distances from one obstacle: from its surface, and inside of it the depth."""
+    """Return the gaps to one obstacle, which are negative depths inside it."""
     body = obstacle.body
     tree = SurfaceTree.of(TriangleSoup.joined([(obstacle.name, body.triangles, body.rounding)]))
     near = tree.nearest(segments, reach)
     gaps = near.gap.copy()
     places = near.point.copy()
-    # Balls and bars have no triangle with an area: distances from them are depths already.
+    # Spheres and bars consist of degenerate triangles with a radius; distances from them already include depths.
     if body.closed and body.rounding == 0.0:
         for k, segment in enumerate(segments):
             along = segment[0] + _SAMPLES[:, None] * (segment[1] - segment[0])
@@ -238,9 +236,9 @@ def _from_obstacle(obstacle: Obstacle, segments: FloatArray, reach: float) -> Ob
 
 
 def _from_room(bounds: FloatArray, segments: FloatArray) -> ObstacleGap:
-    """Return the distances from the sides of the room, negative by how far a segment reaches out of it.
+    """Return the gaps to the sides of the room, negative for segments that reach out of it.
 
-    The distance from a side is linear along a segment, so that its ends tell the least.
+    The distance from a side is linear along a segment, so its minimum is at an end.
     """
     inside = np.minimum(segments - bounds[0], bounds[1] - segments).min(axis=2)
     end = np.argmin(inside, axis=1)

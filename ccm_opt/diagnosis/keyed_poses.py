@@ -1,4 +1,4 @@
-"""Goals and poses with their keys."""
+"""Goals and poses of a problem, with their names in messages and their keys in the problem file."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -15,13 +15,13 @@ GoalT = TypeVar("GoalT")
 
 @dataclass(frozen=True)
 class KeyedGoal(Generic[GoalT]):
-    """A goal, whatever it is for.
+    """A goal, for the tip or the whole arm, with its name and key.
 
     Attributes:
-        name: what messages call it.
-        key: of the problem file.
-        goal: where the arm, or its tip, has to be.
-        tolerances: how near counts.
+        name: name of the goal in messages.
+        key: key of the goal in the problem file.
+        goal: required pose of the arm or its tip.
+        tolerances: tolerances of the goal.
     """
 
     name: str
@@ -44,7 +44,7 @@ def keyed_goals(problem: Problem) -> Iterator[KeyedGoal[Goal]]:
 
 
 def tip_goal(problem: Problem) -> TipGoal | None:
-    """Return the last goal of a problem where it is for the tip; None where it is for the whole arm."""
+    """Return the last goal of a problem if it is for the tip, None if it is for the whole arm."""
     return problem.goal.for_tip
 
 
@@ -57,15 +57,15 @@ def tip_places(problem: Problem) -> Iterator[TipPlace]:
 
 @dataclass(frozen=True)
 class WholePose:
-    """A pose of the whole arm.
+    """A required pose of the whole arm, with its name, key and tolerances.
 
     Attributes:
-        name: what messages call it.
-        key: of the problem file.
+        name: name of the pose in messages.
+        key: key of the pose in the problem file.
         q: configuration, shape (c,) [rad, m].
-        bend_play: by how much each bend may miss it [rad]; infinite where the pose is a curve, on which other mappings
-            may lay the joints elsewhere.
-        base_play: by how much the base may miss its position on the axis [m].
+        bend_play: tolerance of each bend [rad]; infinite if the pose is a curve, which other mappings may realise with
+            other bends.
+        base_play: tolerance of the base's position on its axis [m].
     """
 
     name: str
@@ -75,20 +75,20 @@ class WholePose:
     base_play: float = 0.0
 
     def turn_play(self, arm: Arm) -> FloatArray:
-        """Angle by which each link may be turned from where it is in the pose at most, shape (links,) [rad]."""
-        # A link is turned by all bends before it; the angles of turns add up at most.
+        """Return the largest rotation of each link within the tolerances of the pose, shape (links,) [rad]."""
+        # A link is rotated by all bends before it, and their angles at most add up.
         bends = arm.coordinates.bends_a_joint * np.arange(1.0, arm.links + 1.0)
         return np.asarray(np.minimum(self.bend_play * bends, np.pi))
 
     def link_play(self, arm: Arm) -> FloatArray:
-        """Return the farthest that any point of each link may lie from where it is in the pose, shape (links,) [m]."""
-        # The end of link j adds up what the turns of all links up to it do; a turn moves a direction by its chord.
+        """Return the largest displacement of any point of each link within the tolerances, shape (links,) [m]."""
+        # The rotations of all links up to link j add up at its end; each moves a direction by its chord.
         chords = 2.0 * np.sin(0.5 * self.turn_play(arm))
         return np.asarray(self.base_play + arm.link_length * np.cumsum(chords))
 
 
 def whole_poses(problem: Problem) -> Iterator[WholePose]:
-    """Yield the start, then every goal that says where all links are."""
+    """Yield the start, then every goal for the whole arm."""
     arm = problem.arm
     yield WholePose("the start", "start", problem.start.configuration(arm))
     for asked in keyed_goals(problem):

@@ -1,4 +1,4 @@
-"""Goals that are moved or turned to where they can be reached, or that ask for less."""
+"""Changes of an unreachable goal: moved or turned to where it can be reached, or with requirements left out."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -25,33 +25,35 @@ from ccm_opt.planning.space_task import reach_box
 from ccm_opt.problem import Problem, TipGoal
 
 _NEAR = 4.0
-"""Half the side of the first grid in space, as a multiple of radius and clearance. Taste."""
+"""Half the side of the grid around the goal in space, as a multiple of radius and clearance. Taste."""
 _STRETCH = 0.99
 """Share of its length to which the arm can be expected to stretch. Taste."""
 _TURN_STEP = 0.03490658503988659
-"""Between headings that are looked at [rad]. Taste: 2°."""
+"""Step between tested directions [rad]. Taste: 2°."""
 _STEPS = (0.045, 0.3, 1.0)
-"""How far beyond the nearest that may be taken the goal is moved, as shares of how far that is or of the arm's length,
-whichever is less, and turned, as shares of the turn. Taste: what is free for the last link need not be so for those
-before it."""
+"""How far the goal is moved or turned beyond the nearest admissible position or direction.
+
+For positions, the steps are shares of the displacement or of the arm's length, whichever is less; for directions, of
+the rotation. Taste: a pose that is free for the last link may not be for the preceding links.
+"""
 _CELL = 0.02
-"""Distance between places that are looked at where the nearest is hopeless, as a share of the arm's length. Taste."""
+"""Grid spacing for positions, used where the nearest is hopeless, as a share of the arm's length. Taste."""
 _MOST_LOOKED_AT = 200
-"""Places that are looked at. Taste: some 5 ms each."""
+"""Number of positions that are tested. Taste: about 5 ms each."""
 _MOST_PLACES = 60
-"""Of a grid at most, spread over all of it. Taste: some 10 ms each."""
+"""Number of positions of a planar grid, spread over all of it. Taste: about 10 ms each."""
 _LINK_SAMPLES = 5
-"""Places along the last link that have to be free. Taste."""
+"""Number of points along the last link that must be free. Taste."""
 _CELLS = 20_000
-"""Of each of two grids in space, one about the goal, one where the arm can be. Taste."""
+"""Number of cells of each grid in space, one around the goal and one over the arm's reach. Taste."""
 _APART = 0.2
-"""Places are told when they are this share of their distance from the goal off the ones before. Taste."""
+"""Least spacing of tested positions in space, as a share of their distance from the goal. Taste."""
 _AROUND = 6
-"""Ways in space in which a direction is turned by an angle. Taste."""
+"""Number of axes about which a direction in space is turned by an angle. Taste."""
 _LONGEST_LOOK = 3.0
-"""CPU time for a place and for a direction each [s]. Taste."""
+"""CPU time limits of the searches for a position and for a direction [s]. Taste."""
 _DECIMALS = 4
-"""Of a direction's components as they are told; a direction is off by a hundredth of a degree at most."""
+"""Decimals of a direction's reported components; the direction is then off by at most a hundredth of a degree."""
 
 
 def moved_goals(
@@ -59,12 +61,14 @@ def moved_goals(
     findings: tuple[Finding, ...],
     until: Deadline,
 ) -> Iterator[Parameter]:
-    """Yield by how far, and which way, the goal's direction or its position may have to be moved; at most one of each.
+    """Yield parameters that turn the goal's direction or move its position to where it may be reached.
+
+    At most one of each is yielded, and none for problems with a whole-arm goal or several goals.
 
     Args:
-        problem: what was asked; nothing where its goal is for the whole arm, or the last of several.
-        findings: what is proved.
-        until: when directions and places are looked at no longer.
+        problem: the problem.
+        findings: the proved findings.
+        until: deadline of the search.
     """
     goal = tip_goal(problem)
     about_it = bool(findings) and all(finding.key.startswith("goal") for finding in findings)
@@ -76,7 +80,7 @@ def moved_goals(
         yield _turned(goal, towards, turn, tuple(turn * (1.0 + step) for step in _STEPS))
     hurried = until.within(_LONGEST_LOOK)
     for place, inside in islice(_near_places(problem, goal), _MOST_LOOKED_AT):
-        # On the very edge of what is free the arm may touch something by rounding.
+        # Exactly on the edge of free space, the arm may be in contact by rounding.
         offset = place - goal.position
         beyond = 0.0 if inside else _STEPS[0] * min(1.0, problem.arm.length / float(np.linalg.norm(offset)))
         refused = hopeless(replace(problem, goal=replace(goal, position=place + beyond * offset)), hurried)
@@ -89,7 +93,10 @@ def moved_goals(
 
 # ------------------------------------------------------------ directions
 def _least_turned(problem: Problem, goal: TipGoal, until: Deadline) -> FloatArray | None:
-    """Return the nearest direction (d,) that neither contact nor bends refuse; None for none, or for the goal's own."""
+    """Return the direction (d,) nearest to the goal's that contact and bends allow.
+
+    None is returned if there is no such direction, or if the goal's own is allowed.
+    """
     wanted = goal.direction
     if wanted is None:
         return None
@@ -98,7 +105,7 @@ def _least_turned(problem: Problem, goal: TipGoal, until: Deadline) -> FloatArra
         turned = replace(problem, goal=replace(goal, direction=direction, heading=None))
         return any(True for check in (contact_at_tips, supple_enough) for _ in check(turned))
 
-    # Where the tip itself has no room no direction helps.
+    # If the tip itself is in contact, no direction helps.
     anyhow = replace(problem, goal=replace(goal, direction=None, heading=None))
     if not refused(wanted) or next(contact_at_tips(anyhow), None) is not None:
         return None
@@ -113,7 +120,7 @@ def _least_turned(problem: Problem, goal: TipGoal, until: Deadline) -> FloatArra
 
 
 def _all_across(wanted: FloatArray) -> FloatArray:
-    """Return the unit vectors across a direction, all round it, shape (k, d)."""
+    """Return unit vectors perpendicular to a direction, evenly around it, shape (k, d)."""
     if len(wanted) == 2:
         left = np.array([-wanted[1], wanted[0]])
         return np.stack((left, -left))
@@ -123,7 +130,7 @@ def _all_across(wanted: FloatArray) -> FloatArray:
 
 
 def _across(wanted: FloatArray, taken: FloatArray) -> FloatArray:
-    """Return the unit vector across one direction that lies on the way to another; any where they are opposite."""
+    """Return the unit vector perpendicular to one direction that points towards another; any if they are parallel."""
     across = taken - (taken @ wanted) * wanted
     length = float(np.linalg.norm(across))
     if length > ROUNDING:
@@ -134,10 +141,12 @@ def _across(wanted: FloatArray, taken: FloatArray) -> FloatArray:
 
 
 def turned_direction(problem: Problem, end: FloatArray) -> Parameter | None:
-    """The direction of a problem's goal, turned by an angle towards that in which the last link points in a pose.
+    """Return the parameter that turns the goal's direction towards that of the last link in a pose.
+
+    None is returned if the goal has no direction, or if the last link's direction is within its tolerance.
 
     Args:
-        problem: what was asked; nothing where its goal asks for no direction.
+        problem: the problem.
         end: a configuration with the tip at the goal, shape (c,) [rad, m].
     """
     goal = tip_goal(problem)
@@ -149,7 +158,14 @@ def turned_direction(problem: Problem, end: FloatArray) -> Parameter | None:
 
 
 def _turned(goal: TipGoal, towards: FloatArray, bound: float | None, tried: tuple[float, ...]) -> Parameter:
-    """Return the direction of a goal that has one, turned by an angle towards another (d,)."""
+    """Return the parameter that turns the goal's direction by an angle towards another direction (d,).
+
+    Args:
+        goal: a goal with a direction.
+        towards: the direction to turn towards, shape (d,).
+        bound: least rotation that is needed, if known [rad].
+        tried: rotations to try [rad].
+    """
     assert goal.direction is not None  # noqa: S101 - said by who asks
     wanted = goal.direction / np.linalg.norm(goal.direction)
     across = _across(wanted, towards / np.linalg.norm(towards))
@@ -157,7 +173,7 @@ def _turned(goal: TipGoal, towards: FloatArray, bound: float | None, tried: tupl
 
     def told(by: float) -> FloatArray:
         turned = np.cos(by) * wanted + np.sin(by) * across
-        # As it is read from the file: what is told is what was solved.
+        # Rounded as in the problem file, so that the reported direction is the one that was solved.
         rounded = turned if planar else np.round(turned, _DECIMALS)
         return np.asarray(rounded)
 
@@ -184,11 +200,16 @@ def _turned(goal: TipGoal, towards: FloatArray, bound: float | None, tried: tupl
 
 
 def left_out(problem: Problem, findings: tuple[Finding, ...]) -> Iterator[WholeChange]:
-    """The goal's direction, where all that is known to stand in the way may be due to it, and places on the way."""
+    """Yield changes that drop the goal's direction, if it may cause all findings, and the goal's via points.
+
+    Args:
+        problem: the problem.
+        findings: the known obstructions.
+    """
     goal = tip_goal(problem)
     if goal is None:
         return
-    # Where nothing is known to stand in the way, few links may not be able to turn where there is little room.
+    # This also applies without findings: an arm of few links may be unable to turn in a confined space.
     if goal.direction is not None and all(_may_be_due_to_direction(finding) for finding in findings):
         key = "goal.heading_deg" if problem.dimension == 2 else "goal.direction"
         without = replace(goal, direction=None, heading=None)
@@ -203,12 +224,19 @@ def _may_be_due_to_direction(finding: Finding) -> bool:
 
 # ------------------------------------------------------------ places
 def _position(problem: Problem, goal: TipGoal, place: FloatArray, *, inside: bool) -> Parameter:
-    """Return the goal's position moved towards a place, by a distance; beyond the place where that is on an edge."""
+    """Return the parameter that moves the goal by a distance towards a position.
+
+    Args:
+        problem: the problem.
+        goal: the tip goal.
+        place: the position to move towards, shape (d,) [m].
+        inside: whether the position is well inside free space; if it is on the edge, larger distances are tried.
+    """
     offset = place - goal.position
     distance = float(np.linalg.norm(offset))
-    # The edge of the tolerance may be there already.
+    # The goal need only move until the position is within its tolerance.
     bound = max(distance - problem.tolerances.position, 0.1 * distance)
-    # What lies far beyond a goal far away is no better for that.
+    # For a distant goal, steps are limited to the arm's length.
     spread = min(distance, problem.arm.length)
     beyond = [distance, *(distance + step * spread for step in _STEPS)]
     if not inside:
@@ -232,13 +260,13 @@ def _position(problem: Problem, goal: TipGoal, place: FloatArray, *, inside: boo
 
 
 def _in_file(place: FloatArray, unit: LengthUnit) -> str:
-    """Return a place (d,) [m] as it is written in the problem's file, to a tenth of a millimetre."""
+    """Return a position (d,) [m] in the unit of the problem file, to a tenth of a millimetre, in words."""
     decimals = {"m": 4, "mm": 1, "in": 3}[unit]
     return f"({', '.join(f'{float(coordinate) / METRES[unit]:.{decimals}f}' for coordinate in place)})"
 
 
 def _near_places(problem: Any, goal: Any) -> Iterator[tuple[FloatArray, bool]]:
-    """Places (d,) for the tip as near to the goal as can be, and whether each is well inside of where it can be."""
+    """Yield positions (d,) for the tip near the goal, and whether each is well inside the admissible region."""
     if problem.dimension == 3:
         yield from ((place, True) for place in _roomy_places(problem, goal))
         return
@@ -249,9 +277,9 @@ def _near_places(problem: Any, goal: Any) -> Iterator[tuple[FloatArray, bool]]:
 
 
 def _free_places(problem: Problem, goal: TipGoal) -> Iterator[tuple[FloatArray, bool]]:
-    """Yield the nearest place of a polygon that the last link, with the goal's direction, can take.
+    """Yield admissible tip positions in the plane: the nearest to the goal, then positions of a grid.
 
-    Then such of a grid.
+    Each comes with whether it is well inside the admissible region. The last link has the goal's direction.
     """
     places = _free_polygon(problem, goal)
     if shapely.is_empty(places):
@@ -265,13 +293,13 @@ def _free_places(problem: Problem, goal: TipGoal) -> Iterator[tuple[FloatArray, 
     grid = np.column_stack((x.ravel(), y.ravel()))
     free = grid[shapely.contains_xy(places, grid)]
     ordered = free[np.argsort(np.linalg.norm(free - goal.position, axis=1), kind="stable")]
-    # Neighbours are mostly hopeless for one reason: a few places, spread over all, find the first part that is not.
+    # Neighbouring positions mostly fail for the same reason, so a few, spread over the region, are enough.
     chosen = np.unique(np.linspace(0, len(ordered) - 1, _MOST_PLACES).astype(int)) if len(ordered) else ()
     yield from ((ordered[k], True) for k in chosen)
 
 
 def _free_polygon(problem: Problem, goal: TipGoal) -> shapely.Geometry:
-    """Return where the tip can be as far as walls at the last link and the length of the arm tell."""
+    """Return the region where the tip can be, judged by the walls at the last link and the arm's length."""
     arm = problem.arm
     need = arm.radius + problem.workspace.clearance
     room = problem.workspace.boundary.buffer(-need)
@@ -297,24 +325,24 @@ def _free_polygon(problem: Problem, goal: TipGoal) -> shapely.Geometry:
 
 
 def _roomy_places(problem: Problem, goal: TipGoal) -> Iterator[FloatArray]:
-    """Places of grids with room for the tip, those nearest to the goal first, each well off the ones before it."""
+    """Yield grid positions in space with clearance for the tip, the nearest to the goal first, well apart."""
     arm = problem.arm
     need = arm.radius + problem.workspace.clearance
     gaps = SurfaceGaps(problem.workspace)
     far = reach_box(arm, problem.workspace.bounds)
     near = goal.position + _NEAR * max(need, 0.01 * arm.length) * np.array([[-1.0], [1.0]])
     near = np.clip(near, far[0], far[1])
-    # About a goal out of reach there is nothing that is within it.
+    # A goal out of reach has an empty grid around it.
     boxes = (near, far) if np.all(near[1] > near[0]) else (far,)
     places = np.concatenate([_roomy(gaps, box, need) for box in boxes])
-    # Where the arm is stretched out is the nearest place to a goal out of reach.
+    # For a goal out of reach, the nearest position is that of the arm stretched out towards it.
     base = nearest_base(arm, goal.position)
     away = goal.position - base
     distance = float(np.linalg.norm(away))
     if distance > _STRETCH * arm.length:
         places = np.concatenate(((base + _STRETCH * arm.length / distance * away)[None], places))
     places = places[np.linalg.norm(places - base, axis=1) <= _STRETCH * arm.length]
-    # No place nearer to the goal than that is farther from what the tip touches there by what lacks.
+    # The tip lacks this distance from obstacles at the goal, so positions nearer to the goal cannot be free.
     here = np.stack((goal.position, goal.position))[None]
     lacking = max((need - float(found.gaps[0]) for found in gaps.touched(here, need)), default=0.0)
     places = places[np.linalg.norm(places - goal.position, axis=1) >= lacking - ROUNDING]
@@ -322,16 +350,16 @@ def _roomy_places(problem: Problem, goal: TipGoal) -> Iterator[FloatArray]:
     told: list[FloatArray] = []
     for place in ordered:
         apart = _APART * float(np.linalg.norm(place - goal.position))
-        # Neighbours are mostly refused for one reason.
+        # Neighbouring positions are mostly rejected for the same reason.
         if all(float(np.linalg.norm(place - other)) >= apart for other in told):
             told.append(place)
             yield place
 
 
 def _roomy(gaps: SurfaceGaps, box: FloatArray, need: float) -> FloatArray:
-    """Return the middles of the cells of a grid over a box that keep a distance from all surfaces, shape (k, 3) [m]."""
+    """Return the centres of the grid cells in a box that keep a distance from all surfaces, shape (k, 3) [m]."""
     sides = box[1] - box[0]
-    # A flat box has few cells rather than tiny ones.
+    # The sides of a flat box are enlarged, so that it has few cells rather than tiny ones.
     sides = np.maximum(sides, float(np.max(sides)) / _CELLS ** (1.0 / 3.0))
     cell = float((np.prod(sides) / _CELLS) ** (1.0 / 3.0))
     counts = np.maximum(np.ceil(sides / cell).astype(int), 1)

@@ -1,4 +1,4 @@
-"""The parameters of a problem that may be relaxed, one at a time: how each is read, changed and reported."""
+"""Parameters of a problem that may be relaxed, one at a time: how each is read, changed and reported."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -15,36 +15,36 @@ from ccm_opt.problem import Problem
 from ccm_opt.robot.arm import Arm
 
 Read = Callable[[Any], float]
-"""A number of a problem, in the plane or in space."""
+"""Function that reads a number of a problem, in the plane or in space."""
 Write = Callable[[Any, float], Any]
-"""A problem with another number, of the same kind as before."""
+"""Function that returns a problem with a number replaced."""
 
 
 _FIGURES = 4
-"""Figures that a reported value keeps, rounded to the easier side before it is solved. Taste."""
+"""Significant digits of a reported value, which is rounded to the easier side before it is solved. Taste."""
 _ROOM_SPARE = 0.02
-"""Room beyond radius and clearance in bounds that are made wide enough, as a share of the arm's length. Taste."""
+"""Margin beyond radius and clearance when bounds are widened, as a share of the arm's length. Taste."""
 _FAR = 0.05
-"""Share of its bound by which a value lies beyond it that does not go without saying: more than the first step."""
+"""Relative distance from its bound above which a value is reported with the bound: more than the first step."""
 
 
 @dataclass(frozen=True)
 class Parameter:
-    """One number of a problem.
+    """A number of a problem that can be relaxed.
 
     Attributes:
-        key: of the problem file.
-        easier: +1 when more of it makes the problem easier, −1 when less does.
-        read: its value in a problem, SI units and radians.
-        write: the problem with another value.
-        words: a value with its unit, in a problem.
-        scale: what a value is multiplied by to be reported in the unit of ``words``.
-        fits: whether it can be changed in a problem.
-        unit: what a value is multiplied by to be in SI units; 1 but for shares.
-        whole: what the size of a change is compared with; the given value when None.
-        bound: the value that it must reach at least as far as is known; None where the findings say.
-        tried: values that are tried one after the other, the least change first; None for steps beyond the bound.
-        paths_stay: whether a path that was found for one value leads from the start to the goal for others, too.
+        key: key of the number in the problem file.
+        easier: +1 if larger values make the problem easier, −1 if smaller ones do.
+        read: returns the value in a problem, in SI units and radians.
+        write: returns the problem with another value.
+        words: returns a value with its unit, in words.
+        scale: returns the factor from a value to the unit of ``words``.
+        fits: returns whether the parameter can be changed in a problem.
+        unit: returns the factor from a value to SI units; 1 except for values that are shares.
+        whole: reference for the size of a change; the given value if None.
+        bound: value that must at least be reached, as far as is known; None if the findings provide it.
+        tried: values to be tried in turn, the least change first; None for steps beyond the bound.
+        paths_stay: whether a path found for one value also leads from the start to the goal for other values.
     """
 
     key: str
@@ -61,24 +61,30 @@ class Parameter:
     paths_stay: bool = True
 
     def rounded(self, problem: Problem, value: float) -> float:
-        """Return a value rounded to some figures, to the easier side: so what is reported is what was solved."""
+        """Return a value rounded in its reported unit to the easier side, so that the reported value is the solved."""
         reported = value * self.scale(problem)
         if reported <= 0.0:
             return 0.0
         digits = _FIGURES - 1 - int(np.floor(np.log10(reported)))
         count = reported * 10.0**digits
-        # A value that is round already, up to rounding of its digits, stays.
+        # A value that is already round, up to floating-point error, must not move to the next one.
         count = np.ceil(count - 1e-6) if self.easier > 0 else np.floor(count + 1e-6)
         return float(count / 10.0**digits / self.scale(problem))
 
     def relaxation(self, problem: Problem, value: float, bound: float | None) -> Relaxation:
-        """Return what is reported when a problem was solved with a value."""
+        """Return the relaxation to report for a problem that was solved with a value.
+
+        Args:
+            problem: the original problem.
+            value: the value with which the changed problem was solved.
+            bound: the value that must at least be reached, if known.
+        """
         given = self.read(problem)
         sign = "≥" if self.easier > 0 else "≤"
         change = abs(value - given) / max(abs(given if self.whole is None else self.whole), 1e-300)
         words = self.words(problem, value).replace("?", sign, 1)
         if bound is not None and self.bound is None and abs(value - bound) > _FAR * abs(bound):
-            # Else the figures of the reason and of what helps against it seem to have nothing to do with each other.
+            # Without the bound, the numbers of the reason and of the relaxation would seem unrelated.
             needed = self.words(problem, bound).rpartition("? ")[2].partition(" (")[0]
             words += f"; what stands in the way asks for {sign} {needed}"
         unit = self.unit(problem)
@@ -86,9 +92,9 @@ class Parameter:
 
 
 def _with_radius(problem: Problem, radius: float) -> Problem:
-    """Return the another radius.
+    """Return the problem with another radius of the arm.
 
-    A mount as long as the radius goes on being so, and solid cylinders stay solid cylinders.
+    A mount as long as the radius changes with it, and inertias of solid cylinders are recomputed.
     """
     arm = problem.arm
     mount = radius if arm.mount_length == arm.radius else arm.mount_length
@@ -96,7 +102,7 @@ def _with_radius(problem: Problem, radius: float) -> Problem:
 
 
 def _as_cylinders(old: Arm, new: Arm) -> Arm:
-    """Return the new arm with the inertia of solid cylinders where the old arm's is that."""
+    """Return the new arm with inertias of solid cylinders if the old arm has such inertias."""
     given = (old.inertia_axial, old.inertia_transverse)
     if new.radius <= 0.0 or not all(map(np.allclose, given, _cylinder_inertia(old))):
         return new
@@ -105,7 +111,7 @@ def _as_cylinders(old: Arm, new: Arm) -> Arm:
 
 
 def _cylinder_inertia(arm: Arm) -> tuple[FloatArray, FloatArray]:
-    """Inertia of links that are solid cylinders, about their axes and across them, shape (links,) each [kg m²]."""
+    """Return the axial and transverse inertias of links that are solid cylinders, each of shape (links,) [kg m²]."""
     return arm.masses * arm.radius**2 / 2.0, arm.masses * (3.0 * arm.radius**2 + arm.link_length**2) / 12.0
 
 
@@ -127,7 +133,7 @@ def _with_mass(problem: Problem, share: float) -> Problem:
 
 
 def _uniform(values: FloatArray | None) -> float:
-    """Return what all values are, or 1 where they differ, so that shares of them are told."""
+    """Return the common value of an array, or 1 if values differ or are missing, so that shares are reported."""
     return 1.0 if values is None or np.ptp(values) else float(values[0])
 
 
@@ -144,12 +150,12 @@ def _torque_words(problem: Problem, share: float) -> str:
 
 
 def _per_file_unit(problem: Problem) -> float:
-    """Return what lengths are multiplied by to be in the unit of the problem's file, in which they are rounded."""
+    """Return the factor from metres to the unit of the problem file, in which lengths are rounded."""
     return 1.0 / METRES[problem.length_unit]
 
 
 def _no_curves(problem: Problem) -> bool:
-    """Return whether no end is a curve, whose length would have to change with the arm's."""
+    """Return whether neither start nor goal is a curve, whose length would have to change with the arm's."""
     return not any(getattr(end, "curve", None) for end in (problem.start, problem.goal))
 
 
@@ -226,21 +232,21 @@ MASS = Parameter(
     lambda p: _uniform(p.arm.masses),
 )
 PARAMETERS = (RADIUS, CLEARANCE, FEED_RANGE, LENGTH, JOINT_LIMIT, BASE_LIMIT, TORQUE, MASS)
-"""All of them, in the order in which they are tried where nothing else decides."""
+"""All parameters, in the order in which they are tried if nothing else decides."""
 
 
 @dataclass(frozen=True)
 class WholeChange:
-    """A change that is made as a whole or not at all: something is left out, or the room made wide enough.
+    """A change that is made as a whole or not at all, such as leaving something out or widening the room.
 
     Attributes:
-        words: what is reported.
-        key: of the problem file.
-        value: name of an obstacle, or None.
-        changed: the problem with the change.
-        term: name of a constraint or cost of the user's that is dropped besides; usually none.
-        part: by how much of it less may do, for the problem and the configuration in which the changed one ends, shape
-            (c,); None where nothing less is known.
+        words: description to report.
+        key: key of the changed part in the problem file.
+        value: name of the obstacle or value concerned, or None.
+        changed: returns the problem with the change.
+        term: name of a user-defined constraint or cost that is dropped as well; usually empty.
+        part: returns a parameter for a smaller change, given the problem and the configuration, shape (c,), in which
+            the changed problem's plan ends; None if no smaller change is known.
     """
 
     words: str
@@ -251,12 +257,12 @@ class WholeChange:
     part: Callable[[Any, FloatArray], Parameter | None] = lambda *_: None
 
     def relaxation(self) -> Relaxation:
-        """Return what is reported when the problem was solved with it."""
+        """Return the relaxation to report if the problem was solved with the change."""
         return Relaxation(self.words, self.key, self.value)
 
 
 def without_obstacle(name: str) -> WholeChange:
-    """Return the problem without one obstacle."""
+    """Return the change that removes one obstacle."""
     return WholeChange(
         f"obstacle '{name}' removed",
         "workspace.obstacles",
@@ -266,18 +272,18 @@ def without_obstacle(name: str) -> WholeChange:
 
 
 def without_term(name: str, kind: str) -> WholeChange:
-    """Return the problem without one constraint or cost of the user's."""
+    """Return the change that drops one user-defined constraint or cost."""
     return WholeChange(f"{kind} '{name}' dropped", f"{kind}s", name, lambda problem: problem, name)
 
 
 def wider_room(problem: Problem, findings: tuple[Finding, ...]) -> WholeChange | None:
-    """Return the problem in bounds that hold its start and its goals.
+    """Return the change that widens the room's bounds to hold the start and the goals.
 
-    None where other things than a room's sides matter.
+    None is returned unless all findings are contacts with the sides of a box-shaped room.
 
     Args:
-        problem: what was asked.
-        findings: what is proved.
+        problem: the problem.
+        findings: the proved findings.
     """
     bounds = problem.workspace.box
     of_room = all(finding.kind == "contact" and ROOM_NAMES.intersection(finding.obstacles) for finding in findings)
@@ -290,7 +296,7 @@ def wider_room(problem: Problem, findings: tuple[Finding, ...]) -> WholeChange |
     step = 10.0 ** np.floor(np.log10(arm.length) - 3.0)
     low = np.floor(np.minimum(points.min(axis=0) - need, bounds[0]) / step) * step
     high = np.ceil(np.maximum(points.max(axis=0) + need, bounds[1]) / step) * step
-    # In the unit of the file, into which people copy them.
+    # Reported in the unit of the problem file, so that users can copy the values.
     unit = problem.length_unit
     corners = [", ".join(f"{in_unit(value, unit):.6g}" for value in corner.tolist()) for corner in (low, high)]
     numbers = ", ".join(corners if arm.dimension == 2 else (f"[{corner}]" for corner in corners))

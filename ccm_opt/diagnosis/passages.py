@@ -1,7 +1,7 @@
-"""Passages that an arm has to pass and that are too narrow or too tight for it.
+"""Ways for the axis of an arm in the plane, and passages that are too narrow for it.
 
 A shortest way among polygons is a polyline whose inner vertices are reflex corners of free space (Lozano-Pérez and
-Wesley, 1979). So a search over these corners that comes to its end has proved that there is no shorter one.
+Wesley, 1979). A completed search over these corners therefore proves that there is no shorter way.
 """
 
 import heapq
@@ -28,32 +28,34 @@ from ccm_opt.scene.workspace import BOUNDARY_NAME, Workspace
 _FINENESS = 1e-3
 """Relative accuracy of the widest inflation. Taste."""
 _ARC_SIDES = 12
-"""Sides of a quarter of a circle; inscribed arcs lose 0.2 % of their radius. Taste."""
+"""Number of sides per quarter circle; inscribed arcs lose 0.2 % of their radius. Taste."""
 _MOST_REMOVED = 16
-"""Obstacles that are taken away one at a time, nearest to the narrow place first. Taste."""
+"""Number of obstacles that are removed one at a time, nearest to the narrow passage first. Taste."""
 _BEYOND = 1.01
-"""Inflation at which the narrowest place of the widest way is closed, as a multiple of the inflation that just passes.
-Taste; ten times the fineness."""
+"""Inflation that closes the narrowest passage of the widest way, as a multiple of the inflation that just passes.
+
+Taste: ten times the fineness.
+"""
 _MOST_CORNERS = 2000
-"""Corners of free space between which the shortest way is proved; where there are more it is not. Taste."""
+"""Largest number of corners of free space for which the shortest way is proved. Taste."""
 
 
 def shortest_way(
     space: shapely.Polygon, start: FloatArray, goal: FloatArray, longest: float, most_corners: int
 ) -> float | None:
-    """Return the length of the shortest way [m], or ``longest`` where there is none that is shorter.
+    """Return the length of the shortest way [m], or ``longest`` if there is no shorter one.
 
     Args:
-        space: free space in one piece, with its holes.
-        start: shape (2,) [m].
-        goal: shape (2,) [m].
-        longest: longer ways are not looked for [m].
-        most_corners: that are looked at.
+        space: connected piece of free space, with its holes.
+        start: start of the way, shape (2,) [m].
+        goal: end of the way, shape (2,) [m].
+        longest: length beyond which ways are not searched for [m].
+        most_corners: largest number of corners to search.
 
     Returns:
-        None where more corners than that may lie on a way.
+        The length; None if more corners than that may lie on a way.
     """
-    # A little wider, so that rounding opens ways and closes none.
+    # Free space is slightly widened, so that rounding may open ways but never closes one.
     wide = mitred(space, ROUNDING)
     ends = shapely.MultiPoint([start, goal])
     pieces = [part for part in shapely.get_parts(wide) if shapely.distance(part, ends) == 0.0]
@@ -90,7 +92,7 @@ def shortest_way(
 
 
 def _reflex_corners(polygon: shapely.Polygon) -> FloatArray:
-    """Corners of a polygon and its holes at which free space takes up more than half a turn, shape (m, 2) [m]."""
+    """Return the reflex corners of a polygon and its holes, where free space spans over half a turn, (m, 2) [m]."""
     oriented = shapely.geometry.polygon.orient(polygon)
     found = [np.zeros((0, 2))]
     for ring in (oriented.exterior, *oriented.interiors):
@@ -104,13 +106,13 @@ def _reflex_corners(polygon: shapely.Polygon) -> FloatArray:
 
 @dataclass(frozen=True)
 class WideSpace(FreeSpace):
-    """Places of the arm's axis at which it may be, with the stretch of the mount and the goal's tolerance added.
+    """Free space of the arm's axis, extended by the reach of the mount and the tolerance of the goal.
 
     Attributes:
-        base: of the arm, shape (2,) [m].
-        mount: arm length from the base that may touch obstacles [m].
-        goal: of the tip, shape (2,) [m].
-        tolerance: of the goal's position [m].
+        base: base of the arm, shape (2,) [m].
+        mount: length of the arm from the base that may touch obstacles [m].
+        goal: goal position of the tip, shape (2,) [m].
+        tolerance: tolerance of the goal's position [m].
     """
 
     base: FloatArray
@@ -120,17 +122,17 @@ class WideSpace(FreeSpace):
 
     @cached_property
     def polygons(self) -> shapely.MultiPolygon:
-        """Free space as polygons; the exact free set is a subset of it."""
-        # Inscribed arcs make obstacles a little smaller than they are; discs around the ends are circumscribed.
+        """Free space as polygons, which contain the exact free set."""
+        # Inscribed arcs make obstacles slightly smaller than they are; discs around the ends are circumscribed.
         room = shapely.buffer(self.workspace.boundary, -self.inflation, quad_segs=_ARC_SIDES)
         grown = [
             shapely.buffer(wall.core, wall.rounding + self.inflation, quad_segs=_ARC_SIDES)
             for wall in self.workspace.obstacles
         ]
         free = shapely.difference(room, shapely.union_all(grown))
-        # The mount may stand in a wall, and the tip anywhere within its tolerance. Both discs are whole, even where
-        # they leave the room: so the straight way from any place of the tolerance to its middle is a way, and what is
-        # not near enough to the middle is not near enough to any of them.
+        # The mount may be inside a wall, and the tip anywhere within its tolerance. Both discs are added whole, even
+        # where they leave the room. Any point of the tolerance is then joined with its centre by a straight way, and a
+        # way that ends too far from the centre also ends too far from every such point.
         whole = shapely.union_all([free, _disc(self.base, self.mount), _disc(self.goal, self.tolerance)])
         polygons = [part for part in shapely.get_parts(whole) if isinstance(part, shapely.Polygon)]
         space = shapely.MultiPolygon([part for part in polygons if part.area > 1e-12])
@@ -139,14 +141,14 @@ class WideSpace(FreeSpace):
 
     @cached_property
     def components_of_ends(self) -> tuple[shapely.Polygon, shapely.Polygon]:
-        """The pieces of free space that hold the base and the goal, or come nearest to them."""
+        """The connected pieces of free space that contain the base and the goal, or are nearest to them."""
         parts = shapely.get_parts(self.polygons)
         nearest = [int(np.argmin(shapely.distance(parts, shapely.Point(end)))) for end in (self.base, self.goal)]
         return parts[nearest[0]], parts[nearest[1]]
 
     @property
     def connected(self) -> bool:
-        """Whether the axis could pass from the base to the goal."""
+        """Whether base and goal lie in the same piece of free space."""
         if self.polygons.is_empty:
             return False
         start, end = self.components_of_ends
@@ -154,16 +156,16 @@ class WideSpace(FreeSpace):
 
     @cached_property
     def shortest(self) -> float:
-        """Length of a short path from the base to the goal's tolerance [m]; infinite when none was found."""
+        """Length of a short way from the base to the goal's tolerance [m]; infinite if none was found."""
         if not self.connected:
             return np.inf
         found = self.routes(self.base, self.goal, 1)
         return max(found[0].length - self.tolerance, 0.0) if found else np.inf
 
     def shortest_proved(self, longest: float, most_corners: int) -> float | None:
-        """Return the length of the shortest path of all to the goal's tolerance, not above ``longest`` [m].
+        """Return the proved length of the shortest way to the goal's tolerance, at most ``longest`` [m].
 
-        None if not proved.
+        None is returned if there are more than ``most_corners`` corners to search.
         """
         if not self.connected:
             return longest
@@ -173,15 +175,15 @@ class WideSpace(FreeSpace):
 
 
 def _disc(middle: FloatArray, radius: float) -> shapely.Geometry:
-    """Return a polygon that contains the disc."""
-    # A disc of no width would have no outline to be cut out.
+    """Return a polygon that contains a disc."""
+    # A disc needs a positive radius to have an outline.
     wide = max(radius, SHORTEST) / np.cos(np.pi / (4 * _ARC_SIDES))
     disc: shapely.Geometry = shapely.buffer(shapely.Point(middle), wide, quad_segs=_ARC_SIDES)
     return disc
 
 
 def passages(problem: Problem, until: Deadline) -> Iterator["PassageWays"]:
-    """Yield the ways to every goal of the tip: from the base, or from the hole of a feed axis."""
+    """Yield the ways to every goal of the tip, from the base or from the hole of the guide tube."""
     for place in tip_places(problem):
         fixed = beyond_hole(problem, place) if problem.arm.base_axes else problem
         if fixed is not None:
@@ -189,17 +191,17 @@ def passages(problem: Problem, until: Deadline) -> Iterator["PassageWays"]:
 
 
 def beyond_hole(problem: Problem, place: TipPlace) -> Problem | None:
-    """Return the problem of an arm that begins at the hole, fed in as far as can be, with one goal for the tip.
+    """Return the problem of the fully fed arm's part beyond the hole, with a fixed base there and one tip goal.
 
-    The guide tube holds the arm straight up to the hole, so the axis of an arm whose tip is elsewhere passes through
-    it, and the arm reaches no farther beyond it than the range of its feed lets it.
+    The guide tube holds the arm straight up to the hole, so the axis of an arm whose tip is outside passes through the
+    hole, and the arm reaches beyond it only as far as the range of its feed allows.
 
     Args:
-        problem: of an arm with a feed axis.
-        place: of its goals.
+        problem: a problem of an arm with a feed axis.
+        place: one of its tip goals.
 
     Returns:
-        None where the tip may be in the tube, or the base beyond it.
+        The problem; None if the tip may be in the tube, or the base beyond the hole.
     """
     arm = problem.arm
     feed = arm.feed
@@ -223,10 +225,10 @@ def beyond_hole(problem: Problem, place: TipPlace) -> Problem | None:
 
 @dataclass(frozen=True)
 class PassageWays(Ways):
-    """Looks for a way for the arm's axis from the base to a goal, as the arm is or thinner.
+    """Ways in the plane from the base, or from the hole of the guide tube, to the tolerance of a goal.
 
     Attributes:
-        fixed: what was asked, with the arm that begins at the hole where it is fed.
+        fixed: the problem; for a fed arm, that of its part beyond the hole.
     """
 
     shortest_is_proved = True
@@ -235,7 +237,7 @@ class PassageWays(Ways):
 
     @property
     def arm(self) -> Arm:
-        """The arm, or what of it reaches beyond its hole."""
+        """The arm, or for a fed arm the part that reaches beyond the hole."""
         return self.fixed.arm
 
     @cached_property
@@ -245,7 +247,7 @@ class PassageWays(Ways):
 
     @property
     def room(self) -> float:
-        """Distance of the axis from walls [m]."""
+        """Distance that the axis must keep from walls [m]."""
         return self.problem.arm.radius + self.problem.workspace.clearance
 
     @cached_property
@@ -256,7 +258,7 @@ class PassageWays(Ways):
     def at(self, inflation: float, workspace: Workspace | None = None) -> WideSpace:
         """Return the free space with another inflation, or in another workspace."""
         arm = self.arm
-        # Touching is not hitting: a passage exactly as wide as the arm is open.
+        # Touching is allowed, so a passage exactly as wide as the arm is open.
         kept = max(inflation - touching_overlap(arm), SHORTEST)
         ends = (self.place.goal.position, self.place.tolerances.position)
         return WideSpace(workspace or self.problem.workspace, kept, arm.base, arm.mount_length, *ends)
@@ -268,32 +270,36 @@ class PassageWays(Ways):
 
     @property
     def closed_to_short_arms(self) -> bool:
-        """Whether that may be due to the arm's length alone."""
+        """Whether ways may be closed only because the arm is too short."""
         return self.space.connected
 
     @cached_property
     def shortest(self) -> FloatArray | None:
-        """Corners of a taut way that is wide enough, shape (m, 2) [m]; None where there is none."""
+        """Corners of a taut way that is wide enough, shape (m, 2) [m]; None if there is none."""
         found = self.space.routes(self.arm.base, self.place.goal.position, 1) if self.space.connected else ()
         return found[0].taut if found else None
 
     @cached_property
     def least(self) -> float:
-        """Length of the shortest way to the goal's tolerance [m]; 0 where none that is too long is proved to be it."""
+        """Length of the shortest way to the goal's tolerance if proved to be too long for the arm, else 0 [m]."""
         found = self.space.shortest
         if not self.arm.length < found < np.inf:
             return 0.0
         return self.space.shortest_proved(found, _MOST_CORNERS) or 0.0
 
     def bound(self, known: float) -> float:
-        """Distance from walls that no way keeps more than, at most the room, where some way keeps a known one [m]."""
-        # About the hole of a tube an arm may be nearer.
+        """Return an upper bound on the distance from walls that any way keeps, at most `room` [m].
+
+        Args:
+            known: distance that some way is known to keep [m].
+        """
+        # Near the hole of a guide tube, the arm may be closer to walls.
         if self.problem.arm.base_axes or self.space.connected:
             return self.room
         return max(self._largest(self.room, lambda inflation: self.at(inflation).connected), known)
 
     def widest(self, most: float) -> WidestWay:
-        """Return the widest way that keeps at most so much distance from walls [m]."""
+        """Return the widest way, searched for up to a distance of `most` from walls [m]."""
         of_any = self._largest(most, lambda inflation: self.at(inflation).connected)
         within = self._largest(of_any, self._short_enough) if of_any else 0.0
         place = self._missing_link(self.at(_BEYOND * of_any if of_any else SHORTEST))
@@ -305,15 +311,12 @@ class PassageWays(Ways):
         return self.at(inflation).shortest <= self.arm.length
 
     def _largest(self, high: float, holds: Callable[[float], bool]) -> float:
-        """Return the largest inflation up to ``high`` that satisfies a monotone condition, by bisection.
-
-        0 when none does.
-        """
+        """Return the largest inflation up to ``high`` that satisfies a monotone condition, 0 if none does [m]."""
         if holds(high):
             return high
         if not holds(SHORTEST):
             return 0.0
-        # What is open to an arm is open to every thinner one, so that bisection finds the largest.
+        # A way that is open to an arm is open to every thinner one, so bisection finds the largest inflation.
         low = SHORTEST
         while high - low > _FINENESS * high:
             middle = 0.5 * (low + high)
@@ -324,20 +327,23 @@ class PassageWays(Ways):
         return low
 
     def _missing_link(self, space: WideSpace) -> FloatArray:
-        """Return where the pieces of free space that hold base and goal come nearest to each other, shape (2,) [m]."""
+        """Return the midpoint between the pieces of free space that contain base and goal, where they are nearest.
+
+        The midpoint has shape (2,) [m].
+        """
         if space.polygons.is_empty:
             return np.asarray(0.5 * (self.arm.base + self.place.goal.position))
         return np.asarray(shapely.get_coordinates(shapely.shortest_line(*space.components_of_ends)).mean(axis=0))
 
     def _beside(self, place: FloatArray) -> tuple[str, ...]:
-        """Return the two walls nearest to a place; one alone when the place is inside it."""
+        """Return the names of the two walls nearest to a position, or of the one that contains it."""
         first, *others = nearest_walls(self.problem.workspace, place, 2)
         core = next(wall.core for wall in self.problem.workspace.walls if wall.name == first)
         inside = first != BOUNDARY_NAME and shapely.distance(core, shapely.Point(place)) == 0.0
         return (first,) if inside else (first, *others)
 
     def opening(self, place: FloatArray, *, closed: bool) -> tuple[str, ...]:
-        """Obstacles without any one of which there is a way wide and short enough, nearest to a place (2,) first."""
+        """Return the obstacles whose removal alone opens a way, the nearest to a position (2,) first."""
         del closed
         workspace = self.problem.workspace
         gaps = [shapely.distance(each.core, shapely.Point(place)) - each.rounding for each in workspace.obstacles]
@@ -345,12 +351,12 @@ class PassageWays(Ways):
         return tuple(
             name
             for name in near
-            # Nothing is said of an obstacle that there was no time for.
+            # An obstacle counts as opening a way only if there was time to find out.
             if not self.until.passed() and self.at(self.room, workspace.without(name)).shortest <= self.arm.length
         )
 
     def length_remedies(self) -> dict[str, float]:
-        """Return what would do, by keys, where all ways are too long [m]."""
+        """Return the parameter values that would suffice where all ways are too long, by key [m]."""
         asked = self.problem.arm
         lacking = self.least - self.arm.length
         bounds = {"arm.link_length": (asked.length + lacking) / asked.links}

@@ -1,4 +1,4 @@
-"""The order of findings and their words."""
+"""Order of findings, the errors made from them, and words for their parts."""
 
 import numpy as np
 
@@ -8,7 +8,7 @@ from ccm_opt.core.length_words import long_length, short_length
 from ccm_opt.problem import Problem
 
 _FINDINGS = 5
-"""Findings that are reported, at most. Taste."""
+"""Largest number of reported findings. Taste."""
 
 KINDS = (
     "constraint",
@@ -22,7 +22,7 @@ KINDS = (
     "torque",
     "curve",
 )
-"""Kinds of findings, the most elementary first: what comes later may follow from what comes first."""
+"""Kinds of findings, the most elementary first; later kinds may be consequences of earlier ones."""
 MENDS = {
     "arm.radius": ("too thick", "hemmed in", "contact"),
     "workspace.clearance": ("too thick", "hemmed in", "contact"),
@@ -32,7 +32,7 @@ MENDS = {
     "limits.torque": ("torque",),
     "arm.link_mass": ("torque",),
 }
-"""Kinds of findings that a parameter mends, by its key."""
+"""Kinds of findings that relaxing a parameter may resolve, by the parameter's key."""
 
 
 def ranked(
@@ -40,12 +40,12 @@ def ranked(
     relaxations: tuple[Relaxation, ...] = (),
     most: int = _FINDINGS,
 ) -> tuple[Finding, ...]:
-    """Return findings, most important first: what is proved, then what the smallest change mends, then as they came.
+    """Return findings in order of importance: proved ones, then those resolved by the smallest change, then the others.
 
     Args:
-        findings: in any order.
-        relaxations: with which the problem was solved, the smallest first.
-        most: findings that are reported.
+        findings: findings in any order.
+        relaxations: relaxations with which the problem was solved, the smallest first.
+        most: largest number of findings returned.
     """
     mended = [kind for relaxed in relaxations for kind in MENDS.get(relaxed.key, ())]
 
@@ -54,7 +54,7 @@ def ranked(
         if not finding.proved and finding.kind in mended:
             by_change = mended.index(finding.kind)
         kind = KINDS.index(finding.kind) if finding.proved else 0
-        # Of equal kinds the one comes first that asks for the longest links.
+        # Among findings of the same kind, the one that requires the longest links comes first.
         return not finding.proved, by_change, kind, -finding.bounds.get("arm.link_length", 0.0)
 
     different = {finding.reason: finding for finding in findings}
@@ -62,27 +62,27 @@ def ranked(
 
 
 def refuse(findings: tuple[Finding, ...]) -> None:
-    """Raise what is proved, the first finding as the reason; nothing proved, nothing raised.
+    """Raise an error if any finding is proved, with the first finding as the reason.
 
     Args:
-        findings: of the necessary checks, ranked.
+        findings: ranked findings of the necessary checks.
 
     Raises:
-        UnreachableGoal: with the findings.
+        UnreachableGoal: some finding is proved; carries all findings.
     """
     if any(finding.proved for finding in findings):
         raise UnreachableGoal(Diagnosis(findings[0].reason, "necessary checks", findings=findings))
 
 
 def closed_off(problem: Problem) -> UnreachableGoal:
-    """Return the error that no way to the goal will do; what closes the ways takes longer to find out."""
+    """Return the error that no way to the goal is wide and short enough, without naming what closes them."""
     length = "it reaches" if problem.arm.base_axes else f"its {long_length(problem.arm.length)}"
     reason = f"no way to the goal is wide enough for the arm, of {diameter_words(problem)}, and no longer than {length}"
     return UnreachableGoal(Diagnosis(reason, "necessary checks"))
 
 
 def diameter_words(problem: Problem) -> str:
-    """Return what of the arm has to pass a gap, in words."""
+    """Return the diameter that has to pass a gap, with its clearance, in words."""
     words = f"diameter {short_length(2.0 * problem.arm.radius)}"
     clearance = problem.workspace.clearance
     if not clearance:
@@ -92,12 +92,12 @@ def diameter_words(problem: Problem) -> str:
 
 
 def degrees(angle: float) -> str:
-    """Return an angle."""
+    """Return an angle [rad] in words, in degrees."""
     return f"{np.rad2deg(angle):.1f}°"
 
 
 def point(place: FloatArray) -> tuple[float, ...]:
-    """Return a place as a finding keeps it."""
+    """Convert a position to the form that findings store."""
     return tuple(float(coordinate) for coordinate in place)
 
 

@@ -1,4 +1,4 @@
-"""Whether the goal is near enough, far enough and in a direction that the joints can turn to, whatever stands there."""
+"""Checks whether an arm can reach its goals by length and joint limits alone, regardless of obstacles."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
@@ -16,15 +16,15 @@ from ccm_opt.problem import Problem
 from ccm_opt.robot.arm import Arm
 
 _DIRECTIONS = 1000
-"""Over the whole sphere, along which an arm may fall short of its goal. Taste: 6° between them."""
+"""Number of directions over the sphere along which the shortfall of an arm is evaluated. Taste: 6° apart."""
 _REFINEMENTS = 8
-"""How often that is done about the worst, each time half as far apart. Taste: to a tenth of a degree."""
+"""Number of refinements around the worst direction, each at half the spacing. Taste: to a tenth of a degree."""
 _DIRECTIONS_NEAR = 50
-"""About the best so far. Taste."""
+"""Number of directions per refinement. Taste."""
 
 
 def within_reach(problem: Problem) -> Iterator[Finding]:
-    """Yield the goals of the tip that are farther from every place of the base than the arm is long."""
+    """Yield a finding for every tip goal that is farther from all positions of the base than the arm is long."""
     arm = problem.arm
     for place in tip_places(problem):
         goal = place.goal.position
@@ -32,7 +32,7 @@ def within_reach(problem: Problem) -> Iterator[Finding]:
         least = distance - place.tolerances.position
         if least <= arm.length + ROUNDING:
             continue
-        # Distances are told to a millimetre: a tolerance that shows there belongs to the sum.
+        # Distances are reported to a millimetre; a tolerance of that size has to be mentioned for the sum to match.
         shown = in_metres(place.tolerances.position) >= 5e-4
         tolerated = f" less {long_length(place.tolerances.position)} of tolerance" if shown else ""
         yield Finding(
@@ -48,19 +48,19 @@ def within_reach(problem: Problem) -> Iterator[Finding]:
 
 
 def nearest_base(arm: Arm, place: FloatArray) -> FloatArray:
-    """Return the place of the base that is nearest to a place (d,), shape (d,) [m]."""
+    """Return the position of the base that is nearest to a point (d,), shape (d,) [m]."""
     low, high = arm.base_range
     along = float(np.clip((place - arm.base) @ arm.direction, low, high))
     return np.asarray(arm.base + along * arm.direction)
 
 
 def _from_base(arm: Arm, place: FloatArray) -> float:
-    """Return the distance of a place from the nearest place of the base [m]."""
+    """Return the distance of a point from the nearest position of the base [m]."""
     return float(np.linalg.norm(place - nearest_base(arm, place)))
 
 
 def _feed_that_reaches(arm: Arm, place: TipPlace) -> dict[str, float]:
-    """Return the least upper end of the feed axis from which the arm reaches a goal [m]; nothing where none does."""
+    """Return the least upper end of the feed range that lets the arm reach a goal, by key [m]; empty if none does."""
     if arm.feed is None:
         return {}
     towards = place.goal.position - arm.base
@@ -73,7 +73,7 @@ def _feed_that_reaches(arm: Arm, place: TipPlace) -> dict[str, float]:
 
 
 def within_joint_limits(problem: Problem) -> Iterator[Finding]:
-    """Yield the poses at which a bend is beyond its limit."""
+    """Yield a finding for every required pose in which a bend is beyond its limit."""
     arm = problem.arm
     limits = arm.bend_limits
     a_joint = arm.coordinates.bends_a_joint
@@ -98,7 +98,7 @@ def within_joint_limits(problem: Problem) -> Iterator[Finding]:
 
 
 def supple_enough(problem: Problem) -> Iterator[Finding]:
-    """Yield the goals of the tip that the joints cannot turn to."""
+    """Yield a finding for every tip goal that the joints cannot turn to."""
     arm = problem.arm
     for place in tip_places(problem):
         turned = list(_turned_far_enough(arm, place))
@@ -111,10 +111,11 @@ def supple_enough(problem: Problem) -> Iterator[Finding]:
 
 
 def most_turn(arm: Arm, limit: float) -> float:
-    """Return most angle between a link and the next where each bend of a joint has a limit [rad].
+    """Return the largest angle between consecutive links if each bend of a joint has a given limit [rad].
 
-    With two bends the next link points in (cos a cos b, sin a cos b, −sin b) as seen from the one before, so that the
-    angle is arccos (cos a cos b): largest with both at the limit up to a right angle, beyond with one of them zero.
+    With two bends, the next link points along (cos a cos b, sin a cos b, −sin b) in the frame of the preceding one, so
+    the angle is arccos (cos a cos b). For limits up to a right angle, it is largest with both bends at the limit;
+    beyond, with one of them zero.
     """
     if arm.coordinates.bends_a_joint > 1 and limit <= 0.5 * np.pi:
         return float(np.arccos(np.cos(limit) ** 2))
@@ -122,18 +123,18 @@ def most_turn(arm: Arm, limit: float) -> float:
 
 
 def least_limit(arm: Arm, turn: float) -> float:
-    """Return the limit of every bend with which a joint turns by an angle [rad]."""
+    """Return the least limit of each bend with which a joint can turn by an angle [rad]."""
     if arm.coordinates.bends_a_joint > 1 and turn <= 0.5 * np.pi:
         return float(np.arccos(np.sqrt(np.cos(turn))))
     return turn
 
 
 def _turned_far_enough(arm: Arm, place: TipPlace) -> Iterator[Finding]:
-    """Yield the tip's direction, and that of the goal, lie within the sum of all turns.
+    """Yield a finding if the goal, or its direction, requires more turning than all joints together allow.
 
-    Directions of links are a chain on the unit sphere whose steps are the turns. The direction from base to tip is a
-    positive combination of them. A chain shorter than π lies within half its length of its middle, a convex cap; so
-    that direction is no farther than the chain's length from either end.
+    The directions of the links form a chain on the unit sphere whose steps are the joint angles, and the direction from
+    base to tip is a positive combination of them. A chain shorter than π lies within half its length of its middle, in
+    a convex cap, so that direction is no farther than the chain's length from either end.
     """
     towards = place.goal.position - arm.base
     distance = float(np.linalg.norm(towards))
@@ -142,10 +143,10 @@ def _turned_far_enough(arm: Arm, place: TipPlace) -> Iterator[Finding]:
     if tip is not None:
         turn = angle_between(tip, arm.direction) - place.tolerances.heading
         yield from _insufficient_turn(arm, place, "from the base's direction to the goal's", turn, base)
-    # A base that is fed sees the goal in many directions.
+    # For a fed base, the direction towards the goal is not fixed.
     if arm.base_axes or distance <= place.tolerances.position:
         return
-    # The tip may be anywhere in the tolerance, so the goal may be seen in another direction by that.
+    # The tip may be anywhere within its tolerance, which changes the direction towards it by up to this angle.
     aside = float(np.arcsin(min(place.tolerances.position / distance, 1.0)))
     turn = angle_between(towards, arm.direction) - aside
     yield from _insufficient_turn(arm, place, "from the base's direction towards the goal", turn, base)
@@ -162,7 +163,15 @@ def angle_between(one: FloatArray, other: FloatArray) -> float:
 
 
 def _insufficient_turn(arm: Arm, place: TipPlace, what: str, turn: float, base: float) -> Iterator[Finding]:
-    """A turn that is more than all joints, and the first by its own, can make, with the limits that would do [rad]."""
+    """Yield a finding if a required turn exceeds the sum of all joint limits, with the limits that would suffice.
+
+    Args:
+        arm: the arm.
+        place: the goal.
+        what: what the turn is between, in words.
+        turn: required turn [rad].
+        base: largest turn of the first joint; 0 if it does not contribute [rad].
+    """
     most = (arm.links - 1) * most_turn(arm, arm.joint_limit) + base
     if turn <= most + ROUNDING:
         return
@@ -182,7 +191,10 @@ def _insufficient_turn(arm: Arm, place: TipPlace, what: str, turn: float, base: 
 
 
 def _curled_enough(arm: Arm, place: TipPlace) -> Iterator[Finding]:
-    """The goal is not nearer to the base than the tightest plane arc brings the tip (Schur's theorem for polygons)."""
+    """Yield a finding if the goal is nearer to the base than the tightest planar arc can bring the tip.
+
+    The bound is Schur's theorem for polygons.
+    """
     distance = _from_base(arm, place.goal.position) + place.tolerances.position
     most = most_turn(arm, arm.joint_limit)
     nearest = least_chord(arm.links, arm.link_length, most)
@@ -202,16 +214,16 @@ def _curled_enough(arm: Arm, place: TipPlace) -> Iterator[Finding]:
 
 
 def least_chord(links: int, length: float, bend: float) -> float:
-    """Return the least distance from base to tip of links whose bends are at most so large [m].
+    """Return the least distance from base to tip of a chain whose bends have a limit [m].
 
-    Of all chains of equal links whose bends do not exceed ``bend`` the regular arc has the shortest chord, as long as
-    arc and chord together are convex (Cauchy's arm lemma; Schur's theorem for curves): n bend ≤ 2π. It is
+    Of all chains of equal links with bends of at most ``bend``, the regular arc has the shortest chord, as long as arc
+    and chord together are convex, n bend ≤ 2π (Cauchy's arm lemma; Schur's theorem for curves). Its length is
     l sin(n bend / 2) / sin(bend / 2).
 
     Args:
-        links: n.
-        length: of one link [m].
-        bend: most bend of a joint [rad].
+        links: number of links n.
+        length: length l of one link [m].
+        bend: largest bend of a joint [rad].
     """
     if links * bend >= 2.0 * np.pi:
         return 0.0
@@ -220,21 +232,22 @@ def least_chord(links: int, length: float, bend: float) -> float:
 
 @dataclass(frozen=True)
 class TurnCaps:
-    """Where links may point at all: within caps about the base's direction and about that asked for at the goal.
+    """Cones of directions that links can have, around the base's direction and around the goal's direction.
 
     Attributes:
-        arm: whose joints turn.
-        place: of the tip, with or without a direction.
+        arm: the arm.
+        place: the tip goal, with or without a direction.
     """
 
     arm: Arm
     place: TipPlace
 
     def farthest(self, ways: FloatArray) -> FloatArray:
-        """Return how far the tip can be from the base along directions at most, shape (k, d) to (k,) [m].
+        """Return bounds on the extent of the arm from base to tip along directions (k, d), shape (k,) [m].
 
-        Link i points within its i − 1 turns and the base's of the base's direction, and within what turns are left of
-        the tip's; so along w it reaches no farther than l cos of how much w is outside of either cap.
+        The direction of link i differs from the base's by at most the turns of the joints up to it, and from the tip's
+        by at most those of the joints beyond it. Along w it thus extends by at most l times the cosine of the angle by
+        which w is outside these two cones, the larger of the two.
         """
         arm = self.arm
         turn = most_turn(arm, arm.joint_limit)
@@ -246,18 +259,18 @@ class TurnCaps:
         return np.asarray(arm.link_length * np.cos(np.clip(outside, 0.0, np.pi)).sum(axis=1))
 
     def missing(self, ways: FloatArray) -> FloatArray:
-        """Return by how much the arm falls short of the goal along directions, wherever its base is, shape (k,) [m]."""
+        """Return the arm's shortfall from the goal along directions, for the best base position, shape (k,) [m]."""
         arm = self.arm
         ends = arm.base + np.outer(arm.base_range, arm.direction)
         needed = ((self.place.goal.position - ends) @ ways.T).min(axis=0)
         return np.asarray(needed - self.place.tolerances.position - self.farthest(ways))
 
     def worst(self) -> tuple[float, FloatArray]:
-        """The most by which the arm falls short along any direction that is looked at, and that direction (d,)."""
+        """Return the greatest shortfall found over all directions [m], and its direction (d,)."""
         dimension = self.arm.dimension
         ways = spread_directions(_DIRECTIONS, dimension)
         best = ways[int(np.argmax(self.missing(ways)))]
-        # Closer and closer about the best: any direction proves what it proves.
+        # The search need not be exhaustive, since a positive shortfall along any direction is a proof.
         spread = 4.0 / np.sqrt(_DIRECTIONS)
         for _ in range(_REFINEMENTS):
             near = best + spread * spread_directions(_DIRECTIONS_NEAR, dimension)
@@ -273,9 +286,13 @@ def _angles(ways: FloatArray, direction: FloatArray) -> FloatArray:
 
 
 def spread_directions(count: int, dimension: int) -> FloatArray:
-    """Return directions as near to each other as so many spread evenly over a sphere, (k, d); in the plane on a circle.
+    """Return unit vectors spread evenly over the sphere, or over the circle with the same spacing, shape (k, d).
 
-    Over the sphere they lie on a spiral by the golden ratio.
+    On the sphere, they lie on a golden-ratio spiral.
+
+    Args:
+        count: number of directions on the sphere.
+        dimension: 2 for the circle, 3 for the sphere.
     """
     if dimension == 2:
         turn = 2.0 * np.pi * np.arange(np.ceil(np.sqrt(np.pi * count))) / np.ceil(np.sqrt(np.pi * count))
@@ -288,7 +305,7 @@ def spread_directions(count: int, dimension: int) -> FloatArray:
 
 
 def _both_at_once(arm: Arm, place: TipPlace) -> Iterator[Finding]:
-    """Yield the goal lies in the convex hull of where the tip can be with its direction, beginning in the base's."""
+    """Yield a finding if the goal lies outside the convex hull of the tip positions that the joint limits allow."""
     missing, way = TurnCaps(arm, place).worst()
     if missing <= touching_overlap(arm):
         return
@@ -307,7 +324,10 @@ def _both_at_once(arm: Arm, place: TipPlace) -> Iterator[Finding]:
 
 
 def _limits_that_reach(arm: Arm, place: TipPlace, way: FloatArray) -> dict[str, float]:
-    """For each number of the arm that may mend it the least at which it no longer falls short along one direction."""
+    """Return, by key, the least value of each arm parameter that removes the shortfall along one direction.
+
+    Parameters that cannot remove it alone are left out.
+    """
 
     def missing(changed: Arm) -> float:
         return float(TurnCaps(changed, place).missing(way[None])[0])

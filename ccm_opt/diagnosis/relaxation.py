@@ -1,4 +1,4 @@
-"""The least change with which a problem is solved."""
+"""Search for the least change of a problem with which it can be solved."""
 
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -18,31 +18,35 @@ from ccm_opt.diagnosis.parameters import PARAMETERS, Parameter, WholeChange, wid
 from ccm_opt.problem import Problem
 
 _STEPS = (0.045, 0.1, 0.2, 0.4)
-"""How far beyond its bound a parameter is tried, as a share of the bound, until a try succeeds. Taste."""
+"""Steps beyond its bound at which a parameter is tried, as shares of the bound, until a trial succeeds. Taste."""
 _CLOSE = 0.048
-"""Share of its value within which a parameter is bracketed by what failed, or cannot be, and what worked. Derived: just
-more than the first step is of the value after it, so that a try that succeeds there need not be repeated."""
+"""Relative width of the bracket between failed and successful values at which bisection ends.
+
+Derived: slightly more than the first step relative to the value there, so a success at the first step is accepted.
+"""
 _LEAST_TIME = 0.05
-"""No try begins with less time than this [s]. Taste."""
+"""Least remaining time with which a trial is started [s]. Taste."""
 _ENOUGH = 4
-"""Relaxations that are reported. Taste."""
+"""Number of reported relaxations. Taste."""
 
 _GUESSED_STEPS = (0.1, 0.25, 0.5)
-"""The same where the bound is only where the problem stands. Taste."""
+"""Steps from the given value, used if no bound is known. Taste."""
 _TRY_SHARE = 0.5
-"""Share of the time left that one try may use. Taste."""
+"""Share of the remaining time that one trial may use. Taste."""
 _MOST_DROPPED = 3
-"""Constraints and costs of the user's that are dropped in a try of their own. Taste."""
+"""Number of user-defined constraints and costs that are dropped, each in its own trial. Taste."""
 _MOST_OMITTED = 2
-"""Obstacles that are left out in a try of their own. Taste."""
+"""Number of obstacles that are removed, each in its own trial. Taste."""
 
 Solve: TypeAlias = Callable[..., object]
-"""Plans, times and verifies a problem, perhaps with one constraint or cost of the user's dropped, by its name, or
-raises; what it returns is not looked at."""
+"""Function that plans, times and verifies a problem, optionally without a user-defined term of a given name.
+
+It raises if there is no plan; its result is opaque to this module.
+"""
 CERTAIN = frozenset(("torque", "contact", "joint limit"))
-"""Kinds of findings that are measured on a pose or a path; not proved, they leave other poses within tolerance."""
+"""Kinds of findings measured on a pose or path; if not proved, other poses within tolerance may be free of them."""
 HoldAgain: TypeAlias = Callable[[Any, object], object]
-"""Times and verifies what was returned for one problem as a plan for another, or raises."""
+"""Function that times and verifies the plan of one problem as a plan for another, or raises."""
 
 
 def _never_holds(problem: Problem, plan: object) -> object:
@@ -51,18 +55,18 @@ def _never_holds(problem: Problem, plan: object) -> object:
 
 @dataclass(frozen=True)
 class Trials:
-    """Solves changed problems, each within a share of the time that is left.
+    """Solves changed problems, each within a share of the remaining time.
 
     Attributes:
-        solve: solves a problem, perhaps less one of the terms by its name, or raises.
-        until: when all must end.
-        terms: kind and name of each constraint and cost of the user's, the likelier ones to be in the way first.
-        hold_again: holds what solved one problem against another.
-        begun: CPU time of this process from which on the time for reasons and changes counts [s].
-        tell: told of every change before it is tried, in words, with the time spent so far and the most [s].
-        ended: the configuration in which what was returned for a problem ends, shape (c,).
-        settings: steps, and shares of the time.
-        plans: what solved the problems that were tried, in their order.
+        solve: solves a problem, optionally without one of the terms, or raises.
+        until: deadline of all trials.
+        terms: kind and name of each user-defined constraint and cost, the likelier obstructions first.
+        hold_again: verifies the plan of one problem for another.
+        begun: CPU time of this process at which the time for reasons and changes starts [s].
+        tell: receives every change before it is tried, in words, with the time spent so far and the time limit [s].
+        ended: returns the configuration in which a plan ends, shape (c,).
+        settings: time limits.
+        plans: plans of the successful trials, in order.
     """
 
     solve: Solve
@@ -77,21 +81,21 @@ class Trials:
 
     @property
     def spent(self) -> float:
-        """CPU time since the trials were set up, as soon as there was a reason [s]."""
+        """CPU time used since the trials began [s]."""
         return time.process_time() - self.begun
 
     def succeeds(self, problem: Problem, words: str, dropped: str = "", *, hurried: bool = False) -> bool:
-        """Return whether a problem, perhaps less a term of the user's, is solved within its share of the time.
+        """Return whether a changed problem is solved within its share of the time.
 
         Args:
-            problem: what is tried.
-            words: what is changed in it.
-            dropped: name of a constraint or cost that is left out besides.
-            hurried: whether something else helps already.
+            problem: the changed problem.
+            words: description of the change.
+            dropped: name of a user-defined constraint or cost to leave out; empty for none.
+            hurried: whether another helpful change is already known.
         """
         settings = self.settings
         longest = settings.longest_further_try if hurried else settings.longest_try
-        # A share of what is left, so that several things can be tried.
+        # Only a share of the remaining time, so that several changes can be tried.
         limit = min(_TRY_SHARE * self.until.left, longest)
         if limit < _LEAST_TIME:
             return False
@@ -105,7 +109,7 @@ class Trials:
         return True
 
     def holds(self, problem: Problem) -> bool:
-        """Return whether the last plan is one for this problem as well; nothing is planned for that."""
+        """Return whether the last plan also solves this problem, without planning again."""
         try:
             self.hold_again(problem, self.plans[-1])
         except (NoPlanFound, VerificationError, ProblemError):
@@ -114,24 +118,24 @@ class Trials:
 
 
 def _in_haste(problem: Problem, limit: float) -> Problem:
-    """Return the problem with a time limit [s], and with nothing asked for that only makes motions better."""
-    # An arm that is hardly strong enough may need the shorter way.
+    """Return the problem with a time limit [s] and without requests that only improve motions."""
+    # An arm that is barely strong enough may need the optimised motion.
     plain = problem.planner.optimiser if problem.limits.torque is not None else "none"
     return replace(problem, planner=replace(problem.planner, time_limit=limit, optimiser=plain, wanted_gap=0.0))
 
 
 def relaxations(problem: Problem, findings: tuple[Finding, ...], trials: Trials) -> Iterator[Relaxation]:
-    """Find changes of one thing with which the problem is solved, the most promising first.
+    """Yield single changes with which the problem is solved, the most promising first.
 
     Args:
-        problem: what was asked.
-        findings: what stands in its way; what is proved, or an overload on the path that was found, binds.
-        trials: solves.
+        problem: the problem without a plan.
+        findings: the known obstructions; proved ones, or else those measured on a pose or path, must all be resolved.
+        trials: solves changed problems.
     """
     certain = binding(findings)
     settings = trials.settings
     found = 0
-    # Nothing of the user's own mends what is known of the arm and the room.
+    # Dropping user-defined terms does not resolve obstructions that are due to the arm and the scene.
     dropped = [] if certain else [without_term(name, kind) for kind, name in trials.terms[:_MOST_DROPPED]]
     for candidate in chain(dropped, candidates(problem, findings, trials.until, _MOST_OMITTED)):
         if found >= _ENOUGH or trials.until.left < _LEAST_TIME:
@@ -149,18 +153,18 @@ def relaxations(problem: Problem, findings: tuple[Finding, ...], trials: Trials)
 
 
 def _as_little_as_helps(change: WholeChange, problem: Problem, trials: Trials, *, hurried: bool) -> Relaxation | None:
-    """Return a change with which the problem is solved, or as much of it as is needed; None where it is not solved."""
+    """Return a change with which the problem is solved, or the part of it that is needed; None if it does not help."""
     if not trials.succeeds(change.changed(problem), change.words, change.term, hurried=hurried):
         return None
     part = change.part(problem, trials.ended(trials.plans[-1]))
     if part is None:
         return change.relaxation()
-    # What solved the problem with the whole change solves it with that part of it which it made use of.
+    # The plan of the fully changed problem also solves the problem with only the part of the change that it uses.
     return least_change(part, problem, part.bound, trials, hurried=hurried, solved=True) or change.relaxation()
 
 
 def binding(findings: tuple[Finding, ...]) -> tuple[Finding, ...]:
-    """What any change has to mend: what is proved, or else what is known of the pose or the path that was asked for."""
+    """Return the findings that any change must resolve: proved ones, or else those measured on a pose or path."""
     proved = tuple(finding for finding in findings if finding.proved)
     return proved or tuple(finding for finding in findings if finding.kind in CERTAIN)
 
@@ -171,18 +175,18 @@ def candidates(
     until: Deadline,
     most_omitted: int = _MOST_OMITTED,
 ) -> Iterator[Parameter | WholeChange]:
-    """Yield what may mend all that is proved, or else all that is likely, most promising first.
+    """Yield changes that may resolve all binding findings, or else all likely ones, the most promising first.
 
     Args:
-        problem: what was asked.
-        findings: what stands in its way.
-        until: when nothing more is looked for.
-        most_omitted: obstacles that are left out, each alone.
+        problem: the problem without a plan.
+        findings: the known obstructions.
+        until: deadline of the search for candidates.
+        most_omitted: number of obstacles that are removed, each alone.
     """
     proved = binding(findings)
     relevant = proved or findings
     keys = [key for finding in relevant for key in finding.bounds]
-    # Of what is proved, every single finding has to be mended, or there is still no plan.
+    # Every proved finding must be resolved, or there is still no plan.
     mends = {key for key in keys if not proved or all(key in finding.bounds for finding in proved)}
     fitting = [each for each in PARAMETERS if each.key in mends and each.fits(problem)]
     yield from sorted(fitting, key=lambda each: keys.index(each.key))
@@ -191,7 +195,7 @@ def candidates(
         yield room
     removable = _removable(proved, findings)
     in_the_way = [without_obstacle(name) for name in removable[:most_omitted]]
-    # Where no number of the arm helps, what closes the way is more to the point than a goal on this side of it.
+    # If no parameter helps, removing the obstacle that closes the way is more relevant than moving the goal.
     if not fitting:
         yield from in_the_way
     yield from moved_goals(problem, proved, until)
@@ -201,14 +205,14 @@ def candidates(
 
 
 def _removable(proved: tuple[Finding, ...], findings: tuple[Finding, ...]) -> list[str]:
-    """Return the obstacles whose removal may mend all that is proved, or else all that is likely; the room stays."""
+    """Return the obstacles, other than the room, whose removal may resolve all proved findings, or else likely ones."""
     names = [name for finding in proved or findings for name in finding.obstacles if name not in ROOM_NAMES]
     mending = [name for name in names if all(name in finding.obstacles for finding in proved)]
     return list(dict.fromkeys(mending))
 
 
 def hardest_bound(parameter: Parameter, findings: tuple[Finding, ...]) -> float | None:
-    """Return the value that a parameter must reach to mend all findings; None when they say nothing about it."""
+    """Return the value that a parameter must reach to resolve all findings; None if they give no bound for it."""
     bounds = [finding.bounds[parameter.key] for finding in findings if parameter.key in finding.bounds]
     if not bounds:
         return None
@@ -224,17 +228,15 @@ def least_change(
     hurried: bool = False,
     solved: bool = False,
 ) -> Relaxation | None:
-    """Return the least change of a parameter, within the steps, with which the problem is solved.
-
-    None when none is found.
+    """Return the least change of a parameter, within the steps, that solves the problem; None if none is found.
 
     Args:
-        parameter: what is changed.
-        problem: what was asked.
-        bound: the value that it must pass, or None when that is not known.
-        trials: solves.
-        hurried: whether something else helps already, so that patience counts.
-        solved: whether the last plan of the trials may be one for the values that are tried, too.
+        parameter: the parameter to change.
+        problem: the problem without a plan.
+        bound: the value that the parameter must at least reach, or None if unknown.
+        trials: solves changed problems.
+        hurried: whether another helpful change is already known, so that patience applies.
+        solved: whether the last plan of the trials may also solve the problems that are tried.
     """
     settings = trials.settings
     begin = parameter.read(problem) if bound is None else bound
@@ -256,19 +258,19 @@ def least_change(
 def _closed_in(
     parameter: Parameter, problem: Problem, failed: Sequence[float], worked: float, trials: Trials, *, hurried: bool
 ) -> float:
-    """Return a value that works, close to one that does not, by bisection while there is time.
+    """Return a successful value close to a failed one, by bisection while there is time.
 
     Args:
-        parameter: what is changed.
-        problem: what was asked.
-        failed: values with which nothing was found, the first of which perhaps nothing can be; the easiest last.
-        worked: a value with which the last plan of the trials was found.
-        trials: solves.
-        hurried: whether something else helps already, so that patience counts.
+        parameter: the parameter to change.
+        problem: the problem without a plan.
+        failed: values without a plan, the easiest last; the first is the bound, which was not tried.
+        worked: the value for which the last plan of the trials was found.
+        trials: solves changed problems.
+        hurried: whether another helpful change is already known, so that patience applies.
     """
     settings = trials.settings
     worst = failed[-1]
-    # What moves the arm at one value often does so at the next: to see that takes no search.
+    # A plan for one value often also works for a harder one, which can be checked without a search.
     for value in failed[1:] if parameter.paths_stay else ():
         if trials.holds(parameter.write(problem, value)):
             return value
@@ -276,7 +278,7 @@ def _closed_in(
         middle = parameter.rounded(problem, 0.5 * (worst + worked))
         changed = parameter.write(problem, middle)
         words = parameter.relaxation(problem, middle, None).words
-        # What is known already is worth being told more exactly, but not worth waiting for.
+        # Refining a known relaxation is useful, but not worth waiting for.
         late = trials.spent > settings.patience
         if hurried and late:
             return worked

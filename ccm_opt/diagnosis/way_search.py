@@ -1,10 +1,10 @@
-"""Whether there is a way for the arm's axis from its base to a goal that is wide enough and no longer than the arm.
+"""Search for a way from base to goal that keeps a distance from obstacles and is no longer than the arm.
 
-Cubes fill the room. A cube is *open* when some place of it may have as much room as is needed and may lie on a way that
-is short enough, and *free* when all its places have that room. Where no chain of open cubes that touch leads from the
-base to the goal there is no way, for every way passes through cubes all of which are open. Where a chain of free ones
-does, there is one that is wide enough. Of what is left the cubes on the shortest chains are split, until one or the
-other is known or the cubes are too many.
+Cubes fill the room. A cube is *open* if some point of it may keep the required distance and may lie on a way that is
+short enough, and *free* if all its points keep the distance. If no chain of touching open cubes leads from the base to
+the goal, there is no way, since every way passes through open cubes only. If a chain of free cubes does, there is a way
+that is wide enough. Otherwise the undecided cubes on the shortest chains are split, until either is known or there are
+too many cubes.
 """
 
 from dataclasses import dataclass, field
@@ -22,31 +22,31 @@ from ccm_opt.scene.distances.enclosures import deepest_enclosure
 from ccm_opt.scene.workspace import Workspace
 
 FINEST = 0.04
-"""Cubes are not split below this share of the room that is asked about. Taste: that is then known to a twentieth."""
+"""Least size of split cubes, as a share of the required distance. Taste: the distance is then known to a twentieth."""
 _MOST_CELLS = 300_000
-"""Cubes at which a search is given up. Taste: 0.1 GB and some seconds."""
+"""Number of cubes at which a search is given up. Taste: 0.1 GB and several seconds."""
 _SPREAD = 1
-"""How many cubes more than the least a chain may have whose cubes are split. Taste."""
+"""Number of undecided cubes beyond the minimum up to which the cubes of a chain are split. Taste."""
 
 _MOST_ROUNDS = 60
-"""Of splitting, likewise. Taste."""
+"""Number of rounds of splitting at which a search is given up. Taste."""
 _MOST_INSIDES = 100
-"""Groups of cubes of which in one round it is found whether they are inside of bodies. Taste."""
+"""Number of groups of cubes per round that are tested for being inside bodies. Taste."""
 
 Answer: TypeAlias = Literal["closed", "open", "not known"]
 
 
 @dataclass(frozen=True)
 class WayEnds:
-    """Where ways begin and end, and what they may be.
+    """Where ways begin and end.
 
     Attributes:
-        start: first place of the base, shape (3,) [m].
-        end: last place of the base, to which it is fed; the same where it stands still, shape (3,) [m].
-        mount: how far from there the axis may be nearer to walls [m].
-        goal: of the tip, shape (3,) [m].
-        tolerance: how far from that it may end [m].
-        length: of the arm [m].
+        start: first position of the base, shape (3,) [m].
+        end: last position to which the base is fed, shape (3,) [m]; equal to `start` for a fixed base.
+        mount: distance from the base within which the axis may be closer to walls [m].
+        goal: goal position of the tip, shape (3,) [m].
+        tolerance: tolerance of the goal position [m].
+        length: length of the arm [m].
     """
 
     start: FloatArray
@@ -63,11 +63,11 @@ class WaySearch:
 
     Attributes:
         workspace: the scene.
-        ends: of the ways.
-        box: where places are looked at, shape (2, 3) [m].
-        cells: the cubes so far.
-        until: when what is asked is answered with "not known".
-        sides: of each cube whether it is inside of a closed body: 1 yes, −1 no, 0 not looked at.
+        ends: ends of the ways.
+        box: lower and upper corner of the searched region, shape (2, 3) [m].
+        cells: the current cubes.
+        until: deadline after which questions are answered with "not known".
+        sides: whether each cube is inside a closed body: 1 yes, −1 no, 0 not tested.
     """
 
     workspace: Workspace
@@ -82,14 +82,14 @@ class WaySearch:
 
     # ------------------------------------------------------------ what is asked
     def answer(self, room: float, length: float, more: int | None = None) -> Answer:
-        """Whether there is a way whose places have a distance from the walls, and that is no longer than a length.
+        """Return whether there is a way that keeps a distance from all surfaces and is no longer than a length.
 
-        An open way has the room, and may be longer.
+        A way found open keeps the distance but may be longer.
 
         Args:
             room: distance from all surfaces [m].
-            length: of the way [m].
-            more: cubes by which there may be more then; as many as are kept at all when None.
+            length: length of the way [m].
+            more: number of cubes that may be added; None for up to the overall maximum.
         """
         finest = FINEST * room
         most = _MOST_CELLS if more is None else len(self.cells) + more
@@ -106,17 +106,17 @@ class WaySearch:
         return "not known"
 
     def widest(self, most: float, length: float) -> float:
-        """Of the chains of open cubes as they are, the widest: no way short enough has more room [m].
+        """Return the width of the widest chain of the current open cubes, which no short enough way exceeds [m].
 
         Args:
-            most: room that is enough [m].
-            length: of the ways [m].
+            most: value at which distances are capped [m].
+            length: largest length of the ways [m].
         """
         greatest = np.minimum(self.cells.greatest, most)
         return self._best_chain(greatest, length)[0]
 
     def narrowest(self, length: float) -> FloatArray:
-        """Return where the chain with the most room in the middles of its cubes has the least of it, shape (3,) [m]."""
+        """Return the narrowest point of the chain with the widest cube centres, shape (3,) [m]."""
         chain = self._best_chain(self.cells.gap, length)[1]
         if not len(chain):
             return 0.5 * (self.ends.start + self.ends.goal)
@@ -126,7 +126,7 @@ class WaySearch:
 
     # ------------------------------------------------------------ how it is found
     def _state(self, room: float, length: float) -> "_State":
-        """Return what the cubes are for a room and a length; new insides of bodies are looked at first."""
+        """Classify the cubes for a distance and a length, after testing reached cubes for being inside bodies."""
         start, goal = self.end_cubes()
         within = self._within(length)
         while True:
@@ -138,7 +138,7 @@ class WaySearch:
                 return state
 
     def _within(self, length: float) -> BoolArray:
-        """Return the cubes in the box through which a way may lead that is no longer than a length."""
+        """Return a mask of the cubes in the box that a way no longer than a length may pass, shape (n,)."""
         ends = self.ends
         cells = self.cells
         through = cells.distances_from(ends.start, ends.end) + cells.distances_from(ends.goal, ends.goal)
@@ -147,7 +147,7 @@ class WaySearch:
         return np.asarray(inside & (through - 2.0 * cells.half_diagonals <= length + ends.tolerance))
 
     def end_cubes(self) -> tuple[BoolArray, BoolArray]:
-        """Return the cubes of the base, and of the goal."""
+        """Return masks of the cubes at which ways may begin, and at which they may end, each of shape (n,)."""
         cells = self.cells
         ends = self.ends
         start = cells.distances_from(ends.start, ends.end) <= cells.half_diagonals + ends.mount
@@ -155,9 +155,9 @@ class WaySearch:
         return start, goal
 
     def _insides_found(self, state: "_State") -> bool:
-        """Return whether some cubes that are reached turn out to be inside of bodies.
+        """Test reached cubes for being inside bodies; return whether any newly tested one is.
 
-        Cubes that no surface meets and that touch lie on the same side of all surfaces, so that one of them tells.
+        Touching cubes that no surface crosses lie on the same side of all surfaces, so testing one of them is enough.
         """
         cells = self.cells
         clear = cells.least > 0.0
@@ -180,13 +180,13 @@ class WaySearch:
 
     def _split(self, chosen: BoolArray) -> None:
         self.cells, origins = self.cells.split(chosen)
-        # What no surface meets stays on its side; of the others nothing is known.
+        # Cubes that no surface crosses stay on their side; for the others the side is still unknown.
         self.sides = self.sides[origins]
 
     def _best_chain(self, room: FloatArray, length: float) -> tuple[float, IntArray]:
-        """Return the chain from base to goal whose least room is greatest: that room, and its cubes in order.
+        """Return the widest chain from base to goal: its least distance from surfaces [m], and its cubes in order.
 
-        It lies in the spanning tree whose pairs have the most room.
+        The chain lies in the maximum spanning tree of the pairs, weighted by their distances.
         """
         start, goal = self.end_cubes()
         usable = self._within(length) & (self.sides < 1) | start
@@ -194,13 +194,13 @@ class WaySearch:
         if not len(sources) or not len(targets):
             return 0.0, np.zeros(0, dtype=np.intp)
         pairs = self.cells.pairs[np.all(usable[self.cells.pairs], axis=1)]
-        # At the mount the arm may touch what it likes.
+        # At the mount the arm may touch surfaces.
         free = np.where(start, np.inf, room)
         count = len(self.cells)
         ends = [np.column_stack((np.full(len(cubes), count + k), cubes)) for k, cubes in enumerate((sources, targets))]
         joined = np.concatenate((pairs, *ends)).astype(np.intp)
         widths = np.concatenate((free[pairs].min(axis=1), np.full(len(sources), np.inf), free[targets]))
-        # Weights of zero are no pairs to scipy: all are below it.
+        # SciPy treats zero weights as missing pairs, so all weights are shifted below zero.
         weights = -np.clip(widths, -1e6, 1e6) - 2e6
         graph = sparse.coo_matrix((weights, (joined[:, 0], joined[:, 1])), shape=(count + 2, count + 2)).tocsr()
         _, before = csgraph.breadth_first_order(csgraph.minimum_spanning_tree(graph), count, directed=False)
@@ -215,14 +215,14 @@ class WaySearch:
 
 @dataclass(frozen=True, eq=False)
 class _State:
-    """What cubes are for one room and one length.
+    """Classification of the cubes for one required distance and one length.
 
     Attributes:
-        pairs: open cubes that touch, shape (m, 2).
-        open: cubes of which some place may be on a way, shape (n,).
-        free: open cubes all of whose places have the room, shape (n,).
-        start: open cubes of the base, shape (n,).
-        goal: open cubes of the goal, shape (n,).
+        pairs: indices of open cubes that touch, shape (m, 2).
+        open: mask of cubes with points that may lie on a way, shape (n,).
+        free: mask of open cubes all of whose points keep the distance, shape (n,).
+        start: mask of open cubes at the base, shape (n,).
+        goal: mask of open cubes at the goal, shape (n,).
     """
 
     pairs: IntArray
@@ -233,7 +233,7 @@ class _State:
 
     @cached_property
     def reached(self) -> BoolArray:
-        """Open cubes to which a chain leads from the base, shape (n,)."""
+        """Mask of the open cubes that a chain from the base reaches, shape (n,)."""
         group = groups(self.pairs, len(self.open))
         from_start = np.zeros(len(self.open), dtype=bool)
         from_start[group[self.start]] = True
@@ -241,7 +241,7 @@ class _State:
 
     @cached_property
     def _free_groups(self) -> IntArray:
-        """Number of the group of free cubes that touch to which each belongs; the cubes of the base count as free."""
+        """Label of the connected group of free cubes to which each cube belongs; those at the base count as free."""
         passable = self.free | self.start
         return groups(self.pairs[passable[self.pairs].all(axis=1)], len(self.open))
 
@@ -256,25 +256,25 @@ class _State:
         return bool(np.isin(self._free_groups[self.goal & self.free], self._free_groups[self.start]).any())
 
     def to_split(self, large: BoolArray, spread: int) -> BoolArray:
-        """Open cubes that are not free, on chains with the fewest of them or hardly more, shape (n,).
+        """Return a mask of the undecided cubes (open but not free) on chains with the fewest of them, shape (n,).
 
         Args:
-            large: cubes that may be split.
-            spread: how many more cubes a chain may have.
+            large: mask of the cubes that may be split.
+            spread: number of undecided cubes that a chain may have beyond the fewest.
         """
         chain = self._steps(self.start) + self._steps(self.goal)
         unsure = self.reached & ~self.free & large & np.isfinite(chain)
         if not unsure.any():
             return unsure
-        # The least of those that can still be split: what cannot be any more stays in the way of no other.
+        # The minimum is over cubes that can still be split, so that the others do not block progress.
         return np.asarray(unsure & (chain <= np.min(chain[unsure]) + spread))
 
     def _steps(self, sources: BoolArray) -> FloatArray:
-        """Return how many unsure cubes the shortest chain from some cubes to each has, with it.
+        """Return the number of steps of the shortest chain from source cubes to each cube; ∞ if there is none.
 
-        ∞ where there is none.
+        Undecided cubes count one step each, connected free cubes one step together.
         """
-        # Free cubes that touch are one node of the graph: to pass through all of them costs one step.
+        # Connected free cubes are one node of the graph, so passing through all of them costs one step.
         count = len(self.open)
         passable = self.free | self.start
         node = np.where(passable, count + self._free_groups, np.arange(count))
@@ -288,26 +288,26 @@ class _State:
 
 
 def groups(pairs: IntArray, count: int) -> IntArray:
-    """Number of the group of cubes that touch one another to which each of so many belongs, shape (n,)."""
+    """Return the label of the connected group to which each of `count` cubes belongs, shape (n,)."""
     graph = sparse.coo_matrix((np.ones(len(pairs), dtype=np.int8), (pairs[:, 0], pairs[:, 1])), shape=(count, count))
     return np.asarray(csgraph.connected_components(graph, directed=False)[1])
 
 
 def _depths(graph: sparse.csr_matrix, root: int) -> FloatArray:
-    """Return how many steps every node of a graph is from one of them; ∞ where it is not joined with it."""
+    """Return the number of steps from a root to every node of a graph; ∞ for nodes that are not connected to it."""
     order, before = csgraph.breadth_first_order(graph, root, directed=False)
     place = np.empty(graph.shape[0], dtype=np.intp)
     place[order] = np.arange(len(order))
     depths = np.full(graph.shape[0], np.inf)
     depths[root] = 0.0
-    # Nodes come in the order of their steps, and so do those before them.
+    # Breadth-first order sorts nodes, and thus their predecessors, by their number of steps.
     earlier = place[before[order[1:]]]
     first = 1
     known = 1
     step = 0.0
     while first < len(order):
         step += 1.0
-        # One step farther is what was reached from the nodes that are known so far.
+        # Nodes whose predecessors are already known are one step farther.
         last = 1 + int(np.searchsorted(earlier, known, side="left"))
         depths[order[first:last]] = step
         first = known = last

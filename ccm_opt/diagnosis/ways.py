@@ -1,4 +1,4 @@
-"""Whether there is a way to the goal that is wide enough and short enough; if not, what is in the way."""
+"""Ways for the arm's axis to a goal: whether one is wide and short enough, and if not, what obstructs it."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
@@ -22,31 +22,31 @@ from ccm_opt.problem import Problem
 from ccm_opt.robot.arm import Arm
 
 _DETOUR = 1e-3
-"""A way longer than the straight line by less than this share of it is a matter of reach alone. Taste."""
+"""Excess length over the straight line, as a share of it, below which the problem is one of reach alone. Taste."""
 _NARROW = 1.5
-"""A gap narrower than this many diameters is told as tight, though it is not proved too narrow. Taste."""
+"""Passages narrower than this number of diameters are reported as tight, though not proved too narrow. Taste."""
 _SHORT = 1.08
-"""An arm shorter than this multiple of the route is told likewise. Taste."""
+"""Arms shorter than this multiple of the way are reported as barely long enough. Taste."""
 _STIFF = 1.25
-"""A turn with less room than this multiple of what the tightest bend needs is told likewise. Taste."""
+"""Turns with less clearance than this multiple of the tightest bend's are reported as tight. Taste."""
 _LEAST_TURN = 0.3490658503988659
-"""Turns of a route below this are not told [rad]. Taste: 20°."""
+"""Turns of a way below this angle are not reported [rad]. Taste: 20°."""
 _SPANNED = 0.99
-"""A way so much narrower than another is told beside it. Taste."""
+"""Ratio of two widths below which the narrower way is reported in addition to the wider. Taste."""
 
 
 @dataclass(frozen=True, eq=False)
 class WidestWay:
-    """The widest way that is no longer than the arm, as far as it is known.
+    """Bounds on the widest way that is no longer than the arm.
 
     Attributes:
-        most: no such way keeps more distance from everything [m]; 0 where there is none for an arm of any width.
-        exact: whether one is known that keeps hardly less.
-        closed: whether there is none that deserves the name, however long.
-        place: where it is narrowest, shape (d,) [m].
-        walls: names of the obstacles that are nearest there, the nearest first.
-        of_any_length: what the widest way keeps that may be longer than the arm, where that is known [m].
-        way: corners of a short one of those that keep as much as is known, shape (m, d) [m]; None where none was found.
+        most: upper bound on the distance from obstacles that such a way keeps [m]; 0 if there is no way for any width.
+        exact: whether a way is known that keeps almost this distance.
+        closed: whether there is no way of any useful width, however long.
+        place: position of the narrowest passage, shape (d,) [m].
+        walls: names of the obstacles nearest to it, the nearest first.
+        unbounded_excess: distance kept by the widest way of any length, if known [m].
+        way: corners of a short way among the widest known, shape (m, d) [m]; None if none was found.
     """
 
     most: float
@@ -60,14 +60,14 @@ class WidestWay:
 
 @dataclass(frozen=True, eq=False)
 class Ways(ABC):
-    """Ways of an arm's axis from its base, or where it is fed to, to the tolerance of a goal of the tip.
+    """Ways for an arm's axis from its base, or from where the base is fed to, to the tolerance of a tip goal.
 
     Attributes:
-        problem: what was asked.
+        problem: the problem.
         place: the goal.
-        until: when nothing more is looked at.
-        shortest_is_proved: whether no way that is wide enough is shorter than the shortest.
-        fed_from: where ways of a fed arm begin.
+        until: deadline of the search.
+        shortest_is_proved: whether ``shortest`` is proved to be the shortest way that is wide enough.
+        fed_from: where ways of a fed arm begin, in words.
     """
 
     shortest_is_proved: ClassVar[bool]
@@ -78,23 +78,23 @@ class Ways(ABC):
 
     @property
     def begin(self) -> str:
-        """Where ways begin, in words, where that is not the base."""
+        """Where ways begin, in words; empty if at the base."""
         return "" if self.problem.arm.feed is None else f" from {self.fed_from}"
 
     @property
     @abstractmethod
     def arm(self) -> Arm:
-        """The arm that has to be long enough; of one on a feed axis perhaps what reaches beyond its hole."""
+        """The arm that must be long enough; for a fed arm, possibly only the part that reaches beyond the hole."""
 
     @property
     @abstractmethod
     def gaps(self) -> Gaps:
-        """Distances from everything."""
+        """Distances from all obstacles."""
 
     @property
     @abstractmethod
     def room(self) -> float:
-        """Distance that the axis needs from everything [m]."""
+        """Distance that the arm's axis must keep from all obstacles [m]."""
 
     @property
     @abstractmethod
@@ -104,51 +104,57 @@ class Ways(ABC):
     @property
     @abstractmethod
     def closed_to_short_arms(self) -> bool:
-        """Whether that may be due to the arm's length alone."""
+        """Whether ways may be closed only because the arm is too short."""
 
     @property
     @abstractmethod
     def shortest(self) -> FloatArray | None:
-        """Corners of a short way that is wide enough, perhaps too long, shape (m, d) [m]; None where none is known."""
+        """Corners of a short way that is wide enough but may be too long, shape (m, d) [m]; None if none is known."""
 
     @property
     @abstractmethod
     def least(self) -> float:
-        """Length of that way, to the edge of the goal's tolerance [m]."""
+        """Length of the shortest way that is wide enough, to the edge of the goal's tolerance [m]; 0 if unknown."""
 
     @abstractmethod
     def widest(self, most: float) -> WidestWay:
-        """Return the widest way that keeps at most so much distance [m]."""
+        """Return the widest way, searched for up to a distance of `most` from obstacles [m]."""
 
     @abstractmethod
     def bound(self, known: float) -> float:
-        """Return the distance that no way keeps more than, at most the room, where some way keeps a known one [m]."""
+        """Return an upper bound on the distance that any way keeps, at most `room` [m].
+
+        Args:
+            known: distance that some way is known to keep [m].
+        """
 
     @abstractmethod
     def opening(self, place: FloatArray, *, closed: bool) -> tuple[str, ...]:
-        """Return the obstacles without any one of which there is a way, those most to the point first.
+        """Return the obstacles whose removal alone opens a way, the most relevant first.
 
         Args:
-            place: where the way is closed, or has to turn, shape (d,) [m].
-            closed: whether there is none that deserves the name, so that other places may be as much to the point.
+            place: where the way is closed or has to turn, shape (d,) [m].
+            closed: whether there is no way of any useful width, so that other positions may be equally relevant.
         """
 
     def blocking_place(self, name: str, place: FloatArray) -> FloatArray:
-        """Return where ways lead through an obstacle that closes them, (d,) [m].
+        """Return where a way would lead through an obstacle that closes it, shape (d,) [m].
 
-        A place beside it where that is unknown.
+        Args:
+            name: name of the obstacle.
+            place: position near the obstacle, returned if no better one is known, shape (d,) [m].
         """
         del name
         return place
 
     @abstractmethod
     def length_remedies(self) -> dict[str, float]:
-        """Return what would do, by keys, where all ways are too long [SI]."""
+        """Return the parameter values that would suffice where all ways are too long, by key [SI units]."""
 
 
 def tip_ways(problem: Problem, until: Deadline) -> Iterator[Ways]:
-    """Yield the ways to every goal of the tip, those looked at no longer than until a deadline."""
-    # One of the two is needed at a time, and most problems need neither.
+    """Yield the ways to every goal of the tip, for searches until a deadline."""
+    # Imported on demand: only one of the two is ever needed, and most problems need neither.
     if problem.dimension == 2:
         from ccm_opt.diagnosis.passages import passages  # noqa: PLC0415
 
@@ -160,18 +166,18 @@ def tip_ways(problem: Problem, until: Deadline) -> Iterator[Ways]:
 
 
 def wide_and_short_enough(problem: Problem, until: Deadline) -> Iterator[Finding]:
-    """Yield the goals of the tip without a way that is wide and short enough."""
+    """Yield a finding for every goal of the tip without a way that is wide and short enough."""
     for ways in _closed_ways(problem, until):
         yield _too_long(ways) if ways.shortest is not None and ways.least > ways.arm.length else _too_thick(ways)
 
 
 def any_way_closed(problem: Problem, until: Deadline) -> bool:
-    """Return whether to some goal of the tip there is no such way, which takes far less than to say what closes it."""
+    """Return whether some goal of the tip has no way that is wide and short enough, without finding out why."""
     return next(_closed_ways(problem, until), None) is not None
 
 
 def _closed_ways(problem: Problem, until: Deadline) -> Iterator[Ways]:
-    # Where the tip cannot be at all, or is out of reach, that is what is said.
+    # Goals where the tip is in contact or out of reach are reported by other checks.
     touched = {finding.key for finding in contact_at_tips(problem)}
     far = {finding.key for finding in within_reach(problem)}
     for ways in tip_ways(problem, until):
@@ -183,7 +189,7 @@ def _closed_ways(problem: Problem, until: Deadline) -> Iterator[Ways]:
 
 
 def _is_detour(ways: Ways) -> bool:
-    """Return whether the shortest way is known and longer than the straight one, which is a matter of reach."""
+    """Return whether the shortest way is known and longer than the straight line, so that reach alone is no cause."""
     straight = float(np.linalg.norm(ways.place.goal.position - ways.arm.base)) - ways.place.tolerances.position
     return ways.shortest_is_proved and ways.least > (1.0 + _DETOUR) * straight
 
@@ -194,12 +200,12 @@ def way_length(way: FloatArray) -> float:
 
 
 def way_corners(way: FloatArray | None) -> tuple[tuple[float, ...], ...]:
-    """Return a way as a finding keeps it."""
+    """Convert the corners of a way to the form that findings store."""
     return () if way is None else tuple(point(place) for place in way)
 
 
 def _too_long(ways: Ways) -> Finding:
-    """Return all ways that are wide enough are longer than the arm, or than what it has beyond its hole."""
+    """Return the finding that all ways that are wide enough are longer than the arm, or its part beyond the hole."""
     arm = ways.arm
     way = ways.shortest
     assert way is not None  # noqa: S101 - said by who asks
@@ -235,7 +241,7 @@ def _farthest_off(way: FloatArray) -> FloatArray:
 
 
 def _too_thick(ways: Ways) -> Finding:
-    """Return no way is wide enough: the widest there is, or none for an arm of any width."""
+    """Return the finding that no way is wide enough, with the widest way if there is any."""
     widest = ways.widest(ways.room)
     opened = ways.opening(widest.place, closed=widest.closed)
     arm = ways.problem.arm
@@ -280,12 +286,12 @@ def _too_thick(ways: Ways) -> Finding:
 
 
 def between(walls: tuple[str, ...]) -> str:
-    """Return where a gap is: between several obstacles, or in one that has a hole."""
+    """Return in words where a passage is: between several obstacles, or in a single one with a hole."""
     return f"between {listed(walls)}" if len(walls) > 1 else f"in {listed(walls)}"
 
 
 def tight_ways(problem: Problem, until: Deadline) -> tuple[Finding, ...]:
-    """Return what is likely to stand in the way though it is not proved to, the tightest first."""
+    """Return likely obstructions that are not proved, the tightest first."""
     found: list[Finding] = []
     for ways in tip_ways(problem, until):
         found += _narrow(ways)
@@ -297,7 +303,7 @@ def tight_ways(problem: Problem, until: Deadline) -> tuple[Finding, ...]:
 
 
 def _narrow(ways: Ways) -> Iterator[Finding]:
-    """Yield the narrowest place of the widest way against the diameter."""
+    """Yield a finding if the widest way is hardly wider than the arm's diameter with its clearance."""
     if ways.room <= 0.0:
         return
     widest = ways.widest(_NARROW * ways.room)
@@ -320,7 +326,7 @@ def _narrow(ways: Ways) -> Iterator[Finding]:
 
 
 def _short(ways: Ways, way: FloatArray) -> Iterator[Finding]:
-    """Yield the length of the shortest way that was found against the arm's."""
+    """Yield a finding if the arm is hardly longer than the shortest way found."""
     length = way_length(way)
     if ways.arm.length <= _SHORT * length:
         yield Finding(
@@ -335,13 +341,13 @@ def _short(ways: Ways, way: FloatArray) -> Iterator[Finding]:
 
 
 def _stiff(ways: Ways, way: FloatArray) -> Iterator[Finding]:
-    """Yield the sharpest turns of that way against the tightest bend of the arm, given the room that there is.
+    """Yield a finding for each turn of the shortest way that is hardly wider than the arm's tightest bend.
 
-    A turn by α round an inner corner from which the arm may be moved outwards by h leaves room for an arc of radius
-    h cos(α/2) / (1 − cos(α/2)); links of length l turn by β to a radius l / (2 tan(β/2)).
+    A turn by α around an inner corner with clearance h on the outside admits an arc of radius
+    h cos(α/2) / (1 − cos(α/2)). Links of length l that turn by β form an arc of radius l / (2 tan(β/2)).
     """
     arm = ways.problem.arm
-    # Limits near half a turn are cut off, where tangent and cosine run away.
+    # Angles near half a turn are capped, since tangent and cosine degenerate there.
     tightest = 0.5 * arm.link_length / np.tan(0.5 * min(most_turn(arm, arm.joint_limit), 0.99 * np.pi))
     corners = simplified(way, ways.room)
     for before, corner, after in zip(corners, corners[1:], corners[2:], strict=False):
@@ -372,14 +378,14 @@ def _stiff(ways: Ways, way: FloatArray) -> Iterator[Finding]:
 
 
 def simplified(way: FloatArray, tolerance: float) -> FloatArray:
-    """Return a way without the corners that lie near the straight lines between the others, shape (k, d) [m].
+    """Remove the corners of a way that lie near the straight lines between the others, shape (k, d) [m].
 
-    A way pulled round something has many corners that turn a little; here they are one. Source: D. Douglas and T.
-    Peucker, Algorithms for the reduction of the number of points required to represent a digitized line, 1973.
+    A way pulled around an obstacle has many corners with small turns, which this merges into one. Source: D. Douglas
+    and T. Peucker, Algorithms for the reduction of the number of points required to represent a digitized line, 1973.
 
     Args:
-        way: corners, shape (m, d) [m].
-        tolerance: how far from the straight lines corners that are left out may be [m].
+        way: corners of the way, shape (m, d) [m].
+        tolerance: largest distance of removed corners from the straight lines [m].
     """
     if len(way) < 3:
         return way
