@@ -1,1 +1,1 @@
-"""Rigid-body algorithms of Featherstone and Craig as CasADi functions: one file an algorithm."""
+"""Rigid-body algorithms of Featherstone and Craig as CasADi functions, one file per algorithm."""

@@ -1,8 +1,8 @@
-"""The functions of one link for an arm that stays in its plane: what is zero there is left out of the expressions.
+"""Link functions for an arm that stays in its plane, with all terms left out that are zero there.
 
-Only the second revolute of a ball bends the arm in the plane; the other two stand at zero, with sines 0 and cosines 1.
-Products with these zeros, sums with them and products with one are left out, and nothing else is done to the
-expressions: every number that is left is the same to the last bit, by a third of the operations. Arguments and results
+In the plane, only the second revolute of a ball joint moves; the other two stay at zero, with sines 0 and cosines 1.
+Products and sums with these zeros, and products with one, are left out of the expressions, which are otherwise
+unchanged: all remaining numbers are identical to the last bit, with a third of the operations. Arguments and results
 keep their shapes.
 """
 
@@ -12,9 +12,9 @@ from typing import Any
 import casadi as ca
 
 Known = tuple[float | None, ...]
-"""Of every number in a column its constant value, 0 or 1; None for one that is not known."""
+"""Constant values, 0 or 1, of the numbers in a column; None for numbers that are not known."""
 Value = Any
-"""A number of an expression: 0.0 or 1.0 where it is known, else a CasADi expression."""
+"""A number in an expression: 0.0 or 1.0 if known, else a CasADi expression."""
 TRIG: Known = (0.0, None, 0.0, 1.0, None, 1.0)
 """Sines and cosines of a ball."""
 OF_BALL: Known = (0.0, None, 0.0)
@@ -24,25 +24,25 @@ WORLD: Known = (None, 0.0, None, None, None)
 AT_REST: Known = (0.0, 0.0, 0.0)
 """The angular velocity of the base."""
 NEUTRAL_BEFORE = {ca.OP_ADD: 0.0, ca.OP_MUL: 1.0}
-"""Numbers that change nothing before a sign."""
+"""Left operands that leave the right one unchanged, by operation."""
 NEUTRAL_AFTER = {**NEUTRAL_BEFORE, ca.OP_SUB: 0.0, ca.OP_DIV: 1.0}
-"""Numbers that change nothing behind a sign."""
+"""Right operands that leave the left one unchanged, by operation."""
 
 
 def free(count: int) -> Known:
-    """Return nothing known of so many numbers."""
+    """Return a column of `count` unknown numbers."""
     return (None,) * count
 
 
 def in_plane(step: Any, inputs: Sequence[Known]) -> tuple[Any, tuple[Known, ...]]:
-    """Return a function of one link of which some arguments are known.
+    """Specialise a link function for arguments with known numbers.
 
     Args:
         step: CasADi function of columns.
-        inputs: what is known of each argument; such numbers are taken as known, whatever a caller gives.
+        inputs: known numbers of each argument, which are used whatever a caller passes.
 
     Returns:
-        The function of the same arguments and results, and which numbers of its results are zero.
+        The specialised function, with the same arguments and results, and the numbers of its results that are zero.
     """
     symbols = [ca.SX.sym(step.name_in(i), len(known)) for i, known in enumerate(inputs)]
     given = [
@@ -56,20 +56,20 @@ def in_plane(step: Any, inputs: Sequence[Known]) -> tuple[Any, tuple[Known, ...]
 
 
 def swept_in_plane(step: Any, start: Known, columns: Sequence[Known]) -> tuple[Any, tuple[Known, ...]]:
-    """Return as ``in_plane`` for ``step(state, *columns) -> (state, *outputs)``, run from link to link.
+    """Specialise a function ``step(state, *columns) -> (state, *outputs)`` that is run from link to link.
 
     Args:
         step: CasADi function of one link.
-        start: what is known of the first state.
-        columns: what is known of the further arguments, at every link.
+        start: known numbers of the first state.
+        columns: known numbers of the other arguments, at every link.
 
     Returns:
-        The function, and which numbers of the state and of the outputs are zero at every link.
+        The specialised function, and the numbers of the state and the outputs that are zero at every link.
     """
     state = start
     while True:
         reduced, (passed, *outputs) = in_plane(step, [state, *columns])
-        # What is zero at the first link is so at all others only if no link makes it something else.
+        # A number that is zero at the first link is zero at all others only if no link changes it.
         common = tuple(before if before == after else None for before, after in zip(state, passed, strict=True))
         if common == state:
             return reduced, (state, *outputs)
@@ -77,10 +77,10 @@ def swept_in_plane(step: Any, start: Known, columns: Sequence[Known]) -> tuple[A
 
 
 def _evaluated(step: Any, given: Sequence[Sequence[Value]]) -> list[list[Value]]:
-    """Return a function's results, operation by operation as it has them."""
+    """Evaluate a function operation by operation, in its own order, and return its results."""
     work: dict[int, Value] = {}
     results: list[list[Value]] = [[0.0] * step.nnz_out(i) for i in range(step.n_out())]
-    # CasADi's own simplification would go further, as from a / (a b) to 1 / b, which rounds otherwise.
+    # CasADi's own simplification would go further, such as a / (a b) to 1 / b, which changes the rounding.
     before = ca.GlobalOptions.getSimplificationOnTheFly()
     ca.GlobalOptions.setSimplificationOnTheFly(False)
     try:
@@ -102,7 +102,7 @@ def _evaluated(step: Any, given: Sequence[Sequence[Value]]) -> list[list[Value]]
 
 
 def _applied(operation: int, values: Sequence[Value]) -> Value:
-    """Return one operation on one or two values; left out where known ones make its result exact."""
+    """Apply an operation to one or two values; it is left out if known values determine its result exactly."""
     if len(values) == 1:
         odd = operation in (ca.OP_NEG, ca.OP_SQ, ca.OP_TWICE)
         return 0.0 if odd and _is(values[0], 0.0) else ca.SX.unary(operation, values[0])
@@ -119,5 +119,5 @@ def _applied(operation: int, values: Sequence[Value]) -> Value:
 
 
 def _is(value: Value, number: float) -> bool:
-    """Return whether a value is known to be a number."""
+    """Return whether a value is known and equal to a given number."""
     return isinstance(value, float) and value == number

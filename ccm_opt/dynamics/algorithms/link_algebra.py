@@ -5,7 +5,7 @@ With R = Rz(a) Ry(b) Rx(c) or Rz(a) Ry(b) Rz(c) the relative angular velocity is
 gives the revolute torques τ = Sᵀ n (Featherstone, Rigid Body Dynamics Algorithms, 2008, section 4.4). The determinant
 of S is −cos b (zyx) or −sin b (zyz).
 
-A link is symmetric about the x axis of its frame, which leaves few terms of each product.
+A link is symmetric about the x axis of its frame, so few terms of each product remain.
 """
 
 from collections.abc import Callable
@@ -18,11 +18,11 @@ from ccm_opt.robot.arm import Axes
 
 
 class YawBendRoll:
-    """Z-Y-X: S has the columns (−sb, cb sc, cb cc), (0, cc, −sc), (1, 0, 0)."""
+    """Ball joint with axes Z-Y-X, where S has the columns (−sb, cb sc, cb cc), (0, cc, −sc), (1, 0, 0)."""
 
     @staticmethod
     def rotation(trig: Any) -> Any:
-        """Return the r = Rz(a) Ry(b) Rx(c)."""
+        """Return the rotation matrix R = Rz(a) Ry(b) Rx(c)."""
         sa, c_a, sb, cb, sc, cc = _sines(trig)
         yaw_bend = c_a * sb
         sine_bend = sa * sb
@@ -34,14 +34,14 @@ class YawBendRoll:
 
     @staticmethod
     def angular_velocity(trig: Any, rates: Any) -> Any:
-        """Return the s q̇."""
+        """Return the relative angular velocity w = S q̇, (3,)."""
         _, _, sb, cb, sc, cc = _sines(trig)
         yaw = cb * rates[0]
         return ca.vertcat(rates[2] - sb * rates[0], yaw * sc + cc * rates[1], yaw * cc - sc * rates[1])
 
     @staticmethod
     def rate_bias(trig: Any, rates: Any) -> Any:
-        """Return the ṡ q̇."""
+        """Return the velocity product Ṡ q̇, (3,)."""
         _, _, sb, cb, sc, cc = _sines(trig)
         # The derivative of S q̇ at constant rates, its terms gathered by cos c and sin c.
         yaw, bend, roll = ca.vertsplit(rates)
@@ -51,18 +51,18 @@ class YawBendRoll:
 
     @staticmethod
     def torques(trig: Any, moment: Any) -> Any:
-        """Return the sᵀ n."""
+        """Return the revolute torques τ = Sᵀ n, (3,)."""
         _, _, sb, cb, sc, cc = _sines(trig)
         across = sc * moment[1] + cc * moment[2]
         return ca.vertcat(cb * across - sb * moment[0], cc * moment[1] - sc * moment[2], moment[0])
 
 
 class YawBendSpin:
-    """Z-Y-Z: S has the columns (−sb cc, sb sc, cb), (sc, cc, 0), (0, 0, 1)."""
+    """Ball joint with axes Z-Y-Z, where S has the columns (−sb cc, sb sc, cb), (sc, cc, 0), (0, 0, 1)."""
 
     @staticmethod
     def rotation(trig: Any) -> Any:
-        """Return the r = Rz(a) Ry(b) Rz(c)."""
+        """Return the rotation matrix R = Rz(a) Ry(b) Rz(c)."""
         sa, c_a, sb, cb, sc, cc = _sines(trig)
         yaw_bend = c_a * cb
         sine_bend = sa * cb
@@ -74,14 +74,14 @@ class YawBendSpin:
 
     @staticmethod
     def angular_velocity(trig: Any, rates: Any) -> Any:
-        """Return the s q̇."""
+        """Return the relative angular velocity w = S q̇, (3,)."""
         _, _, sb, cb, sc, cc = _sines(trig)
         yaw = sb * rates[0]
         return ca.vertcat(sc * rates[1] - yaw * cc, yaw * sc + cc * rates[1], cb * rates[0] + rates[2])
 
     @staticmethod
     def rate_bias(trig: Any, rates: Any) -> Any:
-        """Return the ṡ q̇."""
+        """Return the velocity product Ṡ q̇, (3,)."""
         _, _, sb, cb, sc, cc = _sines(trig)
         # The derivative of S q̇ at constant rates, its terms gathered by cos c and sin c.
         yaw, bend, spin = ca.vertsplit(rates)
@@ -91,20 +91,23 @@ class YawBendSpin:
 
     @staticmethod
     def torques(trig: Any, moment: Any) -> Any:
-        """Return the sᵀ n."""
+        """Return the revolute torques τ = Sᵀ n, (3,)."""
         _, _, sb, cb, sc, cc = _sines(trig)
         across = sc * moment[1] - cc * moment[0]
         return ca.vertcat(sb * across + cb * moment[2], sc * moment[0] + cc * moment[1], moment[2])
 
 
 BallJoint: TypeAlias = type[YawBendRoll | YawBendSpin]
-"""The algebra of a ball joint whose three revolutes turn about given axes: by the sines of its angles and then the
-cosines, (6,), R, parent ← child, (3, 3), w = S q̇, the velocity product Ṡ q̇, and the torques Sᵀ n, (3,) each."""
+"""The algebra of a ball joint with a given order of axes.
+
+From the sines and then the cosines of its angles, (6,), it gives R (parent ← child), (3, 3), w = S q̇, the velocity
+product Ṡ q̇, and the torques Sᵀ n, each (3,).
+"""
 BALL_JOINTS: dict[Axes, BallJoint] = {"zyx": YawBendRoll, "zyz": YawBendSpin}
 
 
 def _sines(trig: Any) -> tuple[Any, ...]:
-    """Return the (sin a, cos a, sin b, cos b, sin c, cos c)."""
+    """Return (sin a, cos a, sin b, cos b, sin c, cos c)."""
     return tuple(trig[k + 3 * cosine] for k in range(3) for cosine in (0, 1))
 
 
@@ -113,7 +116,7 @@ def _matrix(*rows: tuple[Any, Any, Any]) -> Any:
 
 
 def centripetal(omega: Any) -> Any:
-    """ω × (ω × x̂), (3,): acceleration of a unit point on the link's axis due to its angular velocity alone."""
+    """Return ω × (ω × x̂), (3,): the acceleration of a point at unit distance on the link's axis due to ω alone."""
     x, y, z = ca.vertsplit(omega)
     return ca.vertcat(-y * y - z * z, x * y, x * z)
 
@@ -130,18 +133,20 @@ COLUMNS = {
     "drive": 6,
     "world": 5,
 }
-"""Numbers of what the functions of one link are given, by name: the sines and then the cosines of its ball, rates and
-accelerations of its revolutes, their torques; (ω, β); (F, N); what its acceleration needs; its body and drives, and the
-world, as ``ArmModel`` has them. One number each has what is not listed."""
+"""Sizes of the arguments of link functions, by name; all others are single numbers.
+
+They are the sines and then the cosines of the ball joint, rates, accelerations and torques of its revolutes, (ω, β),
+(F, N), what the acceleration sweep needs, and body, drives and world as in ``ArmModel``.
+"""
 
 
 def link_function(name: str, of: Callable[..., tuple[Any, ...]], state: int = 1) -> Any:
-    """Return a CasADi function of one link; its arguments are columns as they are called.
+    """Return a CasADi function of one link; the names of its arguments decide their sizes.
 
     Args:
-        name: of the function.
-        of: columns to columns.
-        state: numbers that one link passes to the next.
+        name: name of the function.
+        of: function from columns to columns.
+        state: size of the state that one link passes to the next.
     """
     sizes = {**COLUMNS, "state": state}
     columns = [ca.SX.sym(column, sizes.get(column, 1)) for column in signature(of).parameters]

@@ -1,1 +1,1 @@
-"""What evaluates the dynamics: compiled recursions, for one arm, one state or many, and in a closed loop."""
+"""Evaluation of the dynamics by compiled recursions, for single states, many states, and in closed loop."""

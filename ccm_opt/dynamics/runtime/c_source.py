@@ -18,7 +18,7 @@ from ccm_opt.robot.arm import Axes
 
 C_FILES = ("sines.c", "recursion.c", "simulation.c")
 SYMBOLS = ("inverse_dynamics", "forward_dynamics", "simulate", "work_per_link", "loop_rows")
-"""What a source offers; in the library, with the name of the structure's variant behind two underscores."""
+"""Functions that a source exports; in the library, their names end in two underscores and the structure's variant."""
 # The functions of one link are for the recursions alone.
 PRIVATE = "#define CASADI_SYMBOL_EXPORT static ALWAYS_INLINE\n"
 
@@ -34,7 +34,7 @@ def source_text(structure: Structure) -> str:
     rnea = rnea_steps(structure)
     aba = aba_steps(structure)
     names = "".join(f"#define {name} {name}__{structure.variant}\n" for name in SYMBOLS)
-    # The loops written by hand are told how many numbers ABA passes on and keeps.
+    # The hand-written loops need the number of values that ABA passes on and keeps per link.
     sizes = f"#define STATE {aba.inertia.size1_in(0)}\n#define SOLVED {aba.inertia.size1_out(1)}\n"
     by_hand = [Path(__file__).with_name(name).read_text(encoding="utf-8") for name in C_FILES]
     generated = _generated([*rnea, *aba], structure.variant)
@@ -44,7 +44,7 @@ def source_text(structure: Structure) -> str:
 def _generated(functions: Sequence[Any], name: str) -> str:
     generator = ca.CodeGenerator(f"{name}.c")  # the name is in front of its helpers, of which there is one library
     for function in functions:
-        # Zeros that CasADi knows of are not stored in sparse results, and the rows below would be shifted.
+        # CasADi omits known zeros from sparse results, which would shift the values that follow.
         if not all(function.sparsity_out(i).is_dense() for i in range(function.n_out())):
             raise RuntimeError(f"{function.name()} leaves out zeros, which the recursions do not expect")
         generator.add(function)

@@ -14,11 +14,11 @@ from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.frames import joint_names, revolute_angles
 
 DynamicsKind = Literal["inverse_dynamics", "forward_dynamics"]
-"""From accelerations to torques, or from torques to accelerations."""
+"""Direction of the dynamics: from accelerations to torques, or from torques to accelerations."""
 JointsCall: TypeAlias = Callable[[FloatArray, FloatArray, FloatArray], FloatArray]
-"""Three joint states to one, shape (3 * links,) each."""
+"""Function of three joint arrays to one, each of shape (3 * links,)."""
 FeedCall: TypeAlias = Callable[[FloatArray, FloatArray, FloatArray, FloatArray | float], tuple[FloatArray, FloatArray]]
-"""The same with a value of the feed axis, shape (), in and out."""
+"""The same with a value of the feed axis, shape (), as additional argument and result."""
 
 
 def arm_for_c(model: ArmModel) -> dict[str, Any]:
@@ -29,11 +29,11 @@ def arm_for_c(model: ArmModel) -> dict[str, Any]:
 
 
 class CompiledFunction:
-    """Inverse or forward dynamics of one arm. Not for use by two threads at once.
+    """Compiled inverse or forward dynamics of one arm; not thread-safe.
 
     Args:
-        kind: which of the two.
-        model: the arm's model.
+        kind: inverse or forward dynamics.
+        model: dynamic model of the arm.
     """
 
     def __init__(self, kind: DynamicsKind, model: ArmModel) -> None:
@@ -42,12 +42,12 @@ class CompiledFunction:
         self.one, self.one_with_feed = self._single_state_calls(model.structure.joints)
 
     def _single_state_calls(self, joints: int) -> tuple[JointsCall, FeedCall]:
-        """Return the function at one state as closures over fixed memory, the shortest calls that Python allows.
+        """Return the functions for a single state, as closures over fixed memory to minimise the call overhead.
 
         Returns:
-            A function of three arrays of shape (3 * links,) to the joints' result, for a feed of 0, and one of these
-            and a feed to the results for joints and feed. Both raise ValueError, TypeError or NotImplementedError for
-            other arrays.
+            A function of three arrays of shape (3 * links,) to the result for the joints, with a feed of 0, and a
+            function of the same arrays and a feed to the results for joints and feed. Both raise ValueError, TypeError
+            or NotImplementedError for other arrays.
         """
         q, qd, third, out = np.zeros((4, joints))
         feed, out_feed = np.zeros((2, 1))
@@ -56,8 +56,8 @@ class CompiledFunction:
         function = self._one.function
         copy_of_out = out.copy
 
-        # Views refuse arrays of another shape, type or layout, and copy faster than numpy's assignment does; a slice
-        # made once saves its construction at every call. Both are measurable beside 0.4 µs for a recursion.
+        # Views reject arrays of another shape, type or layout, and copy faster than numpy's assignment; a slice made
+        # once need not be constructed in every call. Both are noticeable next to 0.4 µs for a recursion.
         into_q = q.data
         into_qd = qd.data
         into_third = third.data
@@ -86,7 +86,7 @@ class CompiledFunction:
     def many(
         self, first: FloatArray, second: FloatArray, third: FloatArray, feed: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Return the function at N states, three arrays of shape (N, 3 * links), feed (N,)."""
+        """Evaluate the dynamics at N states, given by three arrays of shape (N, 3 * links) and a feed (N,)."""
         out = np.empty(first.shape)
         out_feed = np.empty(len(feed))
         self._many.set(count=len(feed), q=first, qd=second, third=third, feed=feed, out=out, out_feed=out_feed)
@@ -95,15 +95,15 @@ class CompiledFunction:
 
 
 MISFIT = (TypeError, ValueError, NotImplementedError)
-"""What memory views raise for anything but contiguous doubles of their own shape."""
+"""Errors that memory views raise for anything but contiguous doubles of their own shape."""
 
 
 class DynamicsFunction:
-    """A function of three joint states and one value of the feed axis, to a joint state and one value of the feed.
+    """Inverse or forward dynamics of one arm, for states of any number, type and layout.
 
     Args:
-        kind: which of the two.
-        model: the arm's model.
+        kind: inverse or forward dynamics.
+        model: dynamic model of the arm.
     """
 
     def __init__(self, kind: DynamicsKind, model: ArmModel) -> None:
@@ -114,8 +114,8 @@ class DynamicsFunction:
         self._joints = model.structure.joints
 
     def of_joints(self, first: FloatArray, second: FloatArray, third: FloatArray) -> FloatArray:
-        """Return the result for the joints alone and for a feed of 0, of the states' shape; see ``with_feed``."""
-        # One state of contiguous doubles is tried first, as asking what was given would take longer than the dynamics.
+        """Return the result for the joints with a feed of 0, of the states' shape; see ``with_feed``."""
+        # A single state of contiguous doubles is tried first, since inspecting the arguments takes longer than this.
         try:
             return self._one(first, second, third)
         except MISFIT:
@@ -130,7 +130,7 @@ class DynamicsFunction:
             The results for the joints, of the states' shape, and for the feed axis, of shape () or (N,).
 
         Raises:
-            ProblemError: when the shapes do not fit.
+            ProblemError: the shapes do not match.
         """
         try:
             return self._one_with_feed(first, second, third, feed)
@@ -140,7 +140,7 @@ class DynamicsFunction:
     def _general(
         self, first: FloatArray, second: FloatArray, third: FloatArray, feed: FloatArray | float
     ) -> tuple[FloatArray, FloatArray]:
-        """Return the states of any number, type and layout, converted and checked."""
+        """Evaluate at states of any number, type and layout, after checking and converting them."""
         shape = np.shape(first)
         fits = len(shape) in {1, 2} and shape[-1] == self._joints
         if not fits or np.shape(second) != shape or np.shape(third) != shape:
@@ -194,9 +194,9 @@ class InverseDynamics:
         accelerations: FloatArray,
         feed_accelerations: FloatArray | float | None = None,
     ) -> FloatArray:
-        """Force on the feed axis [N], shape (N,), or () for one state; arguments as for the torques.
+        """Return the force on the feed axis [N], shape (N,), or () for one state; arguments as for the torques.
 
-        It is the component along the base heading of what the base must bear to move the whole arm, gravity included.
+        The force is the component along the base heading of the force that moves and carries the whole arm.
         """
         return self.efforts(angles, velocities, accelerations, feed_accelerations)[1]
 
@@ -207,7 +207,7 @@ class InverseDynamics:
         accelerations: FloatArray,
         feed_accelerations: FloatArray | float | None = None,
     ) -> tuple[FloatArray, FloatArray]:
-        """Return the torques and the force on the feed axis by one recursion; arguments as for the torques."""
+        """Return the torques and the force on the feed axis from one recursion; arguments as for the torques."""
         feed = 0.0 if feed_accelerations is None else feed_accelerations
         return self._rnea.with_feed(angles, velocities, accelerations, feed)
 
@@ -215,7 +215,7 @@ class InverseDynamics:
 class MassMatrix:
     """Mass matrix of an arm, payload and rotors included.
 
-    Its columns are what unit accelerations need where nothing weighs and nothing moves yet.
+    Its columns are the torques for unit accelerations without gravity and at rest.
 
     Args:
         arm: the arm.
@@ -229,7 +229,7 @@ class MassMatrix:
         return self.with_feed(angles)[1:, 1:]
 
     def with_feed(self, angles: FloatArray) -> FloatArray:
-        """Return mass matrix with the feed axis first, shape (3 * links + 1, 3 * links + 1); units with kg and kg m."""
+        """Return the mass matrix with the feed axis first, shape (3 * links + 1, 3 * links + 1) [kg, kg m, kg m²]."""
         unit = np.eye(len(angles) + 1)
         states = np.broadcast_to(angles, (len(unit), len(angles)))
         torques, forces = self._dynamics.efforts(states, np.zeros_like(states), unit[:, 1:], unit[:, 0])
@@ -238,7 +238,7 @@ class MassMatrix:
 
 
 def joint_states(arm: Arm, trajectory: JointTrajectory, inverse_dynamics: InverseDynamics) -> JointStates:
-    """A planar trajectory as motion and efforts of all drives: the revolutes, and the axes that carry the base."""
+    """Return the motion and efforts of all drives along a trajectory: the revolutes, and the axes of the base."""
     angles = revolute_angles(arm, trajectory.bend_angles)
     velocities = revolute_angles(arm, trajectory.bend_velocities)
     accelerations = revolute_angles(arm, trajectory.bend_accelerations)

@@ -1,1 +1,1 @@
-"""The arm under its controller: references, disturbances, and the closed loop."""
+"""Simulation of the arm under its controller: references, disturbances, and the closed loop."""

@@ -1,8 +1,8 @@
-"""Simulates the controlled arm, and judges how it followed.
+"""Simulation of the controlled arm, and the verdict on how well it followed its plan.
 
 Each step holds the control computed at its start and integrates q̈ = ABA(q, q̇, τ) by the classical Runge–Kutta method; a
-feed axis is one more coordinate, the last. A planar motion under gravity in its plane stays exactly planar: every term
-out of the plane is a product with zero.
+feed axis is an additional, last coordinate. A planar motion under gravity in its plane stays exactly planar, since all
+out-of-plane terms are products with zero.
 """
 
 from collections.abc import Iterator
@@ -38,22 +38,23 @@ from ccm_opt.robot.coordinates import Coordinates
 _STRAYED = 0.1
 """Error of a joint above which the arm does not follow its plan [rad]. Taste."""
 _LOST = 1.0
-"""Error of a joint at which the arm has left its plan for good and the run is stopped [rad]. Taste: a joint that is off
-by a whole radian follows nothing."""
+"""Error of a joint at which the arm counts as having diverged and the run is stopped [rad]. Taste."""
 
 _CHUNK_STEPS = 200
-"""Steps in one call of the loop. Taste: a call costs microseconds, and a state that is not finite is noticed when its
-call ends."""
+"""Number of steps per call of the loop.
+
+Taste: a call costs microseconds, and states that are not finite are noticed only when their call ends.
+"""
 
 
 @dataclass(frozen=True)
 class RunFault:
-    """Where a run first goes wrong.
+    """The first fault of a run.
 
     Attributes:
-        column: of the state that is at fault: a revolute, or after them all the feed axis.
-        step: number of the state from the run's begin; state k stands at k steps.
-        error: of the revolute at that state [rad]; not finite when the state is not.
+        column: index of the faulty coordinate: a revolute, or after all revolutes the feed axis.
+        step: index of the state from the start of the run; state k is at the end of k steps.
+        error: error of the revolute in that state [rad]; not finite if the state is not.
     """
 
     column: int
@@ -62,8 +63,8 @@ class RunFault:
 
 
 def first_far_off(steps: SimulatedSteps, most: float) -> RunFault | None:
-    """The first state that is not finite, or a revolute of which is farther from its reference than ``most`` [rad]."""
-    # Where an error is no number, the first comparison fails, too.
+    """Return the first state that is not finite, or in which a revolute's error exceeds ``most`` [rad]."""
+    # If an error is NaN, the first comparison fails, too.
     if steps.worst_error <= most and steps.is_finite:
         return None
     # The feed axis, last, has errors in metres, for which there is no such bound.
@@ -74,7 +75,7 @@ def first_far_off(steps: SimulatedSteps, most: float) -> RunFault | None:
 
 
 def first_saturation(steps: SimulatedSteps, limit: FloatArray) -> RunFault | None:
-    """Return the first effort at its limit, shape (W,) [N m, N]; it is held from that state on."""
+    """Return the first effort at its limit, given limits of shape (W,) [N m, N]; the effort is held from that state."""
     full = np.abs(steps.efforts) >= limit
     if not full.any():
         return None
@@ -83,7 +84,7 @@ def first_saturation(steps: SimulatedSteps, limit: FloatArray) -> RunFault | Non
 
 
 def steps_before(steps: SimulatedSteps, fault: RunFault) -> SimulatedSteps:
-    """Return the steps of a run that end before the state at fault; there may be none."""
+    """Return the steps of a run that end before the faulty state; there may be none."""
     count = fault.step - steps.first - 1
     return replace(
         steps, states=steps.states[: count + 1], efforts=steps.efforts[:count], targets=steps.targets[:count]
@@ -106,15 +107,15 @@ def judge_run(
     lost: RunFault | None,
     needs: PlanNeeds | None,
 ) -> SimulationVerdict:
-    """Return the verdict on a run, as far as drives and errors decide it; what the arm touches is not known here.
+    """Return the verdict on a run, judged by drives and tracking errors; contacts are not checked here.
 
     Args:
-        record: of the run.
-        names: of all revolutes.
-        full: where an effort first met its limit; None when none did.
-        strayed: where a joint was first far off its reference; None when none was.
-        lost: where the run was stopped, since the arm had left its plan for good; None when it was not.
-        needs: what the plan takes of the drives of the simulated arm; None where no drive has a limit.
+        record: record of the run.
+        names: names of all revolutes.
+        full: first effort at its limit; None if there was none.
+        strayed: first large tracking error; None if there was none.
+        lost: fault at which the run was stopped because the arm diverged; None if it was not.
+        needs: greatest effort that the plan requires of the simulated arm; None if no drive has a limit.
     """
     step = record.step
     fault = lost or strayed
@@ -124,7 +125,7 @@ def judge_run(
     name = (*names, "the feed axis")[first.column]
     time = first.step * step
     met = "" if full is None else _describe_limit(full, record, names)
-    # Once a drive has nothing left the controller does not decide any more what the arm does: that is the cause.
+    # Once a drive is saturated, the controller has lost control of the arm, so saturation is the cause.
     saturated = full is not None and full.step <= first.step
     status: SimulationOutcome = "saturated"
     if fault is not None:
@@ -134,7 +135,7 @@ def judge_run(
         if lost is None:
             off = f"{off}, and joints are up to {record.tracking_error:.3g} rad off in all"
         met = f"{off}; before that, {met}" if saturated else f"{off}, though no drive was at its limit before"
-    # Drives that could follow the plan are not to blame for being full: the controller drove them there.
+    # If the drives could follow the plan, the controller is to blame for saturating them.
     too_weak = needs is not None and needs.share > 1.0
     advice = _drive_advice(needs, names) if saturated or too_weak else CONTROL_ADVICE
     return SimulationVerdict(
@@ -143,7 +144,7 @@ def judge_run(
 
 
 def _describe_needs(needs: PlanNeeds | None, names: tuple[str, ...]) -> str:
-    """Return what the drives could hold, to go on after the reason."""
+    """Return a clause on whether the drives could follow the plan, to be appended to the reason."""
     if needs is None:
         return ""
     unit = "N" if needs.column == len(names) else "N m"
@@ -188,12 +189,11 @@ def simulate(
         limits: efforts saturate at ``limits.torque`` and ``limits.feed_force`` when they are not None.
 
     Returns:
-        Angles, base and applied torques at the trajectory's own samples, with a verdict on drives and errors. An arm
-        that leaves its plan for good is not followed any further; what it touches is not looked at here.
+        Angles, base and applied torques at the trajectory's own samples, with a verdict on drives and errors. The run
+        stops when the arm diverges; contacts are not checked here.
 
     Raises:
-        SimulationError: before the run, when the axes are singular on the motion or the gains are unstable at this
-            step.
+        SimulationError: before the run, if the axes are singular on the motion or the gains are unstable at this step.
     """
     if trajectory.duration <= 0.0:
         return SimulatedMotion(
@@ -233,7 +233,7 @@ def simulated_states(
     limits: Limits,
     interval: float,
 ) -> Iterator[tuple[float, FloatArray, float]]:
-    """Yield the same simulation one time interval after the other, for those who watch it (section 5.1, steps 5 to 7).
+    """Yield the states of the simulation at a time interval, for live display (section 5.1, steps 5 to 7).
 
     Args:
         arm: as for ``simulate``, with the arguments that follow.
@@ -254,7 +254,7 @@ def simulated_states(
 
 
 def _most_efforts(limits: Limits, coordinates: Coordinates) -> FloatArray:
-    """Limits of the efforts of all revolutes and, last, of the thrust along the feed axis, shape (3 * links + 1,)."""
+    """Return the effort limits of all revolutes and, last, of the feed axis, shape (3 * links + 1,) [N m, N]."""
     efforts = limits.of_drives(coordinates).effort
     # A fixed base has a column in the loop, but no drive.
     return np.append(efforts, np.full(coordinates.revolutes + 1 - len(efforts), np.inf))
@@ -267,7 +267,7 @@ def _prepared(
     options: SimulationOptions,
     limits: Limits,
 ) -> tuple["_Run", FloatArray]:
-    """Return what is run, and the state it starts from; everything that can be refused is refused here."""
+    """Return the run and its initial state, after all checks that may reject it."""
     planar = _is_planar(arm, joints, options)
     if planar:
         arm = replace(arm, axes="zyx")  # in the plane only bends move, and both orders of axes are the same arm
@@ -284,7 +284,7 @@ def _prepared(
 
 
 def _coordinates(trajectory: JointTrajectory, joints: JointStates) -> tuple[FloatArray, FloatArray]:
-    """Positions and velocities of all revolutes and, last, of the base along its heading, shape (T, 3 * links + 1)."""
+    """Return positions and velocities of all revolutes and, last, of the base, each of shape (T, 3 * links + 1)."""
     advance = trajectory.coordinates.advance
     positions = np.column_stack((joints.angles, advance(trajectory.positions)))
     velocities = np.column_stack((joints.velocities, advance(trajectory.velocities)))
@@ -294,14 +294,14 @@ def _coordinates(trajectory: JointTrajectory, joints: JointStates) -> tuple[Floa
 def closed_loop(
     plant: Arm, arm: Arm, options: SimulationOptions, limits: Limits, *, planar: bool = False
 ) -> CompiledLoop:
-    """Return the loop of a plant and of the arm that its controller believes in.
+    """Return the closed loop of a plant and a controller with its own model of the arm.
 
     Args:
-        plant: the arm that moves.
-        arm: as its controller knows it.
+        plant: the simulated arm.
+        arm: the arm as its controller knows it.
         options: gravity, step, controller.
-        limits: of the efforts.
-        planar: whether the arm starts in its plane and nothing that the loop is given leads out of it.
+        limits: limits of the efforts.
+        planar: whether the arm starts in its plane and no input of the loop leads out of it.
     """
     plant_model = arm_model(plant, options.gravity)
     believed_model = arm_model(arm, options.gravity)
@@ -312,7 +312,7 @@ def closed_loop(
 
 
 def _is_planar(arm: Arm, joints: JointStates, options: SimulationOptions) -> bool:
-    """Return whether reference and gravity leave the arm exactly in its plane."""
+    """Return whether reference and gravity keep the arm exactly in its plane."""
     # Yaw and roll, the first and third revolutes of every ball, are at rest at zero throughout.
     still = all(not np.any(values[:, place::3]) for values in (joints.angles, joints.velocities) for place in (0, 2))
     return still and falls_in_plane(arm, options.gravity)
@@ -320,14 +320,14 @@ def _is_planar(arm: Arm, joints: JointStates, options: SimulationOptions) -> boo
 
 @dataclass(frozen=True)
 class _Run:
-    """A loop, what it follows, and what disturbs its sensors."""
+    """A closed loop with its reference and sensor noise."""
 
     loop: CompiledLoop
     reference: StepReference
     noise: Noise
 
     def steps(self, state: FloatArray, options: SimulationOptions, size: int) -> Iterator[SimulatedSteps]:
-        """Yield all steps from a state on, shape (2, W), so many at a time."""
+        """Yield all steps from an initial state, shape (2, W), in batches of `size` steps."""
         # Brakes hold the arm for this many steps while the reference moves on.
         held = round(options.disturbances.start_delay / options.step)
         for first in range(0, self.reference.steps, size):

@@ -1,4 +1,4 @@
-"""What a simulation records, its numbers, and checks before it runs."""
+"""The record of a simulation, checks before it runs, and the efforts that a plan requires."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -16,19 +16,22 @@ from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.coordinates import Coordinates
 
 _LARGEST_BEND = 1.3
-"""Bend up to which an arm of Z-Y-X balls is simulated out of its plane [rad]. Derived: at 90° the ball is singular, and
-at 1.3 rad its yaw turns 1 / cos 1.3 = 3.7 times as fast as the link; taste beyond that."""
+"""Largest bend at which an arm with Z-Y-X ball joints is simulated out of its plane [rad].
+
+Derived: the joint is singular at 90°, and at 1.3 rad its yaw turns 1 / cos 1.3 = 3.7 times as fast as the link. The
+choice of 3.7 is taste.
+"""
 
 
 @dataclass(frozen=True)
 class SimulatedSteps:
-    """Some consecutive steps; the feed axis is the last of W = 3 * links + 1 columns.
+    """N consecutive steps of a simulation; the feed axis is the last of W = 3 * links + 1 columns.
 
     Attributes:
-        first: number of the first of them.
-        states: positions and velocities before the first and at the end of each, shape (N + 1, 2, W).
-        efforts: held over each, shape (N, W) [N m, N].
-        targets: positions of the reference at the end of each, shape (N, W).
+        first: index of the first step.
+        states: positions and velocities before the first step and at the end of each, shape (N + 1, 2, W).
+        efforts: efforts held over each step, shape (N, W) [N m, N].
+        targets: reference positions at the end of each step, shape (N, W).
     """
 
     first: int
@@ -43,13 +46,13 @@ class SimulatedSteps:
 
     @cached_property
     def errors(self) -> FloatArray:
-        """How far each revolute is from its reference at the end of each step, shape (N, W - 1) [rad]."""
+        """Absolute tracking errors of the revolutes at the end of each step, shape (N, W - 1) [rad]."""
         with np.errstate(invalid="ignore", over="ignore"):
             return np.asarray(np.abs(self.states[1:, 0, :-1] - self.targets[:, :-1]))
 
     @cached_property
     def worst_error(self) -> float:
-        """The largest of the errors; not a number where some error is none; 0 of no steps."""
+        """The largest tracking error [rad]; NaN if any error is NaN; 0 if there are no steps."""
         return float(np.max(self.errors, initial=0.0))
 
     @cached_property
@@ -60,7 +63,7 @@ class SimulatedSteps:
 
 @dataclass
 class SimulationRecord:
-    """What is kept of the simulated motion, filled as the steps come; the feed axis is the last column.
+    """The simulated motion at the plan's samples, filled step by step; the feed axis is the last of W columns.
 
     Attributes:
         step: length of a step [s].
@@ -85,12 +88,12 @@ class SimulationRecord:
 
     @classmethod
     def from_plan(cls, time: FloatArray, start: FloatArray, step: float, limit: FloatArray) -> "SimulationRecord":
-        """A record to be filled, at the samples of a plan: time (T,) [s], positions at its start (W,), limits (W,)."""
+        """Return an empty record for a plan with sample times (T,) [s], start positions (W,) and effort limits (W,)."""
         positions = np.repeat(start[None], len(time), axis=0)
         return cls(step, time / step, positions, np.zeros_like(positions), limit)
 
     def add(self, steps: SimulatedSteps) -> None:
-        """Interpolate some steps at the samples inside them."""
+        """Add steps to the record by interpolating them at the plan's samples that they cover."""
         if steps.count == 0:
             return
         self.end = steps.first + steps.count
@@ -109,7 +112,7 @@ class SimulationRecord:
         self.full_steps += int(np.count_nonzero(full))
 
     def motion(self, coordinates: Coordinates, verdict: SimulationVerdict) -> SimulatedMotion:
-        """Return the whole simulated motion, once all steps were added."""
+        """Return the whole simulated motion, after all steps have been added."""
         drives = coordinates.drive_count  # a fixed base has a column in the loop, but no drive
         if self._last is not None:
             # An arm whose run was stopped is taken as standing still from there on.
@@ -126,17 +129,17 @@ class SimulationRecord:
 
 
 def check_options(arm: Arm, options: SimulationOptions) -> None:
-    """Refuse what no motion of the arm could be simulated with, before one is planned.
+    """Reject, before planning, options with which no motion of the arm could be simulated.
 
     Args:
-        arm: the arm; its straight pose stands for all.
+        arm: the arm, which is checked in its straight pose.
         options: gravity, step, controller and gains.
 
     Raises:
-        ProblemError: saying which setting is at fault and what would do.
+        ProblemError: the options are unsuitable; names the setting at fault and what would help.
     """
     straight = np.zeros((1, 3 * arm.links))
-    # An arm of two bends a joint leaves any plane, and nothing pulls one of a single bend out of its own.
+    # An arm with two bends per joint leaves any plane; one with a single bend stays in its own.
     planar = arm.coordinates.bends_a_joint == 1 and falls_in_plane(arm, options.gravity)
     plant = disturbed_arm(arm, options.disturbances)
     try:
@@ -148,12 +151,12 @@ def check_options(arm: Arm, options: SimulationOptions) -> None:
 
 
 def falls_in_plane(arm: Arm, gravity: FloatArray) -> bool:
-    """Whether gravity, in the world, shape (3,), leaves an arm in the plane of the second bends of its joints."""
+    """Return whether gravity, shape (3,) in the world frame, lies in the plane in which a planar arm moves."""
     return float(arm.base_rotation[:, 1] @ gravity) == 0.0
 
 
 def check_axes(arm: Arm, angles: FloatArray, *, planar: bool) -> None:
-    """Refuse motions on which the ball joints are singular.
+    """Reject motions on which the ball joints are singular.
 
     Args:
         arm: the arm.
@@ -187,15 +190,15 @@ def check_axes(arm: Arm, angles: FloatArray, *, planar: bool) -> None:
 
 
 def check_finite(steps: SimulatedSteps, names: tuple[str, ...], step: float) -> None:
-    """Stop at the first state that is not finite.
+    """Raise an error if any state of some steps is not finite.
 
     Args:
-        steps: some steps of the run.
-        names: of all revolutes.
+        steps: steps of the run.
+        names: names of all revolutes.
         step: length of a step [s].
 
     Raises:
-        SimulationError: naming joint and time.
+        SimulationError: a state is not finite; names joint and time.
     """
     finite = np.isfinite(steps.states)
     if finite.all():
@@ -215,14 +218,14 @@ def check_finite(steps: SimulatedSteps, names: tuple[str, ...], step: float) -> 
 
 @dataclass(frozen=True)
 class PlanNeeds:
-    """Where a plan takes the greatest share of what a drive can give, were it followed exactly.
+    """The effort of a plan, followed exactly, that is the greatest share of a drive's limit.
 
     Attributes:
-        column: of the drive: a revolute, or after them all the feed axis.
-        time: when [s].
-        effort: that it takes there [N m, N].
-        held: part of it that holds the arm still [N m, N].
-        limit: that the drive has [N m, N].
+        column: index of the drive: a revolute, or after all revolutes the feed axis.
+        time: time at which the effort occurs [s].
+        effort: magnitude of the effort [N m, N].
+        held: effort that holds the arm still in that pose [N m, N].
+        limit: effort limit of the drive [N m, N].
     """
 
     column: int
@@ -233,21 +236,21 @@ class PlanNeeds:
 
     @property
     def share(self) -> float:
-        """Of the limit."""
+        """Share of the limit that the effort takes; infinite for a limit of zero."""
         return self.effort / self.limit if self.limit > 0.0 else np.inf
 
 
 def largest_need(
     plant: Arm, trajectory: JointTrajectory, joints: JointStates, gravity: FloatArray, limit: FloatArray
 ) -> PlanNeeds | None:
-    """Return the greatest need of a plan; None where no drive has a limit.
+    """Return the effort of a plan that takes the greatest share of its limit; None if no drive has a limit.
 
     Args:
-        plant: the arm that is simulated.
+        plant: the simulated arm.
         trajectory: the plan.
-        joints: the same for all revolutes.
-        gravity: shape (3,) [m/s²].
-        limit: of the efforts of all revolutes and, last, of the thrust along the feed axis, shape (3 * links + 1,).
+        joints: the plan in terms of the revolutes.
+        gravity: gravitational acceleration, shape (3,) [m/s²].
+        limit: effort limits of all revolutes and, last, of the feed axis, shape (3 * links + 1,) [N m, N].
     """
     if not np.isfinite(limit).any():
         return None
@@ -256,7 +259,7 @@ def largest_need(
     feed = trajectory.coordinates.advance(trajectory.accelerations)
     moving = np.abs(np.column_stack(dynamics.efforts(joints.angles, joints.velocities, joints.accelerations, feed)))
     still = np.abs(np.column_stack(dynamics.efforts(joints.angles, rest, rest)))
-    # A drive without a limit has a share of nothing; one that can give nothing is short of whatever is asked.
+    # Without a limit the share is zero; with a limit of zero it is huge for any effort.
     share = moving / np.maximum(limit, np.finfo(np.float64).tiny)
     row, column = np.unravel_index(int(np.argmax(share)), share.shape)
     return PlanNeeds(
