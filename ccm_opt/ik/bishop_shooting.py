@@ -6,7 +6,7 @@ length are known on every spline piece and tied from knot to knot. The frame equ
 turn over the whole link and ψ_i the mean over the link of the turn from its start. The Magnus series then gives the
 turn
 
-(ρ, −Ω2, Ω1) in the axes (t, n1, n2),  ρ = ψ1 Ω2 − ψ2 Ω1,
+    (ρ, −Ω2, Ω1) in the axes (t, n1, n2),  ρ = ψ1 Ω2 − ψ2 Ω1,
 
 to fourth order in h; it is exact for a planar curve. Frames are unit quaternions (w, x, y, z).
 """

@@ -165,7 +165,7 @@ class UserTerms:
 
     @cached_property
     def path_rows(self) -> RowSet:
-        """Rows of the hard constraints that hold between keyframes too."""
+        """Rows of the hard constraints that also hold between keyframes."""
         return self._rows([c for c in self.hard if c.constraint.where not in {"goal", "keyframes"}])
 
     @cached_property

@@ -171,7 +171,7 @@ _OPERATIONS: dict[int, Callable[..., Intervals]] = {
 
 @dataclass(frozen=True)
 class Contradiction:
-    """A constraint that cannot hold at a goal.
+    """A constraint that provably cannot hold at a goal.
 
     Attributes:
         name: name of the constraint.

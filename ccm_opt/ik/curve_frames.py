@@ -104,9 +104,9 @@ class CurveFrames(ABC):
     segments: int
     links: int
     directions: ClassVar[tuple[str, ...]]
-    """What the curvatures bend the curve to; a joint has a bend for each."""
+    """Directions in which the curvatures bend the curve; a joint has one bend for each."""
     start_keeps_rows: ClassVar[bool]
-    """Whether the values at a pose and the curve near it keep every equation, though links do not quite follow it."""
+    """Whether the start values satisfy every equation, even where links do not quite follow the curve."""
 
     @cached_property
     def parts(self) -> tuple[LiftedCurve, ...]:

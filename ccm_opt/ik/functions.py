@@ -82,7 +82,7 @@ class CompiledConstraint(_Compiled):
     """A constraint with its expression and bounds.
 
     Attributes:
-        constraint: what the user wrote.
+        constraint: the constraint as the user wrote it.
         lower: lower bounds, shape (m,).
         upper: upper bounds, shape (m,).
     """
@@ -133,7 +133,7 @@ class CompiledConstraint(_Compiled):
         # Costs are averaged over keyframes anyway, so "keyframes" and "motion" mean the same here.
         where: Where = "motion" if term.where == "keyframes" else term.where
         if np.array_equal(self.lower, self.upper):
-            # The same square as below, but smooth at the bound, so that its Hessian does not jump there.
+            # Equals the square below, but is smooth at the bound, so that its Hessian does not jump there.
             violation = self.expression - ca.DM(self.lower)
         else:
             # An infinite bound cannot be violated, so it has no entry.

@@ -69,7 +69,7 @@ class GoalPoses:
         problem: the problem, with a goal for the tip.
         tree: distance tree of the walls and surfaces of its workspace.
         near: configuration to stay near, shape (c,) [rad, m]; None for the pose that is improved.
-        terms: the user's constraints and costs, or None.
+        terms: compiled constraints and costs of the user, or None.
         settings: settings of the NLP.
         room_share: multiple of the problem's wanted clearance beyond which more clearance is worth nothing.
         aim: goal to use instead of the problem's goal, or None.
@@ -187,8 +187,8 @@ class GoalPoses:
         """Return one solution, feasible or not, with more and farther sides if a link has left its region's reach.
 
         Args:
-            start: the pose to start from.
-            seed: where the first of several solutions started; ``start`` if None.
+            start: configuration to start from, shape (c,) [rad, m].
+            seed: configuration where the first of several solutions started; ``start`` if None.
         """
         for drawn_with in self.settings.widening:
             pose = self.solved_within(start, start if seed is None else seed, drawn_with)

@@ -117,30 +117,31 @@ class LiftedCurve:
 
     @cached_property
     def arcs(self) -> ca.SX:
-        """σ, shape (4 K + 1, 1)."""
+        """Arc lengths σ of the knots, shape (4 K + 1, 1)."""
         return self.shared_arcs if self.shared_arcs is not None else ca.SX.sym("arc", self.count + 1)
 
     @cached_property
     def curvatures(self) -> ca.SX:
-        """C, shape (4 K + 1, 1)."""
+        """Curvatures C at the knots, shape (4 K + 1, 1)."""
         return ca.SX.sym("curvature", self.count + 1)
 
     @cached_property
     def headings(self) -> ca.SX:
-        """θ at the knots, shape (4 K + 1, 1) [rad]."""
+        """Headings θ at the knots, shape (4 K + 1, 1) [rad]."""
         return ca.SX.sym("theta", self.count + 1)
 
     @cached_property
     def integrals(self) -> ca.SX:
-        """Θ at the knots, shape (4 K + 1, 1) [rad]."""
+        """Heading integrals Θ at the knots, shape (4 K + 1, 1) [rad]."""
         return ca.SX.sym("integral", self.count + 1)
 
     @cached_property
     def bows(self) -> ca.SX:
-        """M a²/6 at the inner knots of every segment, shape (3 K, 1), with a the width of even pieces.
+        """Scaled second derivatives M a²/6 at the inner knots of every segment, shape (3 K, 1).
 
-        This has the size of a curvature: the deviation of the spline from the chord between knots. M itself is a
-        thousand times larger than the other variables, and would lead the solver astray.
+        Here a is the width of even pieces, so a bow has the size of a curvature: the deviation of the spline from the
+        chord between knots. M itself is a thousand times larger than the other variables, and would lead the solver
+        astray.
         """
         return ca.SX.sym("bow", (PIECES - 1) * self.segments)
 
@@ -171,7 +172,7 @@ class LiftedCurve:
 
     @cached_property
     def segment_lengths(self) -> ca.SX:
-        """L_k, shape (1, K)."""
+        """Segment lengths L_k, shape (1, K)."""
         return ca.sum1(ca.reshape(self.pieces.width, PIECES, self.segments))
 
     def rows(self) -> tuple[RowBlock, RowBlock, RowBlock]:

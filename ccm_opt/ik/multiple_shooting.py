@@ -225,7 +225,7 @@ def solve_nlp(nlp: ConfigurationNLP, guess: FloatArray) -> RowAnswer:
 
     Args:
         nlp: from ``build_configuration_nlp``, possibly with more costs.
-        guess: shape (variables,).
+        guess: initial variables, shape (variables,).
 
     Raises:
         KeyboardInterrupt: Ctrl-C was pressed during the solution.

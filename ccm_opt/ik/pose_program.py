@@ -122,7 +122,7 @@ def _moment(place: ca.SX, force: ca.SX) -> ca.SX:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class PoseProgram(RowProgram):
-    """The symbolic part of the goal-pose NLP.
+    """The symbolic goal-pose NLP.
 
     Attributes:
         size: the size it was built for.

@@ -37,7 +37,7 @@ _PROBES = 5
 def integrate_positions(
     heading_at: Callable[[FloatArray], FloatArray], arc: FloatArray, knots: FloatArray
 ) -> FloatArray:
-    """Return the positions relative to the base at given arc lengths.
+    """Return the positions relative to the base at given arc lengths, shape (m, 2) [m].
 
     Args:
         heading_at: exact heading as a function of arc length [rad].
@@ -56,9 +56,9 @@ def integrate_positions(
 
 
 def _refine(heading_at: Callable[[FloatArray], FloatArray], edges: FloatArray) -> FloatArray:
-    """Return the edges with intervals split until none turns by more than ``MAX_TURN_STEP``."""
+    """Return the edges with their intervals divided until none turns by more than ``MAX_TURN_STEP``."""
     probes = heading_at(np.linspace(0.0, 1.0, 9)[:, None] * np.diff(edges) + edges[:-1])
-    # The heading is a quartic between knots: nine probes miss little of its total turn.
+    # The heading is a quartic between knots: nine probes capture almost all of its total turn.
     turns = np.abs(np.diff(probes, axis=0)).sum(axis=0)
     pieces = np.maximum(1, np.ceil(turns / MAX_TURN_STEP)).astype(np.intp)
     return _parted(edges, pieces)
@@ -72,7 +72,7 @@ def _parted(edges: FloatArray, counts: IntArray) -> FloatArray:
 
 
 class Curve(Protocol):
-    """Curvature segments end to end, in the plane or in space."""
+    """Interface of curves: curvature segments joined end to end, in the plane or in space."""
 
     @property
     def base(self) -> FloatArray:
@@ -176,7 +176,10 @@ class Configuration:
         return np.asarray(self.base_heading + self._turns(arc))
 
     def positions_at(self, arc: FloatArray) -> FloatArray:
-        """Return positions at increasing arc lengths in [0, L], shape (len(arc), 2) [m]; Gauss-Legendre quadrature."""
+        """Return the positions at increasing arc lengths in [0, L], shape (len(arc), 2) [m].
+
+        They are integrated by Gauss-Legendre quadrature.
+        """
         return self.base + integrate_positions(self.heading_at, np.asarray(arc, dtype=np.float64), self.breakpoints)
 
     def heading_integral_at(self, arc: FloatArray) -> FloatArray:

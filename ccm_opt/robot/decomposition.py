@@ -193,7 +193,7 @@ class _Stretch:
         return _about(self.coefficients[piece], t)
 
     def part(self, first: float, last: float) -> "_Stretch":
-        """Return the part between two arc lengths."""
+        """Return the part of the stretch between two arc lengths [m]."""
         inside = self.breaks[(self.breaks > first) & (self.breaks < last)]
         # Breaks right at the ends would make pieces of zero length.
         margin = 1e-12 * self.length

@@ -7,8 +7,9 @@ DEFAULT_LINK_MASS = 0.1
 THIN_ROD_RADIUS = 0.01
 """Radius, in link lengths, of the cylinders that give the links of a zero-radius arm their inertia."""
 SPACE_ROD_RADIUS = 0.05
-"""Least such radius of links in space, whose roll is moved by the bends of other joints and held by a drive: with less
-inertia about the axis the simulated drive overshoots within a step of a millisecond."""
+"""Least radius, in link lengths, of the cylinders that give links in space their inertia. The roll of these links is
+moved by the bends of other joints and held by a drive: with less inertia about the axis the simulated drive overshoots
+within a step of a millisecond."""
 
 
 def cylinder_inertia(masses: FloatArray, radius: float, link_length: float) -> tuple[FloatArray, FloatArray]:

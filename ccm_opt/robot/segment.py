@@ -210,7 +210,7 @@ def select_segment_type(
     direction = vector_heading(chord)
     alpha = None if base_heading is None else wrap(direction - base_heading)
     beta = None if tip_heading is None else wrap(tip_heading - direction)
-    # A free end takes the turn of the other one, as on a circular arc; with both ends free the line is straight.
+    # A free end takes the turn of the other end, as on a circular arc; with both ends free the line is straight.
     if alpha is None:
         alpha = beta or 0.0
     if beta is None:
@@ -247,7 +247,7 @@ def natural_segment(kind: SegmentType, base: FloatArray, tip: FloatArray, length
     ratio = float(np.hypot(*chord)) / length
     if ratio > 1.0 + 1e-9:
         raise ProblemError(f"a segment of {length:g} m cannot span {ratio * length:g} m; give it more length")
-    # A chord longer than the arm by rounding counts as straight.
+    # A chord that exceeds the length by rounding counts as straight.
     amplitude = end_angle(kind, min(ratio, 1.0))
     sign = 1.0 if kind in {SegmentType.LEFT, SegmentType.LEFT_RIGHT} else -1.0
     shape = np.full(5, 2.0) if kind in {SegmentType.LEFT, SegmentType.RIGHT} else 2.0 * np.pi * SINE

@@ -20,7 +20,7 @@ from ccm_opt.scene.shells import Shells, find_shells
 
 @dataclass(frozen=True)
 class RigidPlacement:
-    """A rigid motion x ↦ R x + p.
+    """A placement of a body, the rigid motion x ↦ R x + p.
 
     Attributes:
         position: p, the position of the body's origin, shape (3,) [m].
@@ -100,7 +100,7 @@ def _about(axis: int, angle: float) -> FloatArray:
 
 @dataclass(frozen=True)
 class SceneSettings:
-    """How bodies become triangles.
+    """Settings for the conversion of bodies to triangles.
 
     Attributes:
         cylinder_sides: number of sides of the prism around a cylinder. Taste: the prism protrudes by at most 0.21 % of
@@ -265,7 +265,7 @@ class BoxBody(_Solid):
 
 @dataclass(frozen=True)
 class SphereBody(_Solid):
-    """A ball.
+    """A ball in space.
 
     Attributes:
         center: centre, shape (3,) [m].

@@ -49,7 +49,7 @@ class Contacts:
         return Contacts(*(getattr(self, each.name)[mask] for each in fields(Contacts)))
 
     def shortfall(self) -> float:
-        """Return the largest excess of the planning margin over the gap [m]; negative when every margin is kept."""
+        """Return the largest excess of the planning margin over the gap [m]; negative if every margin is kept."""
         return float(np.max(self.margin - self.gap, initial=-np.inf))
 
 

@@ -68,7 +68,7 @@ class RegionSpan:
         """Return a region with the whole part of the string that it covers around a known covered span.
 
         Args:
-            region: the region.
+            region: the convex free region.
             first: arc length at which the known span begins [m].
             last: arc length at which the known span ends [m].
             taut: the taut string.

@@ -63,7 +63,7 @@ _LEAST_ROUTES = 4
 
 @dataclass(frozen=True, order=True)
 class _Partial:
-    """The beginning of a walk.
+    """The beginning of a walk, ordered by its estimated total length.
 
     Attributes:
         total: its length plus the least remaining length [m].

@@ -101,10 +101,12 @@ def within(vertices: FloatArray, faces: IntArray, most: int, cell: float) -> tup
 def all_within(
     surfaces: Sequence[tuple[FloatArray, IntArray]], most: int, least: int, cell: float
 ) -> list[tuple[FloatArray, IntArray]]:
-    """Thin several surfaces to a total number of triangles; what small surfaces leave over goes to large ones.
+    """Return several surfaces thinned to a total number of triangles.
+
+    Triangles that small surfaces do not need are left to large ones.
 
     Args:
-        surfaces: vertices, shape (v, 3) [m], and faces, shape (m, 3), of each.
+        surfaces: vertices, shape (v, 3) [m], and faces, shape (m, 3), of each surface.
         most: greatest total number of triangles.
         least: number of triangles that each surface may have in any case.
         cell: width of the cells in which vertices are merged at first [m].

@@ -23,7 +23,7 @@ WALL = -1
 
 @dataclass(frozen=True)
 class Triangulation:
-    """Triangles that tile free space.
+    """Triangles that tile free space, with their neighbours.
 
     Attributes:
         vertices: positions of the vertices, shape (V, 2) [m]; all lie on the edge of free space.

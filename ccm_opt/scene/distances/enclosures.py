@@ -75,7 +75,7 @@ def _enclosures(workspace: Workspace, places: FloatArray, *, closed_only: bool =
         low, high = box_about(body.triangles)
         within = (places >= low - body.rounding) & (places <= high + body.rounding)
         for number in np.flatnonzero(np.all(within, axis=1)):
-            # The depth takes longer to find than enclosure itself; for bodies with rounding the depth tells both.
+            # The depth takes longer to find than whether a point is inside; with rounding the depth alone answers both.
             if body.rounding or encloses(body, places[number], closed_only=closed_only):
                 depth = depth_inside(body, places[number], closed_only=closed_only)
                 if depth > 0.0:

@@ -25,8 +25,8 @@ def distance_from_triangles(point: FloatArray, triangles: FloatArray) -> float:
     """Return the least distance of a point from triangles, which may be degenerate [m]; ∞ for none.
 
     Args:
-        point: shape (3,) [m].
-        triangles: shape (m, 3, 3) [m].
+        point: position of the point, shape (3,) [m].
+        triangles: corners of the triangles, shape (m, 3, 3) [m].
     """
     if len(triangles) == 0:
         return float(np.inf)
@@ -46,8 +46,8 @@ def nearest_on_triangles(point: FloatArray, triangles: FloatArray) -> FloatArray
     This is the foot of the perpendicular if it lies on the triangle, else the nearest point of the sides.
 
     Args:
-        point: shape (3,) [m].
-        triangles: shape (m, 3, 3) [m].
+        point: position of the point, shape (3,) [m].
+        triangles: corners of the triangles, shape (m, 3, 3) [m].
     """
     sides = np.roll(triangles, -1, axis=1) - triangles
     to_point = point - triangles
@@ -79,7 +79,7 @@ def depth_inside(body: Body, point: FloatArray, *, closed_only: bool = False) ->
 
     Args:
         body: the body; of a mesh that is not solid only the surface counts.
-        point: shape (3,) [m].
+        point: position of the point, shape (3,) [m].
         closed_only: leave out open shells, through whose holes a point may be reached.
     """
     if body.kind == "cylinder":
@@ -93,7 +93,7 @@ def encloses(body: Body, point: FloatArray, *, closed_only: bool = False) -> boo
 
     Args:
         body: the body; nothing lies inside degenerate triangles.
-        point: shape (3,) [m].
+        point: position of the point, shape (3,) [m].
         closed_only: leave out open shells, through whose holes a point may be reached.
     """
     if not body.solid:
