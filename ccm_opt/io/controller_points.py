@@ -1,9 +1,9 @@
-"""Which samples of a plan a controller is given, so that what it makes of them keeps every limit, and their texts.
+"""Choice of the samples of a plan that are sent to a controller, such that its interpolation keeps every limit.
 
-A message with positions and velocities is joined by cubics, whose accelerations need not be those of the plan: where
-these jump between two points, a cubic passes them. So points are chosen one after the other, each as far from the last
-as the cubic between them keeps the limits and stays near the plan. Where not even neighbouring samples do, time is made
-a little longer. A plan of limited jerk has accelerations that do not jump: it is joined by quintics.
+A controller joins points with positions and velocities by cubics, whose accelerations may exceed those of the plan
+where these jump between two points. So points are chosen one after the other, each as far from the last as the cubic
+between them keeps the limits and stays near the plan. Where not even neighbouring samples do, the motion is slowed down
+a little. A plan of limited jerk has continuous accelerations and is joined by quintics.
 """
 
 import itertools
@@ -33,31 +33,33 @@ from ccm_opt.verification.wall_clearance import check_walls
 logger = logging.getLogger(__name__)
 
 _USED = 0.999
-"""Share of the limits that curves may use at the samples; the rest is for the time between them. Taste."""
+"""Share of the limits that curves may use at the samples; the rest is a reserve for the time between them. Taste."""
 _DEVIATION = 1e-5
-"""Greatest deviation from the plan, about, as a share of the arm's length. Taste: less than what drives repeat."""
+"""Approximate largest deviation from the plan, as a share of the arm's length. Taste: below the repeatability of
+drives."""
 _FARTHEST = 50
-"""Samples from a point to the next at most. Taste: files are small then, and choosing takes as long as verifying."""
+"""Largest number of samples from one point to the next. Taste: files are small, and choosing takes as long as
+verifying."""
 _STILL = 1e-9
-"""What a coordinate that rests in the plan may be off its place, as in a guide tube or a pause [rad, m]."""
+"""Deviation allowed for a coordinate that rests in the plan, as in a guide tube or a pause [rad, m]."""
 _SLOWER = 1.002
-"""By how much time is made longer beyond what the samples need. Taste."""
+"""Factor by which the motion is slowed down beyond what the samples need. Taste."""
 _FACTOR_STEPS = 1e4
-"""Factors on time are multiples of a ten-thousandth, so that a reader finds them exactly."""
+"""Time factors are multiples of one over this number, so that a reader can recover them exactly."""
 _ATTEMPTS = 12
-"""Choices of points, each nearer to the plan or slower than the one before, until the checks hold. Taste."""
+"""Largest number of attempts at a choice, each closer to the plan or slower, until the checks hold. Taste."""
 
 
 @dataclass(frozen=True)
 class ControllerPoints:
-    """The points for a controller.
+    """The points of a plan that are sent to a controller.
 
     Attributes:
-        samples: numbers of the samples of the plan that are points, shape (P,).
-        factor: by which time is longer than in the plan.
-        trajectory: the points, their times whole nanoseconds.
-        joints: the same for all drives.
-        smooth: whether accelerations belong to the message, so that points are joined by quintics.
+        samples: indices of the samples of the plan that are points, shape (P,).
+        factor: factor by which the points' motion is slower than the plan.
+        trajectory: the points, at times of whole nanoseconds.
+        joints: the points as the drives see them.
+        smooth: whether the message includes accelerations, so that points are joined by quintics.
     """
 
     samples: IntArray
@@ -68,20 +70,20 @@ class ControllerPoints:
 
     @property
     def message(self) -> Message:
-        """What a controller is given."""
+        """The message to the controller."""
         motion = self.trajectory
         accelerations = motion.accelerations if self.smooth else None
         return Message(motion.time, motion.positions, motion.velocities, accelerations, motion.coordinates)
 
 
 def spared(problem: Problem, checks: Iterable[Check]) -> float:
-    """Return how far any point of the arm may be from a plan before a gap can be missing [m].
+    """Return the deviation of any point of the arm from a plan that cannot violate a required gap [m].
 
     Args:
-        problem: what was asked.
-        checks: of the plan; what is reported as its least gap may be a resolution above it.
+        problem: the problem.
+        checks: checks of the plan, whose least gaps may be reported too large by the report resolution.
     """
-    share = {"wall clearance": 1.0, "self-collision": 0.5}  # of two links both may be off
+    share = {"wall clearance": 1.0, "self-collision": 0.5}  # two links may both deviate
     resolution = DEFAULT_VERIFICATION.for_problem(problem).report_resolution
     spare = [share[check.name] * (check.worst - check.limit - resolution) for check in checks if check.name in share]
     return max(min((value for value in spare if not np.isnan(value)), default=np.inf), problem.contact_tolerance)
@@ -90,7 +92,7 @@ def spared(problem: Problem, checks: Iterable[Check]) -> float:
 def slowed(
     problem: Problem, plan: JointTrajectory, joints: JointStates, factor: float
 ) -> tuple[JointTrajectory, JointStates]:
-    """Return a plan that takes longer by a factor; efforts are reckoned anew."""
+    """Return a plan slowed down by a factor, with its efforts computed again."""
     if factor == 1.0:
         return plan, joints
     velocities, accelerations = plan.velocities / factor, plan.accelerations / factor**2
@@ -109,15 +111,15 @@ def slowed(
 def message_checks(
     problem: Problem, plan: JointTrajectory, message: Message, samples: IntArray, factor: float, spare: float
 ) -> tuple[Check, Check]:
-    """Check that a controller that joins points of a plan keeps its limits, and stays near it.
+    """Return the checks of a controller's interpolation of a message: limits, and deviation from the plan.
 
     Args:
-        problem: what was asked.
-        plan: the motion in the arrays.
+        problem: the problem.
+        plan: the planned motion.
         message: the points.
-        samples: their numbers among the samples of the plan.
-        factor: by which the message takes longer.
-        spare: how far it may be from the plan [m].
+        samples: indices of the points among the samples of the plan, shape (P,).
+        factor: factor by which the message is slower than the plan.
+        spare: deviation from the plan allowed [m].
     """
     settings = DEFAULT_VERIFICATION.for_problem(problem)
     stops = np.searchsorted(samples, plan.stops).tolist()
@@ -127,9 +129,15 @@ def message_checks(
 
 
 def _check_link_gaps(problem: Problem, plan: JointTrajectory, deviation: FloatArray) -> list[Check]:
-    """Check that links that are off a plan, shape (T − 1, links) [m], keep its gaps to twice the contact tolerance."""
+    """Return the checks of the gaps of links that deviate from a plan, to twice the contact tolerance.
+
+    Args:
+        problem: the problem.
+        plan: the planned motion, of T samples.
+        deviation: bound on the deviation of each link between two samples, shape (T − 1, links) [m].
+    """
     settings = DEFAULT_VERIFICATION.for_problem(problem)
-    # A plan may lack one tolerance of a gap, and a message may be one tolerance off it.
+    # The plan may fall short of a gap by one tolerance, and the message may deviate by another.
     settings = replace(settings, contact_tolerance=2.0 * settings.contact_tolerance)
     motion = ChainMotion(problem.arm, plan.time, plan.positions, deviation)
     to_walls = check_walls(motion, problem.workspace, settings)
@@ -139,13 +147,13 @@ def _check_link_gaps(problem: Problem, plan: JointTrajectory, deviation: FloatAr
 def controller_points(
     problem: Problem, plan: JointTrajectory, joints: JointStates, checks: Iterable[Check]
 ) -> ControllerPoints:
-    """Choose the samples of a plan that a controller is given.
+    """Choose the samples of a plan for a controller and return them; warn where no choice passes the checks.
 
     Args:
-        problem: what was asked.
-        plan: the motion.
-        joints: the same for all drives.
-        checks: of the plan, which know the least gaps.
+        problem: the problem.
+        plan: the planned motion.
+        joints: the planned motion as the drives see it.
+        checks: checks of the plan, which hold its least gaps.
     """
     spare = spared(problem, checks)
     tolerance = _DEVIATION * problem.arm.length
@@ -180,12 +188,18 @@ def points_at(
     smooth: bool,
     time: FloatArray | None = None,
 ) -> ControllerPoints:
-    """Make points of some samples of a plan that takes longer by a factor.
+    """Return points for a controller at some samples of a plan that is already slowed down.
 
-    ``time`` is when they are [s], shape (P,); at the nearest whole nanoseconds unless it is given.
+    Args:
+        slower: the slowed plan.
+        joints: the slowed plan as the drives see it.
+        samples: indices of the samples, shape (P,).
+        factor: factor by which the plan is slowed down.
+        smooth: whether the message includes accelerations.
+        time: times of the points [s], shape (P,); None for the samples' times rounded to whole nanoseconds.
     """
     time = np.round(slower.time[samples], 9) if time is None else time
-    # Where the arm is at the whole nanosecond, so that short steps have no false accelerations.
+    # Positions are extrapolated to the rounded times, so that short steps get no spurious accelerations.
     late = (time - slower.time[samples])[:, None]
     motion = JointTrajectory(
         time,
@@ -207,13 +221,13 @@ def points_at(
 
 @dataclass(frozen=True)
 class _Choice:
-    """Points of a plan, one after the other.
+    """The greedy choice of the points of a plan.
 
     Attributes:
-        problem: what was asked.
-        plan: the motion.
-        tolerance: how far a curve may be from the way of the plan, about [m].
-        smooth: whether curves are quintics.
+        problem: the problem.
+        plan: the planned motion, perhaps slowed down.
+        tolerance: approximate deviation of a curve from the path of the plan allowed [m].
+        smooth: whether curves are quintics instead of cubics.
     """
 
     problem: Problem
@@ -222,7 +236,7 @@ class _Choice:
     smooth: bool
 
     def samples(self) -> IntArray:
-        """Return the numbers of the samples that are points; neighbours where no curve fits."""
+        """Return the indices of the samples chosen, shape (P,); neighbouring samples where no longer curve fits."""
         chosen = [0]
         for end in self._corners[1:]:
             while chosen[-1] < end:
@@ -230,7 +244,7 @@ class _Choice:
         return np.array(chosen, dtype=np.intp)
 
     def _farthest(self, first: int, end: int) -> int:
-        """Return the about the farthest sample that a curve fits to, and the next one at least."""
+        """Return roughly the farthest sample, found by bisection, to which a curve fits; at least the next sample."""
         good = first + 1
         bad = tried = min(first + _FARTHEST, end)
         if self.used(first, tried) <= 1.0:
@@ -242,14 +256,14 @@ class _Choice:
 
     @cached_property
     def _corners(self) -> IntArray:
-        """Samples that are points in any case: ends, stops, and where the arm comes to rest and leaves."""
+        """Samples that must be points: the ends, the stops, and where the arm comes to rest or starts to move."""
         still = np.all(self._rests, axis=1)
         changes = 1 + np.flatnonzero(still[1:] != still[:-1])
         return np.unique(np.concatenate(([0, len(self.plan.time) - 1], self.plan.stops, changes))).astype(np.intp)
 
     @cached_property
     def _rests(self) -> FloatArray:
-        """Which coordinates rest from sample to sample, shape (T − 1, c)."""
+        """Which coordinates rest between neighbouring samples, shape (T − 1, c)."""
         return np.asarray(np.abs(np.diff(self.plan.positions, axis=0)) <= 1e-3 * _STILL)
 
     @cached_property
@@ -258,9 +272,10 @@ class _Choice:
         return [(point_of(arm, limit.at), limit.velocity, limit.acceleration) for limit in self.problem.limits.points]
 
     def used(self, first: int, last: int) -> float:
-        """The greatest share of limits and tolerance that the curve between two samples takes at those between them.
+        """Return the largest share of limits and tolerance that the curve between two samples uses.
 
-        Shares of accelerations and the like are such that a time longer by them is what is needed.
+        The curve is evaluated at the samples from ``first`` to ``last``. Shares of accelerations and jerks are roots,
+        so that slowing the motion down by the share brings them to their limits.
         """
         plan, span = self.plan, slice(first, last + 1)
         h = plan.time[last] - plan.time[first]
@@ -285,7 +300,7 @@ class _Choice:
         off = q - plan.positions[span]
         if np.any(np.abs(off[:-1][self._rests[first:last]]) > _STILL):
             return np.inf
-        # What is off along the way is another time on it.
+        # Deviation along the path is only a shift in time, so it is removed.
         rates = plan.velocities[span]
         square = np.einsum("tc,tc->t", rates, rates)
         along = np.einsum("tc,tc->t", rates, off) / np.where(square > 0.0, square, 1.0)
@@ -303,7 +318,11 @@ class _Choice:
 
 
 def _unit_curve(orders: int) -> FloatArray:
-    """What makes power coefficients on [0, 1] of values and derivatives at 0, and then at 1, shape (2 n, 2 n)."""
+    """Return the matrix from end conditions to the coefficients of a polynomial on [0, 1], shape (2 n, 2 n).
+
+    The end conditions are value and derivatives at 0, then at 1, n = ``orders`` of them at each; coefficients are in
+    increasing powers.
+    """
     rows = np.eye(2 * orders)
     for order in range(orders):
         rows[order, order] = math.factorial(order)
@@ -312,26 +331,26 @@ def _unit_curve(orders: int) -> FloatArray:
 
 
 _UNIT_CURVES = {orders: _unit_curve(orders) for orders in (2, 3)}
-"""For cubics and quintics."""
+"""These matrices for cubics and quintics, by the number of conditions at each end."""
 
 
 QUANTITIES = ("angle", "velocity", "acceleration", "torque")
 _FEED_QUANTITIES = ("position", "velocity", "acceleration", "force")
 ROS_FIELDS = ("positions", "velocities", "accelerations", "effort")
 _WHOLE = re.compile(r" (-?\d+)(?![\d.])")
-"""A number without a point, or the digits in front of its exponent, behind a space."""
+"""A number without a decimal point, up to any exponent, after a blank."""
 
 
 def trajectory_texts(points: ControllerPoints, *, bends_only: bool = False, effort: bool = False) -> tuple[str, str]:
-    """Write the points for a controller as CSV and as YAML; SI units, radians.
+    """Return the points for a controller as CSV and as YAML; SI units, radians.
 
-    Both have the same numbers, of twelve digits. Every number has a point, whole ones too: the fields of ROS messages
-    take floats alone, and YAML takes ``1e-05`` for a text.
+    Both contain the same numbers, to twelve digits. Every number has a decimal point: the fields of ROS messages accept
+    floats only, and YAML reads ``1e-05`` as a text.
 
     Args:
-        points: of the plan.
+        points: the points.
         bends_only: whether the revolutes that turn out of the plane, or about the link, are left out.
-        effort: whether the message has efforts, which controllers from ROS 2 Humble on refuse.
+        effort: whether the message includes efforts, which controllers from ROS 2 Humble on refuse.
 
     Returns:
         The text of ``trajectory.csv``: ``time`` and a column ``<joint>_<quantity>`` for every joint and quantity; and
@@ -348,26 +367,26 @@ def trajectory_texts(points: ControllerPoints, *, bends_only: bool = False, effo
 
 
 def number_rows(table: FloatArray) -> list[str]:
-    """Write every row of a table, its numbers of twelve digits as ``%.12g`` has them, joined by commas, with a point.
+    """Return every row of a table as numbers in the format ``%.12g``, joined by commas.
 
-    Whole numbers have a point too. Of columns of zeros alone no sign is written.
+    Every number has a decimal point, whole numbers too. Zeros in columns of zeros have no sign.
 
     Args:
-        table: shape (rows, n).
+        table: the numbers, shape (rows, n).
     """
-    # Revolutes that a plane motion leaves alone are most of the table, and need no formatting.
+    # Most columns are revolutes that a planar motion does not move; they need no formatting.
     moving = np.any(table != 0.0, axis=0)
     row = ",".join(" %.12g " if moves else "0.0" for moves in moving)
     whole = "\n".join([row % tuple(values) for values in table[:, moving].tolist()])
-    # Most numbers without a point are zeros, of links that lie still, and a search for a text takes next to nothing.
+    # Most numbers without a point are zeros, which plain replacement handles much faster than the regular expression.
     whole = whole.replace(" 0 ", "0.0").replace(" -0 ", "-0.0")
     return _WHOLE.sub(r"\1.0", whole).replace(" ", "").split("\n")
 
 
 def trajectory_tables(trajectory: JointTrajectory, joints: JointStates) -> tuple[tuple[str, ...], list[FloatArray]]:
-    """Return the names of the joints, and their positions, velocities, accelerations and efforts.
+    """Return the names of the joints, and tables of their positions, velocities, accelerations and efforts.
 
-    The feed axis is the first.
+    The tables have shape (T, joints); a feed axis is the first joint.
     """
     tables = [joints.angles, joints.velocities, joints.accelerations, joints.torques]
     base = [
@@ -381,7 +400,10 @@ def trajectory_tables(trajectory: JointTrajectory, joints: JointStates) -> tuple
 
 
 def bending_joints(joints: JointStates, coordinates: Coordinates) -> JointStates:
-    """The revolutes that bend the arm alone: the second of every ball in the plane, the first and second in space."""
+    """Return the states of only those revolutes that bend the arm.
+
+    These are the second of every ball joint in the plane, the first and second in space.
+    """
     bending = coordinates.drive_numbers[coordinates.bends]
     return replace(
         joints,

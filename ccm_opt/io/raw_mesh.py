@@ -1,4 +1,4 @@
-"""Meshes as they are read, and faces of more than three corners."""
+"""Meshes as read from files, the bounds on them, and triangulation of faces with more than three corners."""
 
 from dataclasses import dataclass
 
@@ -10,18 +10,19 @@ from ccm_opt.core.errors import ProblemError
 
 @dataclass(frozen=True)
 class MeshSettings:
-    """Bounds on mesh files and what counts as a defect of a mesh, the same for all formats.
+    """Bounds on mesh files, the same for all formats.
 
     Attributes:
-        most_bytes: of a file; larger ones are refused unread. Taste: two million triangles as text.
-        most_triangles: of a mesh, or of all meshes of a problem together; more are refused. Taste: distances would take
-            gigabytes of memory.
-        most_unpacked: bytes of the model inside a 3MF file, which is packed. Taste: as many triangles as text.
-        deepest: components of components in a 3MF file. Taste: programs nest two or three deep.
-        most_parts: parts that a 3MF or GLB file is put together from, each counted as often as it is used. Taste.
-        least_height: triangles lower than this share of the mesh's extent have no area. Derived: some roundings of a
-            vertex in double precision.
-        largest_coordinate: in the mesh's own unit. Derived: beyond it double precision no longer resolves a millionth.
+        most_bytes: largest size of a file. Taste: two million triangles as text.
+        most_triangles: largest number of triangles of a mesh, or of all meshes of a problem together. Taste: distances
+            would take gigabytes of memory with more.
+        most_unpacked: largest unpacked size of the models in a 3MF file [bytes]. Taste: as many triangles as text.
+        deepest: deepest nesting of components in a 3MF file. Taste: programs nest two or three deep.
+        most_parts: largest number of parts of a 3MF or GLB file, counted each time they are used. Taste.
+        least_height: height below which triangles have no area, as a share of the mesh's extent. Derived: some
+            roundings of a vertex in double precision.
+        largest_coordinate: largest coordinate in the mesh's own unit. Derived: beyond it double precision no longer
+            resolves a millionth.
     """
 
     most_bytes: int = 256 * 2**20
@@ -34,7 +35,7 @@ class MeshSettings:
 
 
 MESHES = MeshSettings()
-"""Used where no other settings are given."""
+"""The default bounds."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,15 +43,15 @@ class RawMesh:
     """Vertices and triangles in the unit of the file.
 
     Raises:
-        ProblemError: a triangle has a vertex that is not there.
+        ProblemError: an array has the wrong shape, or a triangle refers to a vertex that does not exist.
 
     Attributes:
-        vertices: shape (v, 3).
-        faces: vertices of each triangle, shape (m, 3).
-        metres: length of one unit, where the file says it itself [m].
-        passed_over: what else the file holds, which is no surface, in words.
-        content: the bytes of the file.
-        mended: what was put right, in words.
+        vertices: positions of the vertices, shape (v, 3).
+        faces: indices of the vertices of each triangle, shape (m, 3).
+        metres: metres per unit, where the file states it; else None.
+        passed_over: ignored contents of the file that are no surfaces, in words.
+        content: bytes of the file.
+        mended: repairs made, in words.
     """
 
     vertices: FloatArray
@@ -68,14 +69,14 @@ class RawMesh:
 
     @classmethod
     def of_corners(cls, corners: FloatArray) -> "RawMesh":
-        """Return the mesh of triangles that share nothing, shape (m, 3, 3)."""
+        """Return the mesh of triangles given by their corners, shape (m, 3, 3), without shared vertices."""
         return cls(corners.reshape(-1, 3), np.arange(3 * len(corners), dtype=np.intp).reshape(-1, 3))
 
     @classmethod
     def joined(
         cls, meshes: list["RawMesh"], metres: float | None = None, passed_over: tuple[str, ...] = ()
     ) -> "RawMesh":
-        """Join several meshes to one, whose unit and whose other contents are given."""
+        """Return several meshes joined into one, with the given unit and ignored contents."""
         if not meshes:
             return cls(np.zeros((0, 3)), np.zeros((0, 3), dtype=np.intp), metres, passed_over)
         offsets = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
@@ -85,7 +86,7 @@ class RawMesh:
 
 
 def counted(number: int, what: str) -> str:
-    """Return a number of things in words, for example ``2 lines``."""
+    """Return a count with its noun, for example ``2 lines``."""
     return f"{number} {what}" if number == 1 else f"{number} {what}s"
 
 
@@ -94,15 +95,15 @@ _QUADRANGLE = 4
 
 
 def triangulate_faces(vertices: FloatArray, corners: IntArray, counts: IntArray) -> IntArray:
-    """Cut faces into triangles that cover them and, where a face is flat and does not cross itself, nothing else.
+    """Divide faces into triangles, which cover exactly the face where it is flat and does not cross itself.
 
     Args:
-        vertices: shape (v, 3).
-        corners: the vertices of all faces, one face after the other.
-        counts: how many corners each face has; one of fewer than three is no surface.
+        vertices: positions of the vertices, shape (v, 3).
+        corners: vertex indices of all faces, one face after the other.
+        counts: number of corners of each face; faces of fewer than three are ignored.
 
     Returns:
-        Vertices of each triangle, shape (m, 3), those of one face together.
+        Vertex indices of each triangle, shape (m, 3), in the order of the faces.
     """
     starts = np.cumsum(counts) - counts
     found = []
@@ -110,7 +111,7 @@ def triangulate_faces(vertices: FloatArray, corners: IntArray, counts: IntArray)
     for count in np.unique(counts[counts >= _TRIANGLE]):
         chosen = np.flatnonzero(counts == count)
         faces = corners[starts[chosen, None] + np.arange(count)]
-        with np.errstate(invalid="ignore", over="ignore"):  # of what is no number or no place, and is refused later
+        with np.errstate(invalid="ignore", over="ignore"):  # such vertices are refused later
             found.append(_cut(vertices, faces).reshape(-1, 3))
         places.append(np.repeat(chosen, count - 2))
     if not found:
@@ -119,15 +120,15 @@ def triangulate_faces(vertices: FloatArray, corners: IntArray, counts: IntArray)
 
 
 def _cut(vertices: FloatArray, faces: IntArray) -> IntArray:
-    """Return the faces of c corners, shape (f, c), as triangles, shape (f, c - 2, 3)."""
+    """Return faces of c corners each, shape (f, c), as triangles, shape (f, c - 2, 3)."""
     count = faces.shape[1]
     along = np.arange(1, count - 1)
     fans = faces[:, np.column_stack((np.zeros_like(along), along, along + 1))]
     if count == _TRIANGLE or len(vertices) == 0 or faces.min() < 0 or faces.max() >= len(vertices):
-        return fans  # vertices that are not there are refused later, by name
+        return fans  # vertices that do not exist are refused later, with a message
     inward = _bends_inward(vertices[faces])
     if count == _QUADRANGLE:
-        # One of its diagonals runs inside; from the first corner it does unless the second or the last bends inward.
+        # One diagonal runs inside: that from the first corner, unless the second or the last corner is reflex.
         other = inward[:, 1] | inward[:, 3]
         return np.where(other[:, None, None], faces[:, [[1, 2, 3], [1, 3, 0]]], fans)
     for number in np.flatnonzero(inward.any(axis=1)):
@@ -138,26 +139,29 @@ def _cut(vertices: FloatArray, faces: IntArray) -> IntArray:
 
 
 def _normals(corners: FloatArray) -> FloatArray:
-    """Along the normals of faces, twice as long as their areas, shape (f, 3); corners of shape (f, c, 3)."""
+    """Return normals of faces, of length twice the area, shape (f, 3), from their corners, shape (f, c, 3)."""
     spokes = corners - corners[:, :1]
     return np.asarray(np.cross(spokes[:, 1:-1], spokes[:, 2:]).sum(axis=1))
 
 
 def _bends_inward(corners: FloatArray) -> BoolArray:
-    """Return which corners of faces bend inward, shape (f, c)."""
+    """Return which corners of faces are reflex, shape (f, c), from the corners, shape (f, c, 3)."""
     edges = np.roll(corners, -1, axis=1) - corners
     turns = np.cross(np.roll(edges, 1, axis=1), edges)
     return np.asarray(np.einsum("fci,fi->fc", turns, _normals(corners)) < 0.0)
 
 
 def _cut_flat(corners: FloatArray) -> IntArray | None:
-    """Return a face of corners of shape (c, 3), as triangles of their numbers; none where there are no such."""
+    """Return the triangulation of one face with corners (c, 3) as corner indices, shape (c - 2, 3).
+
+    None where the face is not a simple polygon or cannot be triangulated.
+    """
     import shapely  # noqa: PLC0415 - few meshes have such faces
 
     normal = _normals(corners[None])[0]
     if not np.isfinite(normal).all():
         return None
-    # Seen along the axis to which the face is squarest it is widest.
+    # Project along the axis closest to the normal, where the face has its largest area.
     flat = np.delete(corners, int(np.argmax(np.abs(normal))), axis=1)
     ring = shapely.Polygon(flat)
     if not ring.is_valid:
@@ -165,11 +169,11 @@ def _cut_flat(corners: FloatArray) -> IntArray | None:
     numbers = {tuple(place): number for number, place in enumerate(flat)}
     try:
         pieces = shapely.get_parts(shapely.constrained_delaunay_triangles(ring))
-    except shapely.errors.GEOSException:  # of corners so far apart that GEOS loses them
+    except shapely.errors.GEOSException:  # corners so far apart that GEOS fails
         return None
     if len(pieces) != len(corners) - 2:
         return None
-    # Of a ring of three corners the last place is the first again.
+    # The ring of a triangle has four points; the last repeats the first.
     places = shapely.get_coordinates(pieces).reshape(-1, 4, 2)[:, :3]
     cut = np.array([[numbers[tuple(place)] for place in piece] for piece in places])
     backward = _normals(corners[cut]) @ normal < 0.0

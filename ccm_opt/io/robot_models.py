@@ -1,7 +1,7 @@
 """Models of the arm and its scene for other programs: URDF and MJCF.
 
-MuJoCo meets a mesh as its convex hull, through which no arm would go. So a mesh is a ``flex`` of triangles whose
-corners do not move; it is met triangle by triangle, grown by the flex's radius.
+MuJoCo replaces a mesh by its convex hull for collisions, which would close every opening. So a mesh is written as a
+rigid ``flex``, which collides triangle by triangle, grown by the flex's radius.
 """
 
 import struct
@@ -23,7 +23,7 @@ FEED = "feed"
 """Name of the prismatic joint of the feed axis, the first of all joints where there is one."""
 Axis = tuple[float, float, float]
 _UPRIGHT = 1e-12
-"""A line of length 1 whose level part is shorter than this stands upright, to rounding."""
+"""Length of the horizontal part of a unit vector below which the vector is vertical to rounding."""
 _X = (1.0, 0.0, 0.0)
 _Y = (0.0, 1.0, 0.0)
 _Z = (0.0, 0.0, 1.0)
@@ -35,15 +35,15 @@ class Revolute:
     """One revolute of a ball joint.
 
     Attributes:
-        name: as in ``joint_names``.
-        index: its place among all revolutes of the arm.
-        ball: number of its ball, counted from 1.
-        axis: unit vector in its own frame, x along the link.
-        limit: bound on its absolute angle [rad]: the bend limit for a bend, half a turn out of the plane.
-        starts_ball: whether it is the first of its ball.
-        carries_link: whether it is the last of its ball, the one that moves the link.
-        rotor_inertia: of its drive [kg m²].
-        friction: viscous [N m s/rad].
+        name: name, as in ``joint_names``.
+        index: index among all revolutes of the arm, from 0.
+        ball: number of its ball joint, from 1.
+        axis: axis of rotation, a unit vector in the joint's own frame, x along the link.
+        limit: bound on the absolute angle [rad]: the bend limit for a bend, half a turn for other revolutes.
+        starts_ball: whether it is the first revolute of its ball joint.
+        carries_link: whether it is the last revolute of its ball joint, the one that carries the link.
+        rotor_inertia: rotor inertia of its drive [kg m²].
+        friction: viscous friction [N m s/rad].
     """
 
     name: str
@@ -62,8 +62,8 @@ def revolutes(arm: Arm, *, bends_only: bool = False) -> Iterator[Revolute]:
 
     Args:
         arm: the arm.
-        bends_only: whether only those that bend the arm are wanted: one a ball of an arm in the plane, which then stays
-            there, and two of one in space, which then does not roll.
+        bends_only: whether to yield only the revolutes that bend the arm: one per ball joint in the plane, so that the
+            arm stays in it, and two in space, so that links do not roll.
     """
     axes = REVOLUTE_AXES[arm.axes]
     coordinates = arm.coordinates
@@ -90,52 +90,52 @@ def revolutes(arm: Arm, *, bends_only: bool = False) -> Iterator[Revolute]:
 
 
 def visual_radius(arm: Arm) -> float:
-    """Return the radius to draw links with [m]: the arm's own, or a thin line for an arm without thickness."""
+    """Return the radius with which links are drawn [m]: the arm's own, or a thin one for an arm of zero radius."""
     return arm.radius if arm.radius > 0.0 else 0.02 * arm.link_length
 
 
 def checked_share(arm: Arm, k: int) -> float:
-    """Return where on link k the part begins that may touch nothing, as a share of its length; 1: all is mount."""
+    """Return the share of link k that belongs to the mount, which may touch walls, from 0 to 1; k from 0."""
     return float(np.clip(arm.mount_length / arm.link_length - k, 0.0, 1.0))
 
 
 def roll_pitch_yaw(turn: FloatArray) -> tuple[float, float, float]:
-    """Return the angles about the fixed x, then y, then z that a rotation, shape (3, 3), is made of [rad]."""
+    """Return the roll, pitch and yaw of a rotation, shape (3, 3): turns about the fixed x, then y, then z [rad]."""
     level = float(np.hypot(turn[0, 0], turn[1, 0]))
     pitch = float(np.arctan2(-turn[2, 0], level))
     if level < _UPRIGHT:
-        # With x straight up or down, the first and the last turn are about one line: all of it is the first.
+        # Gimbal lock, x straight up or down: roll and yaw turn about the same line, so all of it goes into roll.
         return float(np.arctan2(-turn[1, 2], turn[1, 1])), pitch, 0.0
     return float(np.arctan2(turn[2, 1], turn[2, 2])), pitch, float(np.arctan2(turn[1, 0], turn[0, 0]))
 
 
 def number(value: float) -> str:
-    """Return a number that reads back as itself."""
+    """Return the text of a number, with all the digits needed to read it back exactly."""
     return repr(float(value))
 
 
 def numbers(values: Iterable[float]) -> str:
-    """Return the numbers separated by blanks."""
+    """Return the texts of numbers, separated by blanks."""
     return " ".join(number(value) for value in values)
 
 
 MESHES = ".meshes"
-"""Added to the name of a URDF file for that of the folder of its meshes."""
+"""Suffix that turns the name of a URDF file into that of the folder of its meshes."""
 URDF_MESHES = f"arm.urdf{MESHES}"
-"""That folder in an output folder."""
+"""Name of the folder of meshes in an output folder."""
 _Z_ALONG_X = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])
-"""A turn that lays what stands along z along x."""
+"""Rotation that takes the z axis to the x axis."""
 
 
 @dataclass(frozen=True)
 class _Shape:
-    """What a link or an obstacle is made of.
+    """The geometry of a link or an obstacle.
 
     Attributes:
-        kind: box, sphere, cylinder, capsule or mesh; round ones stand along z.
-        size: the sides of a box, or the radius and the length of the axis [m]; nothing of a mesh.
-        place: of its middle, shape (3,) [m].
-        turn: shape (3, 3).
+        kind: box, sphere, cylinder, capsule or mesh; the axis of round shapes is z.
+        size: sides of a box, or radius and length of the axis [m]; empty for a mesh.
+        place: position of the centre, shape (3,) [m].
+        turn: rotation, shape (3, 3).
     """
 
     kind: str
@@ -158,17 +158,17 @@ def _geometry_element(body: Body) -> _Shape:
 
 
 def _capsule(arm: Arm, begin: float) -> _Shape:
-    """Return a link from a place on it to its end."""
+    """Return the part of a link from ``begin`` [m] to its end, in the link's frame."""
     size = (visual_radius(arm), arm.link_length - begin)
     return _Shape("capsule", size, np.array([0.5 * (begin + arm.link_length), 0.0, 0.0]), _Z_ALONG_X)
 
 
 def scene_meshes(scene: SolidScene, folder: str) -> dict[str, bytes]:
-    """Return the mesh files of a scene, in binary STL, metres, the world frame.
+    """Return the mesh files of a scene by path, in binary STL, in metres and the world frame.
 
     Args:
         scene: the obstacles.
-        folder: in front of their names.
+        folder: folder of the files.
     """
     return {
         f"{folder}/{mesh_file(scene, obstacle, k)}": triangles_stl(solid.triangles)
@@ -179,12 +179,12 @@ def scene_meshes(scene: SolidScene, folder: str) -> dict[str, bytes]:
 
 
 def mesh_file(scene: SolidScene, obstacle: SolidObstacle, k: int) -> str:
-    """Name of the file of a solid's mesh; of no matter where it has none."""
+    """Return the name of the mesh file of an obstacle's solid, by its index ``k``; unused where it is no mesh."""
     return f"{obstacle.slug}-{k + 1}.stl" if scene.extruded else f"{obstacle.slug}.stl"
 
 
 def triangles_stl(corners: FloatArray) -> bytes:
-    """Return the triangles, shape (m, 3, 3) [m], in binary STL."""
+    """Return triangles, shape (m, 3, 3) [m], in binary STL."""
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
     rows = np.zeros(len(corners), dtype=[("numbers", "<f4", (4, 3)), ("attributes", "<u2")])
@@ -194,7 +194,14 @@ def triangles_stl(corners: FloatArray) -> bytes:
 
 
 def _add_urdf_shapes(link: ET.Element, purpose: str, shape: _Shape, mesh: str = "") -> None:
-    """Add what a link looks like or is met as; URDF has no capsules, which are a cylinder with a ball at either end."""
+    """Add a geometry to a link; URDF has no capsules, so one becomes a cylinder with a ball at either end.
+
+    Args:
+        link: element of the link.
+        purpose: "visual" or "collision".
+        shape: the geometry.
+        mesh: file of a mesh.
+    """
     parts = [shape]
     if shape.kind == "capsule":
         half = 0.5 * shape.size[1] * shape.turn[:, 2]
@@ -217,16 +224,16 @@ def _add_origin(element: ET.Element, place: Iterable[float], angles: Iterable[fl
 
 
 UNLIMITED_EFFORT = 1e6
-"""Written where there is no limit, since URDF has no way to say so [N m] or [N]."""
+"""Effort written where there is no limit, which URDF cannot express [N m] or [N]."""
 UNLIMITED_VELOCITY = 1e3
-"""Likewise [m/s]."""
+"""Velocity written where there is no limit [m/s]."""
 FRAME_MASS = 2e-15
-"""Of frames that move and carry nothing themselves [kg].
+"""Mass of moving frames that have none [kg].
 
-Derived: twice the least that MuJoCo loads; Gazebo wants some, too. Torques change by less than their twelve digits.
+Derived: twice the least that MuJoCo loads; Gazebo requires some, too. Torques change by less than their twelve digits.
 """
 FRAME_INERTIA = 2e-14
-"""Likewise, about every axis [kg m²]."""
+"""Moment of inertia of moving frames that have none, about every axis, likewise [kg m²]."""
 
 
 def urdf_text(
@@ -240,20 +247,20 @@ def urdf_text(
 ) -> str:
     """Return the URDF of the arm, and of the obstacles around it.
 
-    The root link ``world`` is the world frame; base position and heading stand in the fixed joint ``base_mount``. All
-    joint frames are parallel at zero angles, the straight arm along the base heading. A feed axis is the prismatic
-    joint ``feed`` before all others, a payload a link of its own, and the tip a link without mass, ``tip``. Obstacles
-    are links that are fixed to the world. Of the mount, which may touch walls, there is only the look. URDF has no
-    place for rotor inertia. Frames between joints have the least mass and inertia that MuJoCo and Gazebo load.
+    The root link ``world`` is the world frame; base position and heading are in the fixed joint ``base_mount``. All
+    joint frames are parallel at zero angles, which give the straight arm along the base heading. A feed axis is the
+    prismatic joint ``feed`` before all others, a payload a link of its own, and the tip a link without mass, ``tip``.
+    Obstacles are links fixed to the world. The mount, which may touch walls, is visual only. URDF cannot express rotor
+    inertia. Frames between joints have about the least mass and inertia that MuJoCo and Gazebo load.
 
     Args:
         arm: the arm.
-        name: of the robot.
-        limits: bounds on the revolutes; without torque limits an effort of 1e6 N m is written.
+        name: name of the robot.
+        limits: limits of the revolutes; without torque limits an effort of 1e6 N m is written.
         scene: the obstacles; None writes the arm alone.
-        mesh_folder: of the meshes of obstacles, relative to the file.
-        bends_only: whether a link has one revolute, which bends in the plane, or the two that bend it in space, in
-            place of three.
+        mesh_folder: folder of the obstacles' meshes, relative to the file.
+        bends_only: whether a link has only the revolutes that bend it, one in the plane and two in space, instead of
+            three.
     """
     robot = ET.Element("robot", name=name)
     ET.SubElement(robot, "link", name="world")
@@ -278,7 +285,7 @@ def urdf_text(
     if scene is not None:
         _add_urdf_obstacles(robot, scene, mesh_folder)
     if robot.find(".//mesh") is not None:
-        # MuJoCo 3 takes the last part of a name alone if not told so; others pass over what they do not know.
+        # MuJoCo 3 drops the folders of file names by default; other programs ignore this element.
         ET.SubElement(ET.SubElement(robot, "mujoco"), "compiler", strippath="false")
     ET.indent(robot)
     return '<?xml version="1.0"?>\n' + ET.tostring(robot, encoding="unicode") + "\n"
@@ -298,7 +305,7 @@ def _add_urdf_obstacles(robot: ET.Element, scene: SolidScene, folder: str) -> No
 
 
 def _add_mount(robot: ET.Element, arm: Arm, limits: Limits) -> str:
-    """Return what is between the world and the first ball; returns the link that carries it."""
+    """Add the links and joints between the world and the first ball joint; return the link that carries that joint."""
     names = (*("mount" for _ in arm.base_axes), "base")
     ET.SubElement(robot, "link", name=names[0])
     _add_joint(robot, "base_mount", "fixed", "world", names[0], arm.base_position, roll_pitch_yaw(arm.base_rotation))
@@ -347,7 +354,15 @@ def _add_link(robot: ET.Element, arm: Arm, name: str, revolute: Revolute) -> Non
 
 
 def _add_inertia(link: ET.Element, centre: float, mass: float, axial: float, across: float) -> None:
-    """Mass and inertia of a body of revolution about x, its centre at this x."""
+    """Add the mass and inertia of a body of revolution about x to a link.
+
+    Args:
+        link: element of the link.
+        centre: x coordinate of its centre of mass [m].
+        mass: mass [kg].
+        axial: moment of inertia about x [kg m²].
+        across: moment of inertia about y and z [kg m²].
+    """
     inertial = ET.SubElement(link, "inertial")
     _add_origin(inertial, (centre, 0.0, 0.0))
     ET.SubElement(inertial, "mass", value=number(mass))
@@ -357,9 +372,9 @@ def _add_inertia(link: ET.Element, centre: float, mass: float, axial: float, acr
 
 _COLOUR = "0.55 0.57 0.6 1"
 _GLASS = "0.55 0.57 0.6 0.4"
-"""Of bodies in space, which would hide the arm."""
+"""Colour of obstacles in space, transparent because they would hide the arm."""
 _CONTACT = {"contype": "2", "conaffinity": "1"}
-"""What the arm is made of has the bit 1 in contype alone."""
+"""Contact bits of obstacles: the arm has contype 1 and conaffinity 0, so it collides with obstacles but not itself."""
 
 
 def mjcf_text(
@@ -373,18 +388,18 @@ def mjcf_text(
 ) -> str:
     """Return the MJCF of the arm, with a motor at every revolute, and of the obstacles around it.
 
-    Links collide with obstacles and whatever else a scene adds, not with each other; of the mount, which may touch
-    walls, there is only the look. Zero angles are the straight arm along the base
-    heading. A feed axis is the slide joint ``feed`` before all others, a payload a body of its own.
+    Links collide with obstacles and anything else that a scene adds, not with each other; the mount, which may touch
+    walls, is visual only. Zero angles give the straight arm along the base heading. A feed axis is the slide joint
+    ``feed`` before all others, a payload a body of its own.
 
     Args:
         arm: the arm.
-        name: of the model.
-        gravity: in the world, shape (3,) [m/s²].
+        name: name of the model.
+        gravity: gravitational acceleration in the world frame, shape (3,) [m/s²].
         scene: the obstacles; None writes the arm alone.
-        mesh_folder: of the meshes of obstacles in space, relative to the file.
-        bends_only: whether a link has one hinge, which bends in the plane, or the two that bend it in space, in place
-            of three.
+        mesh_folder: folder of the meshes of obstacles in space, relative to the file.
+        bends_only: whether a link has only the hinges that bend it, one in the plane and two in space, instead of
+            three.
     """
     model = ET.Element("mujoco", model=name)
     ET.SubElement(model, "compiler", angle="radian", autolimits="true")
@@ -426,7 +441,7 @@ def _quaternion(turn: FloatArray) -> str:
 
 
 def _add_geom(body: ET.Element, shape: _Shape, **attributes: str) -> None:
-    # MuJoCo wants half sides and half lengths, and whole radii.
+    # MuJoCo takes half sides and half lengths, but full radii.
     size = [0.5 * side for side in shape.size]
     if shape.kind in {"sphere", "cylinder", "capsule"}:
         size[0] = shape.size[0]
@@ -438,19 +453,19 @@ def _add_geom(body: ET.Element, shape: _Shape, **attributes: str) -> None:
 def _add_obstacle(
     asset: ET.Element, worldbody: ET.Element, obstacle: SolidObstacle, scene: SolidScene, folder: str
 ) -> None:
-    """Add an obstacle, which stands still and touches the arm but no other.
+    """Add a static obstacle, which collides with the arm but with no other obstacle.
 
     Args:
-        asset: receives meshes of solids of the plane.
-        worldbody: receives a geom for every solid, named by the obstacle; further ones have ``/2`` and so on behind.
-        obstacle: of the scene.
-        scene: its measures.
-        folder: of the meshes of space, as ``scene_meshes`` writes them, relative to the MJCF.
+        asset: receives the meshes of extruded obstacles.
+        worldbody: receives a geom for every solid, named after the obstacle, with ``/2`` and so on from the second.
+        obstacle: the obstacle.
+        scene: scene of the obstacle.
+        folder: folder of the meshes in space, as ``scene_meshes`` writes them, relative to the MJCF.
     """
     for k, solid in enumerate(obstacle.solids):
         name = obstacle.name if k == 0 else f"{obstacle.name}/{k + 1}"
         if solid.kind == "mesh" and not scene.extruded:
-            # A flex needs some radius, and a mass that is of no matter where nothing moves.
+            # A flex must have a radius, and a mass, which does not matter for a static one.
             radius = number(max(solid.rounding, 0.5 * scene.thinnest))
             given = {"name": name, "type": "mesh", "dim": "2", "rigid": "true", "mass": "1", "radius": radius}
             flex = ET.SubElement(
@@ -461,7 +476,7 @@ def _add_obstacle(
         colour = _COLOUR if scene.extruded else _GLASS
         if solid.kind == "mesh":
             vertices = numbers(solid.vertices.reshape(-1))
-            # Any solid may be this thin, and nothing here has a mass.
+            # As a shell a mesh may be arbitrarily thin; its inertia does not matter, since it is static.
             ET.SubElement(asset, "mesh", name=name, vertex=vertices, inertia="shell")
             ET.SubElement(worldbody, "geom", _CONTACT, name=name, rgba=colour, type="mesh", mesh=name)
         else:
@@ -469,7 +484,7 @@ def _add_obstacle(
 
 
 def _add_body(body: ET.Element, arm: Arm, k: int) -> None:
-    """Mass and shape of a link; what may touch walls is seen and not felt."""
+    """Add the mass and geometry of link ``k``, from 0; the part in the mount, which may touch walls, is visual only."""
     across = arm.inertia_transverse[k]
     inertia = numbers((arm.inertia_axial[k], across, across))
     centre = numbers((0.5 * arm.link_length, 0.0, 0.0))

@@ -1,7 +1,7 @@
-"""Obstacles as bodies in space: those of the plane extruded, those of space as they are.
+"""Obstacles as solids for physics engines and viewers: planar obstacles extruded, obstacles in space unchanged.
 
-The plane is world x-z; every obstacle of it reaches as far before it as behind it. Engines know convex solids only, so
-that polygons are divided into convex parts, and what is outside the room is a solid of several parts too.
+The plane of motion is world x-z; planar obstacles are extruded symmetrically to both sides of it. Engines handle convex
+solids only, so polygons are divided into convex parts, and the outside of the room consists of several solids too.
 """
 
 import re
@@ -19,7 +19,7 @@ from ccm_opt.scene.workspace import BOUNDARY_NAME, ROOM_NAME, Obstacle, PlaneSha
 
 
 def unique_names(names: Iterable[str]) -> list[tuple[str, str]]:
-    """For each obstacle a printable name, and one of letters, digits and underscores alone; no two are alike."""
+    """Return for each obstacle a printable name and a slug of letters, digits and underscores, all unique."""
     shown: set[str] = set()
     slugs: set[str] = set()
     return [
@@ -32,7 +32,7 @@ def unique_names(names: Iterable[str]) -> list[tuple[str, str]]:
 
 
 def _unlike(name: str, taken: set[str]) -> str:
-    """Return a name that is not taken yet, and is from now on."""
+    """Return a name that is not taken yet, with a number appended if necessary, and add it to ``taken``."""
     free = name
     number = 1
     while free in taken:
@@ -43,26 +43,26 @@ def _unlike(name: str, taken: set[str]) -> str:
 
 
 _DEPTH = 4.0
-"""Of extruded obstacles behind and before the plane, in radii of the arm: as the viewer shows them. Taste."""
+"""Depth of extruded obstacles to either side of the plane, in radii of the arm, as in the viewer. Taste."""
 _LEAST_DEPTH = 0.02
-"""The same at least, as a share of the arm's length; arms without a radius need it. Taste."""
+"""Least depth of extruded obstacles, as a share of the arm's length, for arms of zero radius. Taste."""
 _ROOM_WALL = 0.05
 """Thickness of the walls around the room, as a share of the arm's length. Taste."""
 _THIN_WALL = 1e-6
-"""Thickness of walls that have none, likewise. Derived: what a contact may be off by unless the problem says otherwise,
-since engines know no walls without thickness."""
+"""Thickness given to walls without thickness, which engines cannot handle, as a share of the arm's length. Derived: the
+default contact tolerance."""
 _SQUARE = 1e-9
-"""Prisms whose corners miss right angles by less than this, relative to their sides, are boxes."""
+"""Deviation from a right angle, relative to the sides, up to which a prism of four corners is a box."""
 
 
 @dataclass(frozen=True)
 class SolidObstacle:
-    """An obstacle, or what is outside the room, as solids.
+    """An obstacle, or the outside of the room, as solids.
 
     Attributes:
-        name: of the obstacle, printable and unlike that of any other.
-        slug: the same with letters, digits and underscores alone.
-        solids: which together are the obstacle; they may overlap.
+        name: unique printable name of the obstacle.
+        slug: unique name of letters, digits and underscores alone.
+        solids: solids whose union is the obstacle; they may overlap.
     """
 
     name: str
@@ -72,12 +72,12 @@ class SolidObstacle:
 
 @dataclass(frozen=True)
 class SolidScene:
-    """Everything that an arm can touch.
+    """Everything that an arm can collide with, as solids.
 
     Attributes:
-        obstacles: in the order of the workspace; what is outside the room is the last.
-        extruded: whether they are of the plane, their meshes convex.
-        thinnest: what has no thickness may be this thick [m].
+        obstacles: obstacles in the order of the workspace, the outside of the room last.
+        extruded: whether they are extruded planar obstacles, whose meshes are convex.
+        thinnest: thickness given to surfaces without thickness [m].
     """
 
     obstacles: tuple[SolidObstacle, ...]
@@ -89,8 +89,8 @@ def solid_scene(workspace: Workspace, arm: Arm) -> SolidScene:
     """Return the scene of an arm.
 
     Args:
-        workspace: obstacles and the room.
-        arm: whose size gives the depth of the solids and the thickness of walls that have none.
+        workspace: the obstacles and the room.
+        arm: the arm, whose size sets the depth of extruded solids and the thickness of walls without thickness.
     """
     thickness = _ROOM_WALL * arm.length
     thinnest = _THIN_WALL * arm.length
@@ -114,17 +114,17 @@ def solid_scene(workspace: Workspace, arm: Arm) -> SolidScene:
 
 
 def _slabs(bounds: FloatArray, thickness: float) -> Iterator[BoxBody]:
-    """Yield the six sides of a room, outside it."""
+    """Yield the six walls around a room, outside its bounds, shape (2, 3) [m]."""
     low, high = bounds
     for axis in range(3):
-        # Each reaches past the room by the thickness all round, so that the corners are closed.
+        # Each wall extends beyond the room by the thickness on all sides, so that the corners are closed.
         own = np.arange(3) == axis
         yield BoxBody(low - thickness, np.where(own, low, high + thickness))
         yield BoxBody(np.where(own, high, low - thickness), high + thickness)
 
 
 def _frame(bounds: tuple[float, float, float, float], wall: float) -> list[shapely.Geometry]:
-    """Return the four boxes round a box."""
+    """Return the four boxes around a rectangle, of thickness ``wall`` [m]."""
     xmin, ymin, xmax, ymax = bounds
     return [
         shapely.box(xmin - wall, ymin - wall, xmin, ymax + wall),
@@ -135,7 +135,13 @@ def _frame(bounds: tuple[float, float, float, float], wall: float) -> list[shape
 
 
 def _solids(obstacle: Obstacle, thinnest: float, half_depth: float) -> Iterator[Body]:
-    """Yield the convex bodies that together are an obstacle of the plane; round corners of walls are exact."""
+    """Yield convex solids whose union is an extruded planar obstacle; the round corners of walls are exact cylinders.
+
+    Args:
+        obstacle: the obstacle.
+        thinnest: half the thickness given to walls without thickness [m].
+        half_depth: depth to either side of the plane [m].
+    """
     core = obstacle.core
     rounding = obstacle.rounding
     if not isinstance(core, (shapely.Point, shapely.LineString)):
@@ -150,14 +156,14 @@ def _solids(obstacle: Obstacle, thinnest: float, half_depth: float) -> Iterator[
 
 
 def _leg(tail: FloatArray, head: FloatArray, half: float) -> FloatArray:
-    """Return the corners of a straight piece of a wall, without the round ends, shape (4, 2)."""
+    """Return the corners of a straight piece of a wall of half thickness ``half``, without round ends, shape (4, 2)."""
     along = (head - tail) / max(float(np.hypot(*(head - tail))), 1e-300)
     across = half * np.array([-along[1], along[0]])
     return np.array([tail - across, head - across, head + across, tail + across])
 
 
 def _extruded(corners: FloatArray, half_depth: float) -> Body:
-    """Return a convex polygon, its corners counter-clockwise, of shape (k, 2), as a box where it is a rectangle."""
+    """Return the extrusion of a convex polygon, counter-clockwise, shape (k, 2): a box if a rectangle, else a mesh."""
     sides = np.roll(corners, -1, axis=0) - corners
     lengths = np.hypot(*sides.T)
     uneven = float(np.abs(sides[0] + sides[2]).max()) + abs(float(sides[0] @ sides[1])) / lengths.max()
@@ -171,13 +177,13 @@ def _extruded(corners: FloatArray, half_depth: float) -> Body:
 
 
 def convex_parts(geometry: shapely.Geometry) -> tuple[FloatArray, ...]:
-    """Return the convex polygons that tile a polygon or several, holes left free.
+    """Return convex polygons that tile the polygons of a geometry, without their holes.
 
     Args:
-        geometry: valid polygons.
+        geometry: valid polygons; other parts are ignored.
 
     Returns:
-        Corners counter-clockwise, each of shape (k, 2); straight corners are left out.
+        Corners of each convex polygon, counter-clockwise, shape (k, 2); straight corners are left out.
     """
     from ccm_opt.scene import triangulation  # noqa: PLC0415 - needed for few scenes
 
@@ -197,11 +203,16 @@ def _without_straight(corners: FloatArray) -> FloatArray:
 
 
 def prism_mesh(corners: FloatArray, half_depth: float) -> tuple[FloatArray, IntArray]:
-    """The surface of an extruded polygon, shape (k, 2): vertices, shape (2 k, 3) [m], and triangles turned outwards."""
+    """Return the surface of an extruded convex polygon: vertices, shape (2 k, 3) [m], and outward triangles.
+
+    Args:
+        corners: corners of the polygon, counter-clockwise, shape (k, 2) [m].
+        half_depth: depth to either side of the plane [m].
+    """
     count = len(corners)
     x, z = corners.T
     vertices = np.vstack([np.column_stack((x, np.full(count, depth), z)) for depth in (-half_depth, half_depth)])
-    # From before the plane, at negative world y, the corners run counter-clockwise.
+    # Seen from negative world y, in front of the plane, the corners run counter-clockwise.
     fan = np.arange(1, count - 1)
     near = np.column_stack((np.zeros_like(fan), fan, fan + 1))
     far = near[:, ::-1] + count

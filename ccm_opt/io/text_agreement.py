@@ -1,7 +1,7 @@
-"""Whether the texts of a folder agree with its arrays.
+"""Checks that the text files of an output folder agree with its arrays.
 
-Each text is held against the one that would be written: line by line, numbers by value. A file of points says itself
-which samples of the plan it has, and how much slower it is.
+Each text is compared with the one that would be written, line by line, numbers by value. The times in a file of points
+show which samples of the plan it contains, and how much slower it is.
 """
 
 import re
@@ -35,22 +35,22 @@ from ccm_opt.problem.solution import Check, JointStates, JointTrajectory, RoomRe
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION
 
 HEAD = 84
-"""Bytes of a binary STL before its triangles, the last four of which are their number."""
+"""Bytes of a binary STL before its triangles, of which the last four hold the number of triangles."""
 TRIANGLE = np.dtype([("numbers", "<f4", (4, 3)), ("attributes", "<u2")])
 """A triangle of a binary STL: its normal and its corners."""
 ROUNDING = 1e-6
-"""By which a corner may be off, as a share of the mesh's size: the files have single precision."""
+"""Deviation allowed for a corner, as a share of the mesh's size: the files have single precision."""
 
 
 def mesh_defects(folder: Path, text: str, problem: Problem) -> Iterator[str]:
-    """Yield what of the meshes that a description names is otherwise than the problem says.
+    """Yield how the mesh files named in a description of the arm differ from the meshes of the problem.
 
-    Of the plane nothing is known.
+    Only meshes of obstacles in space are checked, not those of extruded obstacles.
 
     Args:
-        folder: of the description.
-        text: of the description.
-        problem: in space, whose meshes they are.
+        folder: folder of the description.
+        text: text of the description.
+        problem: the problem.
     """
     scene = solid_scene(problem.workspace, problem.arm)
     for k, _, body in problem.workspace.meshes:
@@ -60,7 +60,7 @@ def mesh_defects(folder: Path, text: str, problem: Problem) -> Iterator[str]:
 
 
 def _file_defects(path: Path, name: str, triangles: FloatArray) -> Iterator[str]:
-    # A file of another size is not read, however large it is.
+    # A file of the wrong size is not read, since it may be huge.
     if not path.is_file() or path.stat().st_size != HEAD + len(triangles) * TRIANGLE.itemsize:
         yield f"{name} is missing, or has another number of triangles than the problem's mesh"
         return
@@ -68,7 +68,7 @@ def _file_defects(path: Path, name: str, triangles: FloatArray) -> Iterator[str]
     (count,) = struct.unpack_from("<I", content, HEAD - 4)
     found = np.frombuffer(content, TRIANGLE, offset=HEAD)["numbers"][:, 1:].astype(np.float64)
     allowed = ROUNDING * float(np.max(np.abs(triangles)))
-    # What is no number is off, too.
+    # Written so that NaN counts as a deviation.
     off = ~(np.abs(found - triangles) <= allowed)
     if content.startswith(b"solid"):
         yield f"{name} begins as a file of text does, and other programs would read it as one"
@@ -78,30 +78,31 @@ def _file_defects(path: Path, name: str, triangles: FloatArray) -> Iterator[str]
 
 
 POINT_TOLERANCE = 1.01e-11
-"""Share by which a number of the table or the message may differ: of twelve digits the last may be off."""
+"""Relative difference allowed for numbers of the table or the message: the last of twelve digits may differ."""
 TIME_TOLERANCE = 1e-9
-"""Times may differ by this much, for a message counts whole nanoseconds [s]."""
+"""Difference allowed for times, since a message counts whole nanoseconds [s]."""
 NUMBER_TOLERANCE = 1e-12
-"""Share by which a number in a description of the arm may differ; all digits are written."""
+"""Relative difference allowed for numbers in a description of the arm, which are written with all digits."""
 MOST_TIMES_LONGER = 10
-"""What is longer than a text need be by this factor is not read."""
+"""Files longer than the expected text by this factor are not read."""
 LONGEST_NUMBER = 25
-"""Characters of a number, its sign and what parts it from the next among them."""
+"""Largest number of characters of a number, including its sign and separator."""
 LEAST_BYTES = 2**16
-"""Files of no more are read in any case: short texts may have remarks in front that are longer than they are."""
+"""Files up to this size are always read: comments before a short text may be longer than the text."""
 NAMES = {
     "trajectory.csv": "table against arrays",
     "trajectory.yaml": "ROS message against arrays",
     "arm.urdf": "URDF against problem",
     "arm.mjcf.xml": "MJCF against problem",
 }
-"""Checks of the files."""
+"""Names of the checks, by file."""
 STAMP = re.compile(r"\{ *sec: *(\d{1,12}), *nanosec: *(\d{1,9}) *\}")
 """A time of a ROS message."""
 DECLARATION = re.compile(r"\s*<\?xml(\s+version=([\"'])1\.0\2)?(\s+encoding=([\"'])(?i:utf-8|us-ascii)\4)?\s*\?>")
-"""The only instruction that a description of an arm may have; other letters would make it another text elsewhere."""
+"""The only processing instruction allowed in a description of the arm; in another encoding, other programs would read a
+different text."""
 NUMBER = re.compile(r"(?<![\w.])([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)(?![\w.])")
-"""A number that stands by itself, and in no name."""
+"""A number that is not part of a name."""
 
 
 def text_checks(
@@ -111,20 +112,20 @@ def text_checks(
     joints: JointStates,
     checks: Sequence[Check],
 ) -> list[Check]:
-    """Check each text file that is there; whoever deletes one loses it, and misleads nobody.
+    """Return the checks of the text files present in a folder; a missing file is no defect, since it misleads nobody.
 
     Args:
         folder: an output folder.
-        problem: whose arm is described.
+        problem: the problem, with the arm described.
         trajectory: the motion in the folder's arrays.
-        joints: the same for all drives.
-        checks: of the motion, which know the least gaps.
+        joints: the motion as the drives see it.
+        checks: checks of the motion, which hold its least gaps.
     """
     plan = (problem, trajectory, joints)
     numbers = len(trajectory.time) * (len(ROS_FIELDS) * (len(joints.names) + trajectory.positions.shape[1]) + 1)
     longest = LONGEST_NUMBER * numbers
     found = []
-    # As ``solve`` writes a description, and as ``ccm-opt export`` may have written it in its place.
+    # The description as ``solve`` writes it, and the variants with which ``ccm-opt export`` may have replaced it.
     described = [
         model_texts(problem, obstacles=obstacles, bends_only=bends_only)
         for bends_only in (False, True)
@@ -149,7 +150,13 @@ def text_checks(
 
 
 def _check(path: Path, find: Callable[[str], str], most_bytes: int) -> Check:
-    """Return whether a file is as it should be, by what finds how it differs."""
+    """Return the check of a file.
+
+    Args:
+        path: path of the file.
+        find: returns how the file's text differs from what it should be, or an empty text.
+        most_bytes: largest size; larger files fail the check unread.
+    """
     try:
         text = read_plain(path, most_bytes).decode("utf-8")
         said = find(text.replace("\r\n", "\n").replace("\r", "\n"))
@@ -161,10 +168,16 @@ def _check(path: Path, find: Callable[[str], str], most_bytes: int) -> Check:
 def _point_defect(
     text: str, plan: tuple[Problem, JointTrajectory, JointStates], found: list[ControllerPoints], *, of_table: bool
 ) -> str:
-    """Return how the points of a file differ from the plan's; ``found`` receives those that they should be.
+    """Return how the points in a file differ from the plan's; empty where they agree.
+
+    Args:
+        text: text of the file.
+        plan: problem, motion, and motion as the drives see it.
+        found: receives the points that the file should contain.
+        of_table: whether the file is the CSV table rather than the ROS message.
 
     Raises:
-        ValueError: its times are not those of the plan.
+        ValueError: the times are not those of samples of the plan.
     """
     lines = _point_lines(text)
     stamps = (
@@ -183,15 +196,19 @@ def _point_defect(
 
 
 def _point_lines(text: str) -> list[str]:
-    """Return the lines that say something."""
+    """Return the lines of a text except blank lines and comments."""
     return [line.rstrip() for line in text.splitlines() if line.strip() and not line.lstrip().startswith("#")]
 
 
 def _matching_samples(time: FloatArray, plan: JointTrajectory) -> tuple[IntArray, float]:
-    """Return which samples points at some times are, and by which factor time is longer.
+    """Return the indices of the samples at given times of a slowed plan, shape (P,), and the factor of slowing down.
+
+    Args:
+        time: times of the points, shape (P,) [s].
+        plan: the planned motion.
 
     Raises:
-        ValueError: they are none, or not in order, or a stop or an end is not among them.
+        ValueError: a time is that of no sample, times are not increasing, or an end or a stop is missing.
     """
     if not len(time) or not np.isfinite(time).all():
         raise ValueError("it has no points, or times that are no numbers")
@@ -212,22 +229,28 @@ def _matching_samples(time: FloatArray, plan: JointTrajectory) -> tuple[IntArray
 
 
 def _model_defect(text: str, folder: Path, problem: Problem, texts: Sequence[str]) -> str:
-    """How a description of the arm differs from all that it may be, or the meshes that it names from the problem's.
+    """Return how a description of the arm differs from all valid ones, or its meshes from the problem's; or empty.
+
+    Args:
+        text: text of the description.
+        folder: its folder.
+        problem: the problem.
+        texts: the valid descriptions.
 
     Raises:
-        ValueError: it is no such text.
+        ValueError: the text cannot be read as such a description.
     """
     defect = "" if text in texts else _difference(_elements(text), map(_elements, texts), NUMBER_TOLERANCE)
     return defect or next(mesh_defects(folder, text, problem), "")
 
 
 def _elements(text: str) -> list[str]:
-    """Return the elements of a text of XML, a line each, in one way of writing.
+    """Return the elements of an XML text in canonical form, a line each.
 
     Raises:
-        ValueError: it is not readable.
+        ValueError: the text is no XML, or has declarations or instructions.
     """
-    # Nothing here needs declarations, and entities could make a short text endless.
+    # Descriptions need no declarations, and entities could expand a short text without bound.
     if "<!" in text.replace("<!--", "") or "<?" in DECLARATION.sub("", text, count=1):
         raise ValueError("it has declarations or instructions, which no description of an arm needs")
     try:
@@ -237,7 +260,15 @@ def _elements(text: str) -> list[str]:
 
 
 def _difference(lines: Sequence[str], variants: Iterable[Sequence[str]], tolerance: float) -> str:
-    """Return how lines differ from the variant that they follow farthest; empty where they are as one of them."""
+    """Return how lines differ from the closest of some variants; empty where they equal one.
+
+    The closest variant is the one with the most leading lines in common.
+
+    Args:
+        lines: the lines.
+        variants: the lines allowed.
+        tolerance: relative difference allowed for numbers.
+    """
     farthest, said = -1, ""
     for wanted in variants:
         alike = sum(1 for _ in takewhile(lambda pair: _are_alike(*pair, tolerance), zip(lines, wanted, strict=False)))
@@ -250,7 +281,7 @@ def _difference(lines: Sequence[str], variants: Iterable[Sequence[str]], toleran
 
 
 def _are_alike(found: str, wanted: str, tolerance: float) -> bool:
-    """Return whether two lines are alike, numbers by value; what they begin with has to be the same, to the blank."""
+    """Return whether two lines agree: numbers by value, the indentation exactly, other text up to blanks."""
     if found == wanted:
         return True
     ours, theirs = NUMBER.split(found), NUMBER.split(wanted)
@@ -265,11 +296,12 @@ def _are_alike(found: str, wanted: str, tolerance: float) -> bool:
 
 NAME = "record against motion"
 _OF_MOTION = ("wanted_gap", "clearance", "reach", "nearest", "start", "stops", "goal", "short")
-"""What of the room follows from the motion; what would have been possible, and what it costs, was found in planning."""
+"""Entries of the record of clearance that follow from the motion; the attainable gap and its price come from
+planning."""
 _OF_PLACES = ("gap", "wanted")
-"""What is held of a place with little room; of several that are alike any may be named."""
+"""Entries compared for a place with little clearance; of several equally tight places the record may name any."""
 _OF_MESHES = ("obstacle", "kept", "sha256", "triangles", "closed")
-"""What is held of a mesh; where it was copied from is not known any more."""
+"""Entries compared for a mesh; its original file is no longer known."""
 
 
 def record_data_check(
@@ -279,14 +311,14 @@ def record_data_check(
     room: RoomRecord,
     left_out: Sequence[str],
 ) -> Check:
-    """Return one check for all of it; whatever a record does not have misleads nobody.
+    """Return the check that a record agrees with its motion; a missing entry is no defect, since it misleads nobody.
 
     Args:
-        record: all of it.
-        problem: in the record.
-        trajectory: the motion, which passes every check of its own.
-        room: that it keeps, measured anew.
-        left_out: what nothing was held against, found anew.
+        record: the whole record.
+        problem: the problem in the record.
+        trajectory: the motion, already verified.
+        room: clearance of the motion, measured again.
+        left_out: what was not checked, determined again.
     """
     wanted: dict[str, object] = {
         "method": problem.planner.method,
@@ -297,7 +329,7 @@ def record_data_check(
     if problem.dimension == 3:
         wanted["goal"] = goal_data(goal_errors(problem, trajectory.positions[-1]))
         wanted["meshes"] = [{name: mesh[name] for name in _OF_MESHES} for mesh in mesh_data(problem)]
-    # Least gaps are known to a resolution only; everything else is far less off.
+    # Least gaps are known only to the report resolution; everything else is far more accurate.
     allowed = DEFAULT_VERIFICATION.for_problem(problem).report_resolution
     wrong = [
         path for name, value in wanted.items() if name in record for path in _off(record[name], value, name, allowed)
@@ -307,7 +339,7 @@ def record_data_check(
 
 
 def _of_places(value: object) -> object:
-    """Return the same without what is not held of places."""
+    """Return a part of the record of clearance with only those entries of places that are compared."""
     if isinstance(value, Mapping):
         if "nearest" in value:
             return {"nearest": _of_places(value["nearest"])}
@@ -316,7 +348,14 @@ def _of_places(value: object) -> object:
 
 
 def _off(found: object, wanted: object, path: str, allowed: float) -> Iterator[str]:
-    """Yield the paths of what differs; a table may have more than is wanted."""
+    """Yield the paths of entries that differ; tables may have additional keys.
+
+    Args:
+        found: value in the record.
+        wanted: value expected.
+        path: path of the value.
+        allowed: difference allowed for numbers.
+    """
     if isinstance(wanted, Mapping):
         if not isinstance(found, Mapping):
             yield path
@@ -336,7 +375,7 @@ def _off(found: object, wanted: object, path: str, allowed: float) -> Iterator[s
 def _same(found: object, wanted: object, allowed: float) -> bool:
     if isinstance(wanted, float) and np.isfinite(wanted):
         return isinstance(found, (int, float)) and not isinstance(found, bool) and abs(found - wanted) <= allowed
-    # Truth is no number: nought and one would be alike to it.
+    # Python's True equals 1 and False equals 0, but a boolean must not match a number.
     return found == (None if isinstance(wanted, float) else wanted) and isinstance(found, bool) == isinstance(
         wanted, bool
     )
