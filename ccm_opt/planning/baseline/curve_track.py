@@ -27,7 +27,9 @@ _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(40)
 
 
 def chord_ratio(turn: float) -> float:
-    """D(α) = 2 ∫₀^½ cos(α (3/2 - 2x²) x) dx: chord over length of a cubic spiral (Kanayama and Hartman, table 1).
+    """Return the chord-to-length ratio D(α) of a cubic spiral (Kanayama and Hartman, table 1).
+
+    D(α) = 2 ∫₀^½ cos(α (3/2 - 2x²) x) dx.
 
     Args:
         turn: α, at most 20 either way [rad]; the quadrature then errs by less than 1e-14.
@@ -37,15 +39,15 @@ def chord_ratio(turn: float) -> float:
 
 
 _EVEN = np.array([0.0, *EVEN_KNOTS, 1.0])
-"""Even knots, the ends included."""
+"""Even knots, including the ends."""
 
 
 @dataclass(frozen=True)
 class SegmentTrack:
-    """Curvature segments end to end.
+    """Curvature segments joined end to end.
 
     Attributes:
-        segments: each begins at the heading at which the one before ends.
+        segments: the segments; each begins at the heading at which the previous one ends.
     """
 
     segments: tuple[CurvatureSegment, ...]
@@ -60,7 +62,7 @@ class SegmentTrack:
         return self._divided(length)[0]
 
     def after(self, length: float) -> "SegmentTrack":
-        """Return what follows the first ``length`` metres."""
+        """Return the track that follows the first ``length`` metres."""
         return SegmentTrack(self._divided(length)[1])
 
     def from_pose(self, position: FloatArray) -> Configuration:
@@ -68,7 +70,7 @@ class SegmentTrack:
         return Configuration(position, self.segments)
 
     def _divided(self, length: float) -> tuple[tuple[CurvatureSegment, ...], tuple[CurvatureSegment, ...]]:
-        """Return the segments of the first ``length`` metres, and the others; the one between is cut in two."""
+        """Return the segments of the first ``length`` metres, and the others; the one across the boundary is split."""
         before: list[CurvatureSegment] = []
         least = SHORTEST * self.length
         for k, segment in enumerate(self.segments):
@@ -89,10 +91,10 @@ def track_through(corners: FloatArray, sharpest: float) -> SegmentTrack:
 
     Args:
         corners: shape (k ≥ 2, 2) [m].
-        sharpest: curvature that no turn may exceed [1/m].
+        sharpest: largest curvature of a turn [1/m].
 
     Raises:
-        ProblemError: a turn is too sharp for the room along its legs.
+        ProblemError: a turn is too sharp for the length of its legs.
     """
     legs = np.diff(corners, axis=0)
     lengths = np.hypot(legs[:, 0], legs[:, 1])
@@ -100,7 +102,7 @@ def track_through(corners: FloatArray, sharpest: float) -> SegmentTrack:
     turns = [wrap(float(after - before)) for before, after in pairwise(headings)]
     share = np.full(len(lengths), 0.5)
     share[[0, -1]] = 1.0
-    # A little short of all the room, so that the straights between two turns never vanish by rounding.
+    # Slightly less than the whole length, so that the straights between two turns never vanish by rounding.
     reaches = [0.999 * min(share[k] * lengths[k], share[k + 1] * lengths[k + 1]) for k in range(len(turns))]
 
     heading = float(headings[0])
@@ -120,7 +122,13 @@ def track_through(corners: FloatArray, sharpest: float) -> SegmentTrack:
 
 
 def _spiral(heading: float, turn: float, reach: float, sharpest: float, corner: FloatArray) -> CurvatureSegment:
-    """A cubic spiral as a curvature segment, exactly: κ = (6 α / ℓ³) s (ℓ - s) has the second derivative -12 α / ℓ³."""
+    """Return a cubic spiral as a curvature segment, exactly.
+
+    κ = (6 α / ℓ³) s (ℓ - s) has the second derivative -12 α / ℓ³.
+
+    Raises:
+        ProblemError: the turn is too sharp.
+    """
     length = 2.0 * reach * np.cos(0.5 * turn) / chord_ratio(turn)
     if length <= 0.0 or 1.5 * abs(turn) > sharpest * length:
         raise ProblemError(
@@ -134,7 +142,7 @@ def _spiral(heading: float, turn: float, reach: float, sharpest: float, corner: 
 
 
 def without_near(points: Sequence[FloatArray], least: float) -> FloatArray:
-    """Return points with those left out that are nearer than ``least`` [m] to the one before; the last always stays."""
+    """Return points without those nearer than ``least`` [m] to the previous or the last one; the last always stays."""
     kept = [points[0]]
     for point in points[1:-1]:
         if np.hypot(*(point - kept[-1])) >= least and np.hypot(*(points[-1] - point)) >= least:

@@ -5,7 +5,8 @@ The paper names the three quantities and refers to a thesis for the functions. H
     d² = (|p - p_goal| / R)² + w_h · 4 sin²((θ_tip - θ_goal)/2) + w_b · (θ_base - θ_ref)²,
 
 with the reach R as the unit of length. The square keeps the level sets smooth, so that moves along one coordinate do
-not get stuck on ridges as they do on a sum of absolute values; the sine makes headings that differ by whole turns one.
+not get stuck on ridges as they do on a sum of absolute values; the sine makes headings that differ by whole turns
+equal.
 """
 
 from dataclasses import dataclass
@@ -18,11 +19,11 @@ from ccm_opt.planning.baseline.operators import Shapes
 
 @dataclass(frozen=True)
 class TipPose:
-    """Where a tip should be.
+    """Goal pose of a tip.
 
     Attributes:
         position: shape (2,) [m].
-        heading: [rad], or None when any will do.
+        heading: [rad], or None when any heading will do.
     """
 
     position: FloatArray
@@ -31,7 +32,7 @@ class TipPose:
 
 @dataclass(frozen=True)
 class DistanceWeights:
-    """Weights of heading and base rotation beside position, whose weight is 1."""
+    """Weights of heading and base rotation relative to position, whose weight is 1."""
 
     heading: float = 0.1
     base: float = 0.0
@@ -39,7 +40,7 @@ class DistanceWeights:
 
 @dataclass(frozen=True)
 class Precision:
-    """How near a goal counts as reached: position as a share of the reach, heading [rad]."""
+    """Largest errors that count as at the goal: position as a share of the reach, heading [rad]."""
 
     position: float = 4e-4
     heading: float = 6e-3
@@ -50,11 +51,11 @@ class Distance:
     """One distance function.
 
     Attributes:
-        goal: for the tip.
+        goal: goal of the tip.
         reach: R, the unit of length [m].
-        weights: of heading and base rotation.
+        weights: weights of heading and base rotation.
         base_heading: θ_ref [rad].
-        precision: how near counts as reached.
+        precision: largest errors that count as at the goal.
     """
 
     goal: TipPose
@@ -64,7 +65,7 @@ class Distance:
     precision: Precision = Precision()
 
     def of_tips(self, positions: FloatArray, headings: FloatArray, base_headings: FloatArray) -> FloatArray:
-        """Return the d² for tips (m, 2) [m], tip headings (m,) and base headings (m,) [rad]; shape (m,)."""
+        """Return d² for tips (m, 2) [m], tip headings (m,) and base headings (m,) [rad]; shape (m,)."""
         distance: FloatArray = np.square((positions - self.goal.position) / self.reach).sum(axis=1)
         if self.goal.heading is not None:
             turn = np.sin(0.5 * (headings - self.goal.heading))
@@ -74,12 +75,12 @@ class Distance:
         return distance
 
     def __call__(self, shapes: Shapes) -> FloatArray:
-        """Return the d² for the tips of whole configurations, shape (m,)."""
+        """Return d² for the tips of whole configurations, shape (m,)."""
         positions, headings = shapes.tips
         return self.of_tips(positions, headings, shapes.heading)
 
     @property
     def threshold(self) -> float:
-        """A value of d² that no configuration outside the precision has."""
+        """A value of d² below that of every configuration outside the precision."""
         least = self.precision.position**2
         return least if self.goal.heading is None else min(least, self.weights.heading * self.precision.heading**2)

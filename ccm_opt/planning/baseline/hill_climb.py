@@ -1,4 +1,4 @@
-"""Hill climbing over the operators."""
+"""Hill climbing over the curvature operators, and the steps that schemas make of it."""
 
 from collections.abc import Callable, Generator
 from dataclasses import dataclass, field
@@ -14,21 +14,21 @@ from ccm_opt.planning.baseline.world import World
 from ccm_opt.robot.configuration import Configuration
 
 _LEAST_GAIN = 1e-4
-"""A move counts as an improvement when it takes away at least this share of the distance. Taste."""
+"""Least share of the distance that a move has to gain to count as an improvement. Taste."""
 _GAIN_WHILE_PUSHED = 0.02
-"""The same while walls push: the climb is not drawn out for the sake of the push. Taste."""
+"""The same share while walls push, so that the push does not prolong the climb. Taste."""
 _EASING = 0.3
-"""Factor by which the push eases where push and distance balance, as the weight of a barrier does. Taste."""
+"""Factor by which the push decreases where push and distance balance, like the weight of a barrier. Taste."""
 _LEAST_PUSH = 1e-6
-"""Weights of crowding below it are dropped. Taste."""
+"""Weight of crowding below which the push is dropped. Taste."""
 _TRIED_AT_ONCE = 4
-"""Candidates asked of the world in the first go, best first. Taste."""
+"""Number of candidates checked against the world in the first batch, best first. Taste."""
 _MORE_EACH_GO = 3
-"""Factor on that number from go to go. Derived: asking for one costs nearly as much as for ten."""
+"""Factor on that number from batch to batch. Derived: checking one costs nearly as much as checking ten."""
 _MOST_TRIED = 96
-"""Improving candidates asked in all before the climb counts as blocked. Taste."""
+"""Most improving candidates checked before the climb counts as blocked. Taste."""
 _HEADWAY = 0.2
-"""A climb makes headway when it has taken away this share of the distance, which is a square. Taste."""
+"""Share of the distance, which is a square, that has to be gained to count as headway. Taste."""
 
 Objective: TypeAlias = Callable[[Shapes], FloatArray]
 """Distance of each configuration of a batch, shape (m,)."""
@@ -46,15 +46,16 @@ class Ending(StrEnum):
 
 @dataclass(frozen=True)
 class Climb:
-    """What a climb aims at, and with what.
+    """Aim and settings of a climb.
 
     Attributes:
         objective: the distance function.
-        threshold: the climb has arrived at values no greater.
+        threshold: value of the objective at which the climb has arrived.
         moves: the operators.
-        most_steps: moves at most.
-        push: weight of the world's crowding beside the distance. Where both balance, the climb goes on without it.
-        patience: moves without headway after which the climb ends; by default it never loses patience.
+        most_steps: most moves.
+        push: weight of the world's crowding relative to the distance; where both balance, the climb continues without
+            it.
+        patience: moves without headway after which the climb ends; unlimited by default.
     """
 
     objective: Objective
@@ -68,19 +69,19 @@ class Climb:
 def climb(world: World, start: Configuration, task: Climb) -> Generator[Shapes, None, Ending]:
     """Climb until the distance is small enough or no move improves it.
 
-    All candidate moves of a step are evaluated as one batch; those that improve are shown to the world, the best
-    first, until one may be moved to.
+    All candidate moves of a step are evaluated as one batch; those that improve are checked against the world, the best
+    first, until one is allowed.
 
     Args:
-        world: says which moves are allowed.
-        start: where to begin; it is not yielded.
-        task: what to aim at.
+        world: decides which moves are allowed.
+        start: first configuration; it is not yielded.
+        task: aim and settings of the climb.
 
     Yields:
         The configuration after each move, as a batch of one.
 
     Returns:
-        How it ended.
+        How the climb ended.
     """
     here = Shapes.from_configurations([start])
     left = float(task.objective(here)[0])
@@ -100,7 +101,7 @@ def climb(world: World, start: Configuration, task: Climb) -> Generator[Shapes, 
         distances = task.objective(candidates)
         crowding = world.crowding(candidates) if push > 0.0 else np.zeros(len(candidates))
 
-        # Where no allowed move improves distance and push together, the push eases until one does, or it is gone.
+        # Where no allowed move improves distance and push together, decrease the push until one does, or it is 0.
         while True:
             order = _order(distances + push * crowding, left + push * crowded, push > 0.0)
             chosen = _first_allowed(world, here, candidates, order)
@@ -118,7 +119,7 @@ def climb(world: World, start: Configuration, task: Climb) -> Generator[Shapes, 
 
 
 def end_of(world: World, start: Configuration, task: Climb) -> tuple[Configuration, Ending]:
-    """Return where a climb ends, and how."""
+    """Return the last configuration of a climb, and how the climb ended."""
     here = None
     moves = climb(world, start, task)
     while True:
@@ -130,11 +131,11 @@ def end_of(world: World, start: Configuration, task: Climb) -> tuple[Configurati
 
 
 def _order(values: FloatArray, now: float, pushed: bool) -> IntArray:
-    """Return the improving candidates, the best first.
+    """Return the indices of the improving candidates, the best first.
 
     Args:
-        values: of the candidates, shape (m,).
-        now: the value where the climb is.
+        values: values of the candidates, shape (m,).
+        now: current value of the climb.
         pushed: whether walls push, so that a move has to gain more to count.
     """
     gain = _GAIN_WHILE_PUSHED if pushed else _LEAST_GAIN
@@ -143,7 +144,7 @@ def _order(values: FloatArray, now: float, pushed: bool) -> IntArray:
 
 
 def _first_allowed(world: World, here: Shapes, candidates: Shapes, order: IntArray) -> int | None:
-    """Return the first candidate that the world lets the arm move to, or None; ever more are asked at once."""
+    """Return the first candidate that the world allows, or None; batches checked at once grow."""
     count = _TRIED_AT_ONCE
     while len(order) > 0:
         some = order[:count]
@@ -157,12 +158,12 @@ def _first_allowed(world: World, here: Shapes, candidates: Shapes, order: IntArr
 
 @dataclass(frozen=True)
 class SchemaStep:
-    """One configuration on the way.
+    """One configuration of a motion made by schemas.
 
     Attributes:
-        schema: that made it, for example ``SCM-7``; two where they work together.
-        configuration: where the arm is after it.
-        stage: the part of a plan it belongs to, in words.
+        schema: schema that made the step, for example ``SCM-7``; two where they work together.
+        configuration: the arm after the step.
+        stage: part of a plan that the step belongs to, in words.
     """
 
     schema: str
@@ -172,16 +173,16 @@ class SchemaStep:
 
 _Result = TypeVar("_Result")
 Schema: TypeAlias = Generator[SchemaStep, None, Configuration]
-"""Yields its steps, the arm's way from where it was; returns where the arm is at the end."""
+"""Yields its steps, the motion of the arm; returns the arm's last configuration."""
 
 
 class SchemaStopped(MotionNotFound):
-    """A schema could not go on.
+    """A schema could not continue.
 
     Attributes:
-        schema: its name.
-        configuration: how far the arm came.
-        reason: why, in words.
+        schema: name of the schema.
+        configuration: last configuration of the arm.
+        reason: reason, in words.
     """
 
     def __init__(self, schema: str, configuration: Configuration, reason: str) -> None:
@@ -193,7 +194,7 @@ class SchemaStopped(MotionNotFound):
 
 
 def run(schema: Generator[SchemaStep, None, _Result]) -> tuple[tuple[SchemaStep, ...], _Result]:
-    """Return all steps of a schema and where it ends."""
+    """Return all steps of a schema, and its result."""
     steps: list[SchemaStep] = []
     while True:
         try:

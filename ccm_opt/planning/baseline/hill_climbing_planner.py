@@ -1,7 +1,7 @@
 """The 1990 planner: hill climbing in free space, region by region.
 
 (1) Free space is partitioned into convex regions. (2) Subgoals are the turns of a route through the connectivity graph
-of these regions. (3) The arm is decomposed: what lies before the first subgoal is folded and holds it, what lies after
+of these regions. (3) The arm is decomposed: the part before the first subgoal is folded and holds it, the part after it
 has a segment for each straight passage and each cubic-spiral turn. (4) Schemas achieve each subgoal: SCM-1, SCM-8 and
 SCM-7 the first, SCM-3 and SCM-5 the others, SCM-0 the goal.
 """
@@ -34,20 +34,21 @@ from ccm_opt.scene.bad_pose import room_advice
 from ccm_opt.scene.free_space import FreeSpace
 
 _STRAIGHT_RUNS = (0.08, 0.05, 0.03, 0.015)
-"""Straight runs out of the first subgoal and into the goal that are tried. Taste."""
+"""Lengths of the straight runs out of the first subgoal and into the goal, tried in turn, as shares of the arm's
+length. Taste."""
 _FIRST_SUBGOALS = (0.15, 0.08)
-"""Places of the first subgoal on the route, from the base; the nearer, the tighter the fold, so the farther is tried
-first. Taste."""
+"""Positions of the first subgoal on the route, from the base, as shares of the arm's length; the nearer, the tighter
+the fold, so the farther is tried first. Taste."""
 _CORNER_SPACING = 0.7
-"""Corners nearer to each other than this share of the straight run are taken as one. Taste."""
+"""Distance between corners below which they are merged, as a share of the straight run. Taste."""
 _CORNER_DISTANCE = 0.04
-"""Distance kept from corners where there is room, as a share of the arm's length. Taste."""
+"""Distance kept from corners where possible, as a share of the arm's length. Taste."""
 _NEAR_SUBGOAL = Precision(1.2e-3, 4e-3)
-"""How near the first subgoal counts, for an arm of many segments. Taste."""
+"""Precision of the first subgoal, for an arm of several segments. Taste."""
 _TRACK_SAMPLES = 200
-"""Points of a track that are looked at for contact. Taste."""
+"""Number of points of a track that are checked for contact. Taste."""
 _SHARPEST_TURN = 0.85
-"""Share of the curvature's limit that a turn may use. Taste."""
+"""Share of the curvature limit that a turn may use. Taste."""
 
 
 Passage: TypeAlias = tuple[TipPose, SegmentTrack]
@@ -61,10 +62,10 @@ def region_plan(
 
     Args:
         world: the world.
-        start: where the arm is.
-        passage: through the regions.
-        goal: for the tip.
-        folds: remembers folds for other plans.
+        start: configuration of the arm.
+        passage: passage through the regions.
+        goal: goal of the tip.
+        folds: cache of folds shared with other plans.
 
     Yields:
         Steps.
@@ -73,7 +74,7 @@ def region_plan(
         A configuration at the goal.
 
     Raises:
-        SchemaStopped: naming the schema.
+        SchemaStopped: a schema could not continue; names it.
     """
     yield SchemaStep("start", start, "1 start")
     subgoal, track = passage
@@ -87,7 +88,7 @@ def region_plan(
 
 
 def _interface(world: World, start: Configuration) -> Schema:
-    """Yield the SCM-6, or nothing where the arm has no room for it: the curvature then jumps where the track begins."""
+    """Run SCM-6, if possible; otherwise yield nothing, and the curvature jumps where the track begins."""
     try:
         steps, here = run(scm_6(world, start))
     except SchemaStopped:
@@ -99,17 +100,17 @@ def _interface(world: World, start: Configuration) -> Schema:
 def passages(
     world: World, start: Configuration, room: FreeSpace, goal: TipPose, obstacle: FloatArray | None, routes: int
 ) -> Iterator[Passage]:
-    """Yield passages from near the base to the goal: beside the obstacle ahead, then along the routes from the base.
+    """Yield passages from near the base to the goal: past the obstacle ahead, then along the routes from the base.
 
-    Those longer than the arm are left out, for it cannot follow them.
+    Those longer than the arm are left out, since the arm cannot follow them.
 
     Args:
-        world: the world; its curvature limit counts.
-        start: the arm.
+        world: the world; its curvature limit applies.
+        start: configuration of the arm.
         room: free space of the arm's axis.
-        goal: for the tip.
-        obstacle: the point of the obstacle ahead, shape (2,) [m], or None.
-        routes: so many routes are looked at, shortest first.
+        goal: goal of the tip.
+        obstacle: point of the obstacle ahead, shape (2,) [m], or None.
+        routes: number of routes that are tried, shortest first.
     """
     shrink = _CORNER_DISTANCE * start.length
     firsts = []
@@ -126,15 +127,12 @@ def passages(
 def _first_open_track(
     world: World, room: FreeSpace, first: TipPose, way: FloatArray, goal: TipPose, length: float, shrink: float
 ) -> SegmentTrack | None:
-    """Return the track with the longest straight runs that touches nothing, for an arm of a length [m].
-
-    None without any.
-    """
+    """Return the free track with the longest straight runs, for an arm of a given length [m]; None without one."""
     for share in _STRAIGHT_RUNS:
         try:
             track = _track(world, room, first, way, goal, share * length, shrink)
         except (ProblemError, UnreachableGoal):
-            continue  # no way, or one too sharp for the arm: a shorter run leaves more room to turn
+            continue  # no path, or one too sharp for the arm: a shorter run leaves more space to turn
         if _is_open(world, first, track):
             return track
     return None
@@ -148,7 +146,7 @@ def _is_open(world: World, first: TipPose, track: SegmentTrack) -> bool:
 
 
 def _on_route(taut: FloatArray, distance: float) -> tuple[TipPose, FloatArray]:
-    """Return the pose on a polyline at a distance from its start, and what of the polyline comes after it."""
+    """Return the pose on a polyline at a distance from its start, and the rest of the polyline."""
     ends = arc_lengths(taut)[1:]
     leg = min(int(np.searchsorted(ends, distance)), len(ends) - 1)
     heading = vector_heading(taut[leg + 1] - taut[leg])
@@ -160,16 +158,16 @@ def _on_route(taut: FloatArray, distance: float) -> tuple[TipPose, FloatArray]:
 def _track(
     world: World, room: FreeSpace, first: TipPose, way: FloatArray, goal: TipPose, run: float, shrink: float
 ) -> SegmentTrack:
-    """Return the straight passages and turns from the first subgoal to the goal, along the taut way between their runs.
+    """Return the straights and turns from the first subgoal to the goal, along the taut path between their runs.
 
     Raises:
         ProblemError: a turn is too sharp.
-        UnreachableGoal: there is no way.
+        UnreachableGoal: there is no path.
     """
     # Straight runs at both ends, so that the headings there are met without a turn.
     entry = first.position + run * unit_vector(first.heading or 0.0)
     last = goal.position if goal.heading is None else goal.position - run * unit_vector(goal.heading)
-    # A way of its two ends only says nothing of how to pass between the walls: look for a route.
+    # A path of only two points does not say how to pass between the walls: find a route.
     if len(way) == 2:
         found = room.routes(entry, last, 1)
         if not found:
@@ -184,12 +182,12 @@ def _track(
 
 
 _TYPES_TRIED = 4
-"""Segment types that are tried, best first. The paper has five; the last is seldom any good. Taste."""
+"""Number of segment types that are tried, best first. The paper has five; the last is seldom useful. Taste."""
 
 
 @dataclass(frozen=True)
 class HillClimbingPlanner:
-    """Plans as the paper of 1990 does; satisfies the ``Planner`` protocol.
+    """Plans as the 1990 paper does; satisfies the ``Planner`` protocol.
 
     Attributes:
         stages: names and times the stages.
@@ -201,8 +199,8 @@ class HillClimbingPlanner:
         """Plan a certified motion.
 
         Raises:
-            ProblemError: the arm has a feed axis, which the baseline does not know.
-            NoPlanFound: with the schema at which each plan stopped.
+            ProblemError: the arm has a feed axis, which the baseline does not support.
+            NoPlanFound: no plan arrived; names the schema at which each plan stopped.
         """
         if problem.arm.feed is not None:
             raise ProblemError("hill climbing moves no feed axis; use planner.method nlp, or leave arm.feed out")
@@ -216,15 +214,16 @@ class HillClimbingPlanner:
 
 
 _Stop: TypeAlias = tuple[str, str, str]
-"""Where a plan stopped: its name, the schema at which it stopped, and the reason in words."""
+"""Record of a stopped plan: its name, the schema at which it stopped, and the reason in words."""
 
 
 def first_plan(follower: Follower) -> tuple[str, tuple[SchemaStep, ...]]:
-    """Return the first plan that arrives, and its name.
+    """Return the name and steps of the first plan that arrives.
 
     Raises:
         MotionNotFound: none does; the diagnosis names the schema at which each stopped.
-        TimeLimitReached: the time passed first, or some plan spent its share and no other arrives; with the stops.
+        TimeLimitReached: the time limit passed, or a plan used up its share of the time and no other arrives; lists the
+            stops.
     """
     stops: list[_Stop] = []
     some_cut_short = False
@@ -233,7 +232,7 @@ def first_plan(follower: Follower) -> tuple[str, tuple[SchemaStep, ...]]:
         steps: list[SchemaStep] = []
         try:
             for step in schema:
-                steps.append(step)  # noqa: PERF402 - what came before a stop is kept
+                steps.append(step)  # noqa: PERF402 - keeps the steps before a stop
             return name, tuple(steps)
         except SchemaStopped as stopped:
             stops.append((name, stopped.schema, stopped.diagnosis.reason))
@@ -252,12 +251,12 @@ def first_plan(follower: Follower) -> tuple[str, tuple[SchemaStep, ...]]:
 
 
 def plans(follower: Follower) -> Iterator[tuple[str, Schema]]:
-    """Yield the type selection with every type in turn, folds to either side, then the passages of the region plan."""
+    """Yield the plans: type selection with each type, folds to either side, then the passages of the region plan."""
     start = follower.start
     folds = Folds()
     goal = TipPose(follower.ends.goal.position, follower.ends.goal.heading)
 
-    # Worlds are made when a plan is asked for, since each one's share of the time begins then.
+    # Each world is created with its plan, since the plan's share of the time begins then.
     for k in range(_TYPES_TRIED):
         yield f"type selection {k + 1}", by_type(follower.hurried_world, start, goal, k)
 
@@ -275,17 +274,14 @@ def plans(follower: Follower) -> Iterator[tuple[str, Schema]]:
 
 
 def by_type(world: World, start: Configuration, goal: TipPose, rank: int) -> Schema:
-    """Yield the SCM-1, SCM-2 and SCM-0, as in the paper's Figure 4."""
+    """Run SCM-1, SCM-2 and SCM-0, as in the paper's Figure 4."""
     target = ranked_selections(world, start, goal)[rank].configuration(start.base)
     here = yield from scm_2(world, start, target)
     return (yield from scm_0(world, here, goal))
 
 
 def obstacle_ahead(problem: Problem, goal: FloatArray) -> FloatArray | None:
-    """Return the point nearest to the base of the first obstacle between base and goal, shape (2,) [m].
-
-    None without one.
-    """
+    """Return the point nearest to the base of the first obstacle before the goal, shape (2,) [m]; None without one."""
     base = shapely.Point(problem.arm.base)
     sight = shapely.LineString([problem.arm.base, goal])
 
@@ -313,13 +309,13 @@ def followed_joint_path(follower: Follower, name: str, steps: tuple[SchemaStep, 
     headings = np.concatenate([follower.headings(Shapes.from_configurations([curve])) for curve in curves])
 
     turns = np.abs(np.diff(headings, axis=0)).max(axis=1)
-    # The spline wants distinct keyframes; steps that turn no link by more than rounding are left out.
+    # The spline needs distinct keyframes; steps that turn no link by more than rounding are left out.
     moved = np.append(True, turns > TINY)
     headings = headings[moved]
     curves = tuple(curves[k] for k in np.flatnonzero(moved))
 
     keyframes = arm.bends(headings)
-    keyframes[0] = follower.ends.start  # the same but for rounding
+    keyframes[0] = follower.ends.start  # equal except for rounding
     spline = certified_spline(keyframes, follower.certificate)
     if spline is None:
         reason = "the motion leaves no room for a smooth path"

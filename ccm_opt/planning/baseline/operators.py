@@ -18,12 +18,12 @@ _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(6)
 
 @dataclass(frozen=True)
 class Shapes:
-    """Configurations of one number of segments and one base.
+    """A batch of configurations with the same number of segments and the same base.
 
     Attributes:
         base: shape (2,) [m].
-        heading: at the base, shape (m,) [rad].
-        lengths: of the segments, shape (m, segments) [m].
+        heading: heading at the base, shape (m,) [rad].
+        lengths: lengths of the segments, shape (m, segments) [m].
         curvature: C_a..C_e, shape (m, segments, 5) [1/m].
         knots: S_b..S_d, shape (m, segments, 3).
         moments: second derivatives of C at the ends of the segments, shape (m, segments, 2) [1/m³].
@@ -38,7 +38,7 @@ class Shapes:
 
     @classmethod
     def from_configurations(cls, configurations: Sequence[Configuration]) -> "Shapes":
-        """Return the configurations of equally many segments as one batch."""
+        """Return configurations with the same number of segments as one batch."""
         chains = [c.segments for c in configurations]
         return cls(
             configurations[0].base,
@@ -53,7 +53,7 @@ class Shapes:
         return len(self.heading)
 
     def configuration(self, k: int) -> Configuration:
-        """Return one of them."""
+        """Return configuration k of the batch."""
         segments: list[CurvatureSegment] = []
         heading = float(self.heading[k])
         for j in range(self.lengths.shape[1]):
@@ -67,7 +67,7 @@ class Shapes:
         return Configuration(self.base, tuple(segments))
 
     def take(self, which: IntArray) -> "Shapes":
-        """Return some of them."""
+        """Return the selected configurations of the batch."""
         return Shapes(
             self.base,
             self.heading[which],
@@ -78,7 +78,7 @@ class Shapes:
         )
 
     def first_segments(self, count: int) -> "Shapes":
-        """Return the same configurations cut off after some segments."""
+        """Return the configurations cut off after ``count`` segments."""
         return Shapes(
             self.base,
             self.heading,
@@ -107,9 +107,9 @@ class Shapes:
         return self.base + steps, self.heading + self._turned[:, -1]
 
     def points(self, count: int) -> FloatArray:
-        """Return the points at equal arc lengths, the base first, by chords: close, but not exact.
+        """Return points at equal arc lengths, the base first, shape (m, count + 1, 2) [m].
 
-        Shape (m, count + 1, 2) [m].
+        They are sums of chords along mean headings: close, but not exact.
         """
         step = (self.length / count)[:, None, None]
         chords = step * unit_vector(self.mean_headings(count))
@@ -118,10 +118,7 @@ class Shapes:
         return points
 
     def mean_headings(self, links: int) -> FloatArray:
-        """Return the mean heading of every configuration over each of ``links`` equal lengths, shape (m, links) [rad].
-
-        Exact.
-        """
+        """Return the exact mean heading of each configuration over ``links`` equal lengths, shape (m, links) [rad]."""
         arc = np.linspace(0.0, 1.0, links + 1) * self.length[:, None]
         integral = self._heading_integral(arc)
         means: FloatArray = np.diff(integral, axis=1) * (links / self.length[:, None])
@@ -152,7 +149,7 @@ class Shapes:
         return pieces.reshape(len(self), -1, 4)
 
     def _second_derivatives(self, a: FloatArray) -> FloatArray:
-        """Return the M_0..M_4 of every segment, shape (m, segments, 5): a 3 × 3 system each, solved by elimination."""
+        """Return M_0..M_4 of every segment, shape (m, segments, 5), from a 3 × 3 system each, solved by elimination."""
         slopes = np.diff(self.curvature, axis=2) / a
         rows = 6.0 * np.diff(slopes, axis=2)
         ends = self.moments
@@ -160,7 +157,7 @@ class Shapes:
         r0 = rows[..., 0] - a[..., 0] * ends[..., 0]
         r1 = rows[..., 1]
         r2 = rows[..., 2] - a[..., 3] * ends[..., 1]
-        # The outer unknowns are eliminated from the middle row, then found from the middle one.
+        # Eliminate the outer unknowns from the middle row, then substitute back.
         f0 = a[..., 1] / middle[..., 0]
         f2 = a[..., 2] / middle[..., 2]
         m1 = (r1 - f0 * r0 - f2 * r2) / (middle[..., 1] - f0 * a[..., 1] - f2 * a[..., 2])
@@ -175,10 +172,10 @@ class Shapes:
         return np.concatenate((np.zeros((len(self), 1)), np.cumsum(turns, axis=1)), axis=1)
 
     def _heading_integral(self, arc: FloatArray) -> FloatArray:
-        """Return the integral of the heading from the base to arc lengths (m, k), of that shape [rad m]."""
+        """Return the integral of the heading from the base to arc lengths (m, k), of the same shape [rad m]."""
         piece = np.zeros(arc.shape, dtype=np.intp)
         for k in range(1, self._breaks.shape[1]):
-            # Counting the breaks passed is a search for all rows at once.
+            # Counting the breaks passed finds the piece in all rows at once.
             piece += arc > self._breaks[:, k, None]
         row = np.arange(len(self))[:, None]
         t = arc - self._breaks[row, piece]
@@ -199,7 +196,7 @@ class Shapes:
 
 
 class Operator(StrEnum):
-    """What an operator moves; each works both ways."""
+    """Quantity that an operator changes; each operator works in both directions."""
 
     C_A = "C_a"
     C_B = "C_b"
@@ -216,15 +213,16 @@ class Operator(StrEnum):
 UP_AND_DOWN = (Operator.C_A, Operator.C_B, Operator.C_C, Operator.C_D, Operator.C_E)
 LEFT_AND_RIGHT = (Operator.S_B, Operator.S_C, Operator.S_D)
 ALL = (*UP_AND_DOWN, *LEFT_AND_RIGHT, Operator.ROTATE)
-"""The paper's nine. ``LENGTH`` is no operator of the arm, which keeps its length: SCM-4 uses it to choose one."""
+"""The paper's nine operators. ``LENGTH`` is no operator of the arm, whose length is fixed: SCM-4 uses it to choose
+one."""
 
 
 @dataclass(frozen=True)
 class StepSizes:
-    """How far operators move at most, and the finer steps tried beside that.
+    """Largest steps of the operators, and the scales of the finer steps tried in addition.
 
-    The step adapts in each move: all scales are evaluated in one batch, and the search takes which is best. The paper
-    is silent about step sizes; these are this package's choice.
+    The step adapts in each move: all scales are evaluated in one batch, and the search takes the best. The paper does
+    not specify step sizes; these are this package's choice.
 
     Attributes:
         least_spacing: least distance of interpolation points, and of the outer ones from the ends, as a share of the
@@ -246,12 +244,12 @@ class StepSizes:
 
 @dataclass(frozen=True)
 class Moves:
-    """Which operators apply to which segments.
+    """Operators and the segments that they apply to.
 
     Attributes:
-        segments: their indices; the base rotates whichever they are.
-        operators: in the order in which first improvement tries them.
-        sizes: of the steps.
+        segments: indices of the segments; the base rotates in any case.
+        operators: operators, in the order in which first improvement tries them.
+        sizes: step sizes.
     """
 
     segments: tuple[int, ...] = (0,)
@@ -259,7 +257,7 @@ class Moves:
     sizes: StepSizes = StepSizes()
 
     def candidates(self, here: Shapes) -> Shapes:
-        """Return every operator both ways at every scale, from a batch of one; invalid ones left out."""
+        """Return every operator in both directions at every scale, applied to a batch of one, without invalid ones."""
         scales = np.asarray(self.sizes.scales)
         signed = np.stack((scales, -scales), axis=1).ravel()
         pairs: list[tuple[Operator, int]] = [
@@ -276,7 +274,7 @@ class Moves:
 
 
 def _apply(many: Shapes, rows: slice, operator: Operator, segment: int, signed: FloatArray, sizes: StepSizes) -> None:
-    """Move some rows of a fresh batch by one operator."""
+    """Apply one operator to some rows of a fresh batch."""
     if operator in UP_AND_DOWN:
         lengths = many.lengths[rows, segment]
         many.curvature[rows, segment, UP_AND_DOWN.index(operator)] += signed * sizes.turn / lengths
@@ -289,7 +287,7 @@ def _apply(many: Shapes, rows: slice, operator: Operator, segment: int, signed: 
 
 
 def _spacing(knots: FloatArray) -> FloatArray:
-    """Return the least gap of S_b, S_c, S_d among themselves and to 0 and 1, shape (m, segments, 3) to (m,)."""
+    """Return the least distance of S_b, S_c, S_d from each other and from 0 and 1, shape (m, segments, 3) to (m,)."""
     edge = np.zeros((*knots.shape[:2], 1))
     gaps = np.diff(np.concatenate((edge, knots, edge + 1.0), axis=2), axis=2)
     least: FloatArray = gaps.min(axis=(1, 2))

@@ -1,6 +1,6 @@
 """The fold plan of the baseline, and follow-the-leader (section 4).
 
-The arm takes the mean heading of the curve on each link plus what the start's own mapping adds, so that the first
+The arm takes the mean heading of the curve on each link plus the offset of the start's own mapping, so that the first
 keyframe is the start itself. Tips and contacts are those of the arm.
 """
 
@@ -47,36 +47,35 @@ from ccm_opt.scene.free_space import FreeSpace
 from ccm_opt.scene.workspace import Workspace
 
 _PLAN_SHARE = 0.6
-"""Share of the time that is left that one plan may use, so that the others have their turn. Taste."""
+"""Share of the time left that one plan may use, so that the others have their turn. Taste."""
 _CERTIFIED_GAP = 1e-4
-"""Gap beyond contact that moves keep, as a share of the arm's length, so that the smooth path has somewhere to go.
-Taste."""
+"""Gap beyond contact that moves keep, as a share of the arm's length, so that the smooth path has clearance. Taste."""
 _PLANNING_SHARE = 0.9
-"""Share of the time limit that planning may use; timing and verification need the rest. Taste."""
+"""Share of the time limit that planning may use; the rest is for timing and verification. Taste."""
 _BISECTIONS = 3
-"""Halvings of a move before it counts as blocked. Most candidate moves are discarded, so that fewer than the
-certificate's own pay. Taste."""
+"""Halvings of a move before it counts as blocked. Taste: most candidate moves are discarded, so that fewer halvings
+than the certificate's own pay."""
 _ROUTE_INFLATION = 1e-3
 """Inflation of the walls for routes beyond radius and clearance, as a share of the arm's length. Taste."""
 
 _LEAST_BASE_SEGMENT = 0.05
-"""Length that the base segment keeps. Taste."""
+"""Least length of the base segment, as a share of the arm's. Taste."""
 _BOUNDARY_AHEAD = 0.06
-"""Length by which the boundary moves ahead. Taste."""
+"""Length by which the boundary moves ahead, as a share of the arm's. Taste."""
 _BOUNDARY_SLIDE = 0.4
-"""Share of that by which it slides with the feed. Taste."""
+"""Share of that length by which the boundary slides with the feed. Taste."""
 _NEAR_GOAL = 0.15
-"""The arm climbs to the goal when no more than this length is left of the curve to it. Taste."""
+"""Length left of the curve at which the arm climbs to the goal, as a share of the arm's. Taste."""
 _NOTHING_LEFT = 1e-6
-"""What is left of the curve counts as nothing below this length. Taste."""
+"""Length left of the curve that counts as none, as a share of the arm's. Taste."""
 _TAKEN_BACK = (0.0, 0.25, 0.5, 0.75)
-"""Shares of the steps of SCM-8 that are taken back where SCM-7 cannot go on from its end. Taste."""
+"""Shares of the steps of SCM-8 that are taken back where SCM-7 cannot continue from its end. Taste."""
 _MOST_OF_WAY = 0.5
-"""SCM-7 that gets farther than this share of its way does not begin earlier when it is stuck. Taste."""
+"""Share of its path above which SCM-7, when stuck, is not restarted from an earlier step. Taste."""
 _LAST_CLIMB = 300
-"""Moves of SCM-0 after a merge, at most. Taste."""
+"""Most moves of SCM-0 after a merge. Taste."""
 _MERGE_TOLERANCE = 0.1
-"""How far headings may move when the segments are merged [rad]; the arm goes there by SCM-2. Taste."""
+"""Largest change of headings when the segments are merged [rad]; the arm moves to the result by SCM-2. Taste."""
 
 _Result = TypeVar("_Result")
 
@@ -85,7 +84,10 @@ REACH = "4 reach from the subgoal"
 
 
 def subgoals(base: FloatArray, obstacle: FloatArray) -> tuple[TipPose, TipPose]:
-    """The midpoint between the base and a point of the obstacle, each (2,) [m], with both headings across the line."""
+    """Return the subgoals midway between the base and a point of the obstacle, each (2,) [m].
+
+    Their headings are the two perpendicular to the line.
+    """
     line = obstacle - base
     direction = vector_heading(line)
     middle = base + 0.5 * line
@@ -101,15 +103,15 @@ def fold_plan(
     sliding: bool = False,
     folds: "Folds | None" = None,
 ) -> Schema:
-    """Yield the five steps of Figure 5.
+    """Run the five steps of Figure 5.
 
     Args:
         world: the world.
-        start: where the arm is.
-        subgoal: in front of the obstacle.
-        goal: for the tip.
+        start: configuration of the arm.
+        subgoal: subgoal in front of the obstacle.
+        goal: goal of the tip.
         sliding: let the boundary slide ahead with the feed from the beginning.
-        folds: remembers folds for other plans.
+        folds: cache of folds shared with other plans.
 
     Yields:
         Steps; ``stage`` begins with the number of their part of the figure.
@@ -118,7 +120,7 @@ def fold_plan(
         A configuration at the goal.
 
     Raises:
-        SchemaStopped: naming the schema.
+        SchemaStopped: a schema could not continue; names it.
     """
     yield SchemaStep("start", start, "1 start")
     here = yield from (folds or Folds()).to(world, start, subgoal)
@@ -129,7 +131,10 @@ def fold_plan(
 def fold(world: World, start: Configuration, subgoal: TipPose) -> Schema:
     """Change the type towards a subgoal (SCM-1, SCM-8) and proceed straight to it (SCM-7).
 
-    Where SCM-8 meets something, or SCM-7 gets stuck at once, SCM-7 begins earlier on the way of SCM-8.
+    Where SCM-8 meets an obstruction, or SCM-7 gets stuck at once, SCM-7 begins at an earlier step of SCM-8.
+
+    Raises:
+        SchemaStopped: SCM-7 does not arrive from any of these steps.
     """
     selection = scm_1(world, start, subgoal)
     turned, _ = run(scm_8(world.of_curve, start, selection.configuration(start.base), as_far_as_free=True))
@@ -140,7 +145,7 @@ def fold(world: World, start: Configuration, subgoal: TipPose) -> Schema:
         except SchemaStopped as stopped:
             failure = stopped
             if _progress_share(kept[-1].configuration, stopped.configuration, subgoal) > _MOST_OF_WAY:
-                break  # what stopped it is far from where it began
+                break  # the obstruction is far from the first step
         else:
             for step in kept:
                 yield replace(step, stage="2 change the type")
@@ -151,28 +156,32 @@ def fold(world: World, start: Configuration, subgoal: TipPose) -> Schema:
 
 
 def _progress_share(start: Configuration, end: Configuration, subgoal: TipPose) -> float:
-    """Return how much of the way of the tip to a subgoal is made."""
+    """Return the share of the tip's distance to a subgoal that has been covered."""
     before = float(np.hypot(*(start.tip[0] - subgoal.position)))
     after = float(np.hypot(*(end.tip[0] - subgoal.position)))
     return 1.0 - after / before
 
 
 FoldOutcome: TypeAlias = tuple[tuple[SchemaStep, ...], Configuration] | SchemaStopped
-"""Steps and end of a fold, or how it stopped."""
+"""Steps and end of a fold, or the exception that stopped it."""
 
 
 @dataclass(frozen=True)
 class Folds:
-    """Folds of one arm from one start, each made once however many plans ask for it.
+    """Folds of one arm from one start, each computed once and shared by all plans.
 
     Attributes:
-        known: steps and end, or how the fold stopped, by subgoal.
+        known: steps and end of each fold, or the exception that stopped it, by subgoal.
     """
 
     known: dict[tuple[float, ...], FoldOutcome] = field(default_factory=dict)
 
     def to(self, world: World, start: Configuration, subgoal: TipPose) -> Schema:
-        """Yield the ``fold``, or what it came to when it was first asked for."""
+        """Run the ``fold`` to a subgoal, or repeat its cached outcome.
+
+        Raises:
+            SchemaStopped: the fold did not arrive.
+        """
         key = (*subgoal.position, np.inf if subgoal.heading is None else subgoal.heading)
         if key not in self.known:
             try:
@@ -180,7 +189,7 @@ class Folds:
             except SchemaStopped as stopped:
                 self.known[key] = stopped
         outcome = self.known[key]
-        # An exception is raised once only: another one of the same words stands for it.
+        # Each exception is raised only once: raise a copy.
         if isinstance(outcome, SchemaStopped):
             raise SchemaStopped(outcome.schema, outcome.configuration, outcome.reason)
         yield from outcome[0]
@@ -188,10 +197,11 @@ class Folds:
 
 
 def reach(world: World, start: Configuration, goal: TipPose, *, sliding: bool = False) -> Schema:
-    """Yield a tip segment traces the curve to the goal (SCM-4, SCM-5); what is before it holds the subgoal (SCM-3).
+    """Trace the curve to the goal with a tip segment (SCM-4, SCM-5), while the one before holds the subgoal (SCM-3).
 
     When the base segment is short enough the segments are merged and the arm climbs to the goal (SCM-0). Where that
-    stops, the boundary moves ahead along the curve and the feed goes on; with ``sliding`` it does so all along.
+    stops, the boundary moves ahead along the curve and the feed continues; with ``sliding`` the boundary moves
+    throughout.
     """
     curve = scm_4(world, start, goal, longest=start.length).segment
     return (yield from trace(world, start, SegmentTrack((curve,)), goal, sliding=sliding))
@@ -200,7 +210,7 @@ def reach(world: World, start: Configuration, goal: TipPose, *, sliding: bool = 
 def trace(world: World, start: Configuration, track: SegmentTrack, goal: TipPose, *, sliding: bool) -> Schema:
     """Feed the arm along a track that begins at its tip, and climb to the goal when its end is near.
 
-    A climb that stops is tried again when half of what was left is fed, and where the feed ends.
+    A climb that stops is tried again when half of the remaining length is fed, and where the feed ends.
 
     Raises:
         SchemaStopped: the feed does not come near enough, or the climb does not arrive.
@@ -227,10 +237,10 @@ def trace(world: World, start: Configuration, track: SegmentTrack, goal: TipPose
                 steps, end = arrived
                 yield from steps
                 return end
-            near = max(0.5 * fed.left, _NOTHING_LEFT * total)  # perhaps from nearer
+            near = max(0.5 * fed.left, _NOTHING_LEFT * total)  # the climb may arrive from nearer
 
         here = yield from staged(slide_boundary(world, fed, min(slide, fed.out - step)), REACH)
-        # It goes on while feed and boundary together have moved by a step.
+        # Continue while feed and boundary together have moved by at least a step.
         moving = fed.out - here.out + fed.out - before >= step
     return (yield from _arrival(world, here, goal))
 
@@ -244,7 +254,11 @@ def _arrival_if_any(world: World, start: Feeding, goal: TipPose) -> tuple[tuple[
 
 
 def _arrival(world: World, start: Feeding, goal: TipPose) -> Schema:
-    """Yield the last part of Figure 5 from where little of the curve is left; no step is made unless it arrives."""
+    """Run the last part of Figure 5 from where little of the curve is left; no step is yielded unless it arrives.
+
+    Raises:
+        SchemaStopped: too much of the curve is left, or the climb does not arrive.
+    """
     if start.left > _NEAR_GOAL * start.configuration.length:
         reason = f"{long_length(start.left)} of the curve to the goal are left"
         raise SchemaStopped("SCM-3 with SCM-5", start.configuration, reason)
@@ -258,7 +272,7 @@ def merge_and_climb(world: World, start: Configuration, goal: TipPose) -> Schema
     """Merge the segments where one can follow them, and climb to the goal by SCM-0; else climb with both.
 
     Raises:
-        SchemaStopped: neither the arm with merged segments nor that with all of them arrives.
+        SchemaStopped: the arm arrives neither with merged nor with separate segments.
     """
     try:
         steps, here = run(_merged_climb(world, start, goal))
@@ -269,23 +283,28 @@ def merge_and_climb(world: World, start: Configuration, goal: TipPose) -> Schema
 
 
 def _merged_climb(world: World, start: Configuration, goal: TipPose) -> Schema:
-    """Yield the there by SCM-2, on by SCM-0."""
+    """Move to the merged configuration by SCM-2, and on to the goal by SCM-0.
+
+    Raises:
+        ProblemError: the segments cannot be merged.
+        SchemaStopped: a schema does not arrive.
+    """
     if len(start.segments) < 2:
         raise ProblemError("got an arm of one segment, expected two that can be merged; climb with the one")
-    # The merged arm is another configuration: SCM-2 goes there, in steps that touch nothing.
+    # The merged arm is another configuration: SCM-2 moves there in steps that touch nothing.
     merged = merge_segments(start, len(start.segments) - 2, _MERGE_TOLERANCE)
     here = yield from scm_2(world, start, merged)
     return (yield from _last_climb(world, here, goal))
 
 
 def _last_climb(world: World, start: Configuration, goal: TipPose) -> Schema:
-    """Yield the SCM-0 with the push and the patience of a plan."""
+    """Run SCM-0 with the push and the patience of a plan."""
     most = _LAST_CLIMB
     return (yield from scm_0(world, start, goal, most_steps=most, push=PUSH, patience=PATIENCE))
 
 
 def staged(schema: Generator[SchemaStep, None, _Result], stage: str) -> Generator[SchemaStep, None, _Result]:
-    """Yield the same steps, marked as a part of a plan."""
+    """Yield the steps of a schema, marked with their stage of a plan."""
     while True:
         try:
             step = next(schema)
@@ -296,21 +315,21 @@ def staged(schema: Generator[SchemaStep, None, _Result], stage: str) -> Generato
 
 
 _FIELD_CELLS = 160
-"""Cells of the grid of distances along the longer side of the room. Taste."""
+"""Cells of the distance grid along the longer side of the workspace. Taste."""
 _JOINT_LIMIT_SHARE = 0.99
-"""Share of the joint limits that moves use; the smooth path near them bends a little more. Taste."""
+"""Share of the joint limits that moves use, since the smooth path near them bends a little more. Taste."""
 _MERGING_TOLERANCE = 0.02
-"""How far headings may move when segments of the start are merged [rad]; the follower's offset makes up for it exactly.
+"""Largest change of headings when segments of the start are merged [rad]; the follower's offset corrects it exactly.
 Taste."""
 
 
 def clearance_field(workspace: Workspace, need: float, cells: int = _FIELD_CELLS) -> Gap:
-    """Return the distance of places from the nearest wall less what the arm needs, interpolated in a grid.
+    """Return the distance of places from the nearest wall less a required distance, interpolated in a grid.
 
     Args:
-        workspace: the room; places outside it take what is at its edge.
-        need: distance that the arm needs [m].
-        cells: of the grid along the longer side of the room.
+        workspace: the workspace; places outside it take the value at its edge.
+        need: distance that the arm requires [m].
+        cells: number of cells along the longer side of the workspace.
     """
     xmin, ymin, xmax, ymax = workspace.boundary.bounds
     cell = max(xmax - xmin, ymax - ymin) / cells
@@ -330,12 +349,12 @@ def clearance_field(workspace: Workspace, need: float, cells: int = _FIELD_CELLS
 
 @dataclass(frozen=True)
 class Follower:
-    """The jointed arm as it follows curves.
+    """The jointed arm that follows curves.
 
     Attributes:
-        problem: with the arm and its workspace.
+        problem: problem with the arm and its workspace.
         ends: start and goal on the links.
-        certificate: of moves.
+        certificate: certificate of moves.
         deadline: when to stop.
     """
 
@@ -346,13 +365,13 @@ class Follower:
 
     @classmethod
     def from_problem(cls, problem: Problem) -> "Follower":
-        """Return the arm of a problem, with its share of the problem's time from now on.
+        """Return the follower of a problem, with its share of the problem's time from now on.
 
         Args:
-            problem: to plan for.
+            problem: the problem.
 
         Raises:
-            UnreachableGoal: start or goal cannot be.
+            UnreachableGoal: start or goal are impossible.
         """
         ends = resolve_ends(problem)
         deadline = Deadline.after(_PLANNING_SHARE * problem.planner.time_limit)
@@ -360,14 +379,14 @@ class Follower:
 
     @cached_property
     def start(self) -> Configuration:
-        """The curve at the start, with as few segments as follow it."""
+        """The curve at the start, with as few segments as represent it."""
         pose = self.problem.start
         curve = nearest_curves(self.problem.arm, self.ends.start[None])[0] if pose.curve is None else pose.curve
         return _with_few_segments(curve, _MERGING_TOLERANCE)
 
     @cached_property
     def offset(self) -> FloatArray:
-        """What the start's mapping adds to mean headings, shape (links,) [rad]."""
+        """Difference of the start's link headings from the curve's mean headings, shape (links,) [rad]."""
         mean_headings = Shapes.from_configurations([self.start]).mean_headings(self.problem.arm.links)[0]
         offset: FloatArray = self.problem.arm.headings(self.ends.start) - mean_headings
         return offset
@@ -382,10 +401,10 @@ class Follower:
         return self.problem.arm.joint_positions(headings)[:, -1], headings[:, -1]
 
     def passes(self, here: Shapes, there: Shapes) -> BoolArray:
-        """Return which moves keep the joint limits and touch nothing on the way.
+        """Return which moves keep the joint limits and touch nothing on their way.
 
         Args:
-            here: one curve, where the arm is.
+            here: one curve, the arm's current one.
             there: m curves to move to.
 
         Returns:
@@ -400,8 +419,8 @@ class Follower:
         bends = arm.bends(self.headings(there))
         allowed: BoolArray = np.all(np.abs(bends) <= limits, axis=1)
         if allowed.any():
-            # One call of the certificate for all moves: here, there, here, there, ... The odd intervals are the ways
-            # back from a candidate to the start, which nobody asks about.
+            # One call of the certificate for all moves: here, there, here, there, ... The odd intervals lead back from
+            # a candidate to the start and are ignored.
             keyframes = np.repeat(bends[allowed], 2, axis=0)
             keyframes[::2] = arm.bends(self.headings(here)[0])
             failing = self.certificate.failures(keyframes, _BISECTIONS)
@@ -411,7 +430,7 @@ class Follower:
 
     @cached_property
     def gap(self) -> Gap:
-        """Gaps in the workspace."""
+        """Function that returns the gaps of points in the workspace."""
         return clearance_field(self.problem.workspace, self.problem.arm.radius + self.problem.workspace.clearance)
 
     @cached_property
@@ -423,8 +442,8 @@ class Follower:
 
     @property
     def hurried_world(self) -> World:
-        """The world of the schemas for one plan, whose share of the time that is left begins now."""
-        # Of the time that is left now, so that late plans have less but every one has some.
+        """The world of the schemas for one plan, whose share of the time left begins now."""
+        # A share of the time left now, so that late plans have less but every one has some.
         until = Deadline.after(_PLAN_SHARE * self.deadline.left)
 
         def passes(here: Shapes, there: Shapes) -> BoolArray:
@@ -452,17 +471,17 @@ class Follower:
 
 
 def look_at_clock(deadline: Deadline) -> None:
-    """Do nothing before a deadline.
+    """Check the deadline.
 
     Raises:
-        TimeLimitReached: after it.
+        TimeLimitReached: the deadline has passed.
     """
     if deadline.passed():
         raise TimeLimitReached(Diagnosis(deadline.what_passed(), "hill climbing", ("raise planner.time_limit",)))
 
 
 def _certificate(problem: Problem, ends: Ends) -> Certificate:
-    """Return a little more than contact where the start has it.
+    """Return the certificate of contact, with a small gap where the start has one.
 
     A start that touches something must be allowed to leave.
     """
@@ -474,9 +493,9 @@ def _certificate(problem: Problem, ends: Ends) -> Certificate:
 
 
 def _with_few_segments(configuration: Configuration, tolerance: float) -> Configuration:
-    """Return the same curve, headings to within a tolerance [rad], with neighbours merged from the base on.
+    """Return the curve with neighbouring segments merged from the base on, headings within a tolerance [rad].
 
-    Every segment multiplies the moves that a climb has to try, so each one less is worth its error.
+    Every segment multiplies the moves that a climb has to try, so that each one saved is worth its error.
     """
     k = 0
     while k < len(configuration.segments) - 1:

@@ -1,4 +1,4 @@
-"""Schemas that climb or interpolate."""
+"""The schemas that climb or interpolate: SCM-0, SCM-2, SCM-6, SCM-7 and SCM-8."""
 
 from dataclasses import replace
 from itertools import pairwise
@@ -17,50 +17,50 @@ from ccm_opt.robot.decomposition import interpolate
 from ccm_opt.robot.segment import EVEN_KNOTS, natural_segment, select_segment_type
 
 PUSH = 0.01
-"""Weight of the world's crowding beside the distance where a plan asks for it. Taste."""
+"""Weight of the world's crowding relative to the distance in a plan. Taste."""
 PATIENCE = 15
-"""Moves without headway after which a climb on the way of a plan ends: it arrives soon or hardly ever. Taste."""
+"""Moves without headway after which a climb of a plan ends: it arrives soon or hardly ever. Taste."""
 FEED = 0.02
-"""Length that SCM-3 and SCM-5 pass on in one step, as a share of the arm's. Taste."""
+"""Length that SCM-3 and SCM-5 feed in one step, as a share of the arm's. Taste."""
 _ON_THE_WAY = Precision(2e-3, 2e-2)
-"""Precision asked at the subgoals of SCM-7 but the last. Taste."""
+"""Precision at the subgoals of SCM-7 except the last. Taste."""
 _STRIDE = 0.12
-"""Greatest change of heading anywhere on the curve between two steps of SCM-2 and SCM-8 [rad]. Taste."""
+"""Largest change of heading anywhere on the curve between two steps of SCM-2 and SCM-8 [rad]. Taste."""
 _HELD_PRECISION = Precision(1.5e-4, 1.5e-3)
-"""How exactly SCM-3 and SCM-6 preserve a pose. Taste."""
+"""Precision with which SCM-3 and SCM-6 hold a pose. Taste."""
 _SUBGOAL_SPACING = 0.03
 """Distance of the subgoals of SCM-7, as a share of the arm's length. Taste."""
 _SUBGOAL_TURN = 0.12
-"""Most that the tip turns from subgoal to subgoal [rad]. Taste."""
+"""Largest turn of the tip from subgoal to subgoal [rad]. Taste."""
 _STRIDE_SAMPLES = 65
-"""Places on the curve where that change is looked at. Taste."""
+"""Number of places on the curve at which the change of heading is measured. Taste."""
 _HELD_PUSH = 0.03
 """Weight of the walls while a pose is held. Taste."""
 _HELD_PATIENCE = 20
-"""Moves without headway after which the end of a segment counts as not to be held. Taste."""
+"""Moves without headway after which holding the end of a segment has failed. Taste."""
 _RELAXING = 6
-"""Moves by which a shape is relaxed before its end is brought back. Taste."""
+"""Number of moves that relax a shape before its end is brought back. Taste."""
 _END_TURN = 0.3
-"""Most that SCM-6 changes the end's curvature in one step, times the segment's length [rad]. Taste."""
+"""Largest change of the end's curvature by SCM-6 in one step, times the segment's length [rad]. Taste."""
 
 HELD = (
     Operator.C_A, Operator.C_B, Operator.C_C, Operator.C_D, Operator.S_B, Operator.S_C, Operator.S_D, Operator.ROTATE,
 )  # fmt: skip
-"""Operators that leave the curvature at the end alone."""
+"""Operators that keep the curvature at the end."""
 
 
 def scm_6(world: World, start: Configuration) -> Schema:
-    """Yield the SCM-6: change the curvature at the end to zero, while preserving the tip's position and orientation.
+    """Run SCM-6: change the curvature at the end to zero, while preserving the tip's position and orientation.
 
     Args:
         world: the world.
-        start: where the arm is.
+        start: configuration of the arm.
 
     Yields:
-        A configuration with the tip where it was for every part of the way to zero.
+        Configurations with the tip in its place, as the curvature decreases to zero.
 
     Returns:
-        A configuration with C_e = 0 and the tip where it was.
+        A configuration with C_e = 0 and the tip in its place.
 
     Raises:
         SchemaStopped: the tip cannot be held.
@@ -82,18 +82,18 @@ def scm_6(world: World, start: Configuration) -> Schema:
 def hold(
     world: World, before: Configuration, changed: Configuration, segment: int, held: TipPose, schema: str
 ) -> Configuration:
-    """Bring the end of a segment back to a pose after a change, by operators that leave its end curvature alone.
+    """Bring the end of a segment back to a pose after a change, by operators that keep its end curvature.
 
     Args:
         world: the world.
-        before: where the arm was; it must be able to move from there to the result.
+        before: the arm before the change; it must be able to move from there to the result.
         changed: the arm after the change.
-        segment: whose end is held; the operators move it and those before it.
-        held: where its end has to be.
-        schema: in whose name.
+        segment: index of the segment whose end is held; the operators change it and those before it.
+        held: pose of its end.
+        schema: name of the schema, for messages.
 
     Raises:
-        SchemaStopped: its end cannot be held, or something is in the way.
+        SchemaStopped: the end cannot be held, or there is an obstruction.
     """
 
     def objective(shapes: Shapes) -> FloatArray:
@@ -107,16 +107,16 @@ def hold(
     distance = Distance(held, before.length, precision=_HELD_PRECISION)
     moves = Moves(tuple(range(segment + 1)), HELD)
 
-    # Climbs that ask about contact at their end only are quick, so they are tried first, from several beginnings; the
-    # last one asks at every move.
+    # Climbs that check contact only at their end are quick, so they are tried first, from several initial
+    # configurations; another one then checks every move.
     watched = replace(world, passes=reachable)
     anywhere = replace(world, passes=World().passes)
     relaxing = Climb(objective, -np.inf, moves, most_steps=_RELAXING, push=_HELD_PUSH)
     relaxed, _ = end_of(anywhere, changed, relaxing)
     tries = [(anywhere, begin, 0.0) for begin in (*_reselected(changed, segment, held), relaxed, changed)]
     tries.append((watched, changed, _HELD_PUSH))
-    # A climb may stop in a local minimum a hair from its end. From the middle between two beginnings it takes
-    # another path, on which that minimum does not lie.
+    # A climb may stop in a local minimum very near its end. From the middle between two initial configurations it
+    # takes another path, which may avoid that minimum.
     tries += [(anywhere, middle, 0.0) for middle in _middles([begin for _, begin, _ in tries])]
     for guard, begin, push in tries:
         task = Climb(objective, distance.threshold, moves, push=push, patience=_HELD_PATIENCE)
@@ -128,7 +128,7 @@ def hold(
 
 
 def _middles(beginnings: list[Configuration]) -> tuple[Configuration, ...]:
-    """Return the configurations half-way between each beginning and the next, coordinate by coordinate."""
+    """Return the configurations midway between each initial configuration and the next, coordinate by coordinate."""
     middles = []
     for one, other in pairwise(beginnings):
         first = Shapes.from_configurations([one])
@@ -143,7 +143,7 @@ def _middles(beginnings: list[Configuration]) -> tuple[Configuration, ...]:
 def _reselected(changed: Configuration, segment: int, held: TipPose) -> tuple[Configuration, ...]:
     """Return the base segment as the natural curve of its type and length, as SCM-1 would select it.
 
-    Nothing for others.
+    Empty for other segments, or where the pose is out of reach.
     """
     if segment > 0 or float(np.hypot(*(held.position - changed.base))) > changed.segments[0].length:
         return ()
@@ -168,19 +168,19 @@ def scm_0(
     push: float = 0.0,
     patience: float = np.inf,
 ) -> Schema:
-    """Yield the SCM-0: pure hill climbing to a goal for the tip's position and, if given, orientation.
+    """Run SCM-0: pure hill climbing to a goal for the tip's position and, if given, orientation.
 
     Keeps the number and the lengths of the segments; changes interpolation points and base rotation.
 
     Args:
         world: the world.
-        start: where the arm is.
-        goal: for the tip.
-        precision: how near counts.
-        weights: of the distance function.
-        most_steps: moves at most.
+        start: configuration of the arm.
+        goal: goal of the tip.
+        precision: largest errors that count as at the goal.
+        weights: weights of the distance function.
+        most_steps: most moves.
         push: weight of the world's crowding; none in the pure climb.
-        patience: moves without headway after which it ends; the pure climb has no end of it.
+        patience: moves without headway after which it ends; unlimited in the pure climb.
 
     Yields:
         Every move.
@@ -189,7 +189,7 @@ def scm_0(
         A configuration within the precision.
 
     Raises:
-        SchemaStopped: in a local minimum, or where all that improves is blocked.
+        SchemaStopped: in a local minimum, or where all improving moves are blocked.
     """
     here = start
     distance = Distance(goal, start.length, weights or DistanceWeights(), precision=precision or Precision())
@@ -211,18 +211,18 @@ def scm_0(
 
 
 def scm_7(world: World, start: Configuration, goal: TipPose, precision: Precision | None = None) -> Schema:
-    """Yield the SCM-7: a sequence of SCM-0 whose subgoals lie on the straight line from the tip to its goal.
+    """Run SCM-7: a sequence of SCM-0 whose subgoals lie on the straight line from the tip to its goal.
 
     The tip's heading turns evenly on the way. Where the arm may move straight from subgoal to subgoal, it does.
 
     Args:
         world: the world.
-        start: where the arm is.
-        goal: for the tip.
-        precision: how near the goal counts.
+        start: configuration of the arm.
+        goal: goal of the tip.
+        precision: largest errors that count as at the goal.
 
     Yields:
-        The configuration at every subgoal, with the moves between where they are needed.
+        The configuration at every subgoal, with the moves in between where they are needed.
 
     Returns:
         A configuration at the goal.
@@ -248,11 +248,15 @@ def scm_7(world: World, start: Configuration, goal: TipPose, precision: Precisio
 
 
 def _hop(world: World, start: Configuration, subgoal: TipPose, precision: Precision | None) -> Schema:
-    """To the next subgoal by SCM-0, in one step if the world lets it."""
+    """Move to the next subgoal by SCM-0, in one step if the world allows it.
+
+    Raises:
+        SchemaStopped: the subgoal is not reached.
+    """
     climb_there = scm_0(world, start, subgoal, precision=precision, push=PUSH, patience=PATIENCE)
     steps, here = run(climb_there)
     moves = [step.configuration for step in steps]
-    # The moves of a climb zigzag; the straight way is shorter where it is free.
+    # The moves of a climb zigzag; the straight motion is shorter where it is free.
     if len(moves) > 1 and world.move_allowed(start, here):
         moves = [here]
     for configuration in moves:
@@ -261,7 +265,7 @@ def _hop(world: World, start: Configuration, subgoal: TipPose, precision: Precis
 
 
 def miss(world: World, configuration: Configuration, goal: TipPose) -> str:
-    """Return how far the tip is from a goal, in words."""
+    """Return, in words, how far the tip is from a goal."""
     (position,), (heading,) = world.tips(Shapes.from_configurations([configuration]))
     text = f"the tip {short_length(float(np.hypot(*(position - goal.position))))}"
     if goal.heading is not None:
@@ -270,13 +274,13 @@ def miss(world: World, configuration: Configuration, goal: TipPose) -> str:
 
 
 def scm_2(world: World, start: Configuration, target: Configuration) -> Schema:
-    """Yield the SCM-2: move by interpolation from the current curvature to one selected by SCM-1.
+    """Run SCM-2: move by interpolation from the current curvature to one selected by SCM-1.
 
-    Keeps base and length; base rotation and curvature go straight to those of the target.
+    Keeps base and length; base rotation and curvature change linearly to those of the target.
 
     Args:
         world: the world.
-        start: where the arm is.
+        start: configuration of the arm.
         target: a configuration of the same base and length.
 
     Yields:
@@ -286,7 +290,7 @@ def scm_2(world: World, start: Configuration, target: Configuration) -> Schema:
         The target.
 
     Raises:
-        SchemaStopped: something is in the way.
+        SchemaStopped: there is an obstruction.
     """
     here = start
     for share in _shares(start, target):
@@ -299,15 +303,15 @@ def scm_2(world: World, start: Configuration, target: Configuration) -> Schema:
 
 
 def scm_8(world: World, start: Configuration, target: Configuration, *, as_far_as_free: bool = False) -> Schema:
-    """Yield the SCM-8: SCM-2 while the direction of the vector from base to tip is preserved.
+    """Run SCM-8: SCM-2 while the direction of the vector from base to tip is preserved.
 
-    The base turns so that it is; the target's own base rotation is not kept.
+    The base turns to preserve it; the target's own base rotation is not kept.
 
     Args:
         world: the world.
-        start: where the arm is.
+        start: configuration of the arm.
         target: a configuration of the same base and length.
-        as_far_as_free: end before a contact instead of stopping there.
+        as_far_as_free: end before a contact instead of raising an error there.
 
     Yields:
         Configurations on the way.
@@ -316,13 +320,13 @@ def scm_8(world: World, start: Configuration, target: Configuration, *, as_far_a
         The target, turned about the base, or the last configuration before a contact.
 
     Raises:
-        SchemaStopped: something is in the way.
+        SchemaStopped: there is an obstruction.
     """
     here = start
     direction = direction_to_tip(world, start)
     for share in _shares(start, target):
         mixed = interpolate(start, target, share)
-        # First the direction is restored, then the winding that the base has.
+        # Restore the direction first, then the winding of the base.
         there = turned(mixed, wrap(direction - direction_to_tip(world, mixed)))
         there = turned(there, whole_turns(here.base_heading - there.base_heading))
         if not world.move_allowed(here, there):
@@ -335,7 +339,7 @@ def scm_8(world: World, start: Configuration, target: Configuration, *, as_far_a
 
 
 def turned(configuration: Configuration, angle: float) -> Configuration:
-    """Return a configuration turned about its base [rad]."""
+    """Return a configuration turned about its base by an angle [rad]."""
     shapes = Shapes.from_configurations([configuration])
     shapes.heading[0] += angle
     return shapes.configuration(0)
@@ -348,7 +352,7 @@ def direction_to_tip(world: World, configuration: Configuration) -> float:
 
 
 def _shares(start: Configuration, target: Configuration) -> list[float]:
-    """Return the shares of the way at which no heading has changed by more than the stride since the last."""
+    """Return shares of the interpolation between which no heading changes by more than the stride."""
     arc = np.linspace(0.0, start.length, _STRIDE_SAMPLES)
     most = float(np.abs(target.heading_at(arc) - start.heading_at(arc)).max())
     count = max(1, int(np.ceil(most / _STRIDE)))

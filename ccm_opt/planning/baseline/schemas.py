@@ -1,4 +1,4 @@
-"""The schemas SCM-0 to SCM-8, and which of them applies."""
+"""The schemas that select and feed: SCM-1, SCM-3, SCM-4 and SCM-5; re-exports the others."""
 
 from collections.abc import Generator
 from dataclasses import dataclass, replace
@@ -22,26 +22,26 @@ from ccm_opt.robot.decomposition import add_segment, delete_segment, segment_hea
 from ccm_opt.robot.segment import SINE, CurvatureSegment, SegmentType, end_angle, natural_segment, select_segment_type
 
 _SELECTED_PRECISION = Precision(1e-3, 6e-3)
-"""How near the end of a curve selected by SCM-4 comes to the goal; SCM-0 does the rest. Taste."""
+"""Precision with which a curve selected by SCM-4 ends at the goal; SCM-0 does the rest. Taste."""
 _SHORTENING = 0.03
-"""Share by which SCM-4 shortens a segment that is too long, at a time. Taste."""
+"""Share by which SCM-4 shortens a segment that is too long, per round. Taste."""
 _SELECTION_PUSH = 0.05
 """Weight of the walls while a curve is selected. Taste."""
 _SELECTION_STEPS = 1500
-"""Moves of that climb, at most. Taste."""
+"""Most moves of that climb. Taste."""
 _LEAST_CHORD_RATIO = 0.25
 """Least chord of SCM-4's first guess, as a share of its length. Taste."""
 _FINEST_FEED = 1.0 / 8.0
-"""Share of that step down to which a feed that meets an obstacle is halved. Taste."""
+"""Share of the feed step down to which a feed that meets an obstacle is halved. Taste."""
 
 
 @dataclass(frozen=True)
 class Feeding:
-    """An arm of which some lies on a track.
+    """An arm with its tip part on a track.
 
     Attributes:
         configuration: the arm.
-        track: begins at the end of segment ``holder``.
+        track: the track, which begins at the end of segment ``holder``.
         holder: index of the last segment that is not on the track.
         out: length on the track [m].
     """
@@ -57,17 +57,20 @@ class Feeding:
         return self.track.length - self.out
 
     def at(self, configuration: Configuration) -> "Feeding":
-        """Return the same with the arm elsewhere."""
+        """Return the feeding state with the arm in another configuration."""
         return replace(self, configuration=configuration)
 
     def with_length_out(self, out: float) -> "Feeding":
-        """Return the another length on the track; the segments before it are scaled to make up for it."""
+        """Return the arm with another length on the track; the segments before it are scaled to compensate."""
         before = Configuration(self.configuration.base, self.configuration.segments[: self.holder + 1])
         scale = (before.length - (out - self.out)) / before.length
         return self._made_of(_scaled(before, slice(None), scale), self.track, out)
 
     def with_boundary_ahead(self, length: float) -> tuple["Feeding", TipPose]:
-        """The boundary farther along the track, the segment before it scaled, and the pose that is to be held."""
+        """Return the arm with the boundary farther along the track, and the pose to be held.
+
+        The segment before the boundary is scaled.
+        """
         ahead = self.track.after(length)
         before = Configuration(self.configuration.base, self.configuration.segments[: self.holder + 1])
         position, heading = Configuration(before.base, (*before.segments, *self._placed(before, length))).tip
@@ -77,14 +80,14 @@ class Feeding:
         return self._made_of(shapes.configuration(0), ahead, self.out - length), TipPose(position, heading)
 
     def _placed(self, before: Configuration, length: float) -> tuple[CurvatureSegment, ...]:
-        """Return the first ``length`` metres of the track, as they go on from a configuration."""
+        """Return the first ``length`` metres of the track, as a continuation of a configuration."""
         whole = before
         for segment in self.track.first(length):
             whole = add_segment(whole, segment)
         return whole.segments[len(before.segments) :]
 
     def _made_of(self, before: Configuration, track: SegmentTrack, out: float) -> "Feeding":
-        """Return the arm of what lies before the track and of the first ``out`` metres of it."""
+        """Return the arm composed of the part before the track and the first ``out`` metres of the track."""
         whole = before
         for segment in track.first(out):
             whole = add_segment(whole, segment)
@@ -92,19 +95,19 @@ class Feeding:
 
 
 Feed: TypeAlias = Generator[SchemaStep, None, Feeding]
-"""Yields its steps; returns the arm with what it now has on the track."""
+"""Yields its steps; returns the arm with its new length on the track."""
 
 
 def scm_3(world: World, start: Configuration, segment: int, length: float) -> Schema:
-    """Yield the SCM-3: maintain the current tip position and orientation while a segment gets longer or shorter.
+    """Run SCM-3: maintain the current tip position and orientation while a segment gets longer or shorter.
 
-    The tip is that of the segment; what follows it goes along unchanged. The curvature at its end is left alone.
+    The tip is that of the segment; the segments after it move along unchanged. The curvature at its end is kept.
 
     Args:
         world: the world.
-        start: where the arm is.
+        start: configuration of the arm.
         segment: index of the segment.
-        length: it should have at the end [m].
+        length: its length at the end [m].
 
     Yields:
         Configurations with evenly changing length.
@@ -124,15 +127,15 @@ def scm_3(world: World, start: Configuration, segment: int, length: float) -> Sc
 
 
 def scm_5(world: World, start: Configuration, curve: CurvatureSegment, length: float) -> Schema:
-    """Yield the SCM-5: feed or retract the tip segment along a given curve, specified by its curvature.
+    """Run SCM-5: feed or retract the tip segment along a given curve, specified by its curvature.
 
     The tip segment is always the first part of the curve, so every point of it stays on the curve.
 
     Args:
         world: the world.
-        start: where the arm is; its tip segment lies on the curve.
-        curve: the segment that it may become.
-        length: that it should get [m].
+        start: configuration of the arm; its tip segment lies on the curve.
+        curve: the segment that the tip segment may become.
+        length: its length at the end [m].
 
     Yields:
         Configurations with evenly changing length of the tip segment.
@@ -141,7 +144,7 @@ def scm_5(world: World, start: Configuration, curve: CurvatureSegment, length: f
         The last of them.
 
     Raises:
-        SchemaStopped: something is in the way.
+        SchemaStopped: there is an obstruction.
     """
     here = start
     stride = FEED * curve.length
@@ -157,21 +160,21 @@ def scm_5(world: World, start: Configuration, curve: CurvatureSegment, length: f
 
 
 def pass_length(world: World, start: Feeding, least: float, most: float = np.inf) -> Feed:
-    """Yield the SCM-3 and SCM-5 together: what goes out along the track, the segments before it lose.
+    """Run SCM-3 and SCM-5 together: the segments before the track lose the length that is fed out along it.
 
-    The arm keeps its length, as it must; so each step is one of both schemas at once.
+    The arm's length is constant, so each step is one of both schemas at once.
 
     Args:
         world: the world.
-        start: the arm, and how much of it lies on the track.
+        start: the arm, and its length on the track.
         least: length that stays off the track [m].
-        most: length that is passed on at most [m].
+        most: most length that is passed on [m].
 
     Yields:
         Configurations of constant total length.
 
     Returns:
-        The last of them: all of the track is covered, or nothing is left to give, or something is in the way.
+        The last of them: all of the track is covered, or no length is left to give, or there is an obstruction.
     """
     here = start
     held = end_pose(start.configuration, start.holder)
@@ -197,21 +200,21 @@ def pass_length(world: World, start: Feeding, least: float, most: float = np.inf
 
 
 def slide_boundary(world: World, start: Feeding, length: float) -> Feed:
-    """Move the boundary to the track ahead along it; the segment before takes what the boundary passes (SCM-3).
+    """Move the boundary to the track ahead along it; the segment before takes the length that it passes (SCM-3).
 
-    "Segment boundaries can be moved smoothly along the length of the arm" (section 2.2). The subgoal that is held
-    moves along with the boundary, so that a fold opens. What lies on the track stays where it is.
+    "Segment boundaries can be moved smoothly along the length of the arm" (section 2.2). The subgoal that is held moves
+    along with the boundary, so that a fold opens. The part of the arm on the track stays where it is.
 
     Args:
         world: the world.
-        start: the arm, and how much of it lies on the track.
-        length: by which the boundary should move [m].
+        start: the arm, and its length on the track.
+        length: distance by which the boundary should move [m].
 
     Yields:
         Configurations of constant total length.
 
     Returns:
-        The last of them: the boundary has moved so far, or something is in the way.
+        The last of them: the boundary has moved that far, or there is an obstruction.
     """
     here = start
     moved = 0.0
@@ -232,7 +235,7 @@ def slide_boundary(world: World, start: Feeding, length: float) -> Feed:
 
 
 def begin_feeding(world: World, start: Configuration, track: SegmentTrack) -> Feeding:
-    """Return the first piece of a track that goes on from the tip; the segments before it give up as much (SCM-3).
+    """Return the arm with a first piece of a track at its tip; the segments before it give up its length (SCM-3).
 
     Raises:
         SchemaStopped: the tip cannot be held.
@@ -257,7 +260,7 @@ def end_pose(configuration: Configuration, segment: int) -> TipPose:
 
 
 def resized(configuration: Configuration, segment: int, length: float) -> Configuration:
-    """Return a segment scaled to another length: curvature goes with 1/length, so that it keeps its shape."""
+    """Return a segment scaled to another length; its curvature scales with 1/length, so that it keeps its shape."""
     return _scaled(configuration, slice(segment, segment + 1), length / configuration.segments[segment].length)
 
 
@@ -271,12 +274,12 @@ def _scaled(configuration: Configuration, which: slice, scale: float) -> Configu
 
 
 def fed(configuration: Configuration, curve: CurvatureSegment, length: float) -> Configuration:
-    """Return the tip segment replaced by the first part of a curve."""
+    """Return the arm with its tip segment replaced by the first part of a curve."""
     return add_segment(delete_segment(configuration), segment_head(curve, length))
 
 
 def _parts(first: float, last: float, stride: float) -> list[float]:
-    """Return the lengths evenly on the way from one to another, no farther apart than the stride [m]."""
+    """Return the lengths evenly spaced from one to another, no farther apart than the stride [m]."""
     count = max(1, int(np.ceil(abs(last - first) / stride)))
     return [first + (last - first) * k / count for k in range(1, count + 1)]
 
@@ -288,12 +291,12 @@ _BUMP = np.array([0.0, 1.125, 1.5, 1.125, 0.0])
 _KEPT_LENGTH = (
     Operator.C_B, Operator.C_C, Operator.C_D, Operator.C_E, Operator.S_B, Operator.S_C, Operator.S_D,
 )  # fmt: skip
-"""Operators that leave a segment's length alone, and the curvature with which it begins."""
+"""Operators that keep a segment's length, and the curvature with which it begins."""
 
 
 @dataclass(frozen=True)
 class Selection:
-    """What SCM-1 or SCM-4 selects.
+    """Result of SCM-1 or SCM-4.
 
     Attributes:
         kind: the type of segment.
@@ -304,20 +307,20 @@ class Selection:
     segment: CurvatureSegment
 
     def configuration(self, base: FloatArray) -> Configuration:
-        """Return the curve alone, from a base (2,) [m]."""
+        """Return the curve as a configuration of its own, from a base (2,) [m]."""
         return Configuration(base, (self.segment,))
 
 
 def scm_1(world: World, start: Configuration, goal: TipPose) -> Selection:
-    """SCM-1: select the curvature segment type and the base rotation for SCM-2 or SCM-8. Does not move the arm.
+    """Return the result of SCM-1: the curvature segment type and the base rotation for SCM-2 or SCM-8.
 
-    Only base and goal pose are looked at (section 2.1). The curve is the natural one of its type, aimed at the goal; a
-    base that cannot turn that far takes what it can.
+    The arm does not move. Only base and goal pose are considered (section 2.1). The curve is the natural one of its
+    type, aimed at the goal; a base that cannot turn that far is turned as far as it can.
 
     Args:
         world: the world.
-        start: where the arm is; only its base and its length count.
-        goal: for the tip; no farther from the base than the length.
+        start: configuration of the arm; only its base, base rotation and length count.
+        goal: goal of the tip; no farther from the base than the length.
 
     Raises:
         SchemaStopped: the goal is out of reach.
@@ -326,7 +329,11 @@ def scm_1(world: World, start: Configuration, goal: TipPose) -> Selection:
 
 
 def ranked_selections(world: World, start: Configuration, goal: TipPose) -> tuple[Selection, ...]:
-    """The selection of SCM-1 first, then the other bent types by how nearly their ends point as the goal does."""
+    """Return the selection of SCM-1 first, then the other bent types, ranked by the heading error of their ends.
+
+    Raises:
+        SchemaStopped: the goal is out of reach.
+    """
     base_heading = None if world.base_turns else 0.5 * sum(world.base_range)
     kind = select_segment_type(start.base, base_heading, goal.position, goal.heading)
     chord = goal.position - start.base
@@ -336,13 +343,13 @@ def ranked_selections(world: World, start: Configuration, goal: TipPose) -> tupl
         reason = f"the goal is {long_length(ratio * start.length)} away, the arm {long_length(start.length)} long"
         raise SchemaStopped("SCM-1", start, reason)
     others = sorted((k for k in BENT if k is not kind), key=lambda k: _heading_error(k, direction, ratio, goal))
-    # An arm with length to spare cannot reach its goal straight: the bent types come first.
+    # An arm with surplus length cannot reach its goal straight: the bent types come first.
     kinds = (*others, kind) if kind is SegmentType.STRAIGHT and ratio < 1.0 - 1e-3 else (kind, *others)
     return tuple(_select(world, start, goal, k) for k in kinds)
 
 
 def _heading_error(kind: SegmentType, direction: float, ratio: float, goal: TipPose) -> float:
-    """How far from the goal's heading the natural curve of a type ends, whose chord has a direction and ratio [rad]."""
+    """Return the heading error at the goal of a type's natural curve, whose chord has a direction and ratio [rad]."""
     if goal.heading is None:
         return 0.0
     side = -1.0 if kind in {SegmentType.RIGHT, SegmentType.LEFT_RIGHT} else 1.0
@@ -358,19 +365,19 @@ def _select(world: World, start: Configuration, goal: TipPose, kind: SegmentType
 
 
 def scm_4(world: World, start: Configuration, goal: TipPose, longest: float = np.inf) -> Selection:
-    """SCM-4: the same as SCM-1, but also determine the optimal segment length to achieve the goal. Moves no arm.
+    """Return the result of SCM-4: SCM-1 with the optimal segment length to achieve the goal. The arm does not move.
 
     The segment begins at the tip of the arm, along its heading and without curvature there, as SCM-6 leaves it. The
     type follows from both poses alone. Its first guess is a half wave and a whole wave of curvature that turn as the
-    poses ask; hill climbing over its interpolation points and its length then meets the goal. The paper does not say
-    what makes a length optimal. Here it is the natural one, with which that climb arrives, or where the arm has not so
-    much to give the longest that it has.
+    poses require; hill climbing over its interpolation points and its length then meets the goal. The paper does not
+    define the optimal length. Here it is the natural one, with which that climb arrives, or the longest available where
+    the arm cannot give as much.
 
     Args:
         world: the world.
         start: the arm up to where the segment begins.
-        goal: for the segment's end.
-        longest: the segment may be [m].
+        goal: goal of the segment's end.
+        longest: largest length of the segment [m].
 
     Raises:
         SchemaStopped: no such segment is found.
@@ -394,7 +401,7 @@ def scm_4(world: World, start: Configuration, goal: TipPose, longest: float = np
 def _met(
     world: World, start: Configuration, guess: CurvatureSegment, goal: TipPose, operators: tuple[Operator, ...]
 ) -> CurvatureSegment:
-    """Return the segment that a climb makes of a guess, with its end at the goal.
+    """Return the segment with its end at the goal that a climb makes of a guess.
 
     Raises:
         SchemaStopped: the climb does not arrive.
@@ -415,9 +422,12 @@ def _met(
 
 
 def _first_guess(position: FloatArray, heading: float, goal: TipPose, least_ratio: float) -> CurvatureSegment:
-    """Return the zero curvature at both ends.
+    """Return the first guess of a segment, with zero curvature at both ends.
 
-    Turns α to the chord and β from it: a bump of α + β and a wave of (α - β)/2.
+    It turns by α to the chord and by β from it: a bump of α + β and a wave of (α - β)/2.
+
+    Raises:
+        ProblemError: start and goal of the segment coincide.
     """
     chord = goal.position - position
     distance = float(np.hypot(*chord))
@@ -427,7 +437,7 @@ def _first_guess(position: FloatArray, heading: float, goal: TipPose, least_rati
     alpha = wrap(direction - heading)
     beta = alpha if goal.heading is None else wrap(goal.heading - direction)
     wave = 0.5 * (alpha - beta)
-    # The chord ratio of the guess, were bump and wave alone; the waves fold back before J₀ vanishes at 2.405.
+    # Chord ratio of the guess as if bump and wave acted separately; waves fold back before J₀ vanishes at 2.405.
     ratio = max(float(j0(min(abs(wave), 2.4)) * np.sinc(0.5 * (alpha + beta) / np.pi)), least_ratio)
     length = distance / ratio
     return CurvatureSegment(length, heading, ((alpha + beta) * _BUMP + 2.0 * np.pi * wave * SINE) / length)

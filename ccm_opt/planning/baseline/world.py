@@ -1,4 +1,4 @@
-"""What a schema may know of the world: where the base is, how far it turns, and which moves touch nothing."""
+"""The world as schemas see it: the range of the base, the tips, the distances to walls, and the allowed moves."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
@@ -12,23 +12,23 @@ from ccm_opt.planning.baseline.operators import Shapes
 from ccm_opt.robot.configuration import Configuration
 
 _KEPT_OFF = 0.03
-"""Points nearer to contact than this share of the arm's length are pushed away. Taste."""
+"""Distance from contact below which points are pushed away, as a share of the arm's length. Taste."""
 
 CROWDING_POINTS = 48
-"""Chords of the configuration at whose ends walls push. Taste."""
+"""Number of chords of the configuration at whose ends walls push. Taste."""
 _SELF_POINTS = CROWDING_POINTS // 2
-"""Chords at whose ends the arm pushes itself, every other end of the others."""
+"""Number of chords at whose ends the arm pushes itself, every other end of those above."""
 _STRAINED = 0.3
-"""Share of the curvature's limit from which interpolation points are pushed back. Taste."""
+"""Share of the curvature limit above which interpolation points are pushed back. Taste."""
 
 Passes: TypeAlias = Callable[[Shapes, Shapes], BoolArray]
-"""Whether the arm may move from one configuration, a batch of one, straight to each of a batch, shape (m,)."""
+"""Returns whether the arm may move from one configuration, a batch of one, straight to each of a batch, shape (m,)."""
 Tips: TypeAlias = Callable[[Shapes], tuple[FloatArray, FloatArray]]
-"""Positions (m, 2) [m] and headings (m,) [rad] of the tips of whole configurations."""
+"""Returns positions (m, 2) [m] and headings (m,) [rad] of the tips of whole configurations."""
 
 
 Gap: TypeAlias = Callable[[FloatArray], FloatArray]
-"""About how far points (..., 2) [m] are from contact with a wall, shape (...) [m]."""
+"""Returns the approximate distance of points (..., 2) [m] from contact with a wall, shape (...) [m]."""
 
 
 def _far(points: FloatArray) -> FloatArray:
@@ -46,13 +46,13 @@ def _curve_tips(shapes: Shapes) -> tuple[FloatArray, FloatArray]:
 
 @dataclass(frozen=True)
 class World:
-    """The world as the schemas see it; without anything given it is open space.
+    """The world as the schemas see it; by default it is open space.
 
     Attributes:
-        passes: which moves the arm can make: joint limits, walls, itself, and the sweep on the way.
-        tips: where the tip of the whole arm is: that of the curve, or that of the jointed arm that follows it.
-        gap: about how far points are from contact.
-        curvature_limit: |C| beyond a share of it counts as crowding [1/m].
+        passes: moves that the arm can make, given joint limits, walls, the arm itself, and the sweep on the way.
+        tips: tip of the whole arm: that of the curve, or that of the jointed arm that follows the curve.
+        gap: approximate distance of points from contact.
+        curvature_limit: limit of |C|; values beyond a share of it count as crowding [1/m].
         thickness: distance that the arm must keep from itself [m]; 0 when it need not.
         base_range: least and greatest heading of the base [rad].
     """
@@ -66,16 +66,16 @@ class World:
 
     @property
     def base_turns(self) -> bool:
-        """Whether the base can be pointed anywhere."""
+        """Whether the base can be turned to any heading."""
         return self.base_range[1] - self.base_range[0] >= WHOLE_TURN
 
     @property
     def of_curve(self) -> "World":
-        """The same world with tips read on the curve, as subgoals on the way are."""
+        """The world with the tips of the curve, as intermediate subgoals require."""
         return replace(self, tips=_curve_tips)
 
     def crowding(self, shapes: Shapes) -> FloatArray:
-        """Return how much configurations crowd walls and joint limits: mean squares of what they lack, shape (m,).
+        """Return the crowding of walls and joint limits: mean squares of the configurations' shortfalls, shape (m,).
 
         A potential as in reference [8] of the paper and Khatib (1986); the paper itself only says that moves are made
         in front of obstacles.
@@ -93,10 +93,10 @@ class World:
         return crowding
 
     def _crowding_itself(self, shapes: Shapes, points: FloatArray) -> FloatArray:
-        """Return the same for points of the arm that are near each other, but far apart along it, shape (m,)."""
+        """Return the crowding of points of the arm that are near each other, but far apart along it, shape (m,)."""
         count = _SELF_POINTS + 1
         one, other = np.triu_indices(count, 1)
-        # Points that are near along the arm are near in the plane whatever it does: they say nothing.
+        # Points near each other along the arm are always near in the plane, and are ignored.
         apart = (other - one) / _SELF_POINTS * float(shapes.length[0]) > 4.0 * self.thickness
         one = one[apart]
         other = other[apart]
