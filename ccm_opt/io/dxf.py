@@ -1,8 +1,8 @@
-"""Reads DXF drawings: lines, arcs, circles, ellipses, polylines, splines, solids, hatches, and blocks of them.
+"""Reading of DXF drawings: lines, arcs, circles, ellipses, polylines, splines, solids, hatches, and blocks of them.
 
 Only the model space counts, seen along z, without layers that are off or frozen. Open pieces on one layer whose
-ends meet are joined; a closed chain is an outline. Annotations and construction lines are left out and reported, broken
-ones too; whatever else cannot be read is refused by name, for a missing obstacle would be worse than a refused file.
+ends meet are joined; a closed chain is an outline. Annotations and construction lines are left out and reported, even
+broken ones; anything else unreadable is refused by name, since a missing obstacle is worse than a refused file.
 """
 
 import io
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from ezdxf.document import Drawing
 
 _MOST_DXF_BYTES = 8 * 2**20
-"""Larger DXF files are refused. Measured: the parser reads 1.5 MB a second."""
+"""Largest size of a DXF file. Measured: the parser reads 1.5 MB per second."""
 
 IGNORED = frozenset(
     (
@@ -54,7 +54,7 @@ IGNORED = frozenset(
         "XLINE",
     )
 )
-"""Annotations, pictures and construction lines."""
+"""Types of annotations, pictures and construction lines, which are left out."""
 _IGNORED_BECAUSE = {
     "MTEXT": "texts are no obstacles",
     "POINT": "points have no extent",
@@ -77,9 +77,9 @@ _IN_SPACE = {
     "SURFACE": "a surface in space",
     "SWEPTSURFACE": "a surface in space",
 }
-"""What is no part of a drawing in the plane, by its type; meshes among the POLYLINEs have names of their own."""
+"""Entities in space, which are refused, by type; POLYLINEs that are meshes are listed as POLYFACE and POLYMESH."""
 _PARTS = frozenset(("BLOCK", "ENDBLK", "ENDSEC", "EOF", "SECTION", "SEQEND", "VERTEX"))
-"""What is no entity by itself."""
+"""Structural records that are no entities by themselves."""
 _KIND = re.compile(rb"(?m)^[ \t]*0[ \t]*\r?\n[ \t]*(\d*[A-Z][A-Z0-9_]*)[ \t]*\r?$")
 """The type of an entity in the text of a file: what follows the group code 0."""
 _ANNOTATIONS = re.compile(
@@ -89,14 +89,14 @@ _ANNOTATIONS = re.compile(
 """Annotations in the text of a file, each up to the next group code 0."""
 _BINARY = b"AutoCAD Binary DXF"
 _DEEPEST = 32
-"""Blocks nested deeper than this are taken for blocks that hold themselves."""
+"""Deepest nesting of blocks; deeper ones are taken to contain themselves."""
 _GAP = 1e-6
-"""Ends nearer than this, relative to the extent of the layer's open pieces, meet."""
+"""Distance within which ends meet, relative to the extent of the layer's open pieces."""
 
 
 @dataclass(frozen=True)
 class _Placed:
-    """An entity with its layer, the name that its shape gets, and how many blocks it is in."""
+    """An entity with its layer, the name of its shape, and the number of blocks around it."""
 
     entity: Entity
     layer: str
@@ -106,7 +106,7 @@ class _Placed:
 
 @dataclass
 class _Findings:
-    """What is found on the way through a drawing: shapes, open pieces by layer, and what is not taken."""
+    """Results collected while reading a drawing: shapes, open pieces by layer, and entities left out or refused."""
 
     shapes: list[Shape] = field(default_factory=list)
     open_pieces: dict[str, list[Piece]] = field(default_factory=dict)
@@ -116,18 +116,18 @@ class _Findings:
     points: int = 0
 
     def leave_out(self, item: _Placed, reason: str) -> None:
-        """Note that an entity becomes no obstacle."""
+        """Record that an entity is not imported as an obstacle."""
         self.left_out.append(LeftOut(_title(item), reason))
 
 
 def read_dxf(content: bytes, distance: float) -> DrawingContent:
     """Return the shapes of a DXF file.
 
-    A shape is named by its layer; on layer 0 by its block, or else by its type and handle.
+    A shape is named after its layer; on layer 0 after its block, or else by its type and handle.
 
     Args:
-        content: of the file, text or binary DXF.
-        distance: allowed between a curve and the polyline that replaces it [drawing units].
+        content: content of the file, text or binary DXF.
+        distance: largest distance allowed between a curve and its polyline [drawing units].
 
     Raises:
         ProblemError: the content is no DXF, holds entities that cannot be read, which are listed by name, or inserts
@@ -170,7 +170,7 @@ def _read(drawing: "Drawing", distance: float, found: _Findings) -> DrawingConte
 
 
 def _unit(drawing: "Drawing") -> str:
-    """Return the unit that the header names, for example ``mm``; empty where it names none."""
+    """Return the unit stated in the header, for example ``mm``; empty where it states none."""
     from ezdxf.units import decode  # noqa: PLC0415 - loaded only when a DXF file is read
 
     return decode(drawing.units) or "" if drawing.units else ""
@@ -182,7 +182,7 @@ def _parsed(content: bytes, found: _Findings) -> "Drawing":
     from ezdxf.document import Drawing  # noqa: PLC0415 - likewise
     from ezdxf.lldxf.tagger import binary_tags_loader  # noqa: PLC0415 - likewise
 
-    # The parser would mend a file that was cut short in silence, and obstacles would be missing.
+    # The parser silently repairs a truncated file, and obstacles would be missing.
     if b"EOF" not in content[-64:]:
         raise ProblemError("the DXF file has no end: it was cut short, or it is no DXF; save it again")
     if len(content) > _MOST_DXF_BYTES:
@@ -205,7 +205,7 @@ def _parsed(content: bytes, found: _Findings) -> "Drawing":
     for message in told:
         if "ignor" in message.lower():
             raise ProblemError(f"the DXF file is damaged: {message} Save it again from a CAD program.")
-    # An undefined block counts as mended when its references are deleted; here that is a lost obstacle.
+    # The parser repairs an undefined block by deleting its references; here that is a lost obstacle.
     lost = [fix for fix in auditor.fixes if fix.code == AuditError.UNDEFINED_BLOCK]
     for defect in [*auditor.errors, *lost]:
         named = re.search(r"\b([A-Z][A-Z0-9_]+)\(#", defect.message)
@@ -220,7 +220,11 @@ def _parsed(content: bytes, found: _Findings) -> "Drawing":
 
 
 def _refuse_lost(drawing: "Drawing", content: bytes, empty: Sequence[str]) -> None:
-    """Hold the entities that the parser kept against those that the text of the file holds."""
+    """Refuse a drawing of which the parser kept fewer entities than the text of the file contains.
+
+    Raises:
+        ProblemError: entities were lost.
+    """
     sections = re.split(rb"(?m)^[ \t]*0[ \t]*\r?\n[ \t]*SECTION[ \t]*\r?$", content)
     drawn = b"".join(part for part in sections if part.split(maxsplit=2)[1:2] in ([b"ENTITIES"], [b"BLOCKS"]))
     held = Counter(kind.decode() for kind in _KIND.findall(drawn))
@@ -231,7 +235,7 @@ def _refuse_lost(drawing: "Drawing", content: bytes, empty: Sequence[str]) -> No
 
 
 def _entities(drawing: "Drawing", found: _Findings) -> Iterator[_Placed]:
-    """Yield the visible entities of the model space, blocks taken apart, each upright."""
+    """Yield the visible entities of the model space, with blocks and multilines taken apart."""
     # Names of layers do not distinguish upper and lower case.
     reasons = {layer.dxf.name.lower(): "off" for layer in drawing.layers if layer.is_off()}
     reasons |= {layer.dxf.name.lower(): "frozen" for layer in drawing.layers if layer.is_frozen()}
@@ -268,7 +272,7 @@ def _entities(drawing: "Drawing", found: _Findings) -> Iterator[_Placed]:
 
 
 def _parts(inserted: _Placed, found: _Findings) -> list[_Placed]:
-    """Return the entities of a block reference; those on layer 0 take the reference's layer."""
+    """Return the entities of a block reference; those on layer 0 get the reference's layer."""
     entity = inserted.entity
     block = str(entity.dxf.name)
     if inserted.depth == _DEEPEST:
@@ -279,7 +283,7 @@ def _parts(inserted: _Placed, found: _Findings) -> list[_Placed]:
     if definition is not None and definition.block.is_xref:
         found.refusals.append(f"INSERT '{block}' draws another file; bind that file to the drawing")
         return []
-    # Copies are counted before they are made: two numbers in a file may ask for a thousand million.
+    # Copies are counted before they are made: two numbers in a file may ask for a billion.
     held = 0 if definition is None else len(definition)
     if entity.mcount * max(held, 1) > IMPORT.most_elements:
         raise ProblemError(
@@ -302,13 +306,13 @@ def _parts(inserted: _Placed, found: _Findings) -> list[_Placed]:
 
 
 def _kind_and_handle(entity: Entity) -> str:
-    """Return the name of what is on layer 0 and in no block; on another layer that layer's."""
+    """Return the name of an entity in no block: its layer, or on layer 0 its type and handle."""
     layer = str(entity.dxf.get("layer", "0"))
     return f"{entity.dxftype().lower()} {entity.dxf.get('handle', '')}".strip() if layer == "0" else layer
 
 
 def _add(item: _Placed, distance: float, found: _Findings) -> None:
-    """Turn one entity into a shape, or keep it as an open piece of its layer."""
+    """Add one entity to the findings, as a shape or as an open piece of its layer."""
     entity = item.entity
     kind = entity.dxftype()
     if kind in IGNORED:
@@ -348,7 +352,11 @@ def _add(item: _Placed, distance: float, found: _Findings) -> None:
 
 
 def _turn_upright(entity: Entity) -> None:
-    """Mirror what was drawn on the back of the plane; refuse what was drawn on another plane."""
+    """Mirror an entity drawn on the back of the x-y plane, and refuse one drawn in another plane.
+
+    Raises:
+        ProblemError: the entity is not drawn in the x-y plane.
+    """
     from ezdxf.upright import upright  # noqa: PLC0415 - loaded only when a DXF file is read
 
     upright(entity)
@@ -358,7 +366,7 @@ def _turn_upright(entity: Entity) -> None:
 
 
 def _chained(pieces: list[Piece], layer: str, distance: float) -> list[Shape]:
-    """Return the shapes of a layer's open pieces after joining."""
+    """Return the shapes of a layer's open pieces after joining pieces whose ends meet."""
     points = np.concatenate([piece.points for piece in pieces])
     worst = float(np.abs(points).max())
     if not worst <= IMPORT.largest_coordinate:  # also where it is no number

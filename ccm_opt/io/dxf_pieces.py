@@ -1,4 +1,4 @@
-"""Pieces of DXF drawings: their entities as polylines, and the chains that these make."""
+"""Pieces of DXF drawings: conversion of entities to polylines, and joining of these into chains."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from ezdxf.math import BSpline
 
 _MOST_MEETING = 100
-"""Neighbours that an open end has within the joining distance, on average. Taste: two as a rule."""
+"""Largest average number of neighbours of an open end within the joining distance. Taste: usually there are two."""
 
 
 @dataclass(frozen=True)
@@ -27,11 +27,11 @@ class Piece:
     """A polyline of a drawing.
 
     Attributes:
-        points: shape (k, 2); a closed piece does not repeat its first point.
+        points: vertices, shape (k, 2); a closed piece does not repeat its first point.
         closed: whether the last point is joined to the first.
         curved: whether it is a flattened curve.
-        half_width: half the width with which it is drawn.
-        name: of the shape that it becomes; a chain has that of its first piece.
+        half_width: half its line width.
+        name: name of its shape; a chain has that of its first piece.
     """
 
     points: FloatArray
@@ -45,8 +45,8 @@ def joined_pieces(pieces: Sequence[Piece], gap: float) -> list[Piece]:
     """Join open pieces where exactly two ends meet; where more meet, chains end.
 
     Args:
-        pieces: open pieces, each of some length; what is drawn twice, whole or in parts, counts once.
-        gap: ends no farther apart than this meet; a short leg then bridges them.
+        pieces: open pieces of non-zero length; one drawn over another, in whole or in part, counts once.
+        gap: distance up to which ends meet; a short leg then bridges them.
 
     Returns:
         Chains in the order of their first pieces; a loop is a closed piece.
@@ -77,7 +77,7 @@ def _chain(line: shapely.LineString, members: Sequence[Piece]) -> Piece:
 
 
 def _drawn_once(pieces: Sequence[Piece], gap: float) -> list[Piece]:
-    """Return the pieces that lie on no longer ones, and of equal ones the first."""
+    """Return the pieces that do not lie on a longer one, and of equal pieces the first."""
     lines = np.array([shapely.LineString(piece.points) for piece in pieces])
     tree = shapely.STRtree(lines)
     middles = shapely.line_interpolate_point(lines, 0.5, normalized=True)
@@ -92,7 +92,7 @@ def _drawn_once(pieces: Sequence[Piece], gap: float) -> list[Piece]:
 
 
 def _meeting(points: FloatArray, gap: float) -> FloatArray:
-    """Return the points, but those joined by steps of at most ``gap`` all at the first of them; shape as given."""
+    """Return points with every cluster, linked by steps of at most ``gap``, moved to its first point; same shape."""
     # Equal points are one place, however many there are; pairs are sought among different ones only.
     places, place_of = np.unique(points, axis=0, return_inverse=True)
     tree = cKDTree(places)
@@ -111,9 +111,9 @@ Entity: TypeAlias = Any
 _FRAME_VERTEX = 16
 """Flag of a POLYLINE vertex that steers a fitted curve and is not on it (DXF reference, VERTEX, code 70)."""
 _CLOSED = 1e-9
-"""A spline whose ends are nearer than this, relative to its extent, is closed."""
+"""Distance between the ends of a spline, relative to its extent, within which it is closed."""
 _FULL_TURN = 1e-9
-"""Arcs that miss a full turn by less than this are full [rad]."""
+"""Difference from a full turn within which an arc is a full circle [rad]."""
 
 
 def hatch_rings(entity: Entity, distance: float) -> tuple[tuple[FloatArray, ...], bool]:
@@ -123,7 +123,7 @@ def hatch_rings(entity: Entity, distance: float) -> tuple[tuple[FloatArray, ...]
 
 
 def corner_points(entity: Entity) -> FloatArray:
-    """Return the corners of a SOLID or TRACE in order round it, shape (3 or 4, 2)."""
+    """Return the corners of a SOLID or TRACE in order around it, shape (3 or 4, 2)."""
     # A triangle repeats its last corner.
     points = np.array([(p.x, p.y) for p in entity.wcs_vertices()], dtype=np.float64)
     repeated = np.all(points == np.roll(points, 1, axis=0), axis=1)
@@ -168,7 +168,7 @@ def _turned(points: FloatArray, sweep: float) -> Piece:
 
 
 def _sweep(start: float, end: float) -> tuple[float, float]:
-    """Start and counter-clockwise turn of an arc; equal ends are a full turn [rad]."""
+    """Return the start and the counter-clockwise sweep of an arc; equal ends are a full turn [rad]."""
     sweep = math.fmod(end - start, 2.0 * math.pi)
     return start, sweep if sweep > _FULL_TURN else sweep + 2.0 * math.pi
 
@@ -189,7 +189,7 @@ def _polyline(entity: Entity, distance: float) -> Piece:
 
 
 def _vertex_width(vertex: Entity, polyline: Entity) -> float:
-    """Return the width of the leg after a vertex where it is greatest; the polyline's where the vertex gives none."""
+    """Return the largest width of the leg after a vertex; the polyline's default where the vertex gives none."""
     start = vertex.get("start_width", polyline.dxf.get("default_start_width", 0.0))
     end = vertex.get("end_width", polyline.dxf.get("default_end_width", 0.0))
     return float(max(start, end))
@@ -265,4 +265,4 @@ PIECES: Mapping[str, Callable[[Entity, float], Piece]] = {
     "POLYLINE": _polyline,
     "SPLINE": _spline,
 }
-"""How each type of entity becomes a piece."""
+"""Converters of entities to pieces, by type."""

@@ -1,4 +1,4 @@
-"""Reads GeoJSON and WKT."""
+"""Reading of drawings in GeoJSON and WKT."""
 
 import itertools
 import json
@@ -24,8 +24,8 @@ def read_geojson(content: bytes, distance: float) -> DrawingContent:
     A feature's ``properties.name`` names it, or else its ``id``, or else ``feature`` and its place from 1.
 
     Args:
-        content: of the file.
-        distance: not used: the geometries have no curves.
+        content: content of the file.
+        distance: unused, since the geometries have no curves.
 
     Raises:
         ProblemError: the content is no GeoJSON, or exceeds a bound.
@@ -89,7 +89,7 @@ def _geometry(data: object, name: str) -> shapely.Geometry:
 
 
 def _depth(text: str) -> int:
-    """Return how deep the brackets of a text are nested."""
+    """Return the depth to which brackets are nested in a text."""
     steps = (1 if bracket in "([{" else -1 for bracket in re.findall(r"[][(){}]", text))
     return max(itertools.accumulate(steps), default=0)
 
@@ -98,8 +98,8 @@ def read_wkt(content: bytes, distance: float) -> DrawingContent:
     """Return the shapes of a WKT file, named ``geometry 1``, ``geometry 2``, … in their order.
 
     Args:
-        content: of the file; an ``SRID=…;`` in front of a geometry is skipped.
-        distance: not used: the geometries have no curves.
+        content: content of the file; an ``SRID=…;`` before a geometry is skipped.
+        distance: unused, since the geometries have no curves.
 
     Raises:
         ProblemError: the text is no WKT, or exceeds a bound.
@@ -139,7 +139,7 @@ def _pieces(text: str) -> list[str]:
 
 
 def _bare(piece: str) -> str:
-    """Return a geometry without the number of its coordinate system, and without what ends it."""
+    """Return the text of a geometry without a leading SRID and a trailing semicolon."""
     return re.sub(r"^SRID=\d+;", "", piece.rstrip(";"), flags=re.IGNORECASE)
 
 
@@ -147,7 +147,7 @@ def _wkt_geometry(text: str) -> shapely.Geometry:
     try:
         return shapely.from_wkt(text)
     except (GEOSException, NotImplementedError, ValueError, TypeError) as error:
-        # No more of the text than the word that it begins with: it may be somebody's secret, and no drawing at all.
+        # Show only the first word: the file may be no drawing at all, but something confidential.
         shown = (
             text.split("(", maxsplit=1)[0].split(maxsplit=1)[0][:20] if text.split("(", maxsplit=1)[0].split() else "("
         )
@@ -161,9 +161,9 @@ def geometry_shapes(geometry: shapely.Geometry, name: str, left_out: list[LeftOu
     """Return the shapes of a geometry, collections taken apart; a line string is a line even when it is closed.
 
     Args:
-        geometry: of any kind and nesting.
-        name: of every shape.
-        left_out: receives what has no extent, and heights.
+        geometry: a geometry of any kind and nesting.
+        name: name of all its shapes.
+        left_out: receives parts without extent, and a note on heights.
 
     Raises:
         ProblemError: a coordinate is not a finite number.

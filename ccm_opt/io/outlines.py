@@ -1,6 +1,6 @@
-"""Outlines of a drawing: the polygons that rings enclose, and what closed outlines stand for.
+"""Outlines of a drawing: the polygons that rings enclose, and the meaning of closed outlines.
 
-That is solids with holes, walls, or the room (the key ``workspace.closed``).
+They are solids with holes, walls, or the room, as the key ``workspace.closed`` says.
 """
 
 import re
@@ -21,14 +21,14 @@ from ccm_opt.core.polygons import mitred
 from ccm_opt.io.shapes import IMPORT, FillRule, Shape, flatten_arc
 
 _SAME = 1e-6
-"""Outlines nearer to each other than this, relative to the drawing's extent, are one that is drawn twice."""
+"""Distance, relative to the drawing's extent, within which two outlines are one outline drawn twice."""
 
 _ROUND = 1e-7
-"""Circles need not be nearer to their polygons than this, relative to their radius: 7000 corners."""
+"""Finest chord deviation of a circle, relative to its radius: 7000 corners."""
 
 
 def as_walls(shapes: Sequence[Shape], distance: float) -> list[Shape]:
-    """Return the shapes with all outlines as lines; areas stay what they are."""
+    """Return shapes with all outlines turned into lines; areas are unchanged."""
     found: list[Shape] = []
     for shape in shapes:
         if shape.drawn in {"line", "area"}:
@@ -42,13 +42,13 @@ def as_walls(shapes: Sequence[Shape], distance: float) -> list[Shape]:
 
 
 def with_holes(shapes: Sequence[Shape], distance: float) -> list[Shape]:
-    """The shapes with outlines that are drawn as lines alone, and lie within others of their layer, as holes of those.
+    """Return shapes with unfilled outlines that lie within others of their layer turned into holes of those.
 
-    What lies in a hole is solid again. Outlines that touch or cross each other are solids all.
+    An outline within a hole is solid again. Outlines that touch or cross each other are all solids.
 
     Args:
-        shapes: in one unit of length.
-        distance: allowed between a circle and its polygon.
+        shapes: shapes, in one unit of length.
+        distance: largest distance allowed between a circle and its polygon.
 
     Raises:
         ProblemError: too many outlines lie within each other.
@@ -69,7 +69,7 @@ def with_holes(shapes: Sequence[Shape], distance: float) -> list[Shape]:
 
 
 def clearance_along(shapes: Sequence[Shape], growth: float, distance: float) -> tuple[shapely.Polygon, list[Shape]]:
-    """Return the largest outline as a room, smaller by what its curves and its line may take, and the other shapes.
+    """Return the largest outline as the room, shrunk by its line width and chord deviation, and the other shapes.
 
     Raises:
         ProblemError: there is no closed outline, or the largest is no simple polygon.
@@ -91,10 +91,7 @@ def clearance_along(shapes: Sequence[Shape], growth: float, distance: float) -> 
 
 
 def _apart(shape: Shape, distance: float) -> list[Shape]:
-    """Return the rings of a shape as shapes of their own, a circle as a polygon.
-
-    A huge one as a coarser one that is wider.
-    """
+    """Return the rings of a shape as separate shapes, a circle as a polygon; a huge one as a coarser but wider one."""
     if shape.is_circle:
         coarse = max(distance, _ROUND * shape.half_width)
         ring = flatten_arc(shape.rings[0][0], shape.half_width, 0.0, 2.0 * np.pi, coarse)[:-1]
@@ -103,7 +100,7 @@ def _apart(shape: Shape, distance: float) -> list[Shape]:
 
 
 def _nested(parts: Sequence[tuple[int, Shape]]) -> list[tuple[int, Shape]]:
-    """Return the solids among outlines, each with its holes, and what each was given with."""
+    """Return the solids among outlines, each with its holes and the index that its outline was given with."""
     polygons = np.array([_simple(part.rings[0]) for _, part in parts])
     once = _drawn_once(polygons)
     parts = [parts[k] for k in once]
@@ -124,13 +121,13 @@ def _nested(parts: Sequence[tuple[int, Shape]]) -> list[tuple[int, Shape]]:
 
 
 def _simple(ring: FloatArray) -> shapely.Polygon:
-    """Return the polygon of a ring; an empty one, which lies within nothing, where it is tangled or has no area."""
+    """Return the polygon of a ring; an empty one, which lies within nothing, where the ring is invalid or flat."""
     polygon = shapely.Polygon(ring) if len(ring) > 2 else shapely.Polygon()
     return polygon if polygon.is_valid and polygon.area > 0.0 else shapely.Polygon()
 
 
 def _drawn_once(polygons: np.ndarray) -> list[int]:
-    """Return the numbers of the polygons that are no repetition of an earlier one."""
+    """Return the indices of the polygons that do not repeat an earlier one."""
     boxes = shapely.bounds(polygons)
     whole = np.flatnonzero(np.isfinite(boxes).all(axis=1))
     if len(whole) == 0:
@@ -154,7 +151,7 @@ def _drawn_once(polygons: np.ndarray) -> list[int]:
 
 
 def _within(polygons: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the pairs of polygons of which the second lies within the first without touching it."""
+    """Return index pairs (outer, inner) of polygons of which the second lies within the first without contact."""
     tree = shapely.STRtree(polygons)
     at_once = max(1, IMPORT.most_nested // len(polygons))
     pairs = []
@@ -170,10 +167,11 @@ def _within(polygons: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 _MOST_CROSSINGS = 1000
-"""Pairs of edges of one outline that meet besides neighbours, and are repaired. Measured: 0.5 s for as many, and ten
-seconds for four times as many."""
+"""Largest number of pairs of non-adjacent edges of one outline that meet, for it to be repaired. Measured: 0.5 s for as
+many, and ten seconds for four times as many."""
 _REPAIR_SHARE = 1e-3
-"""A repair that changes the enclosed area by more than this share is refused, since something else was meant. Taste."""
+"""Share of the enclosed area by which a repair may change it; a larger change means that something else was drawn.
+Taste."""
 
 
 def filled(rings: Sequence[FloatArray], rule: FillRule) -> list[shapely.Polygon]:
@@ -197,7 +195,7 @@ def filled(rings: Sequence[FloatArray], rule: FillRule) -> list[shapely.Polygon]
     boxed = STRtree(solids).query(solids)
     if boxed.shape[1] > IMPORT.most_nested:
         raise ProblemError(f"it has {len(rings)} rings within rings, too many to fill; draw them as several shapes")
-    # Rings that are far apart have nothing to do with each other, and are filled by themselves.
+    # Groups of rings with disjoint boxes are independent and filled separately.
     linked = coo_array((np.ones(boxed.shape[1]), boxed), shape=(len(rings), len(rings)))
     _, groups = connected_components(linked, directed=False)
     inner, outer = boxed[:, shapely.covers(np.array(solids)[boxed[1]], np.array(solids)[boxed[0]])]
@@ -215,7 +213,7 @@ def filled(rings: Sequence[FloatArray], rule: FillRule) -> list[shapely.Polygon]
 def _filled_inwards(
     solids: Sequence[shapely.MultiPolygon], around: IntArray, inside: BoolArray, order: Sequence[int]
 ) -> shapely.Geometry:
-    """Return what rings fill and clear by turns, from those with no other around them inwards."""
+    """Return the area that nested rings enclose, filling and clearing level by level from the outermost inwards."""
     parts: list[shapely.Geometry] = []
     for (_, fills), members in groupby(order, key=lambda k: (around[k], bool(inside[k]))):
         level = shapely.union_all([solids[k] for k in members])
@@ -228,13 +226,13 @@ def _filled_inwards(
 
 
 def repaired(polygon: shapely.Polygon) -> list[shapely.Polygon]:
-    """Return a polygon as valid polygons.
+    """Return a polygon repaired into valid polygons.
 
     Args:
-        polygon: any; its outline may cross itself.
+        polygon: any polygon; its outline may cross itself.
 
     Returns:
-        Valid polygons with area, at least one, that differ from the given one by at most ``repair_share`` of its area;
+        Valid polygons with area, at least one, that differ from the given one by at most ``_REPAIR_SHARE`` of the area;
         holes smaller than that, which a repair may leave at a crossing, are filled.
 
     Raises:
@@ -248,7 +246,7 @@ def repaired(polygon: shapely.Polygon) -> list[shapely.Polygon]:
             f"the outline crosses or touches itself more than {_MOST_CROSSINGS} times, too often to be "
             "repaired; list the corners in order round the shape"
         )
-    # Of a bow tie GEOS keeps both halves, so that a change of area shows that more than a slip was repaired.
+    # GEOS keeps both halves of a bow tie, so a change of area reveals a repair of more than a small slip.
     mended = polygon_parts(shapely.make_valid(polygon))
     area = sum(part.area for part in mended)
     if area == 0.0:
@@ -274,7 +272,7 @@ def polygon_parts(geometry: shapely.Geometry) -> list[shapely.Polygon]:
 
 
 def _is_tangled(polygon: shapely.Polygon) -> bool:
-    """Whether so many pairs of edges meet besides neighbours that a repair, which takes their square, would not end."""
+    """Return whether too many pairs of non-adjacent edges meet for a repair, whose time grows with their square."""
     outlines = [_without_repeats(shapely.get_coordinates(ring)) for ring in (polygon.exterior, *polygon.interiors)]
     edges = np.asarray(
         shapely.linestrings(np.concatenate([np.stack((ring[:-1], ring[1:]), axis=1) for ring in outlines]))
@@ -294,17 +292,14 @@ def _is_tangled(polygon: shapely.Polygon) -> bool:
 
 
 def _without_repeats(ring: FloatArray) -> FloatArray:
-    """Return a closed ring without corners that are where the one before is.
-
-    At least the first and the last are left.
-    """
+    """Return a closed ring without corners equal to the previous one; at least the first and the last are left."""
     moves = np.any(ring[1:] != ring[:-1], axis=1)
     moves[-1] = True
     return ring[np.concatenate(([True], moves))]
 
 
 def _sentence(why: str) -> str:
-    """Return the GEOS's reason, for example ``Self-intersection[1 2]``, in plain words."""
+    """Return GEOS's reason for an invalid polygon, for example ``Self-intersection[1 2]``, in plain words."""
     place = re.search(r"\[(\S+) (\S+)\]", why)
     where = f" at ({float(place[1]):.6g}, {float(place[2]):.6g})" if place else ""
     reason = why.split("[", maxsplit=1)[0].strip().lower()
