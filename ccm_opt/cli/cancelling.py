@@ -78,13 +78,13 @@ class Interrupted(KeyboardInterrupt):
 
 
 def interrupts_end_at_once() -> None:
-    """From here on, Ctrl-C ends the process with exit code 130: nothing has begun that would need cleaning up."""
+    """Make Ctrl-C end the process with exit code 130 from here on: nothing has begun that would need cleaning up."""
     if threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGINT, lambda _signal, _frame: leave_at_once(report_cancelled()))
 
 
 def interrupts_insist() -> None:
-    """From here on, raise a lost Ctrl-C again until ``interrupt_met`` is called."""
+    """Raise a lost Ctrl-C again from here on, until ``interrupt_met`` is called."""
     if threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGINT, _interrupt)
         sys.unraisablehook = _ignore_unraisable
@@ -151,7 +151,7 @@ def _look(number: int, frame: FrameType | None) -> None:
 
 
 def last_steps_uninterrupted() -> None:
-    """From here to the end of ``interrupts_as_usual``, only note Ctrl-C.
+    """Only note Ctrl-C from here to the end of ``interrupts_as_usual``.
 
     The work on one file is all but done by then. A second Ctrl-C interrupts as usual, in case those last steps hang.
     """
@@ -184,7 +184,7 @@ def _note(_signal: int, _frame: FrameType | None) -> None:
 
 
 def ignore_interrupts() -> None:
-    """From here on, ignore Ctrl-C."""
+    """Ignore Ctrl-C from here on."""
     interrupt_met()
     if threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGINT, signal.SIG_IGN)

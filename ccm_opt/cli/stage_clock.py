@@ -198,7 +198,7 @@ def ended_when_silent(
 
 @contextmanager
 def _ended_by_signal() -> Iterator[None]:
-    """Inside the block, let a signal end the process at once with its number as exit code, whatever C code runs.
+    """Let a signal end the process at once inside the block, with its number as exit code, whatever C code runs.
 
     The handler is the C library's own ``_exit``: while a solver spins, a Python handler would never be called.
     """

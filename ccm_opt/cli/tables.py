@@ -142,13 +142,13 @@ def stage_line(clock: StageClock) -> str:
 def peak_torque(
     torques: FloatArray, limit: FloatArray | None, names: Sequence[str], *, in_space: bool
 ) -> tuple[str, str, str, str]:
-    """Return the peak torque, its limit, how much of it is used, and where it is met, as cells of a table.
+    """Return table cells for the peak torque: value, limit, share of the limit that is used, and joint.
 
     Args:
         torques: shape (samples, revolutes) [N m].
         limit: shape (revolutes,), or None without limits [N m].
-        names: of the revolutes.
-        in_space: whether joints have two bends, which are told apart.
+        names: names of the revolutes.
+        in_space: whether joints have two bends, with names of their own.
     """
     magnitudes = np.abs(torques)
     joint = int(np.unravel_index(np.argmax(magnitudes), magnitudes.shape)[1])

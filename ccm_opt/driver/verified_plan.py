@@ -188,7 +188,7 @@ def _timed(
         return retimer.retime(problem, leg.path)
     failures: list[str] = []
     sampling = replace(settings.timing.sampling, hair=0.5 * problem.contact_tolerance)
-    # A generator: the later, slower timings are computed only if the earlier ones fail.
+    # A generator: the later timings are computed only if the earlier ones fail.
     for trajectory in retiming.timings(
         leg.path,
         feed_limits(problem.arm, problem.limits),

@@ -9,8 +9,8 @@ class PictureSettings:
 
     Attributes:
         dots_per_inch: resolution.
-        longest_side: of the drawing of a plan, without its margins [inch].
-        least_height: of that drawing [inch].
+        longest_side: longest side of the drawing of a plan, without its margins [inch].
+        least_height: least height of that drawing [inch].
         left: margin for axis labels [inch].
         right: margin [inch].
         top: margin for the title [inch].
