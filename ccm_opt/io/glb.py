@@ -1,8 +1,8 @@
-"""Files of glTF: motions written, meshes read.
+"""Writing of motions and reading of meshes in binary glTF (GLB).
 
-The document is looked through first: of every node of the scene the triangles are counted, which trimesh must give
-back. Cameras are taken out of it, since trimesh leaves out what stands below one. Materials are not read, so that no
-other file is.
+Before trimesh reads a file, its document is inspected: the triangles of all nodes of the scene are counted, and trimesh
+must return as many. Cameras are removed, since trimesh drops nodes below one. Materials are not read, so that no other
+file is.
 """
 
 import io
@@ -39,7 +39,7 @@ _FLOATS = 5126
 _WHOLE_NUMBERS = 5125
 """Types of numbers, 32 bits each (table 3.6.2.2)."""
 _ROTATION_FROM_Z_UP = (-0.7071067811865476, 0.0, 0.0, 0.7071067811865476)
-"""A quarter turn about x, as x, y, z, w: glTF calls y what we call z, up."""
+"""A quarter turn about x, as x, y, z, w: in glTF y points up, here z."""
 
 
 @dataclass(frozen=True)
@@ -152,7 +152,7 @@ def motion_glb(problem: Problem, trajectory: JointTrajectory) -> bytes:
 
     Args:
         problem: arm and obstacles.
-        trajectory: the motion; keyframes are taken from it at ``film_rate``, its ends included.
+        trajectory: the motion; keyframes are taken from it at ``_FILM_RATE``, its ends included.
     """
     arm = problem.arm
     writer = GlbWriter()
@@ -171,7 +171,7 @@ def motion_glb(problem: Problem, trajectory: JointTrajectory) -> bytes:
 
 
 def _obstacles(problem: Problem) -> Iterator[tuple[str, tuple[FloatArray, IntArray]]]:
-    """Yield the names and surfaces of what stands still."""
+    """Yield the names and surfaces of the obstacles, without the sides of the room."""
     scene = solid_scene(problem.workspace, problem.arm)
     # What is outside the room comes behind its obstacles, and would hide them.
     for obstacle in scene.obstacles[: len(problem.workspace.obstacles)]:
@@ -180,7 +180,7 @@ def _obstacles(problem: Problem) -> Iterator[tuple[str, tuple[FloatArray, IntArr
 
 
 def _motions(arm: Arm, q: FloatArray) -> Iterator[tuple[FloatArray, FloatArray]]:
-    """Yield the places and turns of every link over time."""
+    """Yield positions, shape (T, 3) [m], and quaternions, shape (T, 4), of every link over time."""
     positions, turns = arm.embedded(arm.joint_positions_at(q)), arm.link_rotations(q)
     if arm.dimension == 2:
         flat, turns = turns, np.broadcast_to(np.eye(3), (*turns.shape[:2], 3, 3)).copy()
@@ -189,7 +189,7 @@ def _motions(arm: Arm, q: FloatArray) -> Iterator[tuple[FloatArray, FloatArray]]
 
 
 def film_times(time: FloatArray) -> tuple[FloatArray, IntArray]:
-    """Return the times of a film, and the samples nearest to them."""
+    """Return the times of the keyframes of an animation [s], and the indices of their samples."""
     count = max(2, int(np.ceil((time[-1] - time[0]) * _FILM_RATE)) + 1)
     wanted = np.linspace(time[0], time[-1], min(count, len(time)))
     samples = np.unique(np.clip(np.searchsorted(time, wanted), 0, len(time) - 1))
@@ -263,7 +263,7 @@ def read_glb(content: bytes, settings: MeshSettings) -> RawMesh:
             found = [RawMesh(np.asarray(each.vertices, np.float64), np.asarray(each.faces, np.intp)) for each in parts]
     except ProblemError:
         raise
-    # Whatever a broken file leads a reader of a dozen formats into, to people it is a broken file.
+    # A broken file may raise any exception in trimesh; to the user it is a broken file.
     except Exception as error:  # noqa: BLE001
         missing = " is missing" if isinstance(error, KeyError) else ""
         reason = f"{' '.join(str(error).split())[:_LONGEST_REASON] or type(error).__name__}{missing}"

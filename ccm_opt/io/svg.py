@@ -1,10 +1,9 @@
-"""Reads SVG drawings: path, polygon, polyline, rect, circle, ellipse, line and what is used, with all transforms.
+"""Reading of SVG drawings: path, polygon, polyline, rect, circle, ellipse, line and use, with all transforms.
 
 Coordinates are the user units of the outermost element: its width, height and viewBox do not matter. SVG's y points
-down; it is negated, so that the picture looks the same. What is not drawn as a shape is left out and reported:
-definitions that nothing uses, text, images, clip paths, masks, markers, patterns, and whatever is hidden. Strokes do
-not matter: a closed outline is solid, an open one is a line without width. Of outlines without a fill, those within
-others are holes.
+down and is negated, so that the picture keeps its orientation. Anything not drawn as a shape is left out and reported:
+unused definitions, text, images, clip paths, masks, markers, patterns, and hidden elements. Strokes do not matter: a
+closed outline is solid, an open one is a line without width. Outlines without a fill that lie within others are holes.
 """
 
 import math
@@ -25,14 +24,15 @@ from ccm_opt.io.svg_document import View, length_of, numbers_in, parsed_document
 from ccm_opt.io.svg_placing import Picture, Place
 
 _LONGEST_PATH = 2_000_000
-"""Characters of path data of one element; longer ones are refused unread. Derived: most_vertices points as programs
-write them, with all sixteen digits."""
+"""Largest number of characters of path data of one element. Derived: ``most_vertices`` points as programs write them,
+with all sixteen digits."""
 _PATH_TEXT = re.compile(r"[MmZzLlHhVvCcSsQqTtAa0-9eE+\-.,\s]*")
 _COMMAND = re.compile(r"([MmZzLlHhVvCcSsQqTtAa])([^MmZzLlHhVvCcSsQqTtAa]*)")
 _SMOOTH = {"S": ("CS", "c0 0 0 0 0 0"), "T": ("QT", "q0 0 0 0")}
-"""Smooth curves: after which commands they mirror a control point, and a curve of their degree without length."""
+"""Smooth curve commands: the commands after which they mirror a control point, and a curve of their degree and zero
+length."""
 _CLOSED = 1e-9
-"""A path whose ends are nearer than this, relative to its extent, is closed."""
+"""Distance between the ends of a path, relative to its extent, within which it is closed."""
 
 
 @dataclass
@@ -40,9 +40,10 @@ class Subpath:
     """A part of a path that is drawn without lifting the pen.
 
     Attributes:
-        begin: where it begins, shape (2,).
-        segments: of svgelements, end to end.
+        begin: starting point, shape (2,).
+        segments: segments of svgelements, end to end.
         closed: whether a command closes it.
+        curved: whether a segment is a curve.
     """
 
     begin: FloatArray
@@ -51,7 +52,7 @@ class Subpath:
     curved: bool = False
 
     def flattened(self, distance: float) -> tuple[FloatArray, bool]:
-        """Return the its points, shape (k, 2), and whether its ends meet; then the first point is not repeated.
+        """Return its points, shape (k, 2), and whether it is closed; the first point is not repeated where ends meet.
 
         Raises:
             ProblemError: a coordinate is not finite, or a curve needs too many chords.
@@ -85,7 +86,7 @@ def path_subpaths(text: str) -> list[Subpath]:
     Raises:
         ProblemError: the data cannot be read to their end.
     """
-    # svgelements passes over what is no command, and begins where nothing says where.
+    # svgelements silently skips invalid characters, and accepts data without an initial move.
     if not _PATH_TEXT.fullmatch(text):
         raise ProblemError("it has path data with something that is neither a command nor a number")
     if not re.match(r"\s*([Mm]|$)", text):
@@ -97,9 +98,10 @@ def path_subpaths(text: str) -> list[Subpath]:
 
 
 def _with_explicit_controls(text: str) -> str:
-    """Path data in which no smooth curve takes over the control point of one of another degree, as svgelements would.
+    """Return path data in which no smooth curve mirrors the control point of a curve of another degree.
 
-    A curve without length in front of it says that its first control point is where it begins, as the standard has it.
+    svgelements would mirror it. A curve of zero length inserted before the smooth one puts the first control point at
+    its start, as the standard requires.
     """
     words = []
     last = ""
@@ -128,7 +130,7 @@ def split_subpaths(path: Iterable[Any]) -> list[Subpath]:
 
 
 def _flat(segment: Any, distance: float) -> FloatArray:
-    """Return the points on a segment after its first one, shape (k, 2)."""
+    """Return the points of a flattened segment without its first point, shape (k, 2)."""
     kind = type(segment).__name__
     if kind == "Arc" and segment.rx and segment.ry:
         center = _place(segment.center)
@@ -149,16 +151,16 @@ def _place(point: Sequence[float]) -> FloatArray:
 def read_svg(content: bytes, distance: float) -> DrawingContent:
     """Return the shapes of an SVG file.
 
-    A shape is named by the ``use`` that draws it, or its inkscape:label, title or id, or those of the nearest group
-    that has one, or else by its kind.
+    A shape is named after the ``use`` that draws it, its inkscape:label, title or id, or those of the nearest named
+    group, or else after its kind.
 
     Args:
-        content: of the file.
-        distance: allowed between a curve and the polyline that replaces it [user units].
+        content: content of the file.
+        distance: largest distance allowed between a curve and its polyline [user units].
 
     Raises:
-        ProblemError: the content is no SVG, refers to something that is not there, holds path data that cannot be
-            read, or draws more than the bounds allow.
+        ProblemError: the content is no SVG, refers to something missing, contains unreadable path data, or draws more
+            than the bounds allow.
     """
     picture = Picture(parsed_document(content))
     outline = cache(partial(_outline, picture.view))  # read once however often it is drawn
@@ -227,7 +229,7 @@ def _round(view: View, node: ET.Element) -> list[Subpath]:
 
 
 def _half_axes(view: View, node: ET.Element) -> tuple[float, float]:
-    """Return both half axes; one that is not given, or auto, is like the other."""
+    """Return both semi-axes; one that is missing, or auto, equals the other."""
     given = {key: node.attrib.get(key, "auto").strip() for key in ("rx", "ry")}
     known = [key for key in given if given[key] != "auto"]
     if not known:
@@ -242,7 +244,7 @@ def _length(view: View, node: ET.Element, key: str) -> float:
 
 
 def _shapes(place: Place, subpaths: list[Subpath], distance: float) -> list[Shape]:
-    """Return the shapes of one element: a disc, or a region of its closed subpaths, and a line for each open one."""
+    """Return the shapes of one element: a disc, or one region of its closed subpaths and a line for each open one."""
     if not subpaths:
         return []
     matrix = place.matrix[:2] * [[1.0], [-1.0]]  # SVG's y points down
@@ -271,12 +273,12 @@ def _shapes(place: Place, subpaths: list[Subpath], distance: float) -> list[Shap
 
 
 def _disc(place: Place, outline: Subpath, matrix: FloatArray) -> Shape | None:
-    """Return the element as a disc when it is a circle after its transform, a similarity."""
+    """Return an element that is a circle after its transform as a disc; None for any other."""
     if place.node.tag not in {"circle", "ellipse"}:
         return None
     arc = outline.segments[0]
     middle = np.array([arc.center.x, arc.center.y])
-    # The half axes after the transform: a circle when they are of equal length and at a right angle.
+    # The element is a circle if its transformed semi-axes are of equal length and perpendicular.
     axes = matrix[:, :2] @ (np.array([[arc.prx.x, arc.pry.x], [arc.prx.y, arc.pry.y]]) - middle[:, None])
     radius = math.sqrt(abs(float(axes[0, 0] * axes[1, 1] - axes[0, 1] * axes[1, 0])))
     if not math.isfinite(radius):

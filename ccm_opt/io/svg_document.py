@@ -1,7 +1,7 @@
 """The document of an SVG: its elements, their styles, lengths and transforms.
 
-Of style sheets, rules are understood whose selectors name an element, classes and an id of one element; a shape that
-another rule would hide is taken, since an obstacle too many is better than one too few.
+Only style rules are applied whose selectors name the type, classes and id of one element; a shape that another rule
+would hide is imported, since an obstacle too many is better than one too few.
 """
 
 import math
@@ -31,10 +31,10 @@ _SEPARATOR = " "
 
 
 def parsed_document(content: bytes) -> ET.Element:
-    """Return the outermost element of an SVG file, of elements without a namespace in their tags.
+    """Return the outermost element of an SVG file, with tags stripped of their namespace.
 
     Args:
-        content: of the file.
+        content: content of the file.
 
     Raises:
         ProblemError: the content is no XML, no SVG, or exceeds a bound.
@@ -88,21 +88,21 @@ class _Builder:
         self.tree.end(name)
 
     def entity(self, _name: str, _parameter: bool, value: str | None, *_others: object) -> None:
-        """Refuse abbreviations that make a small file large: such as hold others, or are long and often used."""
+        """Refuse entities that would expand a small file too much: nested ones, or long ones used often."""
         self.entity_length += len(value or "")
         if "&" in (value or "") or self.references * self.entity_length > IMPORT.most_bytes:
             raise ProblemError("its entities would make it too large to read; save it as plain SVG")
 
 
 PROPERTIES = frozenset(("clip-path", "display", "fill", "fill-rule", "mask", "transform", "visibility"))
-"""Those that matter; of fills only whether there is one, and strokes do not."""
+"""Style properties that matter; of fills only whether there is one, and strokes not at all."""
 _SIMPLE = re.compile(r"(?P<tag>\*|[\w-]+)?(?P<parts>(?:[.#][\w-]+)*)")
 _PART = re.compile(r"[.#][\w-]+")
 
 
 @dataclass(frozen=True)
 class _Rule:
-    """One selector with what it says: ``tag`` may be empty, ``classes`` and ``ids`` must all be there."""
+    """A style rule with one selector: ``tag`` may be empty, and an element must have all ``parts``, classes and ids."""
 
     tag: str
     parts: frozenset[str]
@@ -271,10 +271,10 @@ def length_of(text: str, view: View, across: bool | None) -> float:
 
 
 def parse_transform(text: str) -> FloatArray:
-    """Return the map of a transform attribute, shape (3, 3).
+    """Return the transform given by a transform attribute, shape (3, 3).
 
     Raises:
-        ProblemError: it cannot be read.
+        ProblemError: the attribute cannot be read.
     """
     whole = affine()
     *calls, rest = ("" if text.strip() == "none" else text).split(")")
@@ -292,7 +292,7 @@ def parse_transform(text: str) -> FloatArray:
 
 
 def _turn(degrees: float, x: float = 0.0, y: float = 0.0) -> FloatArray:
-    """Return a turn about a place."""
+    """Return a rotation about a point as a transform, shape (3, 3)."""
     cosine, sine = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
     return affine(e=x, f=y) @ affine(cosine, sine, -sine, cosine) @ affine(e=-x, f=-y)
 

@@ -105,7 +105,7 @@ def _linked(parts: dict[str, bytes], source: str) -> Iterator[str]:
 
 @dataclass(frozen=True)
 class _Use:
-    """An object that is built, or that another is put together from: its part, its number, and where it is moved."""
+    """A use of an object, by the build section or as a component: path of its part, its number, and its transform."""
 
     path: str
     number: str
@@ -114,7 +114,7 @@ class _Use:
 
 @dataclass
 class _Object:
-    """The triangles of an object, or what it is put together from; ``shape`` is the element that says which."""
+    """An object: its triangles, or its components; ``shape`` is the name of the element that defines which."""
 
     shape: str = ""
     coordinates: "array[float]" = field(default_factory=lambda: array("d"))
@@ -202,7 +202,7 @@ class _Model:
             shape.shape = kind
 
     def _use(self, given: dict[str, str]) -> _Use:
-        """Return the three rows of a transform turn, the last moves."""
+        """Return a use of an object; its transform has shape (4, 3), rotation and scale above the translation."""
         path = next((given[key] for key in given if key.endswith(" path")), self._path)
         transform = np.array(given.get("transform", "1 0 0 0 1 0 0 0 1 0 0 0").split(), dtype=np.float64)
         if transform.shape != (12,) or not np.isfinite(transform).all():
@@ -212,7 +212,7 @@ class _Model:
 
 @dataclass
 class _Building:
-    """Puts objects together within the bounds; ``taken`` are those that are built."""
+    """Assembles objects within the bounds; ``taken`` are the objects built so far."""
 
     models: dict[str, _Model]
     settings: MeshSettings
@@ -221,10 +221,10 @@ class _Building:
     triangles: int = 0
 
     def placed(self, use: _Use, outer: FloatArray, depth: int) -> Iterator[RawMesh]:
-        """Yield the meshes of an object, where they come to lie in what uses it.
+        """Yield the meshes of an object and its components, transformed to the coordinates of the build.
 
         Raises:
-            ProblemError: it is not there, or put together from too many, too large or too deep.
+            ProblemError: an object is missing, or the assembly has too many parts or triangles, or is nested too deep.
         """
         settings = self.settings
         if use.path not in self.models:
