@@ -41,7 +41,10 @@ class Guide(Protocol):
 
 
 class Stalled(Exception):  # noqa: N818 - an outcome, not a defect
-    """Raised when a guide makes no progress; the message tells how far it came, ``poses`` hold the motion so far."""
+    """Raised when a guide makes no progress.
+
+    The message tells how far the guide led; ``poses`` hold the motion up to there.
+    """
 
     def __init__(self, message: str, poses: list[Pose]) -> None:
         super().__init__(message)
@@ -111,7 +114,7 @@ def without_pauses(poses: list[Pose], least: float) -> list[Pose]:
 def settle(stepper: StepperOf[AnyUnknowns], goal: GoalPose, pose: Pose, deadline: Deadline) -> list[Pose]:
     """Return the poses from one near the goal to one exactly on it.
 
-    The last pose is as near as the goal's tolerance allows where Newton's method does not bring it onto the goal.
+    Where Newton's method does not bring the arm there, the last pose is only within the goal's tolerance.
 
     Raises:
         Stalled: when a wall, the arm itself or a joint limit keeps the tip off the goal.

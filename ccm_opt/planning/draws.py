@@ -61,7 +61,7 @@ _BUMP = 0.8
 
 
 _RANK = 1e-6
-"""Singular values below this share of the largest count as none."""
+"""Singular values below this share of the largest count as zero."""
 
 
 _BATCH = (4, 32)

@@ -26,7 +26,8 @@ _STRAIGHTENING = 5e-4
 """Distance that the tip may move when bends inside the guide tube, left by the mapping of a curve, are set to 0 [m].
 Taste."""
 _ROOM_SHARE = 0.05
-"""Share of that slack that is kept as clearance from an obstacle that is too near to the goal. Taste."""
+"""Share of the slack about a goal, which is ``_AIM_SHARE`` of the position tolerance, that is kept as clearance from an
+obstacle too near to the goal. Taste."""
 
 _TOLERANCE_SHARE = 0.5
 """Share of the goal's tolerances that planning uses where the goal cannot be met exactly. Taste."""
@@ -104,7 +105,7 @@ def _configuration(problem: Problem, pose: JointPose, which: str) -> FloatArray:
     if not arm.base_axes:
         return pose.configuration(arm)
     held = arm.held(pose.feed)
-    # A bend moves the tip by no more than itself times the arm's length.
+    # A bend moves the tip by at most the bend times the arm's length.
     mapped = _STRAIGHTENING / (arm.length * max(int(held.sum()), 1))
     bent = held & (np.abs(pose.bends) > (ROUNDING if pose.curve is None else mapped))
     if bent.any():
@@ -223,7 +224,7 @@ def refuse_blocked_tip(problem: Problem, goal: TipGoal) -> None:
     if goal.heading is not None:
         back = arm.link_length * unit_vector(goal.heading)
         last = shapely.LineString([goal.position - back, goal.position])
-        # The rear end of the last link may swing by this much.
+        # Within the heading tolerance, the rear end of the last link may swing by this much.
         play += arm.link_length * tolerances.heading
     need = arm.radius + problem.workspace.clearance - play
     k, apart = problem.workspace.nearest(last)
@@ -300,7 +301,7 @@ def _what_is_bad(problem: Problem, task: "SpaceTask", q: FloatArray, motion: str
 
 
 def contact_words(problem: Problem, task: "SpaceTask", q: FloatArray) -> str:
-    """Return in words what a configuration touches and how deep it is inside bodies; empty where it is free."""
+    """Return in words the contact of a configuration and its depth inside bodies; empty where it is free."""
     contact = describe_contact(task, q)
     joints = task.arm.joint_positions_at(q)
     _, exposed = task.arm.exposed_links(joints)
@@ -351,7 +352,7 @@ def describe_contact(task: "SpaceTask", q: FloatArray, beyond: float = 0.0) -> s
 
 @dataclass(frozen=True, eq=False)
 class NearestOfSamples:
-    """The least gap of every sample, and between which bodies it is.
+    """The least gap of every sample, with the bodies between which it occurs.
 
     Attributes:
         gap: gap between the surfaces; the reach where nothing is nearer, shape (T,) [m].
@@ -400,7 +401,7 @@ class GapsAtSamples:
 
     @classmethod
     def nearest_words(cls, problem: Problem, q: FloatArray) -> str:
-        """Return in words what is nearest to what in a configuration; empty where nothing is near."""
+        """Return in words which two bodies are nearest to each other in a configuration; empty where none are near."""
         gaps = cls.of(problem, problem.arm.joint_positions_at(q)[None])
         to_walls = float(gaps.walls.gap[0]) - problem.workspace.clearance
         to_itself = float(gaps.itself.gap[0])

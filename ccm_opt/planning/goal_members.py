@@ -133,7 +133,7 @@ def _choice(arm: Arm, goal: GoalPose, room: FreeSpace, fed: float) -> _Choice:
     runs = np.zeros(len(each))
     if goal.heading is not None and len(each):
         unit = arm.length / NOMINAL_LINKS
-        # The longest run comes last, so that it stays.
+        # The longest run comes last, so that it overwrites the shorter ones.
         for links in sorted(_RUNS):
             runs[_runs_in(room, places[each], turned, links * unit)] = links
     return _Choice(places[each], turned, runs, pieces[each])

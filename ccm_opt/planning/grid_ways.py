@@ -285,7 +285,7 @@ class _Block:
 
     @property
     def counts(self) -> tuple[int, int, int]:
-        """Numbers of cells along x, y and z."""
+        """Number of cells along x, y and z."""
         x, y, z = (int(count) for count in self.stop - self.start)
         return x, y, z
 

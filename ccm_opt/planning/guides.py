@@ -1,13 +1,14 @@
 """Guides that lead the tip, or the whole arm.
 
-With the tip's target at arc length a of the track x, a step minimises, lengths in nominal links,
+With the tip's target at arc length a of the track x, a step minimises, with lengths in nominal links,
 
     |J_tip δ - (x(a) - P_tip)|² + w Σ_k e^(-d_k²) (δφ_k - τ_k)² + small motions,
 
 where link k should lie on the chord between x(a - (n - k) l) and x(a - (n - k - 1) l): τ_k is its turn onto that chord
 and d_k the distance of its middle from the chord's. Links that are not on the track yet are free to go anywhere.
 
-To a pose of the whole arm the target runs along v(u) = (1 - u) v_a + u v_b, u from 0 to 1; every link is turned there.
+Towards a whole-arm pose the target moves along v(u) = (1 - u) v_a + u v_b, u from 0 to 1, and every link is turned to
+it.
 """
 
 from dataclasses import dataclass, field

@@ -86,7 +86,7 @@ def fed_strategies(problem: Problem, change: ShapeChange) -> tuple[Strategy[Moti
     def led(task: MotionTask, failures: list[Failure], *, patient: bool = False) -> Motion | None:
         """Return the first motion along a leader's path that keeps all limits.
 
-        A motion that violates the user's limits is tracked under them.
+        Where needed, the motion is tracked under the user's limits.
         """
         seconds = _CHANGE_SHARE * problem.planner.time_limit if patient else _SHORT_CHANGE
         ways = LedWays(problem, task, change, seconds)
@@ -160,9 +160,10 @@ class LedWays:
     seconds: float
 
     def quick(self) -> Iterator[Motion]:
-        """Yield motions that are found quickly: for each path the motion that follows it from the start on.
+        """Yield motions that are found quickly.
 
-        Where there is none, the other motions to that path, the shortest first.
+        For each path, the motion that follows the path from the start on; where there is none, the first two motions
+        onto the path and the one without any feed, the shortest first.
         """
         at_once = self.at_once()
         for number, path in enumerate(self._paths()):
@@ -246,9 +247,9 @@ class LedWays:
         arm = self.problem.arm
         least = self._least_straight
         low, high = arm.base_range
-        # A straight arm need not be drawn back for a path that is straight up to its tip,
+        # A straight arm need not be pulled back for a path that is straight up to its tip,
         straights = [] if self.task.start[:-1].any() else [float(self.task.start[-1]) + arm.length]
-        # any arm can be drawn back as far as the feed's range allows,
+        # any arm can be pulled back as far as the feed's range allows,
         straights.append(low + arm.length)
         # no joint can bend in a guide or hole hardly wider than the arm, before the place where it widens,
         straights += [max(end + arm.link_length, least) for end in self._tight_place_ends()]
@@ -272,7 +273,7 @@ class LedWays:
         leaves = np.flatnonzero(tight[:-1] & ~tight[1:])
         return [float(along[k + 1]) for k in leaves[:_TIGHT_PLACES]]
 
-    # ------------------------------------------------------------ ways
+    # ------------------------------------------------------------ motions along a path
     def _along(self, path: LeaderPath, *, changing: bool) -> Iterator[Motion]:
         """Yield motions along the start's shape to some feed, from there onto the path, and along it to its end.
 

@@ -122,7 +122,7 @@ class LinkSpace(CurveUnknowns):
         return np.vstack((np.cumsum(self.slopes[:links], axis=0), self.slopes[links:] / self.arm.link_length))
 
     def pose(self, v: FloatArray) -> Pose:
-        """Return the pose at coordinates, shape (p,)."""
+        """Return the pose at coordinates v, shape (p,)."""
         return self.poses(v[None])[0]
 
     def poses(self, unknowns: FloatArray) -> tuple[Pose, ...]:
@@ -315,7 +315,7 @@ def _turned() -> PPoly:
 
 @lru_cache(maxsize=32)
 def _unit_matrix(links: int) -> FloatArray:
-    """Return the mean-heading matrix for a curve of length 1."""
+    """Return the mean-heading matrix for a curve of length 1, shape (links, KNOTS + 1)."""
     primitive = _turned().antiderivative()(np.arange(links + 1) / links)
     return np.column_stack((np.ones(links), links * np.diff(primitive, axis=0)))
 

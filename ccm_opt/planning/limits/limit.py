@@ -195,7 +195,7 @@ class LimitOf(Generic[AnyUnknowns_contra]):
     def missed(self, space: AnyUnknowns_contra, pose: Pose) -> tuple[FloatArray, FloatArray]:
         """Return the rows of violated requirements, shape (k, p), and the change that repairs each, shape (k,).
 
-        Both are in the limit's unit.
+        The changes are in the limit's unit.
         """
         del space
         return np.zeros((0, len(pose.v))), np.zeros(0)

@@ -29,7 +29,7 @@ _CLOSING_SHARE = 0.5
 """Share of its gap beyond the margin by which a near pair may close in one step. Derived: two links that move towards
 each other then close at most the whole of it together."""
 _NEAR_JOINT_LIMIT = 0.25
-"""Bends nearer to their limit than this get rows in the optimisation [rad]. Taste: a little more than a step turns a
+"""Bends nearer to their limit than this get rows in the optimisation [rad]. Taste: slightly more than a step turns a
 joint."""
 
 
@@ -89,7 +89,8 @@ class AtRest(LimitOf[CurveUnknowns]):
 class FeedLimit(LimitOf[CurveMap]):
     """Bounds the feed of an arm in space.
 
-    In a step, the travel of the base and the length of arm that leaves the guide tube are bounded.
+    In a step the base may travel a bounded length, and no farther than until the next joint has to stop just outside
+    the guide tube.
     """
 
     def linearised(self, space: CurveMap, pose: Pose, turn: float) -> LimitRows:
@@ -245,7 +246,7 @@ def contact_rows(contacts: Contacts, jacobians: FloatArray) -> FloatArray:
         jacobians: derivatives of the pose's joints and tip, shape (links + 1, d, p) [m per unit].
     """
     relative = _point_jacobian(jacobians, contacts.first, contacts.first_at)
-    # gap = n·(x_first − x_second): a wall stands still, a second link moves and subtracts its own part.
+    # gap = n·(x_first − x_second): a wall does not move; a second link does, so its own part is subtracted.
     with_itself = contacts.second != WALL
     relative[with_itself] -= _point_jacobian(jacobians, contacts.second[with_itself], contacts.second_at[with_itself])
     rows: FloatArray = np.einsum("md,mdp->mp", contacts.normal, relative)

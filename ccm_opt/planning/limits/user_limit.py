@@ -133,7 +133,7 @@ class UserLimit(LimitOf[CurveUnknowns]):
         return replace(self, u=u)
 
     def placed_at_goal(self) -> "UserLimit":
-        """Return the constraints at the goal."""
+        """Return the constraints that apply at the goal."""
         return replace(self, u=1.0, at_goal=True)
 
     def values(self, q: FloatArray) -> "RowValues":
@@ -157,7 +157,7 @@ class UserLimit(LimitOf[CurveUnknowns]):
         scale = self.turns(now.gap_slopes)
         # Cauchy–Schwarz: n links that turn by at most t each close a gap of unit slope by t √n to first order; the
         # factor 2 leaves room for its curvature.
-        farthest = 2.0 * turn * np.sqrt(self.terms.quantities.arm.links)  # what a step can close at most
+        farthest = 2.0 * turn * np.sqrt(self.terms.quantities.arm.links)  # most that a step can close
         # Negated, so that a gap that is NaN keeps its row and is refused instead of being dropped.
         within = ~(now.gaps > (_MARGIN + farthest) * scale)
         scale = scale[within]
@@ -180,7 +180,7 @@ class UserLimit(LimitOf[CurveUnknowns]):
         near = gaps < margin
         short = margin - gaps[near]
         urgency = np.where(gaps[near] < 0.0, _URGENCY, 1.0)
-        # Half of a shortfall at a time moves the arm gently; a broken gap has to be opened at once.
+        # Half of a shortfall at a time moves the arm gently; a violated gap has to be opened at once.
         wanted = np.where(gaps[near] < 0.0, short, 0.5 * short)
         return Term(urgency[:, None] * rows[near], urgency * np.minimum(wanted, turn), _PULL_WEIGHT)
 
@@ -214,7 +214,7 @@ class UserLimit(LimitOf[CurveUnknowns]):
         if not np.isfinite(after.violation) or not np.all(after.gaps >= floor - TINY):
             return False
 
-        # Far from the equations the sum decides: one of them may grow for a step while the others shrink.
+        # Far from the equations their sum decides: one of them may grow for a step while the others shrink.
         met = np.max(np.abs(after.equations), initial=0.0) <= _MET
         return bool(met or np.abs(after.equations).sum() < np.abs(before.equations).sum())
 
@@ -239,14 +239,14 @@ class UserLimit(LimitOf[CurveUnknowns]):
         """
         start = pose
         limits = _JOINT_SHARE * space.bend_limits
-        # The side to which each bend was too large on the way; ``overbent`` adds to it and takes nothing out.
+        # Side to which each bend was too large on the way, else 0; ``overbent`` only adds to it.
         held = np.zeros(len(limits))
         for _ in range(_NEWTON_STEPS):
             values = self.values(pose.q)
             if not np.isfinite(values.violation):
                 return None
             slopes = values.equation_slopes @ pose.slopes
-            # Newton: J δ = −c, with the rows of broken gaps and bent joints below those of the equations.
+            # Newton: J δ = −c, with the rows of violated gaps and excessive bends below those of the equations.
             change = -values.equations
             if gaps:
                 slopes, change = self.missed(space, pose)
@@ -381,7 +381,7 @@ class UserLimit(LimitOf[CurveUnknowns]):
         reserve = _RESERVE * _KEEP_SHARE * _MARGIN * steepest[lasting]
         ends = np.minimum(gaps[:, 0], gaps[:, -1])
         floor = np.where(ends >= reserve, reserve, np.clip(ends, -_ALLOWED, -self._slack))
-        # Negated, so that NaN counts as short.
+        # Negated, so that NaN counts as a failure.
         return np.flatnonzero(np.any(~(gaps >= floor[:, None]), axis=(1, 2)))
 
     @property

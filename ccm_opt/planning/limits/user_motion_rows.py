@@ -56,8 +56,8 @@ class UserCosts:
                 gradient, hessian = cost.second_order(sweep.configurations[k], float(self.u[k]))
                 if not (np.isfinite(gradient).all() and np.isfinite(hessian).all()):
                     continue  # no descent direction there; a motion at which the value itself is NaN is refused
-                # The nearest positive semidefinite matrix (in the Frobenius norm) drops the negative eigenvalues; the
-                # QP needs a convex model.
+                # The QP needs a convex model: dropping the negative eigenvalues gives the nearest positive semidefinite
+                # matrix in the Frobenius norm.
                 sizes, vectors = np.linalg.eigh(hessian)
                 factor = sweep.slopes[k].T @ (vectors * np.sqrt(np.maximum(sizes, 0.0)))
                 model.gradient[k] += weights[k] * gradient @ sweep.slopes[k]
