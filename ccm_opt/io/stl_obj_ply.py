@@ -1,17 +1,15 @@
-"""Meshes of STL, OBJ and PLY files.
+"""Reading of meshes from STL, OBJ and PLY files.
 
-STL: both libraries that could read it lose triangles: of a file that is cut short numpy-stl gives the first ones and
-trimesh none, without a word; numpy-stl reads no text with a byte-order mark or line ends of other systems, and trimesh
-stumbles over what a solid may be called. So the grammar stands here, and whatever does not follow it is refused with
-its place.
+STL: the available libraries silently lose triangles: of a truncated file numpy-stl returns the first ones and trimesh
+none; numpy-stl reads no text with a byte-order mark or foreign line ends, and trimesh fails on some names of solids. So
+the grammar is implemented here, and anything that does not follow it is refused with its position.
 
-OBJ: no library at hand reads it right: trimesh counts the vertices of a second object backwards from the last of the
-file, not from those that stand before the face, meshio knows no such numbers at all, and both cut faces that bend
-inward as fans. So the few kinds of lines that carry a surface are read here, and the others that carry anything are
-told.
+OBJ: no available library reads it correctly: trimesh counts negative vertex numbers backwards from the end of the file
+instead of from the face, meshio does not support them, and both triangulate non-convex faces as fans. So the few kinds
+of lines that define a surface are read here, and other lines with content are reported.
 
-PLY: the library that reads all of it, plyfile, has a licence (GPL) that a package under BSD cannot ask of its users;
-trimesh refuses files whose vertices or faces have lists of different lengths, and meshio likewise.
+PLY: the one complete library, plyfile, is under the GPL, which a package under BSD cannot impose on its users; trimesh
+and meshio refuse files whose vertices or faces have lists of different lengths.
 """
 
 import re
@@ -29,10 +27,10 @@ from ccm_opt.core.errors import ProblemError
 from ccm_opt.io.raw_mesh import MeshSettings, RawMesh, counted, triangulate_faces
 
 _START = 84
-"""Bytes of a binary file in front of its triangles: 80 of free text, and their number."""
+"""Bytes of a binary STL before its triangles: 80 of free text, and the number of triangles."""
 _TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 _BYTE_ORDER_MARK = b"\xef\xbb\xbf"
-"""In front of texts that some editors write."""
+"""Byte-order mark that some editors write at the start of a text."""
 _FLAGS = re.IGNORECASE
 # The name of a solid is free text up to the end of its line; where all is one line, up to what follows it.
 _SOLID, _END = (re.compile(rb"\s*%s\b[^\r\n]*" % word, _FLAGS) for word in (b"solid", b"endsolid"))
@@ -128,13 +126,13 @@ _NOT_READ = {
     b"cdp": "patches of older versions",
     b"cdc": "curves of older versions",
 }
-"""What would be missing from the obstacle, by the word in front of its line."""
+"""Contents that are refused, since they would be missing from the obstacle, by the keyword of their line."""
 _NO_SURFACE = {b"p": "point element", b"l": "line element", b"curv": "curve", b"curv2": "curve"}
-"""What is told and passed over, by the word in front of its line."""
+"""Contents that are reported and ignored, by the keyword of their line."""
 
 
 def read_obj(content: bytes, _settings: MeshSettings) -> RawMesh:
-    """Return the mesh of all objects and groups of an OBJ file; materials are not read, so that no other file is.
+    """Return the mesh of all objects and groups of an OBJ file; materials, which are in other files, are not read.
 
     Raises:
         ProblemError: a line cannot be read.
@@ -172,7 +170,7 @@ def read_obj(content: bytes, _settings: MeshSettings) -> RawMesh:
 
 
 def _place(words: list[bytes]) -> list[float]:
-    """Return the three numbers; behind them a weight or a colour may stand."""
+    """Return the three coordinates of a vertex line; a weight or colour after them is ignored."""
     try:
         x, y, z = map(float, words[1:4])
     except ValueError:
@@ -181,7 +179,12 @@ def _place(words: list[bytes]) -> list[float]:
 
 
 def _corners(words: list[bytes], vertices: int) -> list[int]:
-    """Return the vertices of a face, from 0; behind a slash the places of textures and normals may stand."""
+    """Return the vertex indices of a face line, from 0; indices of textures and normals after a slash are ignored.
+
+    Args:
+        words: words of the line.
+        vertices: number of vertices before it, from which negative numbers count backwards.
+    """
     try:
         named = [int(word.partition(b"/")[0]) for word in words[1:]]
     except ValueError:
@@ -213,12 +216,12 @@ _TYPES = {
     **dict.fromkeys(("double", "float64"), "f8"),
 }
 _CORNERS = ("vertex_indices", "vertex_index")
-"""How the list of a face's corners is called."""
+"""Names of the property with a face's corners."""
 
 
 @dataclass
 class _Element:
-    """What of one kind follows: its properties by name, the type of each, and for a list the type of its length."""
+    """An element announced in a PLY header: properties by name, each with its type and, for lists, that of lengths."""
 
     name: str
     count: int
@@ -227,14 +230,14 @@ class _Element:
 
 @dataclass(frozen=True)
 class _Rows:
-    """What is known of an element: numbers of each property, shape (n,), of a list all in one with their lengths."""
+    """The data of an element: values of each property, those of lists concatenated, and the lengths of lists, (n,)."""
 
     values: dict[str, npt.NDArray[Any]]
     lengths: dict[str, IntArray]
 
 
 def read_ply(content: bytes, _settings: MeshSettings) -> RawMesh:
-    """Return the mesh of a PLY file; colours and whatever else there is are passed over.
+    """Return the mesh of a PLY file; colours and other properties are ignored.
 
     Raises:
         ProblemError: the file cannot be read, or is cut short.
@@ -252,7 +255,7 @@ def read_ply(content: bytes, _settings: MeshSettings) -> RawMesh:
 
 
 def _opened(content: bytes) -> tuple[list[_Element], bytes]:
-    """Return the elements that the header announces, and the bytes behind it; numbers that are text become bytes."""
+    """Return the elements that the header announces, and the body as bytes, with numbers in text form converted."""
     end = _PLY_END.search(content)
     if not content.startswith(b"ply") or end is None:
         raise ValueError("it has no header from 'ply' to 'end_header'")
@@ -266,7 +269,7 @@ def _opened(content: bytes) -> tuple[list[_Element], bytes]:
 
 
 def _announced(lines: list[list[str]], order: str) -> list[_Element]:
-    """Return the elements of a header; a text is read as numbers of double precision throughout."""
+    """Return the elements announced in a header; all numbers of the text format are read in double precision."""
     elements: list[_Element] = []
     for words in lines:
         match words:
@@ -292,7 +295,11 @@ def _type(name: str, order: str) -> np.dtype[Any]:
 
 
 def _numbers(text: bytes) -> FloatArray:
-    """Return the numbers of a text."""
+    """Return the numbers of a text, separated by blanks.
+
+    Raises:
+        ValueError: the text contains anything else.
+    """
     try:
         with warnings.catch_warnings():
             # What is no number ends the reading with a warning in some versions of numpy.
@@ -303,10 +310,10 @@ def _numbers(text: bytes) -> FloatArray:
 
 
 def _element(element: _Element, body: bytes, start: int) -> tuple[_Rows, int]:
-    """Return what there is of an element, and where the next begins.
+    """Return the data of an element, and the offset of the next.
 
     Raises:
-        ValueError: the body ends before.
+        ValueError: the body ends too early.
     """
     least = sum((length or kind).itemsize for kind, length in element.properties.values())
     if element.count and not least:
@@ -323,7 +330,7 @@ def _too_short(element: _Element) -> ValueError:
 
 
 def _rows_alike(element: _Element, body: bytes, start: int) -> tuple[_Rows, int] | None:
-    """Return an element whose lists are as long in every row as in the first, read at once; none where they are not."""
+    """Return an element read at once, as ``_element``; None where its lists differ in length between rows."""
     fields: list[tuple[str, np.dtype[Any], tuple[int, ...]]] = []
     counted: dict[str, int] = {}
     for number, (name, (kind, length)) in enumerate(element.properties.items()):
@@ -352,7 +359,7 @@ def _rows_alike(element: _Element, body: bytes, start: int) -> tuple[_Rows, int]
 
 
 def _rows_one_by_one(element: _Element, body: bytes, start: int) -> tuple[_Rows, int]:
-    """Return an element whose lists have different lengths."""
+    """Return an element whose lists differ in length, read row by row, as ``_element``."""
     pieces: dict[str, list[bytes]] = {name: [] for name in element.properties}
     lengths: dict[str, list[int]] = {name: [] for name, (_, length) in element.properties.items() if length is not None}
     at = start
@@ -375,7 +382,11 @@ def _rows_one_by_one(element: _Element, body: bytes, start: int) -> tuple[_Rows,
 
 
 def _length(number: np.float64) -> int:
-    """Return the length of a list, which a text gives as any number."""
+    """Return the length of a list, refusing values that are no lengths, which the text format allows.
+
+    Raises:
+        ValueError: the value is no whole number below 2³².
+    """
     value = float(number)
     if not 0.0 <= value < 2.0**32 or value != int(value):
         raise ValueError(f"a list has the length {value:g}")
@@ -383,7 +394,15 @@ def _length(number: np.float64) -> int:
 
 
 def _mesh(read: dict[str, _Rows], behind: bytes) -> RawMesh:
-    """Return the faces of what was read, behind which nothing may follow."""
+    """Return the mesh of the elements read.
+
+    Args:
+        read: data of the elements, by name.
+        behind: bytes after the last element, which must be empty.
+
+    Raises:
+        ValueError: bytes follow, coordinates or corners are missing or invalid, or faces are in other elements.
+    """
     if behind:
         raise ValueError("more follows than its header says")
     for kind, rows in read.items():
