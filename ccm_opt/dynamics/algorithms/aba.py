@@ -59,7 +59,7 @@ def _in_plane(steps: AbaSteps) -> AbaSteps:
 
 
 def _velocity(joint: BallJoint, state: Any, trig: Any, qd: Any) -> tuple[Any, Any]:
-    """Return the angular velocity ω of the parent to that of the link, and (ω, velocity-product acceleration)."""
+    """Return ω of a link from that of its parent, and (ω, β) with the velocity-product acceleration β."""
     w = joint.angular_velocity(trig, qd)
     carried = joint.rotation(trig).T @ state  # Rᵀ ω_p
     omega = carried + w
@@ -76,7 +76,7 @@ def _tip(world: Any) -> tuple[Any]:
 def _inertia(
     joint: BallJoint, state: Any, trig: Any, motion: Any, tau: Any, qd: Any, body: Any, drive: Any
 ) -> tuple[Any, Any]:
-    """(A, P) at the tip of a link to those at its parent's tip, and what its acceleration needs: q̈₀ (3,), K Uᵀ."""
+    """Return (A, P) at the tip of a link's parent from those at the link's tip, with q̈₀ (3,) and K Uᵀ of the link."""
     beta = motion[3:]
     A, P = _with_link(_unpack(state[:21]), state[21:], body, motion[:3])
     # S column by column: what each unit rate turns.
@@ -133,7 +133,7 @@ def _base(state: Any, thrust: Any, world: Any) -> tuple[Any, Any]:
 
 
 def _acceleration(joint: BallJoint, state: Any, trig: Any, motion: Any, solved: Any, body: Any) -> tuple[Any, Any]:
-    """Return the (ω̇, a_tip) of the parent to those of the link, and its joint accelerations."""
+    """Return (ω̇, a_tip) of a link from those of its parent, and the link's joint accelerations."""
     to_child = joint.rotation(trig).T
     turned = to_child @ state[:3]
     a = to_child @ state[3:]

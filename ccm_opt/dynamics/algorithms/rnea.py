@@ -55,17 +55,17 @@ def _in_plane(steps: RneaSteps) -> RneaSteps:
 
 
 def _base(world: Any, feed: Any) -> tuple[Any]:
-    """Return the (ω, ω̇, a) of the base: it does not turn, and gravity is an acceleration of the base the other way."""
+    """Return (ω, ω̇, a) of the base, which does not turn; gravity enters as an opposite acceleration of the base."""
     return (ca.vertcat(ca.DM.zeros(6), feed - world[0], -world[1], -world[2]),)
 
 
 def _tip(state: Any, world: Any) -> tuple[Any]:
-    """Return the (f, n) at the tip: what the payload needs."""
+    """Return the force and moment (f, n) at the tip that the payload requires."""
     return (ca.vertcat(world[3] * state[6:], ca.DM.zeros(3)),)
 
 
 def _outward(joint: BallJoint, state: Any, trig: Any, qd: Any, qdd: Any, body: Any) -> tuple[Any, Any]:
-    """Return velocities and accelerations: (ω, ω̇, a_tip) of the parent to those of the link, and its load (F, N)."""
+    """Return (ω, ω̇, a_tip) of a link from those of its parent, and the link's load (F, N)."""
     to_child = joint.rotation(trig).T
     w = joint.angular_velocity(trig, qd)
     carried = to_child @ state[:3]  # Rᵀ ω_p
@@ -95,7 +95,7 @@ def _load(body: Any, omega: Any, omega_dot: Any, acceleration: Any) -> Any:
 def _inward(
     joint: BallJoint, state: Any, trig: Any, load: Any, qd: Any, qdd: Any, body: Any, drive: Any
 ) -> tuple[Any, Any]:
-    """Return the forces: (f, n) at the tip of a link to those at its parent's tip, and its torques."""
+    """Return (f, n) at the tip of a link's parent from those at the link's own tip, and the link's joint torques."""
     length = body[3]
     # The step of the link beyond has turned f' and n' into this frame already; x̂ × f' = (0, −f'_z, f'_y).
     force = load[:3] + state[:3]

@@ -61,7 +61,7 @@ class MotionLimit(ABC):
     """Whether the straight legs and turns of Paul's transitions are made so that they keep the limit."""
 
     def slowness(self, spline: BSpline, s: FloatArray) -> FloatArray:
-        """Return the 1/ṡ of the greatest path speed that the limit allows, 0 where it allows any, shape (P,) [s]."""
+        """Return 1/ṡ for the greatest path speed that the limit allows, 0 where it allows any, shape (P,) [s]."""
         del spline
         return np.zeros(len(s))
 
@@ -130,7 +130,7 @@ class CoordinateAcceleration(CoordinateLimit):
     kept_by_legs = True
 
     def rows(self, spline: BSpline, s: FloatArray) -> SpeedRows:
-        """Return a row a coordinate."""
+        """Return one row per coordinate."""
         # q̈ = q' s̈ + q'' ṡ².
         a = spline(s, 1) / self.limit
         return SpeedRows(a, spline(s, 2) / self.limit, np.zeros_like(a))
@@ -153,7 +153,7 @@ class CoordinateJerk(CoordinateLimit):
 
 
 def third_derivative_sides(spline: BSpline, s: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the Q''' just before and just after points of the path, where it may jump, each of shape (P, n)."""
+    """Return q''' just before and just after points of the path, where it may jump, each of shape (P, n)."""
     before = np.asarray(spline(np.clip(s - _BESIDE, 0.0, 1.0), 3))
     after = np.asarray(spline(np.clip(s + _BESIDE, 0.0, 1.0), 3))
     return before, after
@@ -250,7 +250,7 @@ class DriveEffort(MotionLimit):
         return SpeedRows(rows[0], rows[1], rows[2], rows[3] if np.any(self._friction) else None)
 
     def stretches(self, samples: MotionSamples) -> FloatArray:
-        """Return by the efforts at the samples."""
+        """Return the factors on time that the efforts at the samples require, shape (T,)."""
         rest = np.zeros_like(samples.place)
         # All but friction and static load is linear in q̈ or quadratic in q̇, and falls with λ².
         static = self._shares(samples.place, rest, rest)

@@ -71,7 +71,7 @@ def second_differences(values: FloatArray, step: FloatArray) -> FloatArray:
 
 
 def of_samples(of_steps: FloatArray) -> FloatArray:
-    """Return what belongs to steps, shape (T − 1,), as belonging to the samples at which they begin, 0 at the last."""
+    """Assign values of steps, shape (T − 1,), to the samples at which the steps begin, with 0 at the last sample."""
     return np.append(of_steps, 0.0)
 
 

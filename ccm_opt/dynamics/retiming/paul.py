@@ -193,7 +193,7 @@ def retime_paul(
 
 
 def fastest_legs(vias: FloatArray, axes: DriveLimits, window: float, least: float) -> Legs:
-    """Return the legs as short as the limits on speed and acceleration let them be, nearly.
+    """Return legs with nearly the shortest times that the limits on speed and acceleration allow.
 
     Legs are lengthened until the limits hold, then shortened by turns wherever they still do.
 
@@ -212,7 +212,7 @@ def fastest_legs(vias: FloatArray, axes: DriveLimits, window: float, least: floa
 
 
 def lengthened(vias: FloatArray, times: FloatArray, axes: DriveLimits, window: float, least: float) -> Legs:
-    """Return the legs of at least the given times, lengthened where a limit on speed or acceleration is passed."""
+    """Return legs with at least the given times, lengthened where they violate a speed or acceleration limit."""
     legs = with_transitions(vias, np.maximum(times, least / window), axes, window, least)
     for _ in range(_ROUNDS):
         need = needed(legs, axes)
@@ -298,7 +298,7 @@ def _distinct(keyframes: FloatArray) -> FloatArray:
 
 
 def _standing(keyframes: FloatArray, step: float) -> Legs:
-    """Return the standing still for one step."""
+    """Return a motion that stands still for one step."""
     ends = keyframes[[0, -1]]
     return Legs(np.array([ends[0], ends[0]]), np.array([0.5 * step]), np.array([0.25 * step, 0.25 * step]))
 

@@ -140,7 +140,7 @@ class SpeedProfile:
         return float(self.times[-1])
 
     def at(self, time: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return the s, ṡ and s̈ at given times, each of the shape of ``time``."""
+        """Return s, ṡ and s̈ at given times, each of the shape of ``time``."""
         k = np.clip(np.searchsorted(self.times, time, side="right") - 1, 0, len(self.s) - 2)
         since = time - self.times[k]
         speed = np.sqrt(self.squared[k])

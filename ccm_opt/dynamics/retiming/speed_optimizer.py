@@ -345,11 +345,10 @@ class _Bounds:
 
     @classmethod
     def before_the_first_round(cls, dense: PathRows, substeps: int, share: float) -> "_Bounds":
-        """Return nothing tightened.
+        """Return bounds without tightening, with ṡ capped by the velocity limits.
 
-        Ṡ bounded by the velocity limits, whose greatest share in an interval bounds both ends.
-
-        ṡ² is linear in an interval, so the bound holds inside too.
+        The greatest slowness in an interval bounds ṡ at both of its ends. ṡ² is linear in an interval, so the bound
+        holds inside, too.
         """
         inside = dense.slowness[:-1].reshape(-1, substeps).max(axis=1)
         widest = _to_ends(np.maximum(inside, dense.slowness[substeps::substeps]), 0.0)
@@ -406,7 +405,7 @@ class SmoothProfile:
         return np.asarray(self.position.x) * self.factor
 
     def at(self, time: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return the s, ṡ and s̈ at given times, each of the shape of ``time``."""
+        """Return s, ṡ and s̈ at given times, each of the shape of ``time``."""
         # The polynomial runs in the time before slowing: s(t / λ), whose derivatives fall by λ, λ² and λ³.
         unslowed = np.clip(time / self.factor, 0.0, self.position.x[-1])
         speed, growth, _ = self._derivatives
@@ -415,7 +414,7 @@ class SmoothProfile:
         return np.asarray(s), np.asarray(v / self.factor), np.asarray(growth(unslowed) / self.factor**2)
 
     def jerk(self, time: FloatArray) -> FloatArray:
-        """Return the s⃛ at given times [1/s³]."""
+        """Return s⃛ at given times [1/s³]."""
         return np.asarray(self._derivatives[2](np.clip(time / self.factor, 0.0, self.position.x[-1])) / self.factor**3)
 
     def slowed(self, factor: float) -> "SmoothProfile":

@@ -64,9 +64,9 @@ class Chords:
 
     @classmethod
     def beside(cls, path: JointPath, link_length: float, settings: SamplingSettings) -> "Chords":
-        """Return the within a share of the gap that a path is certified to spare.
+        """Return chords with an allowed deviation that is a share of the gap certified for a path.
 
-        Where it spares none, within a hair.
+        The deviation allowed is at least ``settings.hair``.
         """
         return cls(link_length, max(_SPARE_SHARE * path.spare, settings.hair))
 
