@@ -91,8 +91,8 @@ def test_nothing_is_left_running_when_the_watcher_is_killed(tmp_path: Path) -> N
     (tmp_path / "p.toml").write_text((ROOT / "problems" / "open-space.toml").read_text())
     script = (
         "from ccm_opt.cli.compare import running as s; from ccm_opt.cli.compare.runs import Task;"
-        "from ccm_opt.cli.compare.suites import cases_of_files; from pathlib import Path;"
-        f"case = cases_of_files([Path({str(tmp_path / 'p.toml')!r})])[0];"
+        "from ccm_opt.cli.compare.suites import cases_from_files; from pathlib import Path;"
+        f"case = cases_from_files([Path({str(tmp_path / 'p.toml')!r})])[0];"
         "process = s._process(); print(process._process.pid, flush=True);"
         "s.run_apart(Task(case, 'tests.comparison_tasks:HangingPlanner'))"
     )

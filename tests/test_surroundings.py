@@ -110,8 +110,8 @@ def test_programs_that_are_started_have_the_streams_that_were_closed(tmp_path: P
     """
     script = (
         "import subprocess, sys\n"
-        "from ccm_opt.cli.surroundings import use_sound_streams\n"
-        "use_sound_streams()\n"
+        "from ccm_opt.cli.surroundings import ensure_stdio\n"
+        "ensure_stdio()\n"
         "looks = 'import os; [os.fstat(number) for number in range(3)]'\n"
         "sys.exit(subprocess.run([sys.executable, '-c', looks]).returncode)\n"
     )
