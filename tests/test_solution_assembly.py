@@ -147,13 +147,13 @@ def test_a_defect_of_the_room_keeps_the_plan(swing: Solution, monkeypatch: pytes
     def fails(*_: object, **__: object) -> None:
         raise ZeroDivisionError
 
-    monkeypatch.setattr(solution_assembly, "clearance_along", fails)
+    monkeypatch.setattr(solution_assembly, "clearance_record", fails)
     solution = ccm_opt.solve(swing.problem)
     assert solution.room is None
     assert solution.simulation.verdict.followed
 
 
-@pytest.mark.parametrize("stage", ["room_of", "simulated_motion"])
+@pytest.mark.parametrize("stage", ["clearance_record", "simulated_motion"])
 def test_ctrl_c_after_the_verification_keeps_the_plan(
     stage: str, tmp_path: Path, swing: Solution, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -27,7 +27,7 @@ def test_an_arm_curled_behind_a_post_comes_to_its_mirror_image(links: int) -> No
     arm = snake(links, limit_deg=60.0)
     task = task_of(arm, POST, None, start=curled(links, 1.0), goal_pose=curled(links, -1.0))
     motion = find_by_ways(task)
-    assert motion.candidate == "unbent and swung"
+    assert motion.candidate in {"a quick sampler", "unbent and swung"}
     assert motion.configurations[0] == pytest.approx(task.start, abs=1e-9)
     assert motion.configurations[-1] == pytest.approx(curled(links, -1.0), abs=1e-7)
     walls, pairs = least_gaps(arm, POST, motion.configurations)

@@ -83,7 +83,7 @@ def _apart(one: Obstacle, other: Obstacle, axis: shapely.LineString) -> float:
     return float(shapely.length(line)) - one.rounding - other.rounding
 
 
-def clearance_along(
+def clearance_record(
     problem: Problem,
     trajectory: JointTrajectory,
     checks: Sequence[Check],
@@ -204,7 +204,7 @@ def described(
 
     try:
         with stages("room"):
-            of_room = partial(clearance_along, problem, plan.trajectory, plan.checks, settings)
+            of_room = partial(clearance_record, problem, plan.trajectory, plan.checks, settings)
             room = kept(of_room, "the room of the motion was not measured", lambda _: None)
         with stages("tolerance"):
             of_errors = partial(tolerance_at_once, problem, plan.trajectory, settings)

@@ -26,7 +26,7 @@ from ccm_opt.core.polygons import mitred
 from ccm_opt.io.dxf import read_dxf
 from ccm_opt.io.geojson import read_geojson, read_wkt
 from ccm_opt.io.issues import Issues, KeyPath
-from ccm_opt.io.outlines import as_walls, clearance_along, filled, polygon_parts, with_holes
+from ccm_opt.io.outlines import as_walls, filled, polygon_parts, split_off_room, with_holes
 from ccm_opt.io.schema import CircleTable, ObstacleTable, SceneTable, WallTable
 from ccm_opt.io.shapes import IMPORT, DrawingContent, Reader, Shape
 from ccm_opt.io.svg import read_svg
@@ -203,7 +203,7 @@ def import_scene(path: Path, options: ImportOptions, taken: Collection[str] = ()
             found = _placed(READERS[path.suffix.lower()](content, distance / options.scale), options)
             shapes: Sequence[Shape] = found.shapes
             if options.closed == "room":
-                room, shapes = clearance_along(shapes, growth, distance)
+                room, shapes = split_off_room(shapes, growth, distance)
             walls = options.closed == "walls"
             shapes = as_walls(shapes, distance) if walls else with_holes(shapes, distance)
             obstacles = _of_each(shapes, lambda shape: obstacles_of(shape, growth, options.wall_thickness))

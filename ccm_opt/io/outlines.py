@@ -68,7 +68,7 @@ def with_holes(shapes: Sequence[Shape], distance: float) -> list[Shape]:
     return [shape for group in found for shape in group]
 
 
-def clearance_along(shapes: Sequence[Shape], growth: float, distance: float) -> tuple[shapely.Polygon, list[Shape]]:
+def split_off_room(shapes: Sequence[Shape], growth: float, distance: float) -> tuple[shapely.Polygon, list[Shape]]:
     """Return the largest outline as the room, shrunk by its line width and chord deviation, and the other shapes.
 
     Raises:

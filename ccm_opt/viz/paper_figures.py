@@ -5,6 +5,7 @@ like Figures 3 and 4, steps like Figure 5, links like Figure 7, space like Figur
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
@@ -16,9 +17,11 @@ from matplotlib.figure import Figure
 
 from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.core.errors import ProblemError
-from ccm_opt.core.length_words import METRES, file_length, words_in
+from ccm_opt.core.length_words import METRES, LengthUnit, file_length, words_in
+from ccm_opt.problem import TipGoal
 from ccm_opt.problem.solution import ParetoPlan, ParetoPlans, Solution
 from ccm_opt.robot.configuration import Configuration
+from ccm_opt.scene.workspace import Workspace
 from ccm_opt.viz import figure_files as style
 from ccm_opt.viz.arm_drawing import (
     PLANE,
@@ -55,6 +58,10 @@ _SPACE_POSES = 5
 _SPACE_SIDE = 3.6
 """Width of each of the three pictures [inch]."""
 
+_SCHEMA_SIDE = 2.5
+"""Width and height of one drawing of schemas [inch]."""
+_ARROW = {"arrowstyle": "-|>", "color": style.GOAL_MARK, "linewidth": 1.4, "shrinkA": 0.0, "shrinkB": 0.0}
+"""How the direction of a goal is drawn."""
 _POINTS = 161
 """Points at which a curve is sampled for drawing."""
 _MOST_CURVES = 14
@@ -106,6 +113,74 @@ def _draw_curves(room: Axes, along: Axes, curves: Sequence[Configuration]) -> No
     along.set_ylim(min(low, -1.0), max(high, 1.0))
     along.axhline(0.0, color=style.WALL_EDGE, linewidth=0.6)
     along.set_ylabel("curvature [1/m]")
+
+
+@dataclass(frozen=True)
+class SchemaPanel:
+    """One part of a figure of schemas.
+
+    Attributes:
+        title: above it.
+        configurations: in the order of the motion.
+        goal: drawn as an arrow, or None.
+        workspace: the room, or None in open space.
+        subgoal: drawn as a hollow arrow, or None.
+        unit: of lengths on its axes.
+    """
+
+    title: str
+    configurations: tuple[Configuration, ...]
+    goal: TipGoal | None
+    workspace: Workspace | None = None
+    subgoal: TipGoal | None = None
+    unit: LengthUnit = "m"
+
+
+def schemas_png(panels: Sequence[SchemaPanel], columns: int = 1) -> bytes:
+    """Draw schemas like Figures 3 to 5: the curves of each beside their curvatures.
+
+    Args:
+        panels: its parts, row by row.
+        columns: parts in a row.
+
+    Returns:
+        The content of a PNG file.
+    """
+    return figure_file(lambda: _schemas_figure(panels, columns), "png")
+
+
+def _schemas_figure(panels: Sequence[SchemaPanel], columns: int) -> Figure:
+    rows = -(-len(panels) // columns)
+    size = (2.0 * _SCHEMA_SIDE * columns, _SCHEMA_SIDE * rows)
+    figure = Figure(figsize=size, dpi=PICTURES.dots_per_inch, layout="constrained")
+    axes = figure.subplots(rows, 2 * columns, squeeze=False).reshape(-1, 2)
+    for panel, (room, along) in zip(panels, axes, strict=False):
+        _draw_panel(room, along, panel)
+    for left_over in axes[len(panels) :].ravel():
+        left_over.set_axis_off()
+    return figure
+
+
+def _draw_panel(room: Axes, along: Axes, panel: SchemaPanel) -> None:
+    room.set_title(panel.title, fontsize=8, loc="left")
+    room.set_aspect("equal")
+    if panel.workspace is not None:
+        for obstacle in panel.workspace.obstacles:
+            draw_obstacle(room, obstacle)
+        xmin, ymin, xmax, ymax = panel.workspace.boundary.bounds
+        room.set(xlim=(xmin, xmax), ylim=(ymin, ymax))
+    _draw_curves(room, along, panel.configurations)
+    reach = 0.16 * panel.configurations[0].length
+    for goal, face in ((panel.goal, style.GOAL_MARK), (panel.subgoal, "none")):
+        if goal is not None:
+            room.plot(*goal.position, "o", markersize=5, mfc=face, mec=style.GOAL_MARK, zorder=9)
+            if goal.direction is not None:
+                ahead = goal.position + reach * goal.direction
+                room.plot(*ahead, linestyle="none", marker="")  # so that the arrow counts for the limits
+                room.annotate("", xy=tuple(ahead), xytext=tuple(goal.position), arrowprops=_ARROW, zorder=9)
+    label_axis(room.xaxis, "x", panel.unit)
+    label_axis(room.yaxis, "y", panel.unit)
+    label_axis(along.xaxis, "arc length", panel.unit)
 
 
 def steps_picture(plan: DrawnPlan, kind: FigureFormat = "png") -> bytes:
