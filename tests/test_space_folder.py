@@ -12,17 +12,21 @@ import numpy as np
 import pytest
 from PIL import Image, ImageSequence
 
+import ccm_opt
 from ccm_opt.cli.drawing import drawn_files, plan_pictures
 from ccm_opt.cli.output import FigureName
 from ccm_opt.cli.written_plans import check_folders, exported_files
 from ccm_opt.core.errors import ProblemError, UnreachableGoal
 from ccm_opt.io.folder import write_solution
 from ccm_opt.io.glb import quaternions
+from ccm_opt.io.problem_data import stored_meshes
+from ccm_opt.io.raw_mesh import MeshSettings
 from ccm_opt.io.reading_back import load_any_problem, load_motion
+from ccm_opt.io.stl_obj_ply import read_obj
 from ccm_opt.problem import TipGoal
 from ccm_opt.problem.solution.solution import roll_against
 from ccm_opt.robot.frames import revolute_angles
-from ccm_opt.scene.bodies import BoxBody, SphereBody
+from ccm_opt.scene.bodies import BoxBody, MeshBody, SphereBody
 from ccm_opt.scene.surfaces import all_within, sharp_edges, thinned
 from ccm_opt.viz.failure_page import failure_html
 from ccm_opt.viz.saved_plans import SavedPlan, load
@@ -351,3 +355,23 @@ def test_the_page_of_a_failure_shows_the_arm_at_its_start() -> None:
     page = failure_html(solved().problem, "infeasible", Diagnosis("it is too thick", "necessary checks"))
     assert "it is too thick" in page
     assert '"start":[[' in page
+
+
+def test_a_mesh_made_in_python_is_kept_with_every_digit() -> None:
+    """What a folder keeps of it is read back as it was, so that what is checked again is what was certified."""
+    third, seventh = 1.0 / 3.0, 1.0 / 7.0
+    wedge = MeshBody.of_arrays(
+        [[third, -0.2, -0.3], [third, seventh, -0.3], [third, 0.0, -0.05], [0.4, 0.0, -0.3]],
+        [[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]],
+    )
+    problem = ccm_opt.make_problem(
+        "wedge",
+        arm={"links": 4, "link_length": 0.05, "radius": 0.02, "base": {"position": (0, 0, 0.1)}, "joint_limit_deg": 45},
+        obstacles={"wedge": wedge},
+        limits={"velocity": 1.0, "acceleration": 4.0},
+        goal={"position": (0.15, 0.0, 0.1)},
+    )
+    ((name, content),) = stored_meshes(problem).items()
+    mesh = read_obj(content, MeshSettings())
+    assert name == "meshes/wedge.obj"
+    assert np.array_equal(mesh.vertices[mesh.faces], wedge.triangles)

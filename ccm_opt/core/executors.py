@@ -138,7 +138,7 @@ class ClusterExecutor(Executor):
 
     @property
     def gone(self) -> bool:
-        """Whether the scheduler was lost, even for a moment: Dask drops pending tasks when that happens."""
+        """Whether the scheduler was lost, even for a moment, Dask drops pending tasks when that happens."""
         return bool(self._client.status != "running")
 
 

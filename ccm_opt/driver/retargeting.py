@@ -57,7 +57,7 @@ def retarget(
         settings: settings of the stages, as for ``solve``; the defaults when None.
 
     Returns:
-        The whole verified motion: as planned up to that time, braked to rest along the same path as soon as possible,
+        The whole verified motion, as planned up to that time, braked to rest along the same path as soon as possible,
         then on to the new goal. An arm on a feed axis that cannot go on from there rests a little later. That rest is
         the last stop of the solution's problem; goals on the way that were not reached are left out.
 

@@ -129,7 +129,7 @@ class _Room:
 
     @cached_property
     def _samples(self) -> IntArray:
-        """Indices of the inspected samples: evenly spread in time, and all at which the arm rests."""
+        """Indices of the inspected samples, evenly spread in time, and all at which the arm rests."""
         time = self.trajectory.time
         spread = np.searchsorted(time, np.linspace(0.0, time[-1], self.settings.samples))
         return np.unique([0, *np.minimum(spread, len(time) - 1), *self.trajectory.stops, len(time) - 1])

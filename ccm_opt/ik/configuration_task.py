@@ -58,7 +58,7 @@ class ConfigurationTask:
 
     @property
     def stub(self) -> float:
-        """Length of the straight stub at the base [m]: the mount if the base is outside its region, else zero."""
+        """Length of the straight stub at the base [m], the mount if the base is outside its region, else zero."""
         region = self.corridor.regions[0]
         outside = bool(np.any(region.normals @ self.base > region.offsets + END_TOLERANCE))
         return self.mount_length if outside else 0.0

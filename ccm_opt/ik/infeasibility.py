@@ -123,7 +123,7 @@ class FailedAttempt:
 
     @property
     def words(self) -> str:
-        """One line: number of segments, solver status, worst row."""
+        """One line, number of segments, solver status, worst row."""
         answer = self.answer
         what = "; ".join(map(str, self.shortfalls)) or f"{answer.worst_row} by {answer.violation:.3g}"
         return f"{len(self.nlp.regions)} segments: {answer.status}, {what}"

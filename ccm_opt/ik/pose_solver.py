@@ -208,7 +208,7 @@ class PoseQuestion:
 
     @cached_property
     def bounds(self) -> tuple[FloatArray, FloatArray]:
-        """Bounds of the variables: ends of the curve, joint limits, goal and gap."""
+        """Bounds of the variables, ends of the curve, joint limits, goal and gap."""
         length = self.arm.length
         frames = self.program.frames
         position, direction = self._goal
@@ -289,7 +289,7 @@ class PoseQuestion:
 
     @property
     def first_bending(self) -> int:
-        """Index of the first joint that may bend: the first that has passed the hole at the start."""
+        """Index of the first joint that may bend, the first that has passed the hole at the start."""
         return int(np.sum(self.arm.held(float(self.arm.coordinates.advance(self.start)))))
 
     def bend_bounds(self, share: float) -> tuple[FloatArray, FloatArray]:

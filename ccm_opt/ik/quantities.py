@@ -54,7 +54,7 @@ class ArmQuantities(ABC):
 
     @property
     def symbols(self) -> tuple[Any, Any, Any]:
-        """Symbols of bends, feed and path parameter: all that an expression of a path may depend on."""
+        """Symbols of bends, feed and path parameter, all that an expression of a path may depend on."""
         return self.bends, self.base_feed, self.path_parameter
 
     @property
@@ -77,7 +77,7 @@ class ArmQuantities(ABC):
     @property
     @abstractmethod
     def pointing(self) -> Any:
-        """Where the last link points: its heading in the plane, its direction in space."""
+        """Where the last link points, its heading in the plane, its direction in space."""
 
     @cached_property
     def joint_positions(self) -> Any:
@@ -113,7 +113,7 @@ class ArmQuantities(ABC):
 
     @property
     def timed_symbols(self) -> tuple[Any, Any, Any, Any, Any]:
-        """Symbols that an expression of a timed motion may depend on: those of a path, then the rates."""
+        """Symbols that an expression of a timed motion may depend on, which are those of a path, then the rates."""
         return *self.symbols, *self.rates
 
     def is_timed(self, expression: Any) -> bool:

@@ -256,7 +256,7 @@ class _Choice:
 
     @cached_property
     def _corners(self) -> IntArray:
-        """Samples that must be points: the ends, the stops, and where the arm comes to rest or starts to move."""
+        """Samples that must be points, the ends, the stops, and where the arm comes to rest or starts to move."""
         still = np.all(self._rests, axis=1)
         changes = 1 + np.flatnonzero(still[1:] != still[:-1])
         return np.unique(np.concatenate(([0, len(self.plan.time) - 1], self.plan.stops, changes))).astype(np.intp)

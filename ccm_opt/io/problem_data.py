@@ -13,7 +13,6 @@ from ccm_opt.core.errors import ProblemError, ProblemFileError
 from ccm_opt.core.length_words import METRES, LengthUnit
 from ccm_opt.io.drawing import obstacle_table
 from ccm_opt.io.reading import parse_problem
-from ccm_opt.io.robot_models import triangles_stl
 from ccm_opt.io.scene_solids import unique_names
 from ccm_opt.io.schema import (
     BaseTable,
@@ -233,9 +232,9 @@ def _body(name: str, body: Body, file: str, unit: LengthUnit) -> Table:
 def stored_mesh_paths(problem: Problem) -> list[str]:
     """Return the path of each obstacle's mesh in an output folder; entries for other obstacles are unused."""
     slugs = [slug for _, slug in unique_names(each.name for each in problem.workspace.obstacles)]
-    # Meshes made in Python are written as STL.
+    # Meshes made in Python are written as OBJ.
     suffixes = {k: PurePosixPath(body.file).suffix.lower() for k, _, body in problem.workspace.meshes if body.content}
-    return [f"{KEPT_MESHES}/{slug}{suffixes.get(k, '.stl')}" for k, slug in enumerate(slugs)]
+    return [f"{KEPT_MESHES}/{slug}{suffixes.get(k, '.obj')}" for k, slug in enumerate(slugs)]
 
 
 def _meshes(problem: Problem) -> Iterator[tuple[str, str, MeshBody]]:
@@ -247,9 +246,17 @@ def _meshes(problem: Problem) -> Iterator[tuple[str, str, MeshBody]]:
 def stored_meshes(problem: Problem) -> dict[str, bytes]:
     """Return the mesh files of a problem, byte for byte, so that an output folder can be verified on its own.
 
-    Meshes made in Python are written as STL, in world coordinates.
+    Meshes made in Python are written as OBJ, in world coordinates and with every digit: what is verified again is what
+    was certified.
     """
-    return {name: body.content or triangles_stl(body.triangles) for _, name, body in _meshes(problem)}
+    return {name: body.content or _mesh_obj(body) for _, name, body in _meshes(problem)}
+
+
+def _mesh_obj(body: MeshBody) -> bytes:
+    """Return a mesh as OBJ in which every coordinate is read back as it is."""
+    rows = [f"v {' '.join(map(repr, place))}" for place in body.vertices.tolist()]
+    rows += [f"f {' '.join(map(str, face))}" for face in (body.faces + 1).tolist()]
+    return "\n".join((*rows, "")).encode()
 
 
 def mesh_data(problem: Problem) -> list[dict[str, object]]:

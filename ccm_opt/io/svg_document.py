@@ -110,7 +110,7 @@ class _Rule:
 
     @property
     def weight(self) -> tuple[int, int, int]:
-        """The specificity of CSS: ids before classes before elements."""
+        """The specificity of CSS, ids before classes before elements."""
         ids = sum(part.startswith("#") for part in self.parts)
         return ids, len(self.parts) - ids, bool(self.tag)
 

@@ -240,7 +240,7 @@ class CurveMap(CurveUnknowns):
 
     @property
     def _base_turns(self) -> int:
-        """Number of unknowns that precede those of the curve: the two turns of a base that is not fed, else 0."""
+        """Number of unknowns that precede those of the curve, the two turns of a base that is not fed, else 0."""
         return 0 if self.arm.base_axes else 2
 
     @property

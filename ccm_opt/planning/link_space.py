@@ -259,7 +259,7 @@ class FedSpace(LinkSpace):
 
     @cached_property
     def of_shape(self) -> BoolArray:
-        """Mask of the coordinates that shape the arm: all, since none blends a goal in. Shape (p,)."""
+        """Mask of the coordinates that shape the arm, all, since none blends a goal in. Shape (p,)."""
         return np.ones(self.dimension, dtype=bool)
 
     def spread(self, pose: Pose, rows: FloatArray) -> FloatArray:

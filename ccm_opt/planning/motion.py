@@ -82,7 +82,7 @@ class CurveMotion(Generic[CurveType]):
 
     @property
     def path_parameters(self) -> FloatArray:
-        """Path parameters of the keyframes: their own, or their share of the joint path's length, shape (K,)."""
+        """Path parameters of the keyframes, their own, or their share of the joint path's length, shape (K,)."""
         if self.u is not None:
             return self.u
         arcs = arc_lengths(self.curve.drives(self.configurations))

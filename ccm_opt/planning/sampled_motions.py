@@ -63,19 +63,20 @@ class SampledMotions:
             Shape (m,): 1 where nothing was touched, 0 where the end bends a joint beyond its limit.
         """
         arm, grid = self.arm, self.grid
-        link, _ = arm.mount_end
+        link, share = arm.mount_end
+        mount = (link + share) * arm.link_length
         spared = _SPARED * arm.length
-        share = np.empty(len(start))
+        shares = np.empty(len(start))
         NativeCall(
             "free_shares_in_space",
             links=arm.links, first_link=link, counts=grid.values.shape,
             first_pair=arm.first_self_pair if arm.self_collision else arm.links,
-            length=arm.link_length, mount=arm.mount_length, wall=self.kept + spared, pair=2.0 * arm.radius + spared,
+            length=arm.link_length, mount=mount, wall=self.kept + spared, pair=2.0 * arm.radius + spared,
             low=grid.low, cell=grid.cell, place=arm.base, base=arm.base_rotation,
             grid=np.ascontiguousarray(grid.values),
             **({} if self.tree.search is None else {"surfaces": self.tree.search.for_c}),
             work=np.empty(16 * arm.links + 4),
-            motions=len(start), start=np.ascontiguousarray(start), end=np.ascontiguousarray(end), share=share,
+            motions=len(start), start=np.ascontiguousarray(start), end=np.ascontiguousarray(end), share=shares,
         )()  # fmt: skip
-        share[np.any(np.abs(end) > arm.upper_limits, axis=1)] = 0.0
-        return share
+        shares[np.any(np.abs(end) > arm.upper_limits, axis=1)] = 0.0
+        return shares

@@ -100,7 +100,7 @@ class AnyStepSettings:
 
     @property
     def accepted_share(self) -> float:
-        """Share of a joint limit that an accepted step may reach: the QP is no more exact than this."""
+        """Share of a joint limit that an accepted step may reach, the QP is no more exact than this."""
         return 1.0 - 1e-5
 
 

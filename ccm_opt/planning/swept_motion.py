@@ -40,7 +40,7 @@ class PlanarSweep(Sweep):
 
     @cached_property
     def sag(self) -> FloatArray:
-        """Chord deviation: bound on how far joint j may leave its chord, shape (K, n + 1) [m]."""
+        """Chord deviation, bound on how far joint j may leave its chord, shape (K, n + 1) [m]."""
         # ⅛ Σ_{i<j} l Δφ_i² for joint j, while links turn evenly.
         squares = 0.125 * self.space.arm.link_length * self.turns**2
         return np.pad(np.cumsum(squares, axis=-1), ((0, 0), (1, 0)))

@@ -337,7 +337,7 @@ class SpaceTipWays:
 
     @cached_property
     def _box(self) -> FloatArray:
-        """Box of the tip paths: where the tip can be, and not far beyond everything in the scene."""
+        """Box of the tip paths, where the tip can be, and not far beyond everything in the scene."""
         task = self.task
         places = [task.scene.reshape(-1, 3), self.start, self.goal, *task.via]
         found = np.vstack([np.atleast_2d(place) for place in places])

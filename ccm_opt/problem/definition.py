@@ -340,7 +340,7 @@ class Problem:
 
     @property
     def default_gap(self) -> float:
-        """Wanted gap where the options set none: 1.5 % of the arm's length or half its radius, the smaller [m].
+        """Wanted gap where the options set none, 1.5 % of the arm's length or half its radius, the smaller [m].
 
         That is about the space one would leave around a hose of that size. An arm of zero radius gets 1.5 % of its
         length.
@@ -358,7 +358,7 @@ class Problem:
 
     @property
     def goals(self) -> Sequence[Stop]:
-        """All goals in order: the stops, then the final goal, which has no pause."""
+        """All goals in order, the stops, then the final goal, which has no pause."""
         return (*self.stops, Stop(self.goal, self.tolerances))
 
     @staticmethod

@@ -186,12 +186,12 @@ class Arm:
 
     @property
     def dimension(self) -> int:
-        """Number of coordinates of a point: 2 in the plane, 3 in space."""
+        """Number of coordinates of a point, 2 in the plane, 3 in space."""
         return len(self.base)
 
     @property
     def bends_a_joint(self) -> int:
-        """Number of bends of a joint: 1 in the plane, 2 in space."""
+        """Number of bends of a joint, 1 in the plane, 2 in space."""
         return self.dimension - 1
 
     def with_links(self, links: int) -> "Arm":
@@ -428,7 +428,7 @@ class Arm:
 
     @property
     def self_pairs(self) -> tuple[IntArray, IntArray]:
-        """Pairs of links that must stay two radii apart: the distant pairs, or none if self-collision is off."""
+        """Pairs of links that must stay two radii apart, the distant pairs, or none if self-collision is off."""
         if self.self_collision:
             return self.distant_pairs
         none = np.zeros(0, dtype=np.intp)

@@ -72,7 +72,7 @@ class Coordinates:
 
     @property
     def drive_count(self) -> int:
-        """Number of drives: all revolutes, and the axes that carry the base."""
+        """Number of drives, all revolutes, and the axes that carry the base."""
         return self.revolutes + len(self.base_names)
 
     def advance(self, q: FloatArray) -> FloatArray:

@@ -124,7 +124,7 @@ class Workspace:
 
     @property
     def dimension(self) -> int:
-        """Number of coordinates of a point: 2 in the plane, 3 in space."""
+        """Number of coordinates of a point, 2 in the plane, 3 in space."""
         return 3 if self.boundary.is_empty else 2
 
     @property
@@ -187,7 +187,7 @@ class Workspace:
 
     @cached_property
     def walls(self) -> tuple[Obstacle, ...]:
-        """Everything an arm in the plane must avoid: the obstacles, then the edge of the boundary."""
+        """Everything an arm in the plane must avoid, the obstacles, then the edge of the boundary."""
         return (*self.obstacles, Obstacle(BOUNDARY_NAME, PlaneShape(shapely.LinearRing(self.boundary.exterior.coords))))
 
     @cached_property
@@ -212,7 +212,7 @@ class Workspace:
 
     @cached_property
     def _boxes(self) -> FloatArray:
-        """Bounding boxes of the cores of all walls: low x, low y, high x, high y, shape (walls, 4) [m]."""
+        """Bounding boxes of the cores of all walls, low x, low y, high x, high y, shape (walls, 4) [m]."""
         return np.asarray(shapely.bounds(self._cores))
 
     def apart(self, shape: shapely.Geometry) -> FloatArray:

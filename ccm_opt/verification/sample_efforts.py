@@ -225,7 +225,7 @@ class SampleMeans:
 
     @cached_property
     def _bodies(self) -> FloatArray:
-        """Positions of the masses: the midpoints of the links and the tip, shape (T, links + 1, 3) [m]."""
+        """Positions of the masses, the midpoints of the links and the tip, shape (T, links + 1, 3) [m]."""
         points = self.motion.points
         bodies = np.concatenate((0.5 * (points[:, :-1] + points[:, 1:]), points[:, -1:]), axis=1)
         return self.problem.arm.embedded(bodies)

@@ -80,7 +80,7 @@ class TimedPath:
 
     @property
     def weighed(self) -> BSpline:
-        """The path with ways of the base in lengths of the arm, where it is given: they weigh alike at every size."""
+        """The path with ways of the base in lengths of the arm, where it is given, they weigh alike at every size."""
         weights = np.ones(len(self.coordinates))
         if self.arm is not None:
             weights[self.coordinates.base] = 1.0 / self.arm.length

@@ -243,7 +243,7 @@ class GateRails(Limit):
 
     @cached_property
     def _legs(self) -> tuple[FloatArray, FloatArray]:
-        """Straight pieces of all rails: start points, shape (m, 2) [m], and directions with lengths.
+        """Straight pieces of all rails, start points, shape (m, 2) [m], and directions with lengths.
 
         The directions are unit vectors in the first two columns of shape (m, 3); the third is the piece's length [m].
         """

@@ -66,7 +66,7 @@ class UserCosts:
 
     @cached_property
     def _weights(self) -> "tuple[tuple[CompiledCost, ...], list[FloatArray]]":
-        """All costs, and the weight of each at every keyframe: its mean over the keyframes it applies to."""
+        """All costs, and the weight of each at every keyframe, its mean over the keyframes it applies to."""
         costs = self.terms.all_costs
         weights = []
         for cost in costs:

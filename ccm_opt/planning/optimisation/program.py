@@ -120,7 +120,7 @@ class KeyframeProgram:
 
     @property
     def width(self) -> int:
-        """Number of variables of one stage: those of a keyframe, and slack."""
+        """Number of variables of one stage, those of a keyframe, and slack."""
         return int(self.motion.sweep.unknowns.shape[1]) + 1
 
     def solve(self) -> QuadraticStep | None:
