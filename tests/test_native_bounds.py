@@ -24,7 +24,7 @@ from ccm_opt.planning.followable_ways import FollowSearch, WayArcs, WayEnd
 from ccm_opt.planning.grid_ways import TipGrid
 from ccm_opt.planning.limits.clearance_rows import free_half_planes
 from ccm_opt.planning.sampled_check import SampledCheck
-from ccm_opt.planning.space_certificate import SpaceCertificate
+from ccm_opt.planning.surface_certificate import SpaceCertificate
 from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.bodies import MeshBody
 from ccm_opt.scene.certificate import Certificate

@@ -25,8 +25,8 @@ from ccm_opt.planning.optimisation.objective import normalised
 from ccm_opt.planning.optimisation.sequential_convex import MotionProgram
 from ccm_opt.planning.search import SearchTask
 from ccm_opt.planning.settings import SpaceMotionSettings
-from ccm_opt.planning.space_certificate import SpaceCertificate
 from ccm_opt.planning.step import SpaceStepper
+from ccm_opt.planning.surface_certificate import SpaceCertificate
 from ccm_opt.planning.via_places import PassedPlaces, first_violation
 from ccm_opt.problem import JointPose, Problem
 from ccm_opt.robot.arm import Arm
