@@ -1,4 +1,4 @@
-/* The proof that an arm touches nothing while its coordinates change evenly: space_certificate.py says why it
+/* The proof that an arm touches nothing while its coordinates change evenly: surface_certificate.py says why it
    holds. */
 
 #include "link_places.h"
