@@ -232,6 +232,6 @@ def solve_nlp(nlp: ConfigurationNLP, guess: FloatArray) -> RowAnswer:
     """
     lower, upper = nlp.program.bounds
     bounds = {"lbx": nlp.lower, "ubx": nlp.upper, "lbg": lower, "ubg": upper}
-    solver = partial(built_solver, nlp.program, _OPTIONS)
+    solver = partial(built_solver, nlp.program, _OPTIONS, by_blocks=False)
     answer, statistics = ipopt_answer(solver, guess, p=nlp.parameters, **bounds)
     return row_answer(nlp.program, answer, statistics, feasible=_FEASIBILITY)

@@ -123,7 +123,7 @@ class PoseQuestion:
             "ipopt.max_iter": self.settings.iterations,
             "ipopt.tol": self.settings.tolerance,
         }
-        solver = partial(built_solver, self.program, options)
+        solver = partial(built_solver, self.program, options, by_blocks=True)
         answer, statistics = ipopt_answer(solver, np.clip(self.start_values, lower, upper), p=self.parameters, **bounds)
         return self._read(answer, statistics)
 

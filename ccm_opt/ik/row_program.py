@@ -221,8 +221,14 @@ def _is_tie(name: str) -> bool:
 _solvers: WeakKeyDictionary[RowProgram, dict[tuple[Any, ...], ca.Function]] = WeakKeyDictionary()
 
 
-def built_solver(program: RowProgram, options: Mapping[str, Any]) -> ca.Function:
-    """Return the solver of a program, built once per set of options and kept as long as the program lives."""
+def built_solver(program: RowProgram, options: Mapping[str, Any], *, by_blocks: bool) -> ca.Function:
+    """Return the solver of a program, built once per set of options and kept as long as the program lives.
+
+    Args:
+        program: the program.
+        options: options of the solver.
+        by_blocks: whether its derivatives are built block by block, as pays where blocks share few variables.
+    """
     kept = _solvers.setdefault(program, {})
     asked = tuple(options.items())
     if asked not in kept:
@@ -232,7 +238,8 @@ def built_solver(program: RowProgram, options: Mapping[str, Any]) -> ca.Function
             "f": program.objective,
             "g": program.constraints,
         }
-        kept[asked] = ca.nlpsol("goal_pose", "ipopt", symbols, {**options, **block_derivatives(program)})
+        derivatives = block_derivatives(program) if by_blocks else {}
+        kept[asked] = ca.nlpsol("goal_pose", "ipopt", symbols, {**options, **derivatives})
     return kept[asked]
 
 
