@@ -119,7 +119,7 @@ def _with_link(A: Any, P: Any, body: Any, omega: Any) -> tuple[Any, Any]:
 
 
 def _base(state: Any, thrust: Any, world: Any) -> tuple[Any, Any]:
-    """What the last link inward passes on, and the thrust, to (ω̇, a) of the base and its acceleration along the feed.
+    """Return (ω̇, a) of the base and its acceleration along the feed, from the innermost link's state and the thrust.
 
     The base does not turn, so the whole arm pushes it with f = M a + p, M the linear block of A, p the force of P and a
     less gravity; the thrust F is its component along x̂, the base heading: F = x̂ᵀ (M (a_feed x̂ − g) + p) is solved for

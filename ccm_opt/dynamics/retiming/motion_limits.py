@@ -95,7 +95,7 @@ class CoordinateLimit(MotionLimit):
     limit: FloatArray
 
     def stretches(self, samples: MotionSamples) -> FloatArray:
-        """By the samples' own derivative, the differences of the one below it, and second differences of the next."""
+        """Return factors on time by derivatives, differences of the next lower one, and second differences, (T,)."""
         values = (samples.place, samples.velocity, samples.acceleration)
         found = of_samples(self._share(mean_rates(values[self.order - 1], samples.steps)))
         if self.order < len(values):
@@ -342,7 +342,7 @@ class PointSpeed(MotionLimit):
         return SpeedRows(a, np.concatenate(squares, axis=1), np.zeros_like(a))
 
     def stretches(self, samples: MotionSamples) -> FloatArray:
-        """Return by the motion at the samples, by differences of it, and by the motion that is linear between them."""
+        """Return the factors on time by the samples, by differences, and by the motion that is linear between, (T,)."""
         step = samples.steps
         places = self._point.position(samples.place)
         velocities = self._point.velocity(samples.place, samples.velocity)
