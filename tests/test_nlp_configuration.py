@@ -284,7 +284,7 @@ class InterruptedSolver:
 def test_ctrl_c_stops_the_search(monkeypatch: pytest.MonkeyPatch, status: str, *, signalled: bool) -> None:
     """An interrupt that CasADi swallows is raised after all, and the handler of Ctrl-C is put back."""
     before = signal.signal(signal.SIGINT, signal.default_int_handler)  # a background shell starts us with it ignored
-    monkeypatch.setattr(solver_module, "built_solver", lambda *_: InterruptedSolver(status, signalled=signalled))
+    monkeypatch.setattr(solver_module, "built_solver", lambda *_, **__: InterruptedSolver(status, signalled=signalled))
     try:
         with pytest.raises(KeyboardInterrupt):
             find_configuration(s_bend_task(1.1))
