@@ -208,7 +208,14 @@ class CurveDraws:
         trees = (PointTree.empty(len(self.root)), PointTree.empty(len(self.root)))
         trees[0].add((self.start.v @ self.root)[None], np.array([-1]))
         search = ConnectSearch(
-            self.free_shares, self, self._unproved, iter((self.goal_points,)), deadline.passed, rng, trees
+            self.free_shares,
+            self,
+            self._unproved,
+            iter((self.goal_points,)),
+            deadline.passed,
+            rng,
+            trees,
+            ends_first=self.motions is not None,
         )
         found = search.run(draws)
         if found is None:

@@ -154,6 +154,8 @@ class ConnectSearch:
         over: whether the time is up.
         rng: source of every random choice.
         trees: trees from the start, and from poses at the goal.
+        ends_first: whether ends of extensions are checked before the motions to them: worth it where one pose costs far
+            less than a motion, and most ends touch something.
         extensions: number of extensions so far.
         rounds: number of rounds of extensions.
         found: points of a certified motion, shape (K, n); None as long as there is none.
@@ -166,6 +168,7 @@ class ConnectSearch:
     over: Callable[[], bool]
     rng: np.random.Generator
     trees: tuple[PointTree, PointTree]
+    ends_first: bool = False
     extensions: int = 0
     rounds: int = 0
     found: FloatArray | None = None
@@ -209,8 +212,8 @@ class ConnectSearch:
 
         # All or nothing: nodes where an extension was stopped would all lie in contact, where little can follow.
         free = self.draws.travel(start, end) > _LEAST
-        # In narrow places most ends touch something, and checking one pose is quick.
-        free[free] = self.free_shares(end[free], end[free]) >= 1.0
+        if self.ends_first:
+            free[free] = self.free_shares(end[free], end[free]) >= 1.0
         free[free] = self.free_shares(start[free], end[free]) >= 1.0
         added = tree.add(end[free], parents[free])
         if len(added) and len(self.trees[1 - side]):

@@ -301,7 +301,7 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
     @cached_property
     def _motions(self) -> SampledMotions:
         task = self.task
-        return SampledMotions(task.arm, task.tree, task.kept, np.asarray(task.scene).reshape(-1, 3))
+        return SampledMotions(task.arm, task.tree, task.kept, task.scene)
 
     def _goals(self, rng: np.random.Generator) -> Iterator[Pose]:
         """Return the goal pose of the whole arm, or poses sampled at the tip's goal."""
