@@ -13,8 +13,19 @@ from ccm_opt.cli.commands import app
 from ccm_opt.core.arrays import BoolArray, FloatArray
 from ccm_opt.io.mesh_obstacles import repaired_mesh
 from ccm_opt.io.raw_mesh import RawMesh
-from ccm_opt.scene.bodies import BOX_FACES, BoxBody, CapsuleBody, CylinderBody, MeshBody, SphereBody, box_corners
+from ccm_opt.scene.bodies import (
+    BOX_FACES,
+    BoxBody,
+    CapsuleBody,
+    CylinderBody,
+    MeshBody,
+    RigidPlacement,
+    SphereBody,
+    box_corners,
+)
+from ccm_opt.scene.distances.enclosures import deepest_enclosure, opening_width
 from ccm_opt.scene.distances.insides import depth_inside, distance_from_triangles, encloses
+from ccm_opt.scene.workspace import Obstacle, Workspace
 from ccm_opt.verification.body_sides import depth_enclosed
 from tests.space_files import written
 
@@ -224,6 +235,40 @@ def test_what_an_open_mesh_goes_round_by_more_than_a_half_is_inside(height: floa
     assert encloses(opened, place) == encloses(mixed, place) == (missing < 0.5)
     assert (depth_enclosed(opened.triangles, place) > 0.0) == (missing < 0.5)
     assert not encloses(opened, place, closed_only=True)
+
+
+def duct(sides: int, radius: float, turn: FloatArray) -> MeshBody:
+    """A prism's sides about the origin, two metres long and open at both ends."""
+    angles = 2.0 * np.pi / sides * np.arange(sides)
+    ring = radius * np.column_stack((np.cos(angles), np.sin(angles), np.zeros(sides)))
+    here, after = np.arange(sides), np.roll(np.arange(sides), -1)
+    faces = np.concatenate(
+        (np.column_stack((here, after, after + sides)), np.column_stack((here, after + sides, here + sides)))
+    )
+    up = np.array([0.0, 0.0, 1.0])
+    corners = np.concatenate((ring - up, ring + up))
+    return MeshBody(RigidPlacement.turned(np.zeros(3), turn).points(corners), faces)
+
+
+@given(sides=st.integers(3, 40), radius=st.floats(0.05, 0.5), turn=PLACES)
+def test_an_arm_may_enter_what_has_an_opening_as_wide(sides: int, radius: float, turn: FloatArray) -> None:
+    """What fits into the end of a duct is not refused inside it, and what is thicker than its outer circle is."""
+    body = duct(sides, radius, turn)
+    inscribed = radius * np.cos(np.pi / sides)
+    assert 2.0 * inscribed * (1.0 - 1e-9) <= opening_width(body) <= 2.0 * radius * (1.0 + 1e-9)
+    workspace = Workspace(obstacles=(Obstacle("duct", body),))
+    middle = np.zeros((1, 3))
+    assert deepest_enclosure(workspace, middle, entering=0.99 * inscribed) is None
+    refused = deepest_enclosure(workspace, middle, entering=1.01 * radius)
+    assert refused is not None
+    assert refused.depth == pytest.approx(inscribed)
+
+
+def test_a_closed_mesh_has_no_opening() -> None:
+    """Nothing enters a box, however thin it is."""
+    body = MeshBody(box_corners(-np.ones(3), np.ones(3)), BOX_FACES)
+    assert opening_width(body) == 0.0
+    assert deepest_enclosure(Workspace(obstacles=(Obstacle("box", body),)), np.zeros((1, 3)), entering=0.0) is not None
 
 
 @pytest.mark.parametrize(("width", "closed"), [(1e-8, True), (3e-7, True), (1e-5, False), (1e-3, False)])

@@ -152,7 +152,7 @@ def _inside(body: MeshBody, unit: LengthUnit) -> str:
     if body.closed:
         return "closed"
     with words_in(unit):
-        return f"not closed: it {open_words(body)}; what it goes round by more than a half counts as inside"
+        return f"not closed: it {open_words(body)}; the arm may enter through openings wider than it is"
 
 
 def mesh_data(name: str, body: MeshBody) -> dict[str, object]:

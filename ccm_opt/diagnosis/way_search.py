@@ -173,7 +173,7 @@ class WaySearch:
                 side = int(known[0])
             else:
                 middle = cells.middles[members][int(np.argmax(cells.gap[members]))]
-                side = -1 if deepest_enclosure(self.workspace, middle[None], closed_only=True) is None else 1
+                side = -1 if deepest_enclosure(self.workspace, middle[None], entering=0.0) is None else 1
             self.sides[members & clear] = side
             news = news or side == 1
         return news

@@ -239,7 +239,7 @@ def _unreachable_cells(problem: Problem, axes: Sequence[FloatArray]) -> BoolArra
         tree = SurfaceTree.of(problem.workspace.soup)
         closed |= (tree.distances(points, 2.0 * kept) < kept) & (arm.mount_length < arm.length)
     for some in _parts(np.flatnonzero(~closed)):
-        closed[some[enclosed(problem.workspace, flat[some])]] = True
+        closed[some[enclosed(problem.workspace, flat[some], arm.radius)]] = True
     for number in np.flatnonzero(~closed):
         closed[number] = any(finding.proved for finding in supple_enough(_at(problem, flat[number])))
     return np.asarray(closed.reshape(places.shape[:-1]))

@@ -264,7 +264,7 @@ def refuse_goal(problem: Problem, task: "SpaceTask", goal: GoalPose) -> None:
     Raises:
         UnreachableGoal: saying which, and by how much.
     """
-    found = deepest_enclosure(problem.workspace, goal.position[None])
+    found = deepest_enclosure(problem.workspace, goal.position[None], entering=problem.arm.radius)
     if found is not None:
         reason = f"the goal is {_depth_words(found)}"
         ways = ways_out(problem.workspace, found.name, "the goal") if found.name else ("move the goal into it",)
@@ -305,15 +305,15 @@ def contact_words(problem: Problem, task: "SpaceTask", q: FloatArray) -> str:
     contact = describe_contact(task, q)
     joints = task.arm.joint_positions_at(q)
     _, exposed = task.arm.exposed_links(joints)
-    # An arm that touches nothing lies inside a closed body as a whole; for an open body both ends of the arm are
-    # tested.
-    first = int(np.ceil(task.arm.mount_length / task.arm.link_length)) if contact else task.arm.links
+    # An arm that touches nothing lies inside a closed body as a whole, and one whose mount ends outside an open body
+    # has entered it through an opening.
+    first = int(np.ceil(task.arm.mount_length / task.arm.link_length)) if contact else len(joints)
     found = deepest_enclosure(problem.workspace, np.concatenate((joints[first:], exposed[:1, 0])))
     if found is None:
         return contact
     number = first + found.number
     point = "the tip" if number == task.arm.links else f"joint {number + 1}"
-    point = "the end of the mount" if number > task.arm.links else point
+    point = "the end of the mount" if found.number == len(joints) - first else point
     deep = f"{point} is {_depth_words(found)}"
     ways = ways_out(problem.workspace, found.name, "the arm")[1:] if found.name else ()
     return "; ".join((*([contact] if contact else []), deep, *ways))

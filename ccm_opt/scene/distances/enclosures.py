@@ -1,10 +1,13 @@
 """Points inside bodies, and the nearest points of two segments."""
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 import shapely
+from scipy import sparse
+from scipy.sparse import csgraph
 
 from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.core.length_words import place
@@ -31,17 +34,47 @@ class Enclosure:
     depth: float
 
 
-def deepest_enclosure(workspace: Workspace, places: FloatArray, *, closed_only: bool = False) -> Enclosure | None:
+def deepest_enclosure(workspace: Workspace, places: FloatArray, *, entering: float = math.inf) -> Enclosure | None:
     """Return the point that is deepest inside a body, or farthest outside the room; None if there is none.
 
-    An arm that touches no surface is inside a body with all its points or with none, so testing one point is enough.
+    An arm that touches no surface is inside a closed body with all its points or with none, so testing one point is
+    enough.
 
     Args:
         workspace: the workspace.
         places: points to test, shape (k, 3) [m].
-        closed_only: leave out open shells, through whose holes a point may be reached.
+        entering: radius of an arm that may reach the points from outside [m]; open shells of meshes with an opening
+            that it may fit through are left out.
     """
-    return max(_enclosures(workspace, places, closed_only=closed_only), key=lambda found: found.depth, default=None)
+    return max(_enclosures(workspace, places, entering), key=lambda found: found.depth, default=None)
+
+
+def opening_width(body: MeshBody) -> float:
+    """Return an upper bound of the diameter of a ball that fits through the widest opening of a mesh [m].
+
+    It is the second largest extent of the edges around an opening, along their principal axes; 0 for a closed mesh.
+    """
+    edges = body.shells.open_edges
+    if not len(edges):
+        return 0.0
+    corners, numbers = np.unique(edges.reshape(-1, 3), axis=0, return_inverse=True)
+    first, second = numbers.reshape(-1, 2).T
+    graph = sparse.coo_matrix((np.ones(len(first)), (first, second)), shape=(len(corners), len(corners)))
+    opening = csgraph.connected_components(graph, directed=False)[1]
+    order = np.argsort(opening, kind="stable")
+    begins = np.flatnonzero(np.diff(opening[order], prepend=-1))
+    rims = corners[order]
+    spans = np.linalg.norm(np.maximum.reduceat(rims, begins) - np.minimum.reduceat(rims, begins), axis=1)
+    widest = 0.0
+    ends = np.append(begins[1:], len(rims))
+    # No opening is wider than the diagonal of its box, so that the greatest boxes decide.
+    for number in np.argsort(-spans):
+        if spans[number] <= widest:
+            break
+        rim = rims[begins[number] : ends[number]]
+        axes = np.linalg.svd(rim - rim.mean(axis=0), full_matrices=False)[2]
+        widest = max(widest, float(np.sort(np.ptp(rim @ axes.T, axis=0))[-2]))
+    return widest
 
 
 def ways_out(workspace: Workspace, name: str, what: str) -> tuple[str, ...]:
@@ -67,14 +100,17 @@ def open_words(body: MeshBody) -> str:
     return f"has {count} near {place(edges[0].mean(axis=0))}"
 
 
-def _enclosures(workspace: Workspace, places: FloatArray, *, closed_only: bool = False) -> Iterator[Enclosure]:
+def _enclosures(workspace: Workspace, places: FloatArray, entering: float = math.inf) -> Iterator[Enclosure]:
     for obstacle in workspace.obstacles:
         body = obstacle.body
         if not body.solid:
             continue
         low, high = box_about(body.triangles)
         within = (places >= low - body.rounding) & (places <= high + body.rounding)
-        for number in np.flatnonzero(np.all(within, axis=1)):
+        numbers = np.flatnonzero(np.all(within, axis=1))
+        # A closed mesh has no opening, and no open shells to leave out.
+        closed_only = len(numbers) > 0 and body.kind == "mesh" and opening_width(body) > 2.0 * entering
+        for number in numbers:
             # The depth takes longer to find than whether a point is inside; with rounding the depth alone answers both.
             if body.rounding or encloses(body, places[number], closed_only=closed_only):
                 depth = depth_inside(body, places[number], closed_only=closed_only)
@@ -91,14 +127,20 @@ def _outside_room(workspace: Workspace, places: FloatArray) -> Iterator[Enclosur
         yield Enclosure("", int(number), places[number], float(np.linalg.norm(beyond[number])))
 
 
-def enclosed(workspace: Workspace, places: FloatArray) -> IntArray:
-    """Return the indices of those points (k, d) that are inside bodies or outside the room, increasing."""
+def enclosed(workspace: Workspace, places: FloatArray, entering: float) -> IntArray:
+    """Return the indices of those points (k, d) that are inside bodies or outside the room, increasing.
+
+    Args:
+        workspace: the workspace.
+        places: points to test, shape (k, d) [m].
+        entering: radius of an arm, in space as in `deepest_enclosure` [m].
+    """
     if workspace.dimension == 2:
         hidden = ~shapely.intersects_xy(workspace.boundary, *places.T)
         for obstacle in workspace.obstacles:
             hidden |= shapely.intersects_xy(obstacle.core, *places.T)
         return np.flatnonzero(hidden)
-    return np.unique([found.number for found in _enclosures(workspace, places)]).astype(np.intp)
+    return np.unique([found.number for found in _enclosures(workspace, places, entering)]).astype(np.intp)
 
 
 def segment_distances(
