@@ -1,4 +1,4 @@
-"""The bodies of the arm as the dynamics see them: one link a ball, the two frames between massless (section 5.4)."""
+"""The rigid bodies of the dynamic model: one link per ball joint, the two frames between massless (section 5.4)."""
 
 from dataclasses import dataclass, replace
 
@@ -10,7 +10,7 @@ from ccm_opt.robot.arm import Arm, Axes
 
 @dataclass(frozen=True)
 class Structure:
-    """What decides the generated code; masses, inertias, lengths, drives and gravity are its run-time inputs.
+    """The properties that determine generated code; masses, inertias, lengths, drives and gravity are run-time inputs.
 
     Attributes:
         links: number of links.
@@ -35,10 +35,10 @@ class Structure:
 
 @dataclass(frozen=True)
 class ArmModel:
-    """Structure and numbers of an arm's dynamics.
+    """Structure and parameters of an arm's dynamics.
 
     Attributes:
-        structure: what decides the generated code.
+        structure: the properties that determine generated code.
         bodies: mass [kg], axial inertia [kg m²], transverse inertia about the centre [kg m²] and length [m] of every
             link, shape (links, 4).
         drives: rotor inertia [kg m²] of the three revolutes of a ball, then their friction [N m s/rad], shape
@@ -72,15 +72,12 @@ def arm_model(arm: Arm, gravity: FloatArray) -> ArmModel:
 
 
 def in_plane_alone(model: ArmModel) -> ArmModel:
-    """Return the same model by the code for motions in the plane.
-
-    As it is where gravity or axes lead out of the plane.
-    """
+    """Return the model with the code for motions in the plane; unchanged if gravity or axes lead out of the plane."""
     if model.world[1] != 0.0 or model.structure.axes != "zyx":
         return model
     return replace(model, structure=replace(model.structure, planar=True))
 
 
 def _per_ball(arm: Arm, value: FloatArray | float) -> FloatArray:
-    """Return one number, or one for each revolute, as the three of every ball, shape (links, 3)."""
+    """Return a parameter given once, or for each revolute, by ball joint, shape (links, 3)."""
     return np.broadcast_to(value, (3 * arm.links,)).reshape(arm.links, 3)

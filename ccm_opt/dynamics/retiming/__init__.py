@@ -27,27 +27,26 @@ def timings(
     share: float = 1.0,
     settings: TimingSettings = DEFAULT_TIMING,
 ) -> Iterator[JointTrajectory]:
-    """Yield the timed motions along a path, the most wanted first.
+    """Yield timed motions along a path in order of preference; the first that the verifier accepts should be used.
 
-    The first that the verifier accepts is the one to take.
-
-    TOPP-RA stays on the path, so there is one; Paul's transitions leave it, by less from motion to motion.
+    TOPP-RA stays on the path and yields one motion. Paul's transitions leave the path, each motion by less than the one
+    before.
 
     Args:
         path: the path and its keyframes.
-        limits: of every revolute, of the feed axis, and of points of the arm.
-        inverse_dynamics: angles, velocities, accelerations to torques, as ``retime`` takes it.
-        revolutes: bends to revolute angles.
-        method: how to time.
-        coordinates: what the columns of the path are; when None, a bend a link, and a feed axis if one is left over.
-        link_length: of the arm [m], by which TOPP-RA's samples are so close that chords between them stay by the path.
-        arm: whose points are limited; needed when the limits name some.
-        share: of the limits of the drives that may be used, see ``robot.coordinates``; points of the arm may use
-            theirs in full.
-        settings: numbers of timing along the path.
+        limits: limits of every revolute, of the feed axis, and of points of the arm.
+        inverse_dynamics: map from angles, velocities and accelerations to torques, as for ``retime``.
+        revolutes: map from bends to revolute angles.
+        method: TOPP-RA or Paul's transitions.
+        coordinates: the columns of the path; when None, one bend per link, and a feed axis if a column is left.
+        link_length: length of a link [m], for which TOPP-RA samples densely enough that chords stay near the path.
+        arm: the arm whose points are limited; needed only when the limits name points.
+        share: share of the drives' limits that may be used, see ``robot.coordinates``; points of the arm may use
+            their limits in full.
+        settings: settings of the timing.
 
     Raises:
-        RetimingError: from the first motion, or a later one, that cannot be timed within the limits.
+        RetimingError: a motion cannot be timed within the limits.
     """
     if method == "toppra":
         yield retime(
@@ -75,6 +74,6 @@ def timings(
         arm=arm,
         share=share,
     )
-    # From wide transitions, which are fast, to narrow ones, which stay nearer to the polygon.
+    # Wide transitions, which are fast, come first; narrow ones stay nearer to the polygon.
     for window in WINDOWS:
         yield turn(window=window)

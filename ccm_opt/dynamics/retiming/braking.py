@@ -1,4 +1,4 @@
-"""Coming to rest soonest along a planned motion.
+"""Braking along a planned motion in the shortest time.
 
 The motion x(s) of the axes, bends and feed, over the share s of its time is run through at a speed ṡ that starts at
 that of the plan and falls as fast as the limits let it. They are the limits of timing, rows a s̈ + b ṡ² + d ṡ + c
@@ -27,20 +27,20 @@ from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.frames import revolute_angles
 
 _USUAL_STEP = 0.1
-"""Share of the plan's steps that are shorter than those of braking. Taste: the shortest of all, where two corners
-of the path happen to be near each other, say nothing of how dense samples have to be elsewhere."""
+"""Quantile of the plan's steps that bounds the steps of braking. Taste: the very shortest steps, where two corners of
+the path happen to be near each other, say nothing about the density needed elsewhere."""
 _STEP = 2e-3
 """Largest time between two samples while braking [s]. Taste."""
 _LIMIT_SHARES = (0.97, 0.93, 0.87, 0.8)
-"""Shares of every limit to brake with, the first with which all samples keep the limits: between the places that are
-checked, the planned motion's own accelerations change. Taste."""
+"""Shares of every limit that are tried for braking, until all samples keep the limits: the planned motion's own
+accelerations change between the places at which rows are evaluated. Taste."""
 _LEAST_TIME = 4e-3
-"""Braking from the planned rate to rest takes at least this, however slowly the axes move [s]. Taste."""
+"""Least time of braking from the planned rate to rest, however slowly the axes move [s]. Taste."""
 
 _CHECKED_PLACES = (0.0, 1.0 / 3.0, 2.0 / 3.0, 1.0)
-"""Places in a step at which the limits are held, from 0 to 1. Taste."""
+"""Places in a step, from 0 to 1, at which the limits are imposed. Taste."""
 _LONGEST_TIME = 60.0
-"""Braking that takes longer has failed [s]. Taste."""
+"""Time after which braking counts as failed [s]. Taste."""
 _LONGEST_LAST_STEP = 1.5
 """Longest last step in units of ``step``; a shorter rest is made part of the step before it, so that no step is very
 short. Taste."""
@@ -55,15 +55,15 @@ def braked(
     *,
     share: float = 1.0,
 ) -> JointTrajectory:
-    """Return the motion up to a moment, and from then on to rest, soonest along its own path.
+    """Return the motion up to a moment, followed by braking to rest along its own path in the shortest time.
 
     Args:
         trajectory: a motion that keeps its limits.
         time: when braking begins, at the next sample of the motion [s].
         arm: the arm.
         limits: on speeds, accelerations and efforts; none on jerk.
-        inverse_dynamics: of the arm.
-        share: of the limits of the drives that may be used, as the motion does; see ``robot.coordinates``.
+        inverse_dynamics: inverse dynamics of the arm.
+        share: share of the drives' limits that may be used, as in the motion; see ``robot.coordinates``.
 
     Returns:
         A motion that begins as the planned one and ends at rest; stops that it does not reach are left out.
@@ -83,8 +83,8 @@ def braked(
     held = limits_along(path)
     begun = trajectory.part(slice(kept))
 
-    # Limits are kept at the places looked at in each step; where samples show more, less of the limits is used. The
-    # last share is taken as it comes, for the verifier has the last word.
+    # Limits are imposed at a few places of each step. If samples between them violate one, a smaller share is used;
+    # the last share is not checked, since the verifier checks the motion anyway.
     for caution in _LIMIT_SHARES:
         tail = _fall(path, held, caution, float(trajectory.time[kept]), whole, step)
         stopped = chained(begun, replace(tail, time=trajectory.time[kept] - begun.time[-1] + tail.time))
@@ -98,14 +98,14 @@ def braked(
 def _fall(
     path: TimedPath, limits: Sequence[MotionLimit], caution: float, begin: float, whole: float, step: float
 ) -> JointTrajectory:
-    """Return the motion from a moment of the planned one to rest, its time counted from when braking begins.
+    """Return the motion from a moment of the planned one to rest; its time begins at 0.
 
     Args:
         path: the planned motion over the share of its time.
-        limits: of motions along it.
+        limits: limits of motions along the path.
         caution: share of every limit that is used.
-        begin: moment of the planned motion [s].
-        whole: its duration [s].
+        begin: moment of the planned motion at which braking begins [s].
+        whole: duration of the planned motion [s].
         step: time between two samples [s].
     """
     samples = []
@@ -141,8 +141,8 @@ def _fall(
 def _least_change(
     path: TimedPath, limits: Sequence[MotionLimit], caution: float, s: float, speed: float, step: float
 ) -> float:
-    """Return the least s̈ within the limits over a step from a place of the path on [1/s²]; it is never above 0."""
-    # In a step the arm moves on by at most ṡ h; the limits are looked at in several places of that stretch.
+    """Return the least s̈ within the limits over a step that begins at a place of the path, at most 0 [1/s²]."""
+    # In a step the arm advances by at most ṡ h; the limits are evaluated at several places of that stretch.
     rows = path_rows(limits, path.spline, np.minimum(s + np.array(_CHECKED_PLACES) * speed * step, 1.0))
 
     def least(speed: float) -> float:
@@ -150,12 +150,11 @@ def _least_change(
         offset = offset if rows.d is None else offset + rows.d * speed
         with np.errstate(divide="ignore", invalid="ignore"):
             # The lower end of each interval of s̈. A slope of 0 bounds nothing: its end is not finite, and left out.
-            # What the plan takes of a limit at this place it may go on taking.
+            # Where the plan itself uses more of a limit than the share, that much may be used.
             ends = (np.maximum(caution, np.abs(offset)) - np.sign(-rows.a) * offset) / -np.abs(rows.a)
         return min(float(np.max(ends[np.isfinite(ends)], initial=-np.inf)), 0.0)
 
-    # Limits that hold at the highest and at the lowest speed of the step hold at those between. What a motion that
-    # gathers speed takes of them is gone when it is slow.
+    # Limits that hold at the highest and at the lowest speed of the step hold between, since they are convex.
     change = least(speed)
     return max(change, least(max(speed + change * step, 0.0)))
 

@@ -1,4 +1,4 @@
-"""What is to be timed: a path, its limits, and the arm that they are limits of."""
+"""A path with the limits within which it is timed."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -15,14 +15,15 @@ from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.coordinates import FEED, Coordinates, DriveLimits, joint_coordinates
 
 InverseDynamics: TypeAlias = Callable[..., FloatArray]
-"""(angles, velocities, accelerations), each (N, 3 * links), and with a feed axis its accelerations, (N,) [m/s²], to
-torques (N, 3 * links) [N m]. It may have a method ``feed_forces``: the same arguments to forces on the axis [N]."""
+"""Map from angles, velocities and accelerations, each (N, 3 * links), and with a feed axis its accelerations, (N,)
+[m/s²], to torques (N, 3 * links) [N m]. It may have a method ``feed_forces`` with the same arguments, which returns the
+forces on the axis [N]."""
 Revolutes: TypeAlias = Callable[[FloatArray], FloatArray]
-"""Bends (N, links) to revolute angles (N, 3 * links); linear, so it serves rates too."""
+"""Linear map from bends (N, links) to revolute angles (N, 3 * links); it also maps their rates."""
 
 
 def likely_coordinates(limits: Limits, columns: int) -> Coordinates:
-    """What the columns of a path are when nothing says so: a bend a link, and the feed axis in what is left over."""
+    """Return the default coordinates of a path's columns: one bend per link, and a feed axis if a column is left."""
     links = len(limits.velocity) // 3
     return joint_coordinates(links, 1, (FEED,) * min(columns - links, 1))
 
@@ -45,13 +46,13 @@ class TimedPath:
     """A path with its limits.
 
     Attributes:
-        spline: of the arm's coordinates over [0, 1].
-        limits: of the drives, and of points of the arm.
-        inverse_dynamics: of the arm.
-        revolutes: bends to revolute angles.
-        coordinates: what the columns of the spline are.
-        arm: whose points are limited; None when none are.
-        share: of the limits of the drives that may be used; points of the arm may use theirs in full.
+        spline: the arm's coordinates over the path parameter in [0, 1].
+        limits: limits of the drives and of points of the arm.
+        inverse_dynamics: inverse dynamics of the arm.
+        revolutes: map from bends to revolute angles.
+        coordinates: the columns of the spline.
+        arm: the arm whose points are limited; None when no points are.
+        share: share of the drives' limits that may be used; points of the arm may use their limits in full.
     """
 
     spline: BSpline
@@ -64,10 +65,10 @@ class TimedPath:
 
     @cached_property
     def bounds(self) -> DriveLimits:
-        """What may be used of the limits on the columns of the path.
+        """The usable part of the limits on the columns of the path.
 
         Raises:
-            RetimingError: the path has other columns, or one has no limit on velocity or acceleration.
+            RetimingError: the path has other columns, or a column has no limit on velocity or acceleration.
         """
         columns = np.shape(self.spline(0.0))[-1]
         layout = self.coordinates
@@ -80,7 +81,7 @@ class TimedPath:
 
     @property
     def weighed(self) -> BSpline:
-        """The path with ways of the base in lengths of the arm, where it is given, they weigh alike at every size."""
+        """The path with base displacements in arm lengths, if the arm is known: their weight is independent of size."""
         weights = np.ones(len(self.coordinates))
         if self.arm is not None:
             weights[self.coordinates.base] = 1.0 / self.arm.length

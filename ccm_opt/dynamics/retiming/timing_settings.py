@@ -1,15 +1,15 @@
-"""The numbers of timing: shares of the limits, rounds, densities of samples."""
+"""Settings of timing: usable shares of the limits, iterations, densities of samples."""
 
 from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
 class GridSettings:
-    """Where along the path the limits are written down.
+    """Settings of the grid along the path on which the limits are imposed.
 
     Attributes:
-        intervals: wanted number of grid intervals. Measured by ``tests/benchmarks/bench_retiming.py``: against 800 the
-            motion takes 1.9 % longer in the median.
+        intervals: preferred number of grid intervals. Measured by ``tests/benchmarks/bench_retiming.py``: against 800
+            the motion takes 1.9 % longer in the median.
     """
 
     intervals: int = 200
@@ -17,14 +17,14 @@ class GridSettings:
 
 @dataclass(frozen=True)
 class ProfileSettings:
-    """How the fastest speed profile is found.
+    """Settings of the search for the fastest speed profile.
 
     Attributes:
-        dense_share: share of every limit that may be used between them. Derived: between the grid's share and 1, so
-            that samples, which fall elsewhere, keep the limit too.
+        dense_share: share of every limit that may be used between grid points. Derived: between the grid's share and
+            1, so that samples, which fall elsewhere, keep the limit too.
         substeps: steps of the dense check inside one grid interval. Taste.
-        newton_steps: most steps of Newton's method for one controllable speed. Taste; a handful is usual.
-        directions: of the rows that stand for the bound on the acceleration of a point, over half a turn. Derived:
+        newton_steps: most steps of Newton's method for one controllable speed. Taste; a few suffice as a rule.
+        directions: number of directions over half a turn in which the acceleration of a point is bounded. Derived:
             the polygon of twice as many sides leaves the circle by 1 / cos(π / 32) − 1 = 0.5 %, which the grid's share
             covers.
     """
@@ -37,12 +37,14 @@ class ProfileSettings:
 
 @dataclass(frozen=True)
 class SmoothingSettings:
-    """How a motion with limited jerk is found from the fastest one.
+    """Settings of the smoothing of the fastest motion that limits its jerk.
 
     Attributes:
-        halvings: windows that are tried: so many, each half of the one before, from half the motion on. Taste.
-        beside: windows that are tried beside the best of these, as shares of it. Derived: √½ and √2 lie halfway.
-        looks: places, beside the corners of the profile, at which limits are looked at to compare windows. Taste.
+        halvings: number of smoothing windows tried, each half as long as the one before, beginning with half the
+            motion. Taste.
+        beside: further windows tried, as multiples of the best of these. Derived: √½ and √2 lie halfway.
+        looks: number of places, besides the corners of the profile, at which limits are evaluated to compare windows.
+            Taste.
     """
 
     halvings: int = 10
@@ -52,15 +54,16 @@ class SmoothingSettings:
 
 @dataclass(frozen=True)
 class SamplingSettings:
-    """How a timed motion is sampled.
+    """Settings of the sampling of a timed motion.
 
     Attributes:
         step: largest time between two samples [s]. Taste: 250 samples a second, as drives of robots take them.
-        hair: sag that is allowed anyhow [m]. Derived: half of what the verifier forgives, which the driver puts in its
-            place for the arm and the problem; as it stands here, for an arm of a metre.
-        most_pieces: pieces that a step may be cut into so that chords stay near the path. Taste; it bounds the samples.
-        unseen_share: share of the velocity that a joint gains and loses which its samples may leave unexplained; steps
-            are halved until it is no more. Derived: half of what the verifier allows.
+        hair: chord deviation that is always allowed [m]. Derived: half of the verifier's tolerance, with which the
+            driver replaces it for the arm and the problem; the default is for an arm of one metre.
+        most_pieces: most pieces that a step is divided into so that chords stay near the path. Taste; it bounds the
+            number of samples.
+        unseen_share: share of a joint's change of velocity that its sampled accelerations may leave unexplained; steps
+            are halved until it is met. Derived: half of what the verifier allows.
     """
 
     step: float = 4e-3
@@ -71,13 +74,13 @@ class SamplingSettings:
 
 @dataclass(frozen=True)
 class TimingSettings:
-    """Numbers of timing along a path.
+    """Settings of timing along a path.
 
     Attributes:
-        grid: where the limits are written down.
-        profile: the fastest speed profile.
-        smoothing: limited jerk.
-        sampling: samples of the motion.
+        grid: the grid along the path.
+        profile: the search for the fastest speed profile.
+        smoothing: the smoothing that limits jerk.
+        sampling: the sampling of the motion.
     """
 
     grid: GridSettings = GridSettings()
@@ -87,4 +90,4 @@ class TimingSettings:
 
 
 DEFAULT_TIMING = TimingSettings()
-"""What a timing takes that is given no other settings."""
+"""Settings used if no others are given."""

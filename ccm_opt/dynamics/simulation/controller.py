@@ -1,6 +1,6 @@
-"""Controller, disturbances and the reference that it follows.
+"""The controller of the simulated arm, the reference that it follows, and disturbances.
 
-What ``simulation.c`` computes. Positions x = (q, x_b) and speeds ẋ are those of all revolutes and, last, of the base on
+``simulation.c`` computes this. Positions x = (q, x_b) and speeds ẋ are those of all revolutes and, last, of the base on
 its feed axis; the efforts are their torques and the thrust, u = (τ, F). Each step of length h does three things.
 
 1. *Measure.* q and q̇ with noise, x_b and ẋ_b without. With the reference x_r at the start of the step, the errors are
@@ -55,13 +55,13 @@ def stiffened(model: ArmModel, step: float, kd: FloatArray) -> ArmModel:
 
 
 class CompiledLoop:
-    """A plant under its controller, as ``control_law`` says.
+    """A simulated arm under its controller, by the laws of this module's docstring.
 
-    Arrays end with the feed axis, W = 3 * links + 1, at rest when there is none.
+    The last of the W = 3 * links + 1 columns of arrays is the feed axis, which stays at rest when there is none.
 
     Args:
-        plant: what moves.
-        model: what the controller believes.
+        plant: the arm that moves.
+        model: the arm as the controller knows it.
         numbers: gains, limits and step, see ``loop_numbers``.
     """
 
@@ -80,13 +80,13 @@ class CompiledLoop:
     def run(
         self, state: FloatArray, reference: FloatArray, noise: FloatArray, held: int
     ) -> tuple[FloatArray, FloatArray]:
-        """Make some steps.
+        """Simulate a number of steps.
 
         Args:
             state: positions and velocities before the first step, shape (2, W).
             reference: positions, velocities and accelerations of every step, shape (N, 3, W).
-            noise: added to what is measured of the joints' angles and speeds, shape (N, 2, W - 1).
-            held: number of steps from the first on in which brakes hold the arm.
+            noise: measurement noise of joint angles [rad] and speeds [rad/s], shape (N, 2, W - 1).
+            held: number of steps at the beginning during which brakes hold the arm.
 
         Returns:
             States at the ends of the steps, shape (N, 2, W), and efforts held over them, shape (N, W).
@@ -108,7 +108,7 @@ class CompiledLoop:
 
 
 def gains(arm: Arm, options: SimulationOptions) -> tuple[FloatArray, FloatArray]:
-    """Return the gains on the errors of joints and of their speeds by the chosen law, shape (3 * links,) each.
+    """Return the gains Kp and Kd of the joints under the chosen control law, shape (3 * links,) each.
 
     Under computed torque they act on accelerations [1/s², 1/s], critically damped at ωn = bandwidth: Kp = ωn²,
     Kd = 2 ωn; under PD on torques [N m/rad, N m s/rad].
@@ -119,7 +119,7 @@ def gains(arm: Arm, options: SimulationOptions) -> tuple[FloatArray, FloatArray]
         return bandwidth**2 * joints, 2.0 * bandwidth * joints
     proportional = options.proportional_gain
     derivative = options.derivative_gain
-    # Of one that is given the other follows, as for gains that come from the arm.
+    # If only one gain is given, the other follows from the bandwidth, as for gains derived from the arm.
     if proportional is None and derivative is None:
         inertia = inertia_at_most(arm)
         return bandwidth**2 * inertia, 2.0 * bandwidth * inertia
@@ -131,10 +131,10 @@ def gains(arm: Arm, options: SimulationOptions) -> tuple[FloatArray, FloatArray]
 
 
 def inertia_at_most(arm: Arm) -> FloatArray:
-    """Return what any joint can have to move when all bends move, shape (3 * links,) [kg m²].
+    """Return an upper bound of the inertia that each joint moves when all bends move, shape (3 * links,) [kg m²].
 
-    Row sums over the bends of the straight arm's mass matrix. Yaws and rolls have those of their bend: about no axis
-    through a ball has the arm beyond it more inertia.
+    It is the row sum over the bends of the straight arm's mass matrix. Yaw and roll get the value of their ball's
+    bend, since the arm beyond a ball has no greater inertia about another axis through it.
     """
     straight = MassMatrix(arm)(np.zeros(3 * arm.links))
     bends = np.sum(np.abs(straight[1::3, 1::3]), axis=1)
@@ -142,13 +142,13 @@ def inertia_at_most(arm: Arm) -> FloatArray:
 
 
 def feed_gains(arm: Arm, options: SimulationOptions) -> tuple[float, float]:
-    """Gains of the feed axis: critically damped at ωn = bandwidth, under PD for the mass of the arm [N/m, N s/m]."""
+    """Return the gains of the feed axis, critically damped at ωn = bandwidth; for PD times the mass [N/m, N s/m]."""
     mass = 1.0 if options.controller == "computed-torque" else float(np.sum(arm.masses)) + arm.payload
     return mass * options.bandwidth**2, 2.0 * mass * options.bandwidth
 
 
 def loop_numbers(arm: Arm, options: SimulationOptions, limits: Limits) -> dict[str, Any]:
-    """Return the numbers of the closed loop as ``simulation.c`` calls them.
+    """Return the parameters of the closed loop under their names in ``simulation.c``.
 
     They are the step [s], whether the law is computed torque, else PD, Kp and Kd of every joint, shape (3 * links,),
     and of the feed axis, see ``gains`` and ``feed_gains``, and bounds on the torques, shape (3 * links,) [N m], and on
@@ -182,11 +182,11 @@ def disturbed_arm(arm: Arm, disturbances: Disturbances) -> Arm:
 
 
 class Noise:
-    """Normal noise on what is measured of the joints.
+    """Gaussian noise on measured joint angles and speeds.
 
     Args:
-        disturbances: its standard deviations and seed.
-        planar: whether the arm stays in its plane; then only the bends are measured, so that it does stay there.
+        disturbances: standard deviations and seed.
+        planar: whether the arm stays in its plane; then only the bends get noise, so that it does stay there.
     """
 
     def __init__(self, disturbances: Disturbances, *, planar: bool) -> None:
@@ -200,7 +200,7 @@ class Noise:
             return np.zeros((count, 2, joints))
         noise = self._scale * self._random.standard_normal((count, 2, joints))
         if self._planar:
-            # Drawn all the same, so that a seed gives the bends the same noise in the plane and out of it.
+            # All are sampled nevertheless, so that a seed gives the bends the same noise in the plane and out of it.
             noise[..., 0::3] = 0.0
             noise[..., 2::3] = 0.0
         return noise
@@ -210,8 +210,8 @@ class Noise:
 class StepReference:
     """Joint reference on a grid of equal steps.
 
-    Angles follow the cubic Hermite polynomial of the samples' angles and velocities, velocities its derivative; the
-    acceleration of a step is the mean over it, which is what a control held over the step can follow.
+    Angles follow the cubic Hermite polynomial of the samples' angles and velocities, velocities its derivative. The
+    acceleration of a step is its mean over the step, since the control is constant over a step.
 
     Attributes:
         angles: cubic Hermite spline of the angles of the joints that move.

@@ -24,10 +24,10 @@ from ccm_opt.problem import SimulationOptions
 from ccm_opt.robot.arm import Arm
 
 _CHECKED_POSES = 9
-"""Number of poses along the motion at which gains and friction are held against the mass matrix. Taste: λmax varies
+"""Number of poses along the motion at which gains and friction are compared with the mass matrix. Taste: λmax varies
 slowly along a motion, and a pose costs one mass matrix and one eigenvalue."""
 _ADVISED_SHARE = 0.9
-"""Share of a stability bound that figures in advice make use of. Taste."""
+"""Share of a stability bound that advised values use. Taste."""
 
 RUNGE_KUTTA_REACH = 2.78
 """|λ dt| on the negative real axis up to which the classical method is stable, where 1 + z + … + z⁴/24 reaches 1."""
@@ -41,17 +41,17 @@ def check_stability(
     planar: bool,
     believed: Arm | None = None,
 ) -> None:
-    """Refuse gains that the sampled controller cannot hold, and friction that the integrator cannot follow.
+    """Refuse gains with which the sampled loop is unstable, and friction that the integrator cannot follow.
 
     Args:
         arm: the arm that moves.
         angles: reference motion, shape (T, 3 * links) [rad].
         options: controller, gains and step.
-        planar: whether nothing moves the arm out of its plane, so that only the bends count.
-        believed: the arm as its controller knows it; the same when None.
+        planar: whether the arm stays in its plane, so that only the bends matter.
+        believed: the arm as its controller knows it; the arm itself if None.
 
     Raises:
-        SimulationError: with the figures, when a condition of this module's docstring fails.
+        SimulationError: a condition of this module's docstring is violated; the message has its figures.
     """
     poses = _spread(angles, _CHECKED_POSES)
     if options.controller == "computed-torque":
@@ -94,7 +94,7 @@ def fastest_rate(arm: Arm, poses: FloatArray, damping: FloatArray, *, planar: bo
 
 
 def _check_computed_torque(options: SimulationOptions) -> None:
-    """ωn dt < 1."""
+    """Check that ωn dt < 1."""
     value = options.bandwidth * options.step
     if value < 1.0:
         return
@@ -111,7 +111,7 @@ def _check_computed_torque(options: SimulationOptions) -> None:
 
 
 def _check_pd(believed: Arm, poses: FloatArray, options: SimulationOptions, *, planar: bool) -> None:
-    """ν dt (1 + κ dt) / (1 + ν dt) < 2 (1 + mass error), for an arm that is lighter than believed."""
+    """Check that ν dt (1 + κ dt) / (1 + ν dt) < 2 (1 + mass error), for an arm that is lighter than believed."""
     step = options.step
     proportional, derivative = gains(believed, options)
     ratio = float(np.max(proportional / derivative))
@@ -131,7 +131,7 @@ def _check_pd(believed: Arm, poses: FloatArray, options: SimulationOptions, *, p
 
 
 def _pd_advice(options: SimulationOptions, ratio: float, bound: float) -> tuple[str, ...]:
-    """Return what would make PD stable for an arm of any ν, as far as anything does."""
+    """Return advice that makes PD stable whatever ν is, where possible."""
     computed = 'simulation.controller = "computed-torque"'
     # For ν without bound the condition is 1 + κ dt < bound.
     most = _ADVISED_SHARE * (bound - 1.0) / options.step
@@ -145,7 +145,7 @@ def _pd_advice(options: SimulationOptions, ratio: float, bound: float) -> tuple[
 
 
 def _check_feed(arm: Arm, poses: FloatArray, options: SimulationOptions, *, planar: bool) -> None:
-    """Under PD the feed axis moves less than the whole arm at first; refuse damping that is too much for that."""
+    """Refuse damping of the feed axis under PD that is too great for the mass that it moves at first."""
     if options.controller == "computed-torque":
         return
     # The base has one mode: λ is the inverse of the mass that moves with it at once.
@@ -164,7 +164,7 @@ def _check_feed(arm: Arm, poses: FloatArray, options: SimulationOptions, *, plan
 
 
 def _check_friction(arm: Arm, poses: FloatArray, options: SimulationOptions, *, planar: bool) -> None:
-    """Friction damps the fastest mode at a rate that the integrator must follow."""
+    """Refuse friction that damps the fastest mode at a rate that the integrator cannot follow."""
     friction = float(np.max(arm.friction))
     if friction == 0.0:
         return
@@ -184,9 +184,9 @@ def _check_friction(arm: Arm, poses: FloatArray, options: SimulationOptions, *, 
 
 
 def _lightest_base(arm: Arm, poses: FloatArray, *, planar: bool) -> float:
-    """Return the least mass [kg] that the base moves at once when it is pushed and the joints are free, at some poses.
+    """Return the least effective mass of the base with free joints over a number of poses [kg].
 
-    The Schur complement of the joints in the mass matrix: what is left when they give way.
+    It is the Schur complement of the joints' block in the mass matrix.
     """
     mass_matrix = MassMatrix(arm)
     moving = _moving(planar=planar)
@@ -200,11 +200,11 @@ def _lightest_base(arm: Arm, poses: FloatArray, *, planar: bool) -> float:
 
 
 def _moving(*, planar: bool) -> slice:
-    """Return the revolutes that move: of a planar motion the bends alone, the middle one of each ball."""
+    """Return the revolutes that move: in a planar motion the bends alone, the middle one of each ball."""
     return slice(1, None, 3) if planar else slice(None)
 
 
 def _spread(angles: FloatArray, count: int) -> FloatArray:
-    """Return some poses of a motion, first and last among them."""
+    """Return evenly chosen poses of a motion, the first and the last included, shape (count, 3 * links) [rad]."""
     rows = np.unique(np.linspace(0, len(angles) - 1, count).round().astype(int))
     return np.asarray(angles[rows], dtype=np.float64)
