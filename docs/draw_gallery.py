@@ -1,10 +1,10 @@
-"""Draw the pictures of the gallery: run the command below every picture, and keep what it draws.
+"""Draw the pictures of the gallery and of the page on the paper: run the command below each, and keep what it draws.
 
 Run it from the project's folder; it takes some minutes::
 
     python docs/draw_gallery.py
 
-The page says above each command which file it draws and what that is called here. Pictures are reduced to the width at
+The pages say above each command which file it draws and what that is called here. Pictures are reduced to the width at
 which they are shown, and to as many colours as they need.
 """
 
@@ -22,7 +22,7 @@ from pathlib import Path
 from PIL import Image
 
 DOCS = Path(__file__).parent
-PAGE = DOCS / "gallery.md"
+PAGES = (DOCS / "gallery.md", DOCS / "the-paper-claim-by-claim.md")
 PICTURES = DOCS / "images" / "gallery"
 WIDTH = 1100
 """Of a picture [pixels]: twice the width of the page's text."""
@@ -33,20 +33,20 @@ PICTURE = re.compile(r"<!-- picture: (?P<made>\S+) as (?P<kept>\S+) -->")
 
 @dataclass(frozen=True)
 class Drawing:
-    """A command of the page with the files that it draws, each with its name in the gallery."""
+    """A command of a page with the files that it draws, each with its name in the gallery."""
 
     command: str
     pictures: tuple[tuple[str, str], ...]
 
 
 def drawings(page: str) -> Iterator[Drawing]:
-    """The commands of the page in their order."""
+    """Yield the commands of a page in their order."""
     for found in COMMAND.finditer(page):
         yield Drawing(found["command"], tuple(PICTURE.findall(found["comments"])))
 
 
 def compressed(picture: bytes) -> bytes:
-    """A PNG file with no more pixels and colours than the page has use for."""
+    """Return a PNG file with no more pixels and colours than the page has use for."""
     image = Image.open(BytesIO(picture)).convert("RGB")
     if image.width > WIDTH:
         image = image.resize((WIDTH, round(image.height * WIDTH / image.width)), Image.Resampling.LANCZOS)
@@ -65,7 +65,9 @@ def main() -> None:
         folder = Path(name)
         for part in ("problems", "examples"):
             shutil.copytree(DOCS.parent / part, folder / part)
-        for drawing in drawings(PAGE.read_text()):
+        for drawing in (each for page in PAGES for each in drawings(page.read_text())):
+            if not drawing.pictures:
+                continue
             environment = {**os.environ, "PATH": programs}
             command = ["/bin/sh", "-ec", drawing.command]
             subprocess.run(command, cwd=folder, env=environment, check=True)  # noqa: S603 - the page's own commands
