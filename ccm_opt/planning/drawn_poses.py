@@ -244,6 +244,8 @@ class CurveDraws:
     def draw(self, rng: np.random.Generator, count: int, tree: PointTree, other: PointTree) -> FloatArray:
         """Return random targets between and around the start and the goals, shape (count, p)."""
         del tree, other
+        if self.smooth == 0.0:
+            return np.stack([self._drawn(rng) for _ in range(count)])
         smooth = smooth_unknowns(self.stepper, rng, rng.binomial(count, self.smooth)) @ self.root
         return np.vstack((smooth, *(self._drawn(rng) for _ in range(count - len(smooth)))))
 
