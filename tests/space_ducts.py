@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.scene.bodies import Body, BoxBody, MeshBody
@@ -138,17 +139,7 @@ def pipe(route: Route, low: float, high: float, radius: float) -> MeshBody:
         high: arc length at which it ends [m].
         radius: of its inside, which the corners of the mesh lie on [m].
     """
-    middles = route.part(low, high)[::3]
-    tangents = np.gradient(middles, axis=0)
-    tangents /= np.linalg.norm(tangents, axis=1)[:, None]
-    across = _across(tangents[0])
-    cosines, sines = CIRCLE[:, :1], CIRCLE[:, 1:]
-    rings = []
-    for middle, tangent in zip(middles, tangents, strict=True):
-        # The frame is carried along, so that the mesh does not twist.
-        across = unit(across - (across @ tangent) * tangent)
-        rings.append(middle + radius * (cosines * across + sines * np.cross(tangent, across)))
-    return sheet(np.concatenate(rings), _bands(len(rings)))
+    return sheet(*bands(rings_along(route, low, high, radius)))
 
 
 def straight_pipe(start: FloatArray, end: FloatArray, radius: float) -> MeshBody:
@@ -178,7 +169,8 @@ def _flat(middle: FloatArray, normal: FloatArray, inner: FloatArray, outer: Floa
     """What is between two outlines in a plane, shape (SIDES, 2) [m] each."""
     plane = np.concatenate((inner, outer))
     across = unit(_across(normal))
-    return sheet(middle + plane[:, :1] * across + plane[:, 1:] * np.cross(normal, across), _bands(2))
+    places = middle + plane[:, :1] * across + plane[:, 1:] * np.cross(normal, across)
+    return sheet(*bands([places[:SIDES], places[SIDES:]]))
 
 
 def _across(way: FloatArray) -> FloatArray:
@@ -186,28 +178,117 @@ def _across(way: FloatArray) -> FloatArray:
     return np.asarray(np.cross(way, np.eye(3)[np.argmin(np.abs(way))]))
 
 
-def sheet(vertices: FloatArray, faces: IntArray) -> MeshBody:
+def sheet(vertices: FloatArray, faces: IntArray, *, solid: bool = False) -> MeshBody:
     """A mesh with the file that it could have come from, so that a problem with it can be written."""
     vertices = vertices.astype(np.float32).astype(np.float64)  # as the file has them
     content = _binary_stl(vertices[faces])
     digest = hashlib.sha256(content).hexdigest()
-    return MeshBody(vertices, faces, "sheet.stl", digest, solid=False, content=content, triangles_read=len(faces))
-
-
-def _bands(rings: int) -> IntArray:
-    """Triangles between rings of ``SIDES`` vertices each, one after the other."""
-    here = np.arange(SIDES)
-    after = np.roll(here, -1)
-    band = np.concatenate(
-        (np.column_stack((here, after, after + SIDES)), np.column_stack((here, after + SIDES, here + SIDES)))
-    )
-    return np.concatenate([band + k * SIDES for k in range(rings - 1)])
+    return MeshBody(vertices, faces, "sheet.stl", digest, solid=solid, content=content, triangles_read=len(faces))
 
 
 def _binary_stl(triangles: FloatArray) -> bytes:
     rows = np.zeros(len(triangles), dtype=[("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("kind", "<u2")])
     rows["corners"] = triangles
     return b"\0" * 80 + np.uint32(len(triangles)).tobytes() + rows.tobytes()
+
+
+def bands(rings: list[FloatArray], *, closed: bool = False, capped: bool = False) -> tuple[FloatArray, IntArray]:
+    """Return vertices and faces between rings of ``SIDES`` vertices each, one after the other.
+
+    Args:
+        rings: shape (SIDES, 3) each [m].
+        closed: whether the last one is joined to the first.
+        capped: whether the last one is closed by a lid.
+    """
+    here = np.arange(SIDES)
+    after = np.roll(here, -1)
+    faces = []
+    for k in range(len(rings) - (0 if closed else 1)):
+        one, other = k * SIDES, (k + 1) % len(rings) * SIDES
+        faces += [np.column_stack((one + here, one + after, other + after))]
+        faces += [np.column_stack((one + here, other + after, other + here))]
+    vertices = np.concatenate(rings)
+    if capped:
+        last = (len(rings) - 1) * SIDES
+        faces.append(np.column_stack((last + here, last + after, np.full(SIDES, len(vertices)))))
+        vertices = np.concatenate((vertices, rings[-1].mean(axis=0)[None]))
+    return vertices, np.concatenate(faces)
+
+
+def rings_along(route: Route, low: float, high: float, radii: FloatArray | float) -> list[FloatArray]:
+    """Return circles about a part of a route, shape (SIDES, 3) each [m].
+
+    Radii are for the places of ``part``, or one for all [m].
+    """
+    middles = route.part(low, high)
+    tangents = np.gradient(middles, axis=0)
+    tangents /= np.linalg.norm(tangents, axis=1)[:, None]
+    widths = np.broadcast_to(radii, len(middles))
+    across = _across(tangents[0])
+    rings = []
+    for k in range(0, len(middles), 3):
+        tangent = tangents[k]
+        # The frame is carried along, so that the mesh does not twist.
+        across = unit(across - (across @ tangent) * tangent)
+        circle = CIRCLE[:, :1] * across + CIRCLE[:, 1:] * np.cross(tangent, across)
+        rings.append(middles[k] + widths[k] * circle)
+    return rings
+
+
+def thick_pipe(route: Route, low: float, high: float, radius: float, wall: float) -> MeshBody:
+    """Return a closed pipe with a wall [m] of material about a part of a route, open at both ends."""
+    inner, outer = (rings_along(route, low, high, each) for each in (radius, radius + wall))
+    return sheet(*bands([*inner, *outer[::-1]], closed=True), solid=True)
+
+
+def thick_tube(start: FloatArray, end: FloatArray, radius: float, wall: float) -> MeshBody:
+    """Return a closed straight pipe with a wall [m] of material, open at both ends."""
+    way = unit(end - start)
+    rings = [
+        outline_about(place, way, wide, square=False)
+        for place, wide in ((start, radius), (end, radius), (end, radius + wall), (start, radius + wall))
+    ]
+    return sheet(*bands(rings, closed=True), solid=True)
+
+
+def thick_plate(middle: FloatArray, normal: FloatArray, hole: float, outline: FloatArray, thick: float) -> MeshBody:
+    """Return a closed plate with a round hole.
+
+    Args:
+        middle: of the hole, shape (3,) [m].
+        normal: of the plate.
+        hole: radius of the hole [m].
+        outline: corners in the plane, shape (SIDES, 3) [m].
+        thick: its thickness [m].
+    """
+    across = unit(outline[0] - middle)
+    circle = CIRCLE[:, :1] * across + CIRCLE[:, 1:] * np.cross(normal, across)
+    inner, half = middle + hole * circle, 0.5 * thick * normal
+    return sheet(*bands([inner - half, inner + half, outline + half, outline - half], closed=True), solid=True)
+
+
+def outline_about(middle: FloatArray, normal: FloatArray, half: float, *, square: bool = True) -> FloatArray:
+    """Return the corners of a square or round plate, shape (SIDES, 3) [m]."""
+    across = unit(_across(normal))
+    shape = CIRCLE / np.max(np.abs(CIRCLE), axis=1)[:, None] if square else CIRCLE
+    return np.asarray(middle + half * (shape[:, :1] * across + shape[:, 1:] * np.cross(normal, across)))
+
+
+def joined_pipes(tubes: list[tuple[Route, float, float, float]]) -> MeshBody:
+    """Return the surface of pipes that open into each other: routes, first and last arc lengths, and radii [m]."""
+    parts = []
+    corners = 0
+    for k, (route, low, high, radius) in enumerate(tubes):
+        vertices, faces = bands(rings_along(route, low, high, radius))
+        inside = np.zeros(len(vertices), dtype=bool)
+        for j, (other, first, last, wide) in enumerate(tubes):
+            if j != k:
+                inside |= cKDTree(other.part(first, last)).query(vertices)[0] < wide - 3e-4
+        parts.append((vertices, faces[~np.any(inside[faces], axis=1)] + corners))
+        corners += len(vertices)
+    vertices, faces = (np.concatenate([part[i] for part in parts]) for i in (0, 1))
+    used, renumbered = np.unique(faces, return_inverse=True)
+    return sheet(vertices[used], renumbered.reshape(-1, 3), solid=False)
 
 
 def box(low: object, high: object) -> BoxBody:

@@ -49,9 +49,14 @@ class CoalBody:
 
 
 def sweep_in_space(problem: Problem, trajectory: JointTrajectory) -> Sweep:
-    """Look at a motion, linear between its samples, at poses so near each other that little can happen between."""
+    """Look at a timed motion, linear between its samples."""
+    return sweep_rows(problem, trajectory.positions)
+
+
+def sweep_rows(problem: Problem, samples: FloatArray) -> Sweep:
+    """Look at a motion, linear between its samples (T, c), so densely that little can happen between poses."""
     arm = problem.arm
-    rows = densely(arm, trajectory.positions)
+    rows = densely(arm, samples)
     points = chain_by_scipy(arm, rows)
     wall, name = least_wall_gap(problem, points)
     own = least_own_gap(arm, points) if arm.self_collision else LOOK
