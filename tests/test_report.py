@@ -175,7 +175,7 @@ def test_every_check_has_its_row_in_words(small_solution: Solution) -> None:
     assert "0.00 mm" in page.text
     assert "2e-11" not in page.text
     assert "Your constraint “<level>”" in page.text
-    folded = page.text.index("1 checks of the plan against itself, all hold")
+    folded = page.text.index("1 checks of the plan's consistency, all passed")
     assert folded > page.text.index("Gap to walls")
     times = [attributes["data-time"] for tag, attributes in page.found if tag == "button" and "data-time" in attributes]
     assert times == ["0.5000", "0.2500", "1.0000", "0.1000"]
@@ -286,23 +286,23 @@ def test_the_page_says_why_the_arm_ends_where_it_does(small_solution: Solution, 
     record = a_goal_pose(small_solution, reached=reached)
     plan = beside_a_post(small_solution)
     page = report_html(replace(plan, path=replace(plan.path, goal_pose=record)))
-    section = page[page.index("Why the arm ends here") : page.index("The problem</h2>")]
+    section = page[page.index("why the arm ends here") : page.index("The problem</h2>")]
     rows = re.findall(r'<tr><td>(.*?)</td><td class="n">(.*?)</td><td.*?>(.*?)</td></tr>', section)
     # Two rows of one link beside one wall are one line: 12 for an arm's length of 0.4 m are 0.03 for 1 mm.
     assert ("link 4 beside &#x27;post&#x27;", "0.03", "for 1 mm") in rows
-    assert ("joint 2 at its limit to the left", "0.0087", "for 1°") in rows
-    assert ("the torque that joint 1 may hold", "0.002", "for 1 % more") in rows
+    assert ("joint 2 at its left limit", "0.0087", "per 1°") in rows
+    assert ("torque limit of joint 1", "0.002", "for 1 % more") in rows
     assert ("your constraint &#x27;level&#x27;", "0.1", "for 1 of its unit") in rows
     assert len(rows) == 4 + len(record.costs) + len(record.curve.segments)
     assert "your cost &#x27;look &lt;ahead&gt;&#x27;" in section
-    assert ("The motion ends in it" in section) == reached
+    assert ("The motion ends in this pose" in section) == reached
     assert ("the way to it is &lt;closed&gt;" in section) != reached
 
 
 def test_the_page_says_what_a_plan_survives(small_solution: Solution) -> None:
     """Errors that a plan survives stand in a section in degrees and millimetres; without any it is gone."""
     joints = SurvivedError("joints", 0.01, "rad", "link 2 to 'wall' at t = 0.5000 s", 0.5, 2)
-    walls = SurvivedError("walls", 0.02, "m", "nothing; larger errors are not looked at", limited=False)
+    walls = SurvivedError("walls", 0.02, "m", "nothing; larger errors are not tried", limited=False)
     page = Elements(report_html(replace(small_solution, tolerance=(joints, walls))))
     assert "Every joint off by 0.57°: limited by link 2 to 'wall' at 0.50 s." in page.text
     assert "Every wall nearer by ≥ 20.0 mm" in page.text
@@ -391,7 +391,7 @@ def test_the_page_of_a_failure_says_what_would_help(small_problem: Problem) -> N
     diagnosis = Diagnosis("the first reason", "necessary checks", ("do this",), {"x": 1.0}, findings, relaxations)
     page = Elements(failure_html(small_problem, "infeasible", diagnosis, {"free space": 0.25}))
     for words in (
-        "proved: there is no plan",
+        "proved infeasible",
         "the first reason.",
         "Perhaps: another one.",
         "arm.radius ≤ 9 mm",
