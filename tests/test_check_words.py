@@ -18,7 +18,7 @@ MILLIMETRES = PageUnits("mm", 1e-3, 2)
         ),
         (
             Check("stop 2 direction", 0.0, 0.0175, "rad", "last link at t = 1.0 s", passed=True),
-            ("Direction at goal 2, off by", "0.00°", "at most 1°", "last link"),
+            ("Direction error at goal 2", "0.00°", "at most 1°", "last link"),
         ),
         (
             Check("goal via 1", 0.0217, 0.03, "m", "tip at t = 3.2 s", passed=True),
@@ -26,7 +26,7 @@ MILLIMETRES = PageUnits("mm", 1e-3, 2)
         ),
         (
             Check("stop 1 via 2", 0.0217, 0.03, "m", "tip at t = 3.2 s", passed=True),
-            ("Tip from via 2 of goal 1", "21.7 mm", "at most 30 mm", "tip"),
+            ("Tip distance from via 2 of goal 1", "21.7 mm", "at most 30 mm", "tip"),
         ),
         (
             Check("joints inside the guide", 0.25, 1.0, "tolerances", "joint 1 at t = 0.0 s", passed=True),
