@@ -34,9 +34,7 @@ def default_planner(
     """
     if problem.planner.method == "hill-climbing":
         if terms is not None:
-            raise ProblemError(
-                'planner.method "hill-climbing" does not support user-defined constraints and costs; use "nlp"'
-            )
+            raise ProblemError("hill climbing knows no constraints and costs of the user; use planner.method nlp")
         from ccm_opt.planning.baseline.hill_climbing_planner import HillClimbingPlanner  # noqa: PLC0415 - seldom
 
         return HillClimbingPlanner(stages)
@@ -80,7 +78,7 @@ class PlanningRun:
 
         Raises:
             NoPlanFound: with a diagnosis.
-            VerificationError: the verifier rejects the plan.
+            VerificationError: the verifier refuses the plan.
         """
         self.recorded.clear()
         planner = self.planner or default_planner(problem, self.stages, terms, self.settings)
@@ -139,7 +137,7 @@ class PlanningRun:
             VerificationError: the path does not solve the changed problem.
         """
         if not isinstance(plan, VerifiedPlan) or changed.stops:
-            raise ProblemError("only the path of a plan with one leg can be verified for another problem")
+            raise ProblemError("only the path of a plan with one leg can be held against another problem")
         terms = compiled_terms(changed.arm, self.constraints, self.costs)
         # The spare was certified for the other problem and does not carry over.
         leg = Leg(changed, replace(plan.path, spare=0.0))
@@ -149,7 +147,7 @@ class PlanningRun:
 def _ended(plan: object) -> FloatArray:
     """Return the last configuration of a plan, shape (c,) [rad, m]."""
     if not isinstance(plan, VerifiedPlan):
-        raise ProblemError(f"expected a plan, got a {type(plan).__name__}")
+        raise ProblemError(f"{type(plan).__name__} is no plan")
     return np.asarray(plan.trajectory.positions[-1])
 
 

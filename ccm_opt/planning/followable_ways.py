@@ -15,9 +15,9 @@ would swing there as the joints slide by, and the optimisation would have to und
 changes of the curve from one configuration to the next.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 import numpy.typing as npt
@@ -298,14 +298,27 @@ _BACK = 40
 the track."""
 
 
-def slid_along(arm: Arm, track: ArmTrack, feeds: FloatArray) -> FloatArray:
+def slid_along(
+    arm: Arm,
+    track: ArmTrack,
+    feeds: FloatArray,
+    shares: Callable[[FloatArray], FloatArray] | None = None,
+    most: float = np.pi,
+) -> FloatArray:
     """Return the configurations of an arm that is fed along a track, shape (k, c) [rad, m].
+
+    A joint near the guide tube takes a share of the bend that would lead its link onto the track; the joints beyond
+    lead back onto it.
 
     Args:
         arm: arm on a feed axis, with all joints on the track where its base is at the first of the feeds.
         track: track of the tip; it begins at the base there.
         feeds: positions of the base, increasing, shape (k,) [m].
+        shares: returns that share at each of the feeds, shape (k,), from the arc length of the joint beyond the tube
+            there, shape (k,) [m]; ``bend_shares`` when None.
+        most: most that a joint bends [rad].
     """
+    shares = partial(bend_shares, arm) if shares is None else shares
     link = arm.link_length
     spacing = _FINE * link
     ends = track.length + 2.0 * link
@@ -317,15 +330,30 @@ def slid_along(arm: Arm, track: ArmTrack, feeds: FloatArray) -> FloatArray:
     first = np.round((feeds - feeds[0]) / spacing).astype(np.intp)
     per_link = round(1.0 / _FINE)
     for joint in range(arm.links):
-        free = bend_shares(arm, feeds + joint * link - arm.hole)[:, None]
+        free = shares(feeds + joint * link - arm.hole)[:, None]
         window = np.clip(first[:, None] - _BACK + np.arange(_AHEAD + _BACK), 0, len(places) - 1)
         nearest, chord = _chord(places[window], points[-1], link)
+        before = directions
         directions = (1.0 - free) * directions + free * chord
         directions = directions / np.linalg.norm(directions, axis=1)[:, None]
+        directions = _turned_less(before, directions, most)
         points.append(points[-1] + link * directions)
         here = window[np.arange(len(feeds)), nearest]
         first = np.where(free[:, 0] > 0.0, here, first) + per_link
     return configuration_from_positions(arm, np.stack(points, axis=1))
+
+
+def _turned_less(before: FloatArray, after: FloatArray, most: float) -> FloatArray:
+    """Return unit vectors after turns from others, both of shape (k, 3), the turns limited to an angle [rad]."""
+    cos = np.einsum("ki,ki->k", before, after)
+    far = np.flatnonzero(cos < np.cos(most))
+    if len(far) == 0:
+        return after
+    aside = after[far] - cos[far, None] * before[far]
+    aside /= np.maximum(np.linalg.norm(aside, axis=1), 1e-12)[:, None]
+    turned = after.copy()
+    turned[far] = np.cos(most) * before[far] + np.sin(most) * aside
+    return turned
 
 
 def feeds_to_end(arm: Arm, track: ArmTrack, start: float, step: float) -> FloatArray:

@@ -31,6 +31,7 @@ from ccm_opt.planning.ending import ended_by_nlp, optimised_to_end_pose
 from ccm_opt.planning.ends import Ends, clamped_arm, refuse_ends, resolve_ends
 from ccm_opt.planning.goal_pose import EndPoses
 from ccm_opt.planning.leader import travel_between_samples
+from ccm_opt.planning.leader_motion import path_behind_tip
 from ccm_opt.planning.leader_strategies import fed_strategies
 from ccm_opt.planning.limits.guide_tube import GuideTubeLimit
 from ccm_opt.planning.limits.user_limit import UserLimit
@@ -182,7 +183,9 @@ class MotionPlanner:
         except NoPlanFound as none:
             raise annotate_clamped_base(none, problem) from none
         with self.stages("smooth path"):
-            path = joint_path(task, *motions, legs=problem.planner.retiming == "paul")
+            legs = problem.planner.retiming == "paul"
+            follows = task.follows and not (legs or self.first_found)
+            path = (path_behind_tip(task, motions[0]) if follows else None) or joint_path(task, *motions, legs=legs)
         return replace(path, goal_pose=end)
 
     def planned(self, problem: Problem, known: Motion | None = None) -> tuple[JointPath, Motion]:

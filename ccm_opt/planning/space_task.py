@@ -94,6 +94,11 @@ class SpaceTask(SearchTask):
         return "add goal.via places on the way"
 
     @property
+    def follows(self) -> bool:
+        """Whether the arm may be led along the path of its tip, whatever motion is found to the goal."""
+        return bool(self.arm.base_axes) and self.user is None and self.optimiser != "none"
+
+    @property
     def unit(self) -> float:
         """u, length of a nominal link [m]."""
         return self.arm.length / NOMINAL_LINKS

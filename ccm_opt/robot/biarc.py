@@ -91,8 +91,12 @@ def bend_shares(arm: Arm, places: FloatArray) -> FloatArray:
     """
     if not arm.base_axes:
         return np.ones(len(places))
-    straight = free_before(arm)
-    x = np.clip((places - straight) / (FREE_AFTER * arm.length / NOMINAL_LINKS - straight), 0.0, 1.0)
+    return smooth_step(places, free_before(arm), FREE_AFTER * arm.length / NOMINAL_LINKS)
+
+
+def smooth_step(places: FloatArray, first: float, last: float) -> FloatArray:
+    """Return shares that grow from 0 to 1 between two places, with a slope of 0 at both, of the shape of ``places``."""
+    x = np.clip((places - first) / (last - first), 0.0, 1.0)
     return np.asarray(x * x * (3.0 - 2.0 * x))
 
 

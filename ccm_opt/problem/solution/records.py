@@ -168,7 +168,7 @@ class NearPlace:
     def pair(self) -> str:
         """Both bodies in words."""
         if not self.link:
-            return "no obstacle within range"
+            return "nothing is near"
         other = f"link {self.second_link}" if self.second_link else f"'{self.obstacle}'"
         return f"link {self.link} to {other}"
 

@@ -1,0 +1,164 @@
+"""Motions in space in which a fed arm lies on the path of its tip at all times.
+
+The path is that of the pose in which a motion ends: along the axis of the guide tube to the first joint that bends, and
+a cubic spline through the joints beyond. An arm fed along it ends in that pose. The next link comes out of the tube
+straight and leaves the path a little; the joints beyond lead back onto it, so that the tip stays on its path.
+
+A start that lies on another path is first drawn back along its own, until what is out of the tube lies on both.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.polyline import arc_lengths
+from ccm_opt.planning.followable_ways import slid_along
+from ccm_opt.planning.guides import ArmTrack
+from ccm_opt.planning.motion import SpaceMotion
+from ccm_opt.planning.smooth_path import path_near_configurations
+from ccm_opt.planning.space_task import SpaceTask
+from ccm_opt.planning.spline_path import certified_spare
+from ccm_opt.problem.solution import JointPath
+from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.biarc import bend_shares, free_before, smooth_step
+from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
+
+_STEP = 0.12
+"""Most feed between two keyframes [u]: less than half of the length on which joints stay straight beyond the guide
+tube, so that no joint is bent on a span of the path on which the tube holds it."""
+_STEP_SHARE = 0.4
+"""The same as a share of that length, where a pose bends a joint closer to the tube."""
+_LEAST_STEP = 0.03
+"""Least feed between two keyframes [u]. Taste: with less, paths have a thousand keyframes."""
+_SAMPLES = 16
+"""Samples of the path between two joints. Taste: chords of a bend of 45 degrees then err by less than a thousandth of a
+link."""
+_ROUNDING = 1e-2
+"""Most that the arm on its path may differ from the pose at its end [rad]: what sampled chords leave."""
+_LONGER = 1.35
+"""Most time that the slowest drives may take behind the tip, as a multiple of what they take in the optimised motion.
+Taste. Measured: 1.0 to 1.1 in an elbow, a wing box, a row of blades, pipes and baffles; 1.2 to 1.5 where a tour draws
+the arm back from each goal."""
+_LOST_ROOM = 0.02
+"""Share of the wanted gap by which the motion behind the tip may lack more clearance. Taste."""
+_STRAIGHT = 1e-9
+"""Bends up to which joints count as straight [rad], and lengths that count as none [arm lengths]."""
+
+
+@dataclass(frozen=True)
+class OwnPath:
+    """The path on which a pose lies, beyond the hole.
+
+    Attributes:
+        arm: arm on a feed axis.
+        pose: configuration, shape (c,).
+        straight: length beyond the hole on which the path is the axis of the guide tube [m].
+        points: samples of the path from there on, shape (m, 3) [m].
+    """
+
+    arm: Arm
+    pose: FloatArray
+    straight: float
+    points: FloatArray
+
+    @classmethod
+    def of(cls, arm: Arm, q: FloatArray) -> "OwnPath":
+        """Return the path of a configuration, shape (c,)."""
+        bent = np.flatnonzero(np.any(np.abs(arm.bend_pairs(q)) > _STRAIGHT, axis=1))
+        first = int(bent[0]) if len(bent) else arm.links
+        nodes = arm.joint_positions_at(q)[first:]
+        straight = float(q[-1]) + first * arm.link_length - arm.hole
+        if len(nodes) == 1:
+            return cls(arm, q, straight, nodes)
+        arcs = arc_lengths(nodes)
+        curve = CubicSpline(arcs, nodes, bc_type=((1, arm.direction), (2, np.zeros(3))))
+        places = np.interp(np.arange(_SAMPLES * (len(arcs) - 1) + 1) / _SAMPLES, np.arange(len(arcs)), arcs)
+        return cls(arm, q, straight, np.asarray(curve(places)))
+
+    @property
+    def feed(self) -> float:
+        """Feed of the pose [m]."""
+        return float(self.pose[-1])
+
+    def slide(self, first: float) -> FloatArray:
+        """Return keyframes of the arm on the path, from a feed [m] to the pose, shape (K, c)."""
+        arm = self.arm
+        bends = self.straight > 0.0
+        before = min(free_before(arm), 0.5 * self.straight) if bends else free_before(arm)
+        unit = arm.length / NOMINAL_LINKS
+        step = max(min(_STEP * unit, _STEP_SHARE * before), _LEAST_STEP * unit)
+        feeds = np.linspace(first, self.feed, max(2, int(np.ceil((self.feed - first) / step)) + 1))
+
+        def shares(places: FloatArray) -> FloatArray:
+            # In the pose the first joint that bends does so fully.
+            anywhere = bend_shares(arm, places)
+            return np.maximum(anywhere, smooth_step(places, before, self.straight)) if bends else anywhere
+
+        track = ArmTrack.behind((arm.base + first * arm.direction)[None], self.points)
+        most = max(arm.joint_limit, float(np.max(np.linalg.norm(arm.bend_pairs(self.pose), axis=1))))
+        slid = slid_along(arm, track, feeds, shares, most)
+        # The guide tube accepts exactly straight joints only.
+        return np.where(np.abs(slid) < _STRAIGHT, 0.0, slid)
+
+
+def path_behind_tip(task: SpaceTask, motion: SpaceMotion) -> JointPath | None:
+    """Return the certified path to the end of a motion on which the arm lies on the path of its tip.
+
+    None where there is none, or where it takes much longer than the motion or has less room.
+
+    Args:
+        task: task of an arm on a feed axis.
+        motion: certified motion, optimised.
+    """
+    keyframes = keyframes_behind_tip(task.arm, motion.configurations[0], motion.configurations[-1])
+    if keyframes is None or _time(keyframes, task) > _LONGER * _time(motion.configurations, task):
+        return None
+    lacking = np.max(task.room_lacking(keyframes)) - np.max(task.room_lacking(motion.configurations))
+    if lacking > _LOST_ROOM * task.wanted_gap:
+        return None
+    spline = path_near_configurations(keyframes, task)
+    if spline is None or task.violated_place(spline) is not None:
+        return None
+    keyframes, spline, curves = task.keyframes_along(keyframes, spline, legs=False)
+    name = f"{motion.candidate}, on the path of the tip"
+    return JointPath(spline, keyframes, curves, name, spare=certified_spare(spline, task.certificate))
+
+
+def _time(q: FloatArray, task: SpaceTask) -> float:
+    """Return the sum of what the slowest drive turns between configurations, shape (K, c) [rad]."""
+    return float(np.sum(np.max(np.abs(np.diff(q, axis=0)) * task.slowness, axis=1)))
+
+
+def keyframes_behind_tip(arm: Arm, start: FloatArray, end: FloatArray) -> FloatArray | None:
+    """Return keyframes on the paths of two poses, back along the first and in along the second, shape (K, c).
+
+    None where they do not meet these poses, or each other.
+
+    Args:
+        arm: arm on a feed axis.
+        start: configuration at the start, shape (c,).
+        end: configuration at the end, shape (c,).
+    """
+    out, inwards = OwnPath.of(arm, start), OwnPath.of(arm, end)
+    # Where the tip lies on the axis, which both paths share.
+    fork = min(out.feed, inwards.feed, min(out.straight, inwards.straight) + arm.hole - arm.length)
+    fork = max(fork, arm.base_range[0])
+    pieces = []
+    if out.feed - fork > _STRAIGHT * arm.length:
+        pieces.append(out.slide(fork)[::-1])
+    if inwards.feed - fork > _STRAIGHT * arm.length:
+        pieces.append(inwards.slide(fork))
+    if not pieces:
+        return None
+    whole = np.clip(np.concatenate(pieces), arm.lower_limits, arm.upper_limits)
+    if len(pieces) == 2:
+        first = len(pieces[0])
+        if np.max(np.abs(whole[first] - whole[first - 1])) > _ROUNDING:
+            return None
+        whole = np.delete(whole, first, axis=0)
+    if np.max(np.abs(whole[[0, -1]] - np.stack((start, end)))) > _ROUNDING:
+        return None
+    whole[0], whole[-1] = start, end
+    return whole

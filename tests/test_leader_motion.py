@@ -1,0 +1,84 @@
+"""Motions of fed arms in space along the path of their tip: ends, tube, and how near the tip's path the arm stays."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import ccm_opt
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.driver.metrics import leader_deviation
+from ccm_opt.planning.curve_map import CurveMap
+from ccm_opt.planning.leader_motion import keyframes_behind_tip
+from ccm_opt.robot.arm import Feed
+from ccm_opt.robot.biarc import straight_at_exit
+from tests.snakes_in_space import snake
+
+ARM = snake(16, length=0.8, feed=Feed(-0.8, 0.0, 0.0))
+SPACE_PROBLEMS = Path(__file__).parents[1] / "problems" / "space"
+
+
+def pose(seed: int, feed: float) -> FloatArray:
+    """A smooth pose at a feed, with bends of at most 30 degrees."""
+    curve, v = CurveMap.through(ARM, np.append(np.zeros(32), -0.8))
+    rng = np.random.default_rng(seed)
+    v[: curve.feed_column] = np.convolve(rng.normal(size=curve.feed_column + 4), np.ones(5) / 5.0, "valid")
+    v[curve.feed_column] = feed / curve.scale[curve.feed_column]
+    v[: curve.feed_column] *= np.deg2rad(30.0) / np.max(np.abs(curve.configuration(v)[:-1]))
+    return straight_at_exit(ARM, curve.configuration(v))
+
+
+def tubed_bends(keyframes: FloatArray) -> FloatArray:
+    """Bends of all joints that the guide tube holds."""
+    places = keyframes[:, -1:] + ARM.link_length * np.arange(ARM.links)
+    return np.repeat(places <= 0.0, 2, axis=1) * keyframes[:, :-1]
+
+
+@given(seed=st.integers(0, 2**32), feed=st.floats(-0.6, 0.0))
+@settings(deadline=None, max_examples=25)
+def test_an_arm_from_its_tube_stays_on_the_path_of_its_tip(seed: int, feed: float) -> None:
+    """It ends in the pose, straight in the tube, and leaves the path of its tip by parts of a link."""
+    start = np.append(np.zeros(32), -0.8)
+    end = pose(seed, feed)
+    keyframes = keyframes_behind_tip(ARM, start, end)
+    assert keyframes is not None
+    assert np.array_equal(keyframes[[0, -1]], np.stack((start, end)))
+    assert np.all(np.diff(keyframes[:, -1]) > 0.0)
+    assert not np.any(tubed_bends(keyframes))
+    assert np.all(np.abs(keyframes[:, :-1]) <= ARM.joint_limit)
+    found = leader_deviation(ARM, keyframes)
+    assert found is not None
+    # A link of length l leaves an arc on which joints bend by 42 degrees by 0.09 l; where a pose bends at the end of
+    # the tube, the link that comes out of it leaves the path by more.
+    assert found.mean < 0.1 * ARM.link_length
+    assert found.worst < 0.5 * ARM.link_length
+
+
+@given(seed=st.integers(0, 2**32), feeds=st.tuples(st.floats(-0.6, 0.0), st.floats(-0.6, 0.0)))
+@settings(deadline=None, max_examples=25)
+def test_an_arm_on_another_path_is_drawn_back_first(seed: int, feeds: tuple[float, float]) -> None:
+    """From one pose to another: both are met, in small steps, and no joint in the tube is bent."""
+    start, end = pose(seed, feeds[0]), pose(seed + 1, feeds[1])
+    keyframes = keyframes_behind_tip(ARM, start, end)
+    assert keyframes is not None
+    assert np.array_equal(keyframes[[0, -1]], np.stack((start, end)))
+    assert not np.any(tubed_bends(keyframes))
+    assert np.max(np.abs(np.diff(keyframes, axis=0))) < 0.3
+
+
+def test_an_arm_that_cannot_be_drawn_back_far_enough_has_no_such_motion() -> None:
+    """Its axis ends before what is out of the tube is straight."""
+    short = replace(ARM, feed=Feed(-0.4, 0.0, 0.0))
+    assert keyframes_behind_tip(short, pose(1, -0.2), pose(2, -0.1)) is None
+
+
+@pytest.mark.parametrize("name", ["elbow", "wing-box", "blade-row"])
+def test_motions_among_obstacles_follow_their_tip(name: str) -> None:
+    """Within 3 mm in the mean and 10 mm at worst, where an optimised motion leaves its path by up to 63 mm."""
+    solution = ccm_opt.solve(ccm_opt.load_problem(SPACE_PROBLEMS / f"{name}.toml"))
+    assert solution.path.candidate.endswith("on the path of the tip")
+    assert solution.metrics["leader_deviation_mean_m"] < 3e-3
+    assert solution.metrics["leader_deviation_worst_m"] < 10e-3
