@@ -47,7 +47,7 @@ one in the file. `solve` has short forms for three keys of the table `planner`: 
 On a terminal one line tells how far the work has come. Elsewhere there are plain lines, from the third second on:
 
 ```text
-room: motion, 12.3 of 60 s, candidate 4 (tip-led, way 2), nearest so far 42.5 mm from the goal
+room: motion, 12.3 of 60 s, candidate 4 (tip-led, way 2), closest so far 42.5 mm from the goal
 ```
 
 From Python, `progress=` of `ccm_opt.solve` is called with the same news.
@@ -95,7 +95,7 @@ A constraint that depends on `q.path_parameter` cannot be checked in that way, a
 | 0 | solved, or every check holds |
 | 1 | a bug in ccm_opt |
 | 2 | bad input: all defects are listed with key path and line, nothing is written |
-| 3 | no plan, with [the reason and what would help](no-plan.md); or a plan that the verifier refuses |
+| 3 | no plan, with [the reason and what would help](no-plan.md); or a plan that the verifier rejects |
 | 4 | a verified plan, written, that [the simulated arm did not follow](dynamics.md#the-verdict) |
 | 130 | cancelled |
 """

@@ -121,7 +121,7 @@ class LeavingPlanner:
 
 
 class RubbishPlanner:
-    """A planner that returns what is no path."""
+    """A planner that returns something that is not a path."""
 
     def plan(self, problem: Problem) -> JointPath:  # noqa: ARG002 - the protocol's
         """Something else, and words where answers are expected."""

@@ -70,7 +70,7 @@ def test_a_bare_word_is_a_text() -> None:
         ("radius", "expected key=value"),
         ("=3", "expected key=value"),
         ("a[=2", "is not a key path"),
-        ("arm.radius.x=1", "arm.radius is no table"),
+        ("arm.radius.x=1", "arm.radius is not a table"),
         ("workspace.obstacles[pole].box=1", "none is 'pole'; its names are post, wall"),
         ("workspace.obstacles[7].box=1", "has 2 entries"),
     ],

@@ -14,27 +14,27 @@ MILLIMETRES = PageUnits("mm", 1e-3, 2)
     [
         (
             Check("goal direction", 0.001, 0.0175, "rad", "last link at t = 1.0 s", passed=True),
-            ("Direction at the goal, off by", "0.06°", "at most 1°", "last link"),
+            ("Direction error at the goal", "0.06°", "at most 1°", "last link"),
         ),
         (
             Check("stop 2 direction", 0.0, 0.0175, "rad", "last link at t = 1.0 s", passed=True),
-            ("Direction at goal 2, off by", "0.00°", "at most 1°", "last link"),
+            ("Direction error at goal 2", "0.00°", "at most 1°", "last link"),
         ),
         (
             Check("goal via 1", 0.0217, 0.03, "m", "tip at t = 3.2 s", passed=True),
-            ("Tip from via 1", "21.7 mm", "at most 30 mm", "tip"),
+            ("Tip distance from via 1", "21.7 mm", "at most 30 mm", "tip"),
         ),
         (
             Check("stop 1 via 2", 0.0217, 0.03, "m", "tip at t = 3.2 s", passed=True),
-            ("Tip from via 2 of goal 1", "21.7 mm", "at most 30 mm", "tip"),
+            ("Tip distance from via 2 of goal 1", "21.7 mm", "at most 30 mm", "tip"),
         ),
         (
             Check("joints inside the guide", 0.25, 1.0, "tolerances", "joint 1 at t = 0.0 s", passed=True),
-            ("Bends in guide, of allowed", "25.0 %", "at most 100 %", "joint 1"),
+            ("Bends inside the guide", "25.0 %", "at most 100 %", "joint 1"),
         ),
         (
             Check("goal position", 4e-8, 1e-9, "m", "tip at t = 1.0 s", passed=False),
-            ("Tip at the goal, off by", "4e-05 mm", "at most 1e-06 mm", "tip"),
+            ("Tip error at the goal", "4e-05 mm", "at most 1e-06 mm", "tip"),
         ),
         (
             Check("feed velocity", 0.089, 0.1, "m/s", "t = 4.6 s", passed=True),
@@ -42,7 +42,7 @@ MILLIMETRES = PageUnits("mm", 1e-3, 2)
         ),
         (
             Check("feed range", 0.0, 0.0, "m", "t = 0.0 s", passed=True),
-            ("Feed axis beyond its range", "0.00 mm", "at most 0 mm", ""),
+            ("Feed beyond its range", "0.00 mm", "at most 0 mm", ""),
         ),
         (
             Check("joint velocity", 0.4, 0.5, "rad/s", "joint 3 (ball03_yaw) at t = 0.5 s", passed=True),

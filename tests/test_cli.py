@@ -93,7 +93,7 @@ def test_bad_input_is_explained_and_nothing_is_written(problem_path: Path, tmp_p
     problem_path.write_text(SMALL_PROBLEM.replace(old, new))
     code, output = run("solve", problem_path, "--out", tmp_path / "runs")
     assert code == 2
-    assert f"{problem_path} has 1 problem(s)" in output
+    assert f"{problem_path} has 1 error" in output
     assert message in output
     assert "line " in output
     assert "Traceback" not in output
@@ -177,7 +177,7 @@ def test_a_solved_problem_is_written_and_reported(
         "small: solved",
         "Tip at the goal",
         "Gap to walls",
-        "checks of the verifier hold",
+        "checks passed",
         "link 3, post",
         "Duration",
         "Peak torque",
@@ -214,7 +214,7 @@ def test_two_files_of_one_name_do_not_overwrite_each_other(
     twin.write_text(SMALL_PROBLEM)
     code, output = run("solve", problem_path, twin, "--out", tmp_path / "runs")
     assert (code, "the same name 'small'" in output) == (2, True)
-    assert output.index("their folders would be one, one is solved") < output.index("small: ")
+    assert output.index("would share a folder; only one is solved") < output.index("small: ")
 
 
 def failing(error: BaseException) -> Callable[[Problem], Solution]:

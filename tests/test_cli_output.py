@@ -115,7 +115,7 @@ def test_long_work_is_told_on_a_pipe(
     with printing(Output(quiet=quiet)), stage_display("room") as display:
         for candidate in (2, 3):
             display(Progress("motion", 1.5, 60.0, candidate, "tip-led", 0.0425))
-    line = "room: motion, 1.5 of 60 s, candidate 2 (tip-led), nearest so far 42.5 mm from the goal"
+    line = "room: motion, 1.5 of 60 s, candidate 2 (tip-led), closest so far 42.5 mm from the goal"
     assert capsys.readouterr().err.splitlines() == told * [line]
 
 
@@ -138,7 +138,7 @@ def test_every_line_of_a_reason_is_printed_once(capsys: pytest.CaptureFixture[st
     assert capsys.readouterr().err.splitlines() == [
         "error: small.toml: out of reach",
         "    it is 2 m away",
-        "  more exactly: the way is 3 m long",
+        "  more precisely: the way is 3 m long",
         "    round 'wall'",
         "  solved with length ≥ 3.1 m",
         "  try: soon",

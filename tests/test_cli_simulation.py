@@ -78,7 +78,7 @@ def test_pd_follows_without_being_tuned(solved: Path) -> None:
         assert code == 0
         assert metrics_of(out)["tracking_error_rad"] < 0.05
     table = run("simulate", str(solved), "--controller", "pd", "--no-pictures")[1]
-    assert re.search(r"gains +[\d.]+ to [\d.]+ N m/rad +suit the arm at 50 1/s", table)
+    assert re.search(r"gains +[\d.]+ to [\d.]+ N m/rad +tuned for 50 1/s", table)
 
 
 def test_simulate_repeats_what_was_recorded(solved: Path) -> None:

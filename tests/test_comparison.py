@@ -258,7 +258,7 @@ def test_a_planner_that_was_changed_is_run_anew_and_said_so(
     # Words may be broken into lines anywhere.
     err = " ".join(capsys.readouterr().err.split())
     assert f"4 runs of {method} in" in err
-    assert "had other code; they are made anew" in err
+    assert "come from other code and are repeated" in err
     after = [json.loads(line) for line in journal.read_text().splitlines()]
     assert len(after) == len(before) + 4
     assert {run["method"] for run in after[len(before) :]} == {method}
@@ -281,7 +281,7 @@ def test_a_worker_with_other_code_makes_no_run(tmp_path: Path) -> None:
     """What a worker of another version would find is no result: it says which code it has, and is asked again later."""
     run = execute(Task(small_cases(tmp_path)[0], STRAIGHT, code="0" * 16))
     assert run.outcome == "crashed"
-    assert "this worker has other code of" in run.reason
+    assert "this worker's code of" in run.reason
 
 
 # ---------------------------------------------------------------- problems as files
@@ -438,7 +438,7 @@ def test_an_interrupt_leaves_what_is_done(tmp_path: Path) -> None:
     process.send_signal(signal.SIGINT)
     _, errors = process.communicate(timeout=60)
     assert process.returncode == 130
-    assert "the same command goes on from there" in errors
+    assert "repeat the command to continue" in errors
     before = journal.read_text()
     done = subprocess.run([*command, "2"], capture_output=True, text=True, check=True)
     assert "nlp solved 2, 100 %" in " ".join(done.stdout.split())

@@ -87,7 +87,7 @@ def test_a_line_that_is_no_run_is_named(tmp_path: Path, line: str) -> None:
     path = tmp_path / "journal.jsonl"
     content = json_line(run("a")).decode() + line + "\n"
     path.write_text(content)
-    with pytest.raises(ProblemError, match="line 2 is no run"), open_journal(path):
+    with pytest.raises(ProblemError, match="line 2 is not a run"), open_journal(path):
         pass
     assert path.read_text() == content
 
@@ -127,7 +127,7 @@ def test_a_full_disk_leaves_a_whole_journal(tmp_path: Path) -> None:
         resource.setrlimit(resource.RLIMIT_FSIZE, (len(whole) + 10, hard))
         try:
             for _ in range(2):
-                with pytest.raises(ProblemError, match="all 1 runs before this one are in it"):
+                with pytest.raises(ProblemError, match="the 1 runs before this one are in it"):
                     journal.append(second)
         finally:
             resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
@@ -148,5 +148,5 @@ def test_a_comparison_on_a_full_disk_ends_and_says_so(tmp_path: Path, capsys: py
     assert compare_methods(**wanted(tmp_path)) == 2
     err = " ".join(capsys.readouterr().err.split())
     assert "No space left on device" in err
-    assert "goes on from there once there is room" in err
+    assert "repeat the command to continue" in err
     assert "Traceback" not in err

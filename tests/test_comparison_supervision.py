@@ -29,9 +29,9 @@ def run_of(tmp_path: Path, planner: str, settings: SupervisionSettings) -> Run:
 @pytest.mark.parametrize(
     ("planner", "outcome", "words"),
     [
-        ("HangingPlanner", "timed out", "did not end within 2.5 s of wall time, and was ended"),
-        ("GreedyPlanner", "crashed", "took more than 0.684 GiB of memory, and was ended"),
-        ("DyingPlanner", "crashed", "the planner ended its process: signal SIGSEGV"),
+        ("HangingPlanner", "timed out", "exceeded 2.5 s of wall time and was stopped"),
+        ("GreedyPlanner", "crashed", "exceeded 0.684 GiB of memory and was stopped"),
+        ("DyingPlanner", "crashed", "the planner's process died: signal SIGSEGV"),
         ("LeavingPlanner", "crashed", "SystemExit: 3"),
         ("RubbishPlanner", "crashed", "TypeError: the planner returned"),
         ("BrokenPlanner", "crashed", "ZeroDivisionError: no plan for small-0"),

@@ -98,7 +98,7 @@ def test_a_contradiction_is_named_before_any_search(ask: object) -> None:
     with pytest.raises(UnreachableGoal) as caught:
         ask(camera_room(), constraints=[valve_in_view, left_of_the_goal], progress=heard.append)  # type: ignore[operator]
     diagnosis = caught.value.diagnosis
-    assert diagnosis.reason.startswith("constraint 'left of the goal' cannot hold at the goal: off by 0.1 ")
+    assert diagnosis.reason.startswith("constraint 'left of the goal' cannot hold at the goal: violated by 0.1 ")
     assert diagnosis.findings[0].proved
     assert {progress.stage for progress in heard} <= {"dynamics model", "necessary checks"}
 
@@ -119,7 +119,9 @@ def test_after_a_search_in_vain_the_constraint_that_no_pose_keeps_comes_first() 
     named = with_constraint_first(old, problem, compile_terms(problem.arm, [middle], []))
     reason = named.diagnosis.reason
     assert isinstance(named, MotionNotFound)
-    assert reason.startswith("no pose was found at the goal that keeps constraint 'middle too far', the nearest misses")
+    assert reason.startswith(
+        "no goal pose was found that satisfies constraint 'middle too far', which the closest violates"
+    )
     assert "not proved" in reason
     assert reason.endswith("no motion found in 7 candidates")
     assert with_constraint_first(old, problem, compile_terms(problem.arm, [valve_in_view], [])) is old

@@ -39,7 +39,7 @@ def test_a_summary_says_how_many_how_large_and_where(tmp_path: Path) -> None:
     lines = done.stdout.splitlines()
     assert lines[0] == f"row.svg: 6 obstacles, 0.24 {TIMES} 0.63 m, from (-0.12, -0.1) to (0.12, 0.53) m"
     assert lines[1] == "  layers: stator (5), rotor (1)"
-    assert lines[2] == "  left out: text 'title': texts are no obstacles"
+    assert lines[2] == "  left out: text 'title': text is not an obstacle"
     assert lines[3] == "  left out: g 'guides': hidden by display: none, with 1 shapes in it"
     assert not done.stderr
 
@@ -66,7 +66,7 @@ def test_a_scene_that_does_not_fit_the_arm_is_warned_of(tmp_path: Path, scale: f
     """Millimetres taken for metres, or the other way round, are warned of on standard error and in the document."""
     path = problem_file(tmp_path, scale)
     done = run("describe", path)
-    assert f"times {word} than the arm is long" in done.stderr
+    assert f"times {word} than the arm's" in done.stderr
     assert "workspace.scale" in done.stderr
     document = json.loads(run("describe", path, "--json").stdout)
     assert word in document["results"][0]["warnings"][0]
@@ -74,7 +74,7 @@ def test_a_scene_that_does_not_fit_the_arm_is_warned_of(tmp_path: Path, scale: f
 
 def test_the_warning_stands_beside_defects_too(tmp_path: Path) -> None:
     """Where the file has other defects as well, which a wrong scale often brings, the scale is named."""
-    with pytest.raises(ProblemFileError, match="times larger than the arm is long") as caught:
+    with pytest.raises(ProblemFileError, match="times larger than the arm's") as caught:
         load_problem(problem_file(tmp_path, 1.0, arm="links = 4\nmasses = [1.0]"))
     assert {issue.key for issue in caught.value.issues} >= {"workspace.scale", "arm.masses"}
 
@@ -96,9 +96,9 @@ def test_a_drawing_wholly_outside_the_room_is_an_error(tmp_path: Path) -> None:
     """Both boxes are told with the key path and the line, and the offset that is told brings the drawing in."""
     path = problem_file(tmp_path, 0.001)
     path.write_text(path.read_text().replace("scale =", "offset = [5, 5]\nscale ="))
-    with pytest.raises(ProblemFileError, match=r"line 5: workspace\.file: row\.svg lies wholly outside") as caught:
+    with pytest.raises(ProblemFileError, match=r"line 5: workspace\.file: row\.svg lies entirely outside") as caught:
         load_problem(path)
-    assert "it spans (4.88, 4.9) to (5.12, 5.53) m, the room (-1, -1) to (1, 1) m" in str(caught.value)
+    assert "it spans (4.88, 4.9) to (5.12, 5.53) m, the workspace (-1, -1) to (1, 1) m" in str(caught.value)
     found = re.search(r"workspace\.offset = (\[.*?\])", str(caught.value))
     assert found is not None
     path.write_text(path.read_text().replace("[5, 5]", found[1]).replace("[0.0, 0.0]", "[-0.9, -0.9]"))
@@ -147,5 +147,5 @@ def test_obstacles_outside_the_room_are_warned_of(tmp_path: Path) -> None:
     out = '[[workspace.obstacles]]\nname = "out"\ncircle = { center = [1, 1], radius = 0.1 }\n'
     path.write_text(SMALL_PROBLEM.replace("[arm]", far + out + "[arm]"))
     done = run("describe", path)
-    assert "wholly outside the room: 'far'" in done.stderr
+    assert "obstacles entirely outside the workspace: 'far'" in done.stderr
     assert "'out'" not in done.stderr

@@ -165,7 +165,7 @@ def test_a_folder_of_something_else_is_not_touched(small_solution: Solution, tmp
     """A folder without our record is refused, and left as it is."""
     (tmp_path / "small").mkdir()
     (tmp_path / "small" / "thesis.tex").write_text("years")
-    with pytest.raises(ProblemError, match="folder of something else"):
+    with pytest.raises(ProblemError, match="the folder holds other files"):
         write_solution(small_solution, tmp_path)
     assert [path.name for path in (tmp_path / "small").iterdir()] == ["thesis.tex"]
 
@@ -257,7 +257,7 @@ def test_records_of_unknown_schemas_are_refused(written: Path, schema: object) -
 
 def test_a_file_is_no_folder(written: Path) -> None:
     """Naming ``solution.json`` itself instead of its folder is explained."""
-    with pytest.raises(ProblemError, match=r"solution\.json: this is no folder"):
+    with pytest.raises(ProblemError, match=r"solution\.json: this is not a folder"):
         load_problem_data(written / "solution.json")
 
 
@@ -276,8 +276,8 @@ TAMPERINGS: dict[str, tuple[Callable[[dict[str, np.ndarray]], object], str]] = {
     "another arm": (lambda a: a.update(keyframes=a["keyframes"][:, :2]), "'keyframes' has shape"),
     "not finite": (lambda a: a["joint_angles"].__setitem__((3, 1), np.nan), "not a finite number"),
     "text": (lambda a: a.update(time=a["time"].astype(str)), "not a finite number"),
-    "names": (lambda a: a.update(joint_names=a["joint_names"][::-1]), "joint_names are not those"),
-    "bends": (lambda a: a["bend_angles"].__setitem__((9, 1), 0.5), "joint_positions are up to"),
+    "names": (lambda a: a.update(joint_names=a["joint_names"][::-1]), "joint_names differ from those"),
+    "bends": (lambda a: a["bend_angles"].__setitem__((9, 1), 0.5), "joint_positions differ from bend_angles by up to"),
     "one sample": (
         lambda a: a.update({k: v[:1] for k, v in a.items() if SHAPES[k][0] == "samples"}),
         "at least two samples",

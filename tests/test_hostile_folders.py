@@ -162,7 +162,7 @@ def test_files_that_say_that_they_are_empty_are_bounded_too(tmp_path: Path) -> N
         read_plain(told, 10)
     (tmp_path / "ten").write_bytes(b"0123456789")
     assert read_plain(tmp_path / "ten", 10) == b"0123456789"
-    with pytest.raises(OSError, match="it has 10 bytes, at most 9"):
+    with pytest.raises(OSError, match="it has 10 bytes; at most 9"):
         read_plain(tmp_path / "ten", 9)
 
 

@@ -35,7 +35,7 @@ def test_a_hundred_defects_are_listed_and_the_rest_counted() -> None:
     with pytest.raises(ProblemFileError) as caught:
         parse_problem(with_keys(5000))
     lines = str(caught.value).splitlines()
-    assert "has 5000 problem(s)" in lines[0]
+    assert "has 5000 errors" in lines[0]
     assert lines[-1] == "  and 4900 more"
     assert len(lines) == 102
     assert [issue.key for issue in caught.value.issues] == [f"arm.key{k}" for k in range(100)]
@@ -154,7 +154,7 @@ def rewritten(folder: Path, name: str, array: np.ndarray) -> None:
 def test_unexpected_members_are_refused_unread(folder: Path, small_solution: Solution) -> None:
     """An array of another name stops the reading before anything is unpacked."""
     rewritten(folder, "extra", np.zeros(3))
-    with pytest.raises(ProblemError, match=r"holds 'extra\.npy', which is none of the arrays"):
+    with pytest.raises(ProblemError, match=r"contains 'extra\.npy', which is not an array"):
         load_motion(folder, small_solution.problem.arm)
 
 
@@ -182,7 +182,7 @@ def test_archives_that_would_fill_the_memory_are_refused_unread(folder: Path, sm
 def test_stops_out_of_range_are_refused(folder: Path, small_solution: Solution, stops: list[float]) -> None:
     """A stop is the number of a sample."""
     rewritten(folder, "stops", np.array(stops))
-    with pytest.raises(ProblemError, match="the array 'stops' holds something"):
+    with pytest.raises(ProblemError, match="the array 'stops' contains something"):
         load_motion(folder, small_solution.problem.arm)
 
 

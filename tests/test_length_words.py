@@ -61,8 +61,8 @@ def test_news_from_a_search_keep_their_unit_in_other_threads() -> None:
     heard: list[Progress] = []
     with words_in("mm"), Stages(heard.append)("motion"):
         pass
-    assert str(replace(heard[0], distance=0.0425)).endswith("nearest so far 42.5 mm from the goal")
-    assert str(Progress("motion", distance=0.0254, unit="in")).endswith("nearest so far 1.000 in from the goal")
+    assert str(replace(heard[0], distance=0.0425)).endswith("closest so far 42.5 mm from the goal")
+    assert str(Progress("motion", distance=0.0254, unit="in")).endswith("closest so far 1.000 in from the goal")
 
 
 @pytest.mark.planning

@@ -89,20 +89,20 @@ def nested(uses: int, levels: int) -> bytes:
     ("name", "content", "words"),
     [
         ("part.stl", b"", "part.stl is empty"),
-        ("part.stl", binary_stl()[:300], "header says 12 triangles, but it ends after 4"),
+        ("part.stl", binary_stl()[:300], "header announces 12 triangles, but it ends after 4"),
         (
             "part.stl",
             b"solid x\nfacet normal 0 0 0\nouter loop\nvertex 1",
-            "follows 0 triangles, expected a facet of three vertices, or 'endsolid'",
+            "follows 0 triangles; expected a facet of three vertices, or 'endsolid'",
         ),
         ("part.stl", b"just some words", "not readable as STL"),
-        ("part.stl", b"v 0.0 0.0 0.0\n" * 10, "a text of another kind"),
-        ("part.stl", b"\x89PNG" + bytes(range(256)), "or is it of another format?"),
-        ("part.stl", b"part".ljust(80) + bytes(4), "it holds no triangles"),
-        ("part.stl", bytes(80) + (3_000_000).to_bytes(4, "little") + bytes(50), "cut short"),
-        ("part.stl", NAN_STL, "vertices are no numbers"),
-        ("part.stl", SIGNALLING_STL, "vertices are no numbers"),
-        ("part.stl", FLAT_STL, "12 of 12 triangles have no area"),
+        ("part.stl", b"v 0.0 0.0 0.0\n" * 10, "it is text"),
+        ("part.stl", b"\x89PNG" + bytes(range(256)), "or of another format"),
+        ("part.stl", b"part".ljust(80) + bytes(4), "it contains no triangles"),
+        ("part.stl", bytes(80) + (3_000_000).to_bytes(4, "little") + bytes(50), "truncated"),
+        ("part.stl", NAN_STL, "vertices are not finite"),
+        ("part.stl", SIGNALLING_STL, "vertices are not finite"),
+        ("part.stl", FLAT_STL, "12 of 12 triangles have zero area"),
         ("part.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 9\n", "part.obj"),
         ("part.obj", b"v 0 0 nan\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", "part.obj"),
         ("part.obj", bytes(range(256)) * 40, "part.obj"),
@@ -111,13 +111,13 @@ def nested(uses: int, levels: int) -> bytes:
         ("part.ply", b"ply\nformat ascii 1.0\nelement vertex 9\nend_header\n", "not readable as PLY"),
         ("part.glb", b"glTF" + bytes(40), "not readable as GLB"),
         ("part.3mf", b"PK\3\4 and then nothing", "not readable as 3MF"),
-        ("part.3mf", UNKNOWN, "names an object that is not there"),
+        ("part.3mf", UNKNOWN, "refers to an object that does not exist"),
         ("part.3mf", ENTITIES, "has a document type, which the format forbids"),
         ("part.3mf", INFINITE, "not readable as 3MF"),
-        ("part.3mf", OVERFLOWING, "vertices are no numbers or infinite"),
+        ("part.3mf", OVERFLOWING, "vertices are not finite"),
         ("part.3mf", nested(1, 40), "nested more than 20 deep"),
-        ("part.3mf", nested(2, 20), "put together from more than 10000 parts"),
-        ("part.step", b"ISO-10303-21;", "no mesh of a known kind; expected a file that ends in one of .stl, .obj"),
+        ("part.3mf", nested(2, 20), "consists of more than 10000 parts"),
+        ("part.step", b"ISO-10303-21;", "not a mesh of a known format; expected a name that ends in one of .stl, .obj"),
     ],
     ids=range(26),
 )
@@ -164,7 +164,7 @@ def test_mutated_meshes_are_read_or_refused(
         ("link.stl", "outside the folder"),
         (".", "is a directory"),
         ("missing.stl", "does not exist"),
-        ("a\\u0000b.stl", "no path"),
+        ("a\\u0000b.stl", "not a valid path"),
     ],
 )
 def test_paths_of_meshes(tmp_path: Path, mesh: str, words: str) -> None:
@@ -185,8 +185,8 @@ def test_files_beyond_the_bounds_are_not_read(tmp_path: Path) -> None:
     """A file of more bytes, or a mesh of more triangles, than is allowed is refused with both figures."""
     (tmp_path / "cube.stl").write_bytes(binary_stl())
     for bounds, words in (
-        (MeshSettings(most_bytes=600), "684 bytes, at most 600"),
-        (MeshSettings(most_triangles=11), "12 triangles, at most 11"),
+        (MeshSettings(most_bytes=600), "684 bytes; at most 600"),
+        (MeshSettings(most_triangles=11), "12 triangles; at most 11"),
     ):
         with pytest.raises(ccm_opt.ProblemError, match=words):
             read_mesh_file(tmp_path / "cube.stl", bounds)
@@ -251,7 +251,7 @@ def test_reading_many_triangles(tmp_path: Path) -> None:
     """A million triangles without area are refused, and a mesh of a quarter million is read and is closed."""
     flat = np.zeros((1_000_000, 3), dtype=np.intp)
     (tmp_path / "flat.stl").write_bytes(binary_stl(CUBE, flat))
-    with pytest.raises(ccm_opt.ProblemError, match="1000000 of 1000000 triangles have no area"):
+    with pytest.raises(ccm_opt.ProblemError, match="1000000 of 1000000 triangles have zero area"):
         repaired_mesh(read_mesh_file(tmp_path / "flat.stl"))
     around = np.linspace(0.0, 2.0 * np.pi, 360, endpoint=False)
     big, small = (grid.ravel() for grid in np.meshgrid(around, around, indexing="ij"))

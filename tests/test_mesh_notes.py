@@ -36,7 +36,7 @@ def test_what_is_told_of_a_mesh(tmp_path: Path) -> None:
     problem, body = read(file)
     assert list(mesh_lines("part", body, problem)) == [
         "part: part.stl, 13 triangles, 500 × 500 × 500 mm, from (0, 0, 0) to (500, 500, 500) mm, closed",  # noqa: RUF001
-        "  mended: left out 1 repeated triangle",
+        "  repaired: left out 1 repeated triangle",
     ]
     told = mesh_data("part", body)
     assert (told["triangles_read"], told["triangles"], told["closed"]) == (13, 12, True)
@@ -50,7 +50,7 @@ def test_a_mesh_with_a_hole_is_told_to_be_open(tmp_path: Path) -> None:
     told = next(iter(mesh_lines("part", body, problem)))
     assert "not closed: it has 3 open edges, one near (0.000, 0.500, 0.000) m" in told
     problem, body = read(written(tmp_path, content, extra="solid = false"))
-    assert "its surface alone counts (solid = false)" in next(iter(mesh_lines("part", body, problem)))
+    assert "surface only (solid = false)" in next(iter(mesh_lines("part", body, problem)))
 
 
 def in_millimetres(folder: Path, name: str, content: bytes, extra: str = "") -> tuple[list[str], FloatArray]:
@@ -69,9 +69,9 @@ def test_the_unit_of_3mf_is_used_and_told(tmp_path: Path) -> None:
     """Without a scale a cube of one inch has 25.4 mm; with another scale both are told, with its own nothing."""
     cube = three_mf(model_3mf(object_3mf(), '<item objectid="1"/>', 'unit="inch"'))
     told, size = in_millimetres(tmp_path, "part.3mf", cube)
-    assert (told, size.tolist()) == (["  its own unit is 25.4 mm"], pytest.approx([0.0254] * 3))
+    assert (told, size.tolist()) == (["  one unit of the file is 25.4 mm"], pytest.approx([0.0254] * 3))
     told, size = in_millimetres(tmp_path, "part.3mf", cube, "scale = 1")
-    assert told == ["  its own unit is 25.4 mm, but scale = 1 makes it 1 mm"]
+    assert told == ["  one unit of the file is 25.4 mm, but scale = 1 sets it to 1 mm"]
     assert size == pytest.approx([0.001] * 3)
     assert in_millimetres(tmp_path, "part.3mf", cube, "scale = 25.4")[0] == []
 
@@ -80,7 +80,7 @@ def test_unit_and_axes_of_glb_are_told(tmp_path: Path) -> None:
     """GLB counts in metres with y up; it is taken as it stands, which is told until keys say what is meant."""
     bar = bytes(trimesh.Trimesh(CUBE * [0.5, 1.0, 1.5], BOX_FACES, process=False).export(file_type="glb"))
     told, size = in_millimetres(tmp_path, "part.glb", bar)
-    assert [line.split(",")[0] for line in told] == ["  the unit of GLB is the metre", "  in GLB y is up"]
+    assert [line.split(",")[0] for line in told] == ["  GLB files are in metres", "  GLB files have y up"]
     assert size == pytest.approx([5e-4, 1e-3, 1.5e-3])
     told, size = in_millimetres(tmp_path, "part.glb", bar, 'scale = 1000\nup = "y"')
     assert (told, size.tolist()) == ([], pytest.approx([0.5, 1.5, 1.0]))

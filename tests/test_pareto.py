@@ -93,7 +93,7 @@ def test_planners_that_know_no_wanted_gap_are_refused() -> None:
     fork = load_problem(PROBLEMS / "fork.toml")
     climbing = replace(fork, planner=replace(fork.planner, method="hill-climbing"))
     for problem in (fed, climbing):
-        with pytest.raises(ProblemError, match="several wanted gaps need a fixed base"):
+        with pytest.raises(ProblemError, match="the trade-off needs a fixed base"):
             pareto(problem)
 
 

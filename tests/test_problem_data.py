@@ -146,7 +146,7 @@ def test_jerk_limits_are_rebuilt_and_need_a_timing_that_keeps_them() -> None:
 def test_shapes_that_no_file_can_say_are_refused(obstacle: Obstacle, kind: str) -> None:
     """The message names the obstacle and its kind."""
     problem = mixed_problem()
-    with pytest.raises(ProblemError, match=f"'{obstacle.name}'.*{kind}.* that a problem file can say"):
+    with pytest.raises(ProblemError, match=f"'{obstacle.name}'.*{kind}.* cannot be written to a problem file"):
         problem_data(replace(problem, workspace=replace(problem.workspace, obstacles=(obstacle,))))
 
 

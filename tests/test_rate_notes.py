@@ -20,9 +20,9 @@ def test_rates_out_of_proportion_are_warned_of(tmp_path: Path) -> None:
     """Each in a line that names the key, the value in the file's unit, and how many arm lengths that is."""
     file = written(tmp_path, feed_velocity=80.0, feed_acceleration=300.0, tip_velocity=1e-4)
     told = " ".join(run("describe", file).stderr.split())
-    assert "limits.feed_velocity is 80 m/s, 2e+02 arm lengths/s" in told
-    assert "limits.feed_acceleration is 300 m/s², 7.5e+02 arm lengths/s²" in told
-    assert "limits.tip_velocity is 0.0001 m/s, 0.00025 arm lengths/s" in told
+    assert "limits.feed_velocity is 80 m/s, or 2e+02 arm lengths/s" in told
+    assert "limits.feed_acceleration is 300 m/s², or 7.5e+02 arm lengths/s²" in told
+    assert "limits.tip_velocity is 0.0001 m/s, or 0.00025 arm lengths/s" in told
 
 
 def test_gravity_of_no_planet_is_warned_of(tmp_path: Path) -> None:

@@ -136,7 +136,7 @@ def test_the_page_shows_the_room_over_time(small_solution: Solution) -> None:
     half = 0.5 * (room.nearest.gap + plan.problem.arm.radius)
     # The mark stands half-way between the two cores: nearer to neither than half of what lies between the surfaces.
     assert shapely.distance(post.core, shapely.Point(place)) >= half
-    assert Elements(page).text.count("Less than wanted from") == len(room.short)
+    assert Elements(page).text.count("of the preferred 30 mm from") == len(room.short)
 
 
 def test_the_phase_plane_is_that_of_the_motion(small_solution: Solution) -> None:
@@ -175,7 +175,7 @@ def test_every_check_has_its_row_in_words(small_solution: Solution) -> None:
     assert "0.00 mm" in page.text
     assert "2e-11" not in page.text
     assert "Your constraint “<level>”" in page.text
-    folded = page.text.index("1 checks of the plan against itself, all hold")
+    folded = page.text.index("1 checks of the plan's consistency, all passed")
     assert folded > page.text.index("Gap to walls")
     times = [attributes["data-time"] for tag, attributes in page.found if tag == "button" and "data-time" in attributes]
     assert times == ["0.5000", "0.2500", "1.0000", "0.1000"]
@@ -286,27 +286,27 @@ def test_the_page_says_why_the_arm_ends_where_it_does(small_solution: Solution, 
     record = a_goal_pose(small_solution, reached=reached)
     plan = beside_a_post(small_solution)
     page = report_html(replace(plan, path=replace(plan.path, goal_pose=record)))
-    section = page[page.index("Why the arm ends here") : page.index("The problem</h2>")]
+    section = page[page.index("why the arm ends here") : page.index("The problem</h2>")]
     rows = re.findall(r'<tr><td>(.*?)</td><td class="n">(.*?)</td><td.*?>(.*?)</td></tr>', section)
     # Two rows of one link beside one wall are one line: 12 for an arm's length of 0.4 m are 0.03 for 1 mm.
-    assert ("link 4 beside &#x27;post&#x27;", "0.03", "for 1 mm") in rows
-    assert ("joint 2 at its limit to the left", "0.0087", "for 1°") in rows
-    assert ("the torque that joint 1 may hold", "0.002", "for 1 % more") in rows
-    assert ("your constraint &#x27;level&#x27;", "0.1", "for 1 of its unit") in rows
+    assert ("link 4 next to &#x27;post&#x27;", "0.03", "per 1 mm") in rows
+    assert ("joint 2 at its left limit", "0.0087", "per 1°") in rows
+    assert ("torque limit of joint 1", "0.002", "per 1 % more") in rows
+    assert ("your constraint &#x27;level&#x27;", "0.1", "per 1 of its unit") in rows
     assert len(rows) == 4 + len(record.costs) + len(record.curve.segments)
     assert "your cost &#x27;look &lt;ahead&gt;&#x27;" in section
-    assert ("The motion ends in it" in section) == reached
+    assert ("The motion ends in this pose" in section) == reached
     assert ("the way to it is &lt;closed&gt;" in section) != reached
 
 
 def test_the_page_says_what_a_plan_survives(small_solution: Solution) -> None:
     """Errors that a plan survives stand in a section in degrees and millimetres; without any it is gone."""
     joints = SurvivedError("joints", 0.01, "rad", "link 2 to 'wall' at t = 0.5000 s", 0.5, 2)
-    walls = SurvivedError("walls", 0.02, "m", "nothing; larger errors are not looked at", limited=False)
+    walls = SurvivedError("walls", 0.02, "m", "nothing; larger errors are not tried", limited=False)
     page = Elements(report_html(replace(small_solution, tolerance=(joints, walls))))
     assert "Every joint off by 0.57°: limited by link 2 to 'wall' at 0.50 s." in page.text
-    assert "Every wall nearer by ≥ 20.0 mm" in page.text
-    assert "What it survives" not in report_html(replace(small_solution, tolerance=()))
+    assert "Every wall closer by ≥ 20.0 mm" in page.text
+    assert "Tolerated errors" not in report_html(replace(small_solution, tolerance=()))
 
 
 def test_a_tour_marks_its_goals_on_the_time_axis(small_solution: Solution) -> None:
@@ -372,7 +372,7 @@ def test_a_goal_out_of_reach_is_drawn() -> None:
     circle, missing, words = marks_of(finding)
     assert circle["radius"] == pytest.approx(0.96)
     np.testing.assert_allclose(missing["points"], [[0.0, 0.51], [0.0, 0.75]], atol=1e-9)
-    assert words["words"] == "240 mm too short"
+    assert words["words"] == "arm 240 mm too short"
 
 
 def test_a_way_that_is_too_long_is_drawn() -> None:
@@ -391,7 +391,7 @@ def test_the_page_of_a_failure_says_what_would_help(small_problem: Problem) -> N
     diagnosis = Diagnosis("the first reason", "necessary checks", ("do this",), {"x": 1.0}, findings, relaxations)
     page = Elements(failure_html(small_problem, "infeasible", diagnosis, {"free space": 0.25}))
     for words in (
-        "proved: there is no plan",
+        "proved infeasible",
         "the first reason.",
         "Perhaps: another one.",
         "arm.radius ≤ 9 mm",

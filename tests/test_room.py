@@ -192,8 +192,8 @@ def test_a_narrow_place_on_the_way_is_a_passage() -> None:
     assert part.nearest.gap == pytest.approx(0.005, abs=1e-4)
     assert part.begin < 1.0 < part.end
     sentences = list(room_sentences(room, PageUnits.of_arm(1.0)))
-    assert sentences[0].startswith("least gap 5.00 mm of the wanted 10 mm, at 1.00 s, link 6 to 'pin'")
-    assert "on the way there are 5" in sentences[1]
+    assert sentences[0].startswith("least gap 5.00 mm of the preferred 10 mm, at 1.00 s, link 6 to 'pin'")
+    assert "clearance 5" in sentences[1]
 
 
 @pytest.mark.planning

@@ -262,11 +262,11 @@ def test_a_small_loop_is_repaired_and_a_bow_tie_refused_with_its_place(write: Wr
 @pytest.mark.parametrize(
     ("name", "content", "message"),
     [
-        ("a.png", b"x", "no drawing of a known kind"),
+        ("a.png", b"x", "not a drawing of a known format"),
         ("a.svg", b" \n", "is empty"),
         ("a.svg", b"<svg", "not readable as XML"),
         ("a.svg", b"<html/>", "expected the outermost element svg, got html"),
-        ("a.svg", svg("").encode(), "holds no shape"),
+        ("a.svg", svg("").encode(), "contains no shape"),
         ("a.svg", svg('<path d="M0,0 L nan,3"/>').encode(), "neither a command nor a number"),
         (
             "a.svg",
@@ -275,18 +275,18 @@ def test_a_small_loop_is_repaired_and_a_bow_tie_refused_with_its_place(write: Wr
         ),
         ("a.svg", svg('<rect id="far" width="1e40" height="3"/>').encode(), "'far' cannot be an obstacle: .*1e.40"),
         ("a.svg", svg('<circle id="huge" r="1e15" transform="skewX(3)"/>').encode(), "'huge': a curve needs"),
-        ("a.svg", svg('<path id="dot" d="M1 2L1 2"/>').encode(), "left out: 'dot': it has no extent"),
+        ("a.svg", svg('<path id="dot" d="M1 2L1 2"/>').encode(), "left out: 'dot': it has zero size"),
         ("a.dxf", b"hello", "has no end"),
         ("a.dxf", b"\x00\x01 EOF", "not readable as DXF"),
-        ("a.wkt", b"POINT (1 2)", "left out: Point 'geometry 1': points have no extent"),
+        ("a.wkt", b"POINT (1 2)", "left out: Point 'geometry 1': points have zero size"),
         ("a.wkt", b"POLYGON EMPTY", "is empty"),
         ("a.wkt", b"POLYGON ((0 0, 1 0", "cannot be read as well-known text"),
         ("a.wkt", b"POLYGON ((0 0, 1 0, nan 1, 0 0))", "not a finite number"),
         ("a.wkt", b"CURVEPOLYGON (CIRCULARSTRING (0 0, 1 1, 2 0, 1 -1, 0 0))", "cannot be read as well-known text"),
-        ("a.wkt", b"\xff\xfe", "not a text file in UTF-8"),
+        ("a.wkt", b"\xff\xfe", "not a UTF-8 text file"),
         ("a.json", b"{", "not JSON"),
         ("a.json", b"[]", "expected a GeoJSON object"),
-        ("a.json", b'{"type": "Sphere"}', "'Sphere' is no geometry"),
+        ("a.json", b'{"type": "Sphere"}', "'Sphere' is not a GeoJSON geometry"),
         ("a.json", b'{"type": "FeatureCollection"}', "needs a list of 'features'"),
         ("a.json", b'{"type": "Polygon", "coordinates": "x"}', "coordinates are not those of a Polygon"),
     ],
@@ -302,7 +302,7 @@ def test_an_unusable_drawing_is_refused_in_one_clear_sentence(
 def test_too_many_vertices_and_missing_files_are_refused(tmp_path: Path, write: Writer) -> None:
     """A drawing no planner could use, a path to nothing and a directory are refused."""
     ring = np.column_stack((np.cos(t := np.linspace(0, 2 * np.pi, 60_000, endpoint=False)), np.sin(t)))
-    with pytest.raises(ProblemError, match="holds 60001 vertices, at most 50000"):
+    with pytest.raises(ProblemError, match="has 60001 vertices; at most 50000"):
         import_scene(write("a.wkt", shapely.Polygon(ring).wkt), ImportOptions())
     with pytest.raises(ProblemError, match="does not exist"):
         import_scene(tmp_path / "none.svg", ImportOptions())
@@ -378,8 +378,8 @@ def test_dxf_entities_that_cannot_be_read_are_refused_by_name(write: Writer) -> 
     with pytest.raises(ProblemError) as caught:
         import_scene(write("a.dxf", dxf(draw)), ImportOptions())
     for words in (
-        *("CIRCLE 'standing'", "not drawn in the x-y plane", "SPLINE 'conic'", "weight", "3DFACE: a face in space"),
-        *("MESH: a mesh in space", "POLYFACE: a mesh in space", "POLYMESH: a mesh in space"),
+        *("CIRCLE 'standing'", "does not lie in the x-y plane", "SPLINE 'conic'", "weight", "3DFACE: a 3-D face"),
+        *("MESH: a 3-D mesh", "POLYFACE: a 3-D mesh", "POLYMESH: a 3-D mesh"),
     ):
         assert words in str(caught.value)
 
@@ -410,7 +410,7 @@ def test_dxf_annotations_may_be_broken_and_lines_without_length_are_told(write: 
     found = import_drawing(write("a.dxf", text), ImportOptions())
     assert [obstacle.core.geom_type for obstacle in found.obstacles] == ["Point", "LineString", "LineString"]
     told = {item.what.split(" ")[0]: item.reason for item in found.drawing.left_out}
-    assert told["LINE"] == "it has no length"
+    assert told["LINE"] == "it has zero length"
     assert {"LEADER", "DIMENSION"} <= set(told)
 
 
@@ -626,7 +626,7 @@ def test_placement_without_a_file_and_a_file_without_a_folder_are_refused() -> N
     [
         ("polygon = [[0.4, 0.4], [0.8, 0.4], [0.8, 0.8], [0.4, 0.8]]", None),
         ("box = [0.4, 0.4, 0.8, 0.8]", "only allowed together with polygon"),
-        ("polygon = [[0.4, 0.4], [0.6, 0.4], [0.6, 0.6], [0.4, 0.6]]", "holes inside the polygon"),
+        ("polygon = [[0.4, 0.4], [0.6, 0.4], [0.6, 0.6], [0.4, 0.6]]", "holes that lie inside the polygon"),
     ],
 )
 def test_polygons_in_a_problem_file_may_have_holes(kind: str, message: str | None) -> None:

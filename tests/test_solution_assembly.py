@@ -222,7 +222,7 @@ def test_where_a_step_too_long_leads_is_not_told_of_an_arm_that_follows(
     monkeypatch.setattr(closed_loop, "simulated_once", diverges)
     motion, _ = simulate_and_check(swing.problem, swing.trajectory, swing.joints)
     assert motion.verdict.followed
-    assert motion.verdict.reason == "in steps of 0.0005 s; in those asked for, of 0.001 s, the integration diverged"
+    assert motion.verdict.reason == "with steps of 0.0005 s; with simulation.step = 0.001 s, the integration diverged"
 
 
 def test_what_no_step_mends_is_a_verdict(swing: Solution, monkeypatch: pytest.MonkeyPatch) -> None:

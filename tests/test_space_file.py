@@ -131,7 +131,7 @@ def test_all_defects_at_once() -> None:
         ("links = 4", 'links = 4\naxes = "zyz"', "arm.axes", "zyx"),
         ("position = [-1.0", "position = [0.0", "arm.base", "0.1 m inside 'part'"),
         ("position = [-1.0", "position = [-3.0", "arm.base", "at (-3, 0, 0) m is 1 m outside the room"),
-        ("[start]", '[planner]\nmethod = "hill-climbing"\n[start]', "planner.method", "plane alone"),
+        ("[start]", '[planner]\nmethod = "hill-climbing"\n[start]', "planner.method", "plane only"),
         ('shape = "straight"', 'shape = "folded"', "start.shape", "straight"),
         ("[-0.7, 0.1, 0.0]", "[-0.7, 0.1, 0.0]\nheading_deg = 3", "goal.heading_deg", "unknown key"),
         ("[limits]", "feed = { range = [0, 1] }\n[limits]", "limits.feed_velocity", "missing"),
@@ -166,7 +166,7 @@ def test_a_mesh_is_known_by_its_hash(tmp_path: Path) -> None:
     file = written(tmp_path, binary_stl(), extra=f'sha256 = "{body.digest}"')
     ccm_opt.load_problem(file)
     written(tmp_path, binary_stl(1.5 * CUBE), extra=f'sha256 = "{body.digest}"')
-    with pytest.raises(ProblemFileError, match=r"part\.stl has the hash"):
+    with pytest.raises(ProblemFileError, match=r"part\.stl has the SHA-256"):
         ccm_opt.load_problem(file)
 
 

@@ -50,7 +50,7 @@ def test_tables_and_bodies() -> None:
         ({"goal": (1, 2)}, r"goal\.position"),
         ({"obstacles": {"a": {"box": [[0, 0, 0], [1, 1, 1]], "sphere": {}}}}, "exactly one of mesh, box"),
         ({"obstacles": {"a": {"mesh": "part.stl"}}}, "was not read from a file"),
-        ({"obstacles": {"a": 3}}, "'a' is neither a body nor a table"),
+        ({"obstacles": {"a": 3}}, "'a' is neither a solid nor a table"),
         ({"unit": "cm"}, "one of m, mm, in"),
     ],
 )

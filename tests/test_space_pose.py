@@ -77,7 +77,7 @@ def test_a_goal_behind_holes_is_found_on_a_feed_axis_and_written(tmp_path: Path,
     """In the wing box, where a drawn pose is hardly ever free, the pose, its record, arrays and picture are there."""
     done = run("pose", WING_BOX, "--out", tmp_path)
     assert done.code == 0
-    assert "best pose at the goal" in done.out
+    assert "best goal pose" in done.out
     assert "feed" in done.out
     folder = tmp_path / "wing-box"
     record = json.loads((folder / "pose.json").read_text())

@@ -43,8 +43,8 @@ MESH = MeshBody.of_arrays(np.eye(3), [[0, 1, 2]])
 MISTAKES: dict[str, tuple[Change, str]] = {
     "odd links": (of_arm(links=5), "arm.links must be even"),
     "no length": (of_arm(link_length=0.0), "arm.link_length must be positive"),
-    "a long direction": (of_arm(direction=np.array([2.0, 0.0, 0.0])), "arm.direction must have the length 1"),
-    "up aslant": (of_arm(up=np.array([0.6, 0.0, 0.8])), "at right angles"),
+    "a long direction": (of_arm(direction=np.array([2.0, 0.0, 0.0])), "arm.direction must be a unit vector"),
+    "up aslant": (of_arm(up=np.array([0.6, 0.0, 0.8])), "perpendicular"),
     "base of two": (of_arm(base=np.zeros(2)), r"arm.base must have shape \(3,\)"),
     "another order": (of_arm(axes="zyz"), 'arm.axes must be "zyx"'),
     "no joint limit": (of_arm(joint_limit=0.0), "arm.joint_limit must be positive"),
@@ -56,7 +56,7 @@ MISTAKES: dict[str, tuple[Change, str]] = {
     "a ball of nothing": (with_body(SphereBody(PLACE, 0.0)), "obstacle 'new': radius must be a positive number"),
     "a bar of no length": (with_body(CapsuleBody(PLACE, PLACE, 0.1)), "start and end must differ"),
     "a mesh nowhere": (with_body(replace(MESH, vertices=np.full((3, 3), np.nan))), "vertices must be finite"),
-    "a mesh without corners": (with_body(replace(MESH, faces=np.array([[0, 1, 3]]))), "a vertex that is not there"),
+    "a mesh without corners": (with_body(replace(MESH, faces=np.array([[0, 1, 3]]))), "a vertex that does not exist"),
     "no clearance": (
         lambda problem: replace(problem, workspace=replace(problem.workspace, clearance=-1.0)),
         "workspace.clearance must not be negative",
@@ -66,7 +66,7 @@ MISTAKES: dict[str, tuple[Change, str]] = {
         "workspace.bounds must have a lower corner",
     ),
     "a goal in the plane": (to(TipGoal(np.zeros(2))), r"goal.position must have shape \(3,\)"),
-    "a goal without a direction": (to(TipGoal(PLACE, np.zeros(3))), "goal.direction must have the length 1"),
+    "a goal without a direction": (to(TipGoal(PLACE, np.zeros(3))), "goal.direction must be a unit vector"),
     "a way nowhere": (to(TipGoal(PLACE, via=(NOWHERE,))), "goal.via 1 must be finite"),
     "a goal of one bend": (to(JointPose(np.zeros((1, 2)))), "goal.bends must have shape"),
     "too much effort": (

@@ -37,7 +37,7 @@ def test_more_is_survived_where_more_is_asked_for() -> None:
 
 def test_what_no_motion_survives_is_told_with_what_the_best_one_does() -> None:
     """The reason names the error that is survived, what limits it, and a smaller error that can be had."""
-    with pytest.raises(MotionNotFound, match=r"survives joint errors of 20°: the best survives .*'ball'") as caught:
+    with pytest.raises(MotionNotFound, match=r"tolerates joint errors of 20°: the best tolerates .*'ball'") as caught:
         ccm_opt.solve(asking(20.0))
     assert caught.value.diagnosis.stage == "tolerance"
     assert "tolerance.joint_error_deg" in caught.value.diagnosis.advice[0]

@@ -34,7 +34,7 @@ def test_nothing_of_the_users_is_replaced(tmp_path: Path) -> None:
         file = tmp_path / f"{name}.toml"
         file.write_text("of mine")
         code, said = run(*command)
-        assert (code, "is there already" in said) == (2, True)
+        assert (code, "exists and is not overwritten" in said) == (2, True)
         assert file.read_text() == "of mine"
 
 
@@ -42,7 +42,7 @@ def test_nothing_of_the_users_is_replaced(tmp_path: Path) -> None:
 def test_names_that_are_no_folders_are_refused(name: str, tmp_path: Path) -> None:
     """They would name an output folder; nothing is written."""
     code, said = run("new", tmp_path / name)
-    assert (code, "expected a name for a folder" in said) == (2, True)
+    assert (code, "expected a name that can be a folder's" in said) == (2, True)
     assert not list(tmp_path.iterdir())
 
 
@@ -72,7 +72,7 @@ def test_names_that_are_listed_stand_for_their_files(monkeypatch: pytest.MonkeyP
 def test_copies_that_meet_are_refused_before_anything_of_them_is_written(tmp_path: Path) -> None:
     """Two problems of one file name, and a file in the way, leave no mesh or drawing behind."""
     code, said = run("problems", "wing-box", "space/wing-box", "--out", tmp_path)
-    assert (code, "copied for 'wing-box'" in said) == (2, True)
+    assert (code, "was just written for 'wing-box'" in said) == (2, True)
     before = sorted(tmp_path.rglob("*"))
     assert run("problems", "space/wing-box", "--out", tmp_path)[0] == 2
     assert sorted(tmp_path.rglob("*")) == before

@@ -165,7 +165,7 @@ def test_the_page_follows_its_plan(viewer: ViewerApp) -> None:
     assert viewer.frames.trajectory is live.plan.trajectory
     assert "planned and verified" in viewer._status.content
     viewer._planned(live, live.move_goal((0.2, 0.3)))
-    assert "No plan to here" in viewer._status.content
+    assert "No plan; the last one is shown" in viewer._status.content
     assert "hanging wall" in viewer._status.content
 
 

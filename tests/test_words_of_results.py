@@ -19,7 +19,7 @@ def test_results_describe_themselves_in_a_line() -> None:
     assert repr(problem) == "<Problem 'swan-neck': 12 links, 0.600 m long, 4 obstacles>"
     solution = solved("swan-neck")
     duration = f"{solution.trajectory.duration:.2f} s"
-    assert repr(solution).startswith(f"<Solution of 'swan-neck': 12 links, {duration}, walls no nearer than ")
+    assert repr(solution).startswith(f"<Solution of 'swan-neck': 12 links, {duration}, wall clearance at least ")
     parts = (solution.path, solution.trajectory, solution.joints, solution.simulation)
     assert all(repr(part).startswith(f"<{type(part).__name__}") and len(repr(part)) < 150 for part in parts)
     table = solution._repr_html_()

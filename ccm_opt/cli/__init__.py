@@ -37,7 +37,7 @@ def main() -> None:
 
         if not is_out_of_memory(error):
             raise
-        _exit_out_of_memory("out of memory while the libraries were loaded; solving takes 0.6 to 1 GB")
+        _exit_out_of_memory("out of memory while loading libraries; solving takes 0.6 to 1 GB")
 
 
 def _exit_out_of_memory(message: str) -> None:

@@ -59,19 +59,19 @@ def _show_version(wanted: bool) -> None:
 def _root(
     *,
     version: Annotated[
-        bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Print the version and stop.")
+        bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Print the version and exit.")
     ] = False,
 ) -> None:
     """Plan, time and verify motions of highly redundant manipulators."""
 
 
-_AS_JSON = Annotated[bool, typer.Option("--json", help="Print one JSON document in place of tables.")]
-_QUIET = Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but errors and warnings.")]
-_VERBOSE = Annotated[bool, typer.Option("--verbose", "-v", help="Tell every stage, and every check.")]
+_AS_JSON = Annotated[bool, typer.Option("--json", help="Print one JSON document instead of tables.")]
+_QUIET = Annotated[bool, typer.Option("--quiet", "-q", help="Print errors and warnings only.")]
+_VERBOSE = Annotated[bool, typer.Option("--verbose", "-v", help="Print every stage and every check.")]
 _PRINTING = {"as_json": _AS_JSON, "quiet": _QUIET, "verbose": _VERBOSE}
 """Options of every command that control its output."""
 _ALLOW_OUTSIDE = Annotated[
-    bool, typer.Option("--allow-outside", help="Read drawings that lie outside the folder of the problem file.")
+    bool, typer.Option("--allow-outside", help="Read drawings and meshes from outside the problem file's folder.")
 ]
 """Option of the commands that read problem files."""
 
@@ -131,35 +131,35 @@ def listed_or_given(places: list[Path] | None) -> list[Path] | None:
 ProblemFiles = Annotated[
     list[Path],
     typer.Argument(
-        help="Problem files, or names that `ccm-opt problems` lists; - stands for standard input.",
+        help="Problem files, or names that `ccm-opt problems` lists; - for standard input.",
         metavar="FILE…",
         show_default=False,
         callback=listed_or_given,
     ),
 ]
-FigureFormatOption = Annotated[FigureKind, typer.Option(help="Format of still pictures.")]
+FigureFormatOption = Annotated[FigureKind, typer.Option(help="Format of the pictures.")]
 Constraints = Annotated[
-    list[str] | None, typer.Option(help="User constraint, as module:function or file.py:function. May be repeated.")
+    list[str] | None, typer.Option(help="User-defined constraint, as module:function or file.py:function. Repeatable.")
 ]
 Costs = Annotated[
-    list[str] | None, typer.Option(help="User cost, as module:function or file.py:function. May be repeated.")
+    list[str] | None, typer.Option(help="User-defined cost, as module:function or file.py:function. Repeatable.")
 ]
 Changes = Annotated[
     list[str] | None,
     typer.Option(
-        "--set", metavar="KEY=VALUE", help="Set a key of the problem files, as in arm.radius=0.02. May be repeated."
+        "--set", metavar="KEY=VALUE", help="Override a key of the problem files, as in arm.radius=0.02. Repeatable."
     ),
 ]
-Folders = Annotated[list[Path], typer.Argument(help="Folders that solve wrote.", metavar="FOLDER…", show_default=False)]
+Folders = Annotated[list[Path], typer.Argument(help="Output folders of solve.", metavar="FOLDER…", show_default=False)]
 
 
 @command("new", ("ccm-opt new mine", "ccm-opt new rigs/bulkhead.toml", "ccm-opt new --space duct"))
 def new_command(
-    file: Annotated[Path, typer.Argument(help="File to make.", metavar="FILE", show_default=False)],
+    file: Annotated[Path, typer.Argument(help="File to write.", metavar="FILE", show_default=False)],
     *,
-    space: Annotated[bool, typer.Option("--space", help="Of an arm that leaves the plane.")] = False,
+    space: Annotated[bool, typer.Option("--space", help="Write a problem in space rather than in the plane.")] = False,
 ) -> int:
-    """Write a commented problem file to begin with, which solves as it is."""
+    """Write a commented problem file to start from; it solves as it is."""
     from ccm_opt.cli.starting import write_new  # noqa: PLC0415 - loads numpy
 
     return write_new(file, space=space)
@@ -168,7 +168,7 @@ def new_command(
 @command("problems", ("ccm-opt problems", "ccm-opt problems swan-neck fork --out mine"))
 def problems_command(
     names: Annotated[
-        list[str] | None, typer.Argument(help="Problems to copy; all are listed without.", show_default=False)
+        list[str] | None, typer.Argument(help="Problems to copy. Default: list all.", show_default=False)
     ] = None,
     *,
     out: Annotated[Path, typer.Option(help="Folder for the copies.")] = Path(),
@@ -192,11 +192,11 @@ def problems_command(
 def solve_command(
     files: ProblemFiles,
     *,
-    out: Annotated[Path, typer.Option(help="Folder in which each problem's folder is written.")] = Path("runs"),
-    method: Annotated[MethodChoice | None, typer.Option(help="Planner to use instead of the one in the file.")] = None,
+    out: Annotated[Path, typer.Option(help="Parent folder of the output folders.")] = Path("runs"),
+    method: Annotated[MethodChoice | None, typer.Option(help="Planner, in place of the file's planner.method.")] = None,
     time_limit: Annotated[
         float | None,
-        typer.Option(min=0.001, help="CPU time for planning, in s.", show_default="the file's planner.time_limit"),
+        typer.Option(min=0.001, help="CPU time limit of planning [s].", show_default="the file's planner.time_limit"),
     ] = None,
     seed: Annotated[
         int | None, typer.Option(min=0, help="Seed of the search.", show_default="the file's planner.seed")
@@ -205,15 +205,15 @@ def solve_command(
     constraint: Constraints = None,
     cost: Costs = None,
     pareto: Annotated[
-        bool, typer.Option("--pareto", help="Make five plans from the fastest to the roomiest, and recommend one.")
+        bool, typer.Option("--pareto", help="Make five plans that trade duration for clearance, and recommend one.")
     ] = False,
-    no_pictures: Annotated[bool, typer.Option("--no-pictures", help="Leave the pictures out.")] = False,
+    no_pictures: Annotated[bool, typer.Option("--no-pictures", help="Draw no pictures.")] = False,
     figure_format: FigureFormatOption = "png",
     no_diagnosis: Annotated[
-        bool, typer.Option("--no-diagnosis", help="When there is no plan, do not look for what would help.")
+        bool, typer.Option("--no-diagnosis", help="If there is no plan, do not search for changes that would help.")
     ] = False,
 ) -> int:
-    """Solve problems; write OUT/<name>/ for each."""
+    """Plan, time and verify; write OUT/<name>/ for each problem."""
     with no_search_for_cycles():
         from ccm_opt.cli.solving import solve_files  # noqa: PLC0415 - loads numpy
 
@@ -235,7 +235,7 @@ def view_command(
     item: Annotated[
         Path,
         typer.Argument(
-            help="Problem file, or name that `ccm-opt problems` lists, or folder that solve wrote.",
+            help="Problem file, name that `ccm-opt problems` lists, or output folder of solve.",
             metavar="FILE|FOLDER",
             show_default=False,
             callback=lambda item: (listed_or_given([item]) or [item])[0],
@@ -243,11 +243,11 @@ def view_command(
     ],
     *,
     port: Annotated[
-        int, typer.Option(min=0, max=65535, help="Port of the page, on this machine alone; 0: any.")
+        int, typer.Option(min=0, max=65535, help="Port of the page, served to this machine only; 0: any free port.")
     ] = 8080,
-    no_browser: Annotated[bool, typer.Option("--no-browser", help="Do not open the page.")] = False,
+    no_browser: Annotated[bool, typer.Option("--no-browser", help="Do not open a browser.")] = False,
 ) -> int:
-    """Show a motion in space in the browser; drag its goal or a wall, and it is planned again."""
+    """Show a motion in the browser; drag the goal or an obstacle to plan it again."""
     from ccm_opt.cli.drawing import view_item  # noqa: PLC0415 - loads numpy
 
     return view_item(item, port, browser=not no_browser)
@@ -260,13 +260,13 @@ def view_command(
 def pose_command(
     files: ProblemFiles,
     *,
-    out: Annotated[Path, typer.Option(help="Folder in which each problem's folder is written.")] = Path("runs/poses"),
+    out: Annotated[Path, typer.Option(help="Parent folder of the output folders.")] = Path("runs/poses"),
     changes: Changes = None,
     constraint: Constraints = None,
     cost: Costs = None,
-    no_pictures: Annotated[bool, typer.Option("--no-pictures", help="Leave the picture out.")] = False,
+    no_pictures: Annotated[bool, typer.Option("--no-pictures", help="Draw no picture.")] = False,
 ) -> int:
-    """Find the best pose at the goal, without a motion to it; write OUT/<name>/ for each."""
+    """Find the best goal pose, without a motion to it; write OUT/<name>/ for each problem."""
     from ccm_opt.cli.posing import pose_files  # noqa: PLC0415 - loads numpy
 
     return pose_files(files, out, (constraint or (), cost or ()), changes or (), pictures=not no_pictures)
@@ -279,25 +279,25 @@ def pose_command(
 def reach_command(
     files: ProblemFiles,
     *,
-    out: Annotated[Path, typer.Option(help="Folder in which each problem's folder is written.")] = Path("runs/reach"),
+    out: Annotated[Path, typer.Option(help="Parent folder of the output folders.")] = Path("runs/reach"),
     changes: Changes = None,
     step: Annotated[
         float | None,
-        typer.Option(help="Width of a cell, in m.", show_default="a sixteenth of the arm's length, in space an eighth"),
+        typer.Option(help="Cell width [m].", show_default="1/16 of the arm's length; in space 1/8"),
     ] = None,
     headings: Annotated[
         int | None,
         typer.Option(
-            min=1, help="Headings that are tried in a cell, in space directions.", show_default="16, in space none"
+            min=1, help="Number of headings tried per cell; in space, of directions.", show_default="16; in space none"
         ),
     ] = None,
-    workers: Annotated[int, typer.Option(min=1, help="Number of processes on this machine.")] = 1,
+    workers: Annotated[int, typer.Option(min=1, help="Number of worker processes on this machine.")] = 1,
     dask: Annotated[
         str | None, typer.Option(help="Address of a Dask scheduler, to run on its cluster instead.")
     ] = None,
-    no_pictures: Annotated[bool, typer.Option("--no-pictures", help="Leave the picture out.")] = False,
+    no_pictures: Annotated[bool, typer.Option("--no-pictures", help="Draw no picture.")] = False,
 ) -> int:
-    """Map where the tip can be in the room, and with which headings; write OUT/<name>/ for each."""
+    """Map where the tip can be, and with which headings; write OUT/<name>/ for each problem."""
     from ccm_opt.cli.posing import reach_files  # noqa: PLC0415 - loads numpy
 
     return reach_files(
@@ -324,7 +324,7 @@ def check_command(
     *,
     constraint: Constraints = None,
 ) -> int:
-    """Verify written plans again, from their files alone."""
+    """Verify written plans anew, from their files alone."""
     from ccm_opt.cli.written_plans import check_folders  # noqa: PLC0415 - loads numpy
 
     return check_folders(folders, tuple(constraint or ()))
@@ -351,35 +351,37 @@ def compare_command(
     suite: Annotated[
         list[str] | None,
         typer.Option(
-            help="Suite of problems: shared, open-space, clutter-N or duct; in space space-clutter-N, space-elbow, "
-            "space-wing-box or space-blade-row; or module:attribute. May be repeated."
+            help=(
+                "Suite of problems: shared, open-space, clutter-N or duct; in space: space-clutter-N, "
+                "space-elbow, space-wing-box or space-blade-row; or module:attribute. Repeatable."
+            )
         ),
     ] = None,
     count: Annotated[
-        int | None, typer.Option(min=1, help="Number of problems from each suite.", show_default="20, or all")
+        int | None, typer.Option(min=1, help="Number of problems from each suite.", show_default="20, or all there are")
     ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the first random problem.")] = 0,
     method: Annotated[
-        list[str] | None, typer.Option(help="Method to compare. May be repeated.", show_default="nlp and hill-climbing")
+        list[str] | None, typer.Option(help="Method to compare. Repeatable.", show_default="nlp and hill-climbing")
     ] = None,
     planner: Annotated[
-        list[str] | None, typer.Option(help="Another planner to compare, as module:attribute. May be repeated.")
+        list[str] | None, typer.Option(help="Another planner to compare, as module:attribute. Repeatable.")
     ] = None,
-    workers: Annotated[int, typer.Option(min=1, help="Number of processes on this machine.")] = 1,
+    workers: Annotated[int, typer.Option(min=1, help="Number of worker processes on this machine.")] = 1,
     dask: Annotated[
         str | None, typer.Option(help="Address of a Dask scheduler, to run on its cluster instead.")
     ] = None,
-    out: Annotated[Path, typer.Option(help="Folder of the journal, tables and page.")] = Path("runs/comparison"),
+    out: Annotated[Path, typer.Option(help="Output folder for journal, tables and page.")] = Path("runs/comparison"),
     time_limit: Annotated[
         float | None,
-        typer.Option(min=0.001, help="CPU time for every planner, in s.", show_default="the problem's"),
+        typer.Option(min=0.001, help="CPU time limit of each planner [s].", show_default="the problem's"),
     ] = None,
     write_problems: Annotated[
-        bool, typer.Option("--write-problems", help="Write every problem as a file, in problems/ of that folder.")
+        bool, typer.Option("--write-problems", help="Write every problem as a file to problems/ in the output folder.")
     ] = False,
-    no_pictures: Annotated[bool, typer.Option("--no-pictures", help="Leave the page with its charts out.")] = False,
+    no_pictures: Annotated[bool, typer.Option("--no-pictures", help="Write no page of charts.")] = False,
 ) -> int:
-    """Run planners on the same problems and compare what they find; continue where an earlier run stopped."""
+    """Run planners on the same problems and compare the results; resume an interrupted comparison."""
     from ccm_opt.cli.comparing import compare_methods  # noqa: PLC0415 - loads numpy
 
     return compare_methods(
@@ -407,7 +409,7 @@ def describe_command(
     *,
     changes: Changes = None,
 ) -> int:
-    """Print the arm of problems: link parameters, drives, masses."""
+    """Print the arm of a problem: link parameters, drives, masses."""
     from ccm_opt.cli.examining import describe_files  # noqa: PLC0415 - loads numpy
 
     return describe_files(files, changes or ())
@@ -421,26 +423,30 @@ def simulate_command(
     folders: Folders,
     *,
     controller: Annotated[ControllerChoice | None, typer.Option(help="Controller.")] = None,
-    step: Annotated[float | None, typer.Option(min=1e-6, help="Integration step, in s.")] = None,
+    step: Annotated[float | None, typer.Option(min=1e-6, help="Integration step [s].")] = None,
     bandwidth: Annotated[
-        float | None, typer.Option(min=1e-3, help="Bandwidth of computed torque and of the feed axis, in 1/s.")
+        float | None, typer.Option(min=1e-3, help="Bandwidth of the controller, at joints and feed axis [1/s].")
     ] = None,
-    payload: Annotated[float | None, typer.Option(help="Mass at the tip, unknown to the controller, in kg.")] = None,
+    payload: Annotated[float | None, typer.Option(help="Tip mass unknown to the controller [kg].")] = None,
     mass_error: Annotated[
-        float | None, typer.Option(help="Fraction by which the links are heavier than the controller believes.")
+        float | None, typer.Option(help="Fraction by which the links are heavier than the controller's model.")
     ] = None,
     friction: Annotated[
-        float | None, typer.Option(help="Viscous friction, unknown to the controller, in N m s/rad.")
+        float | None, typer.Option(help="Viscous joint friction unknown to the controller [N m s/rad].")
     ] = None,
-    angle_noise_deg: Annotated[float | None, typer.Option(help="Noise of the measured angles, in degrees.")] = None,
-    velocity_noise: Annotated[float | None, typer.Option(help="Noise of the measured velocities, in rad/s.")] = None,
+    angle_noise_deg: Annotated[
+        float | None, typer.Option(help="Standard deviation of the measured angles [deg].")
+    ] = None,
+    velocity_noise: Annotated[
+        float | None, typer.Option(help="Standard deviation of the measured velocities [rad/s].")
+    ] = None,
     start_delay: Annotated[
-        float | None, typer.Option(help="How long the brakes hold the arm before it starts, in s.")
+        float | None, typer.Option(help="Time for which the brakes hold the arm at the start [s].")
     ] = None,
     seed: Annotated[int | None, typer.Option(min=0, help="Seed of the noise.")] = None,
-    no_pictures: Annotated[bool, typer.Option("--no-pictures", help="Leave the picture out.")] = False,
+    no_pictures: Annotated[bool, typer.Option("--no-pictures", help="Draw no picture.")] = False,
 ) -> int:
-    """Simulate written plans again, with other settings and disturbances."""
+    """Simulate written plans with other settings and disturbances."""
     from math import radians  # noqa: PLC0415
 
     from ccm_opt.cli.examining import simulate_folders  # noqa: PLC0415 - loads numpy
@@ -466,11 +472,11 @@ def tolerance_command(
     folders: Folders,
     *,
     no_simulation: Annotated[
-        bool, typer.Option("--no-simulation", help="Leave out payload and friction, which are found by simulations.")
+        bool, typer.Option("--no-simulation", help="Skip payload and friction, which take simulations.")
     ] = False,
-    no_pictures: Annotated[bool, typer.Option("--no-pictures", help="Leave the picture out.")] = False,
+    no_pictures: Annotated[bool, typer.Option("--no-pictures", help="Draw no picture.")] = False,
 ) -> int:
-    """Say which errors of joints, links, base, walls and loads written plans survive."""
+    """Find the largest errors of joints, links, base, walls and loads that written plans tolerate."""
     from ccm_opt.cli.examining import examine_tolerance  # noqa: PLC0415 - loads numpy
 
     return examine_tolerance(folders, simulated=not no_simulation, pictures=not no_pictures)
@@ -485,20 +491,20 @@ def tolerance_command(
     ),
 )
 def export_command(
-    folder: Annotated[Path, typer.Argument(help="Folder that solve wrote.", show_default=False)],
+    folder: Annotated[Path, typer.Argument(help="Output folder of solve.", show_default=False)],
     *,
     kind: Annotated[ExportFormat, typer.Option("--format", help="Format.")],
     out: Annotated[Path | None, typer.Option(help="File to write.", show_default="standard output")] = None,
     bends_only: Annotated[
         bool,
-        typer.Option("--bends-only", help="Leave out the two revolutes of a ball that stay at 0 in the plane."),
+        typer.Option("--bends-only", help="Omit the two revolutes of each ball joint that stay at 0 in the plane."),
     ] = False,
-    no_scene: Annotated[bool, typer.Option("--no-scene", help="Leave the obstacles out of URDF and MJCF.")] = False,
+    no_scene: Annotated[bool, typer.Option("--no-scene", help="Omit the obstacles from URDF and MJCF.")] = False,
     effort: Annotated[
-        bool, typer.Option("--effort", help="Write efforts into yaml; controllers from ROS 2 Humble on refuse them.")
+        bool, typer.Option("--effort", help="Write efforts to yaml; controllers since ROS 2 Humble reject them.")
     ] = False,
 ) -> int:
-    """Write the arm, its surroundings or the motion of a written plan for other programs."""
+    """Export arm, obstacles or motion of a written plan for other programs."""
     from ccm_opt.cli.written_plans import export_folder  # noqa: PLC0415 - loads numpy
 
     return export_folder(folder, kind, out, bends_only=bends_only, scene=not no_scene, effort=effort)
@@ -517,12 +523,12 @@ def draw_command(
     *,
     figure: Annotated[
         list[FigureName] | None,
-        typer.Option(help="What to draw; mp4 needs ffmpeg. May be repeated.", show_default="all still figures"),
+        typer.Option(help="Figure to draw; mp4 needs ffmpeg. Repeatable.", show_default="all still figures"),
     ] = None,
     figure_format: FigureFormatOption = "png",
-    out: Annotated[Path | None, typer.Option(help="Folder of the pictures.", show_default="the plan's")] = None,
+    out: Annotated[Path | None, typer.Option(help="Output folder of the pictures.", show_default="the plan's")] = None,
 ) -> int:
-    """Draw written plans: the motion, its curvatures, its steps, the jointed arm, the simulated arm in space."""
+    """Draw written plans: motion, curvatures, steps, linkage, simulated arm."""
     from ccm_opt.cli.drawing import draw_folders  # noqa: PLC0415 - loads numpy
 
     return draw_folders(folders, figure or (), figure_format, out)

@@ -65,7 +65,7 @@ def print_comparison(comparison: Comparison, folder: Path) -> None:
         console.print("\nnot solved:")
     for run in failures:
         console.print(escape(f"  {run.problem}, {run.method}: {run.outcome}. {run.reason}"), soft_wrap=True)
-    console.print(escape(f"\nwritten to {folder}; every run is in {TABLE}"), soft_wrap=True)
+    console.print(escape(f"\nwritten to {folder}; {TABLE} lists every run"), soft_wrap=True)
 
 
 def runs_table(comparison: Comparison) -> Table:
@@ -82,10 +82,10 @@ def runs_table(comparison: Comparison) -> Table:
 def methods_table(comparison: Comparison) -> Table:
     """Return a table with one column per method: problems solved, and medians over its solutions."""
     count = len(comparison.problems)
-    table = columned_table(f"methods on {count} problems, medians", ["", *comparison.methods], unwrapped=1)
+    table = columned_table(f"medians of the methods, {count} problems", ["", *comparison.methods], unwrapped=1)
     solved = [comparison.solved(name) for name in comparison.methods]
     table.add_row("solved", *(f"{number}, {percents(number / max(1, count))}" for number, _ in solved))
-    table.add_row("95 %", *(f"{100 * one.low:.0f} to {percents(one.high)}" for _, one in solved))
+    table.add_row("95 % CI", *(f"{100 * one.low:.0f} to {percents(one.high)}" for _, one in solved))
     found = [medians(comparison.method_runs(name)) for name in comparison.methods]
     for item in QUANTITIES:
         table.add_row(escape(format_title(item)), *(format_value(item, each[item.key]) for each in found))
@@ -97,7 +97,7 @@ def print_pair(console: Console, pair: Pair) -> None:
     console.print(escape(f"{pair.first} against {pair.second}"), style="bold")
     console.print(success_words(pair))
     both = max((item.pairs for item in pair.figures), default=0)
-    columns = (f"where both solve: {both}", pair.first, pair.second, "by pairs", "95 %", "better", "p")
+    columns = (f"solved by both: {both}", pair.first, pair.second, "paired", "95 % CI", "better", "p")
     table = columned_table("", columns, unwrapped=1)
     for item in pair.figures:
         title = format_title(item.quantity)
@@ -174,7 +174,7 @@ def compare_methods(
 
     code = run_all([out], compared, lambda _: "comparison")
     if code == CANCELLED:
-        complain(f"every finished run is in {out / JOURNAL}; the same command goes on from there")
+        complain(f"every finished run is in {out / JOURNAL}; repeat the command to continue")
     return code
 
 
@@ -185,7 +185,7 @@ def _run(
     with open_journal(place) as journal:
         for method, count in outdated(journal, cases, methods).items():
             runs = "1 run" if count == 1 else f"{count} runs"
-            warn(f"{runs} of {method} in {place} had other code; they are made anew")
+            warn(f"{runs} of {method} in {place} come from other code and are repeated")
         return compare(
             cases, methods, workers, journal, time_limit=time_limit, progress=_telling(len(cases) * len(methods))
         )
@@ -197,7 +197,7 @@ def _telling(count: int) -> Callable[[Run], None]:
 
     def tell(run: Run) -> None:
         if not output().quiet:
-            sys.stderr.write(f"{next(numbers)} of {count} runs: {run.problem}, {run.method}: {run.outcome}\n")
+            sys.stderr.write(f"run {next(numbers)} of {count}: {run.problem}, {run.method}: {run.outcome}\n")
             sys.stderr.flush()
 
     return tell

@@ -140,7 +140,7 @@ def drawn_files(folder: Path, figures: Sequence[FigureName], kind: FigureKind = 
         }
     films: dict[FigureName, Callable[[DrawnPlan], bytes]] = {FigureName.GIF: motion_gif, FigureName.MP4: motion_mp4}
     if unknown := [str(name) for name in figures if name not in stills and name not in films]:
-        raise ProblemError(f"{', '.join(unknown)}: drawn in the plane alone, and '{plan.problem.name}' is in space")
+        raise ProblemError(f"{', '.join(unknown)}: available in the plane only; '{plan.problem.name}' is in space")
     files = {f"{name}.{kind}": stills[name](plan, kind) for name in figures if name in stills}
     return files | {f"motion.{name}": films[name](plan) for name in figures if name in films}
 
@@ -163,7 +163,7 @@ def _view(item: Path, port: int, *, browser: bool) -> int:
     app = plan_viewer(item, port)
     try:
         if not output().quiet:
-            sys.stderr.write(f"{app.frames.problem.name}: {app.address} shows it; Ctrl-C ends it\n")
+            sys.stderr.write(f"{app.frames.problem.name}: open {app.address}; press Ctrl-C to stop\n")
         if browser:
             webbrowser.open(app.address)
         app.run()

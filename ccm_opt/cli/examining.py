@@ -214,7 +214,7 @@ def _simulate(folder: Path, options: Mapping[str, Any], disturbances: Mapping[st
 
 def _print(problem: Problem, motion: SavedMotion, simulated: SimulatedMotion, figures: Mapping[str, float]) -> None:
     units = result_units(problem)
-    table = value_table(f"{problem.name}: simulated")
+    table = value_table(f"{problem.name}: simulation")
     table.add_row("controller", problem.simulation.controller, "", f"step {problem.simulation.step:g} s")
     if problem.simulation.controller == "pd":
         table.add_row("gains", *_describe_gains(problem))
@@ -245,7 +245,7 @@ def _describe_gains(problem: Problem) -> tuple[str, str, str]:
     least = f"{stiffness.min():.4g}"
     most = f"{stiffness.max():.4g}"
     value = f"{most} N m/rad" if least == most else f"{least} to {most} N m/rad"
-    return value, "", "as given" if given else f"suit the arm at {options.bandwidth:g} 1/s"
+    return value, "", "as given" if given else f"tuned for {options.bandwidth:g} 1/s"
 
 
 def examine_tolerance(folders: Sequence[Path], *, simulated: bool, pictures: bool) -> int:
@@ -286,7 +286,7 @@ def _look_at(folder: Path, *, simulated: bool, pictures: bool) -> int:
 
 def tolerance_table(problem: Problem, errors: Sequence[SurvivedError]) -> Table:
     """Return a table of the errors that a plan survives, with what limits them."""
-    table = columned_table(f"{problem.name}: survives errors of, one at a time", ("", "up to", "asked", "limited by"))
+    table = columned_table(f"{problem.name}: tolerated errors, one at a time", ("", "up to", "required", "limited by"))
     table.columns[-1].justify = "left"
     table.columns[-1].no_wrap = False
     units = result_units(problem)

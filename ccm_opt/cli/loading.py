@@ -65,7 +65,7 @@ def warn_outside(problem: str, obstacles: Sequence[str]) -> None:
     shown = ", ".join(f"'{name}'" for name in obstacles[:_MOST_LEFT_OUT])
     rest = len(obstacles) - len(obstacles[:_MOST_LEFT_OUT])
     if obstacles:
-        warn(f"{problem}: wholly outside the room: {shown}" + (f", and {rest} more" if rest else ""))
+        warn(f"{problem}: obstacles entirely outside the workspace: {shown}" + (f", and {rest} more" if rest else ""))
 
 
 def drawing_lines(drawing: ImportedDrawing, problem: Problem) -> Iterator[str]:
@@ -82,9 +82,9 @@ def drawing_lines(drawing: ImportedDrawing, problem: Problem) -> Iterator[str]:
     count = "1 obstacle" if drawing.obstacles == 1 else f"{drawing.obstacles} obstacles"
     yield f"{drawing.file}: {count}, {size} {units.name}, {corners} {units.name}"
     if not shapely.covers(problem.workspace.boundary, shapely.box(*drawing.box)):
-        yield "  parts of it lie outside the room"
+        yield "  parts of it lie outside the workspace"
     if drawing.unit not in {"", units.name}:
-        yield f"  it names {drawing.unit} as its unit, the problem file {units.name}; workspace.scale alone counts"
+        yield f"  its unit is {drawing.unit}, the problem file's {units.name}; only workspace.scale counts"
     shown = None if output().verbose else _MOST_LEFT_OUT
     if drawing.layers:
         listed = ", ".join(f"{name} ({number})" for name, number in drawing.layers[:shown])
@@ -139,20 +139,20 @@ def mesh_lines(name: str, body: MeshBody, problem: Problem) -> Iterator[str]:
     for words in body.notes:
         yield f"  {words}"
     for words in body.mended:
-        yield f"  mended: {words}"
+        yield f"  repaired: {words}"
     room = problem.workspace.bounds
     if room is not None and np.any((low * METRES[unit] < room[0]) | (high * METRES[unit] > room[1])):
-        yield "  parts of it lie outside the room"
+        yield "  parts of it lie outside the workspace"
 
 
 def _inside(body: MeshBody, unit: LengthUnit) -> str:
     """Return in words whether a mesh is closed, and what counts as its inside."""
     if not body.solid:
-        return "its surface alone counts (solid = false)"
+        return "surface only (solid = false)"
     if body.closed:
         return "closed"
     with words_in(unit):
-        return f"not closed: it {open_words(body)}; the arm may enter through openings wider than it is"
+        return f"not closed: it {open_words(body)}; the arm may enter through openings wider than its diameter"
 
 
 def mesh_data(name: str, body: MeshBody) -> dict[str, object]:
@@ -190,12 +190,15 @@ def warn_odd_rates(problem: Problem) -> None:
         if SLOWEST <= share <= FASTEST[per]:
             continue
         warn(
-            f"{problem.name}: limits.{key} is {in_unit(rate, unit):.6g} {unit}{per}, {share:.2g} arm lengths{per}: "
-            "it is given in the file's unit of length; is that meant?"
+            f"{problem.name}: limits.{key} is {in_unit(rate, unit):.6g} {unit}{per}, or {share:.2g} arm "
+            f"lengths{per}; it is read in the file's unit of length: check it"
         )
     strength = float(np.linalg.norm(problem.simulation.gravity))
     if strength > STRONGEST_GRAVITY:
-        warn(f"{problem.name}: simulation.gravity is {strength:.6g} m/s²: it is given in m/s² whatever the file's unit")
+        warn(
+            f"{problem.name}: simulation.gravity is {strength:.6g} m/s²: it is read in m/s², whatever the "
+            "file's unit of length: check it"
+        )
 
 
 def _rates(limits: Limits) -> Iterator[tuple[str, float, str]]:
@@ -234,7 +237,9 @@ class NamedProblems:
                     files.setdefault(data.get("name"), []).append(str(file))
         for name, doubles in files.items():
             if len(doubles) > 1:
-                warn(f"{' and '.join(doubles)} have the same name '{name}': their folders would be one, one is solved")
+                warn(
+                    f"{' and '.join(doubles)} have the same name '{name}' and would share a folder; only one is solved"
+                )
 
     def read(self, file: Path) -> Problem:
         """Read the problem of a file, and report its drawing or meshes.
@@ -248,7 +253,9 @@ class NamedProblems:
         problem = load_problem(file, changes=self.changes, allow_outside=output().allow_outside)
         first = self.taken.setdefault(problem.name, file)
         if first is not file:
-            raise ProblemError(f"{file} has the same name '{problem.name}' as {first}; their folders would be one")
+            raise ProblemError(
+                f"{file} has the same name '{problem.name}' as {first} and would share its folder; rename one"
+            )
         tell_of_scene(problem)
         return problem
 

@@ -5,7 +5,7 @@
 1     a bug in ccm_opt, and its traceback is printed; or memory was used
       up, or stdout could not be written, and that is printed
 2     bad input
-3     no plan, or a plan that the verifier refuses; the reason is printed
+3     no plan, or a plan that the verifier rejects; the reason is printed
 4     a verified plan, written like every other, that the simulated arm did
       not follow: it met a limit, touched something, went out of control, or
       could not be simulated; the reason is printed
@@ -131,7 +131,7 @@ def tell_reason(diagnosis: Diagnosis, *, last: bool = False) -> None:
     if new and not told:
         _print_on_stderr("error:", "red", "\n".join((f"{item.item}: {new[0]}", *new[1:])))
     elif new:
-        first = new[0] if new[0].startswith(" ") else f"  more exactly: {new[0]}"
+        first = new[0] if new[0].startswith(" ") else f"  more precisely: {new[0]}"
         _print_on_stderr("", "red", "\n".join((first, *new[1:])))
     item.told = [*told, *(line.removeprefix("  also: ").split("; ")[0] for line in new)]
     item.note({"diagnosis": asdict(diagnosis), "errors": [f"{item.item}: {diagnosis}"]})

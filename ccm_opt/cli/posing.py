@@ -92,8 +92,8 @@ def _print_pose(found: StaticPose, clock: StageClock, folder: Path) -> None:
     """Print a pose on stdout."""
     pose = found.pose
     units = result_units(found.problem)
-    table = value_table(f"{found.problem.name}: best pose at the goal")
-    table.add_row("gap", units.length(pose.gap), f"≥ {units.given(pose.wanted_gap, 'm')}", escape(found.nearest))
+    table = value_table(f"{found.problem.name}: best goal pose")
+    table.add_row("least gap", units.length(pose.gap), f"≥ {units.given(pose.wanted_gap, 'm')}", escape(found.nearest))
     if found.problem.dimension == 3:
         _add_base_and_roll(table, found)
     table.add_row("cost", f"{pose.cost:.4g}", "", escape(_main_costs(pose.costs)))
@@ -121,7 +121,7 @@ def _add_base_and_roll(table: Table, found: StaticPose) -> None:
     for axis in found.problem.arm.base_axes:
         bounds = f"{units.given(axis.low, 'm')} to {units.given(axis.high, 'm')}"
         table.add_row("feed", units.length(found.feed), bounds, "")
-    table.add_row("roll of the tip", units.shown(found.goal_errors.roll, "rad"), "", "follows from the bends")
+    table.add_row("roll of the tip", units.shown(found.goal_errors.roll, "rad"), "", "determined by the bends")
 
 
 def _segment_rows(found: StaticPose) -> list[tuple[float, str]]:
@@ -229,7 +229,7 @@ def _print_reach(found: ReachMap, folder: Path) -> None:
     if found.problem.dimension == 3:
         count = len(found.directions)
         size = ("volume [m³]", f"{found.size:.3g}")
-        ways = ("directions", f"{100.0 * share:.0f} % of {count}" if count else "not asked")
+        ways = ("directions", f"{100.0 * share:.0f} % of {count}" if count else "not mapped")
     else:
         size = ("area [m²]", f"{found.size:.3g}")
         ways = ("headings", f"{360.0 * share:.0f}° of 360°")

@@ -47,7 +47,7 @@ def failure_recorder(
 
             page = failure_html(problem, status, diagnosis, clock.timings)
             folder = write_failure(problem, status, diagnosis, out, clock.timings, {"report.html": page.encode()})
-        tell_where(folder, out / problem.name, "why there is no new one is recorded")
+        tell_where(folder, out / problem.name, "the reason why there is no new one is")
 
     return record
 
@@ -70,7 +70,7 @@ def failures_recorded(
 
     Raises:
         NoPlanFound: there is no plan; the diagnosis is written to ``solution.json``.
-        VerificationError: the verifier refuses the plan; recorded likewise.
+        VerificationError: the verifier rejects the plan; recorded likewise.
         KeyboardInterrupt: on Ctrl-C; a record with the status ``cancelled`` and the reason, as far as it is known, is
             written; or the plan if there is one already.
         MemoryError: or another error that says that memory ran out before there was a reason; it is recorded as the
@@ -85,7 +85,7 @@ def failures_recorded(
         record(error.status, error.diagnosis)
         raise
     except VerificationError as error:
-        refused = Diagnosis("the verifier refuses the plan: " + "; ".join(error.failures), "verification")
+        refused = Diagnosis("the verifier rejects the plan: " + "; ".join(error.failures), "verification")
         record(NoPlanFound.unproved_status, refused)
         raise
     except CancelledWithPlan as cancelled:
@@ -98,13 +98,13 @@ def failures_recorded(
         short = is_out_of_memory(error)
         known = clock.known
         if known is None and short:
-            known = Diagnosis("memory ran out", clock.current or "planning", advice=(MORE_MEMORY,))
+            known = Diagnosis("out of memory", clock.current or "planning", advice=(MORE_MEMORY,))
         if known is not None:
             # The memory of the failed work is free again by now; if it is too little for a record, the error has to do.
             with suppress(MemoryError):
                 in_short(NoPlanFound(known).status, known)
         if clock.known is not None and short:
-            advice = (*clock.known.advice, "more memory, which ran out while changes that would help were sought")
+            advice = (*clock.known.advice, "more memory; it ran out during the search for changes that would help")
             raise NoPlanFound(replace(clock.known, advice=advice)) from error
         raise
 
@@ -117,7 +117,7 @@ def write_unfinished(target: Path, files: Mapping[str, bytes]) -> None:
         files: contents of the plan's files, by file name.
     """
     folder = write_folder(target, files, beside=partial(place_beside, ending=UNFINISHED))
-    tell_where(folder, target, "the new one, as far as it came, is written")
+    tell_where(folder, target, "the new one, verified but unfinished, is")
 
 
 def tell_where(folder: Path, target: Path, what: str) -> None:

@@ -245,8 +245,8 @@ def _end(
     A reason that is known already was printed before, and goes into the record.
     """
     what = "planning" if known is None else "the search for changes that would help"
-    reason = f"nothing was heard of {what} for {silence:g} s, so it was ended"
-    advice = "report it, with the problem file" if address_space() is None else MORE_MEMORY
+    reason = f"{what} reported nothing for {silence:g} s and was stopped"
+    advice = "report this, with the problem file" if address_space() is None else MORE_MEMORY
     known = known or Diagnosis(reason, "planning", (advice,))
     status = NoPlanFound(known).status if known.proved else TimeLimitReached.unproved_status
     with suppress(OSError):  # stderr may be closed; the command has to end all the same

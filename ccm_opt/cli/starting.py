@@ -86,13 +86,13 @@ def _list(known: dict[str, Path]) -> int:
     }
 
     def show() -> None:
-        table = columned_table("problems that come with ccm-opt", ("name", "description"), unwrapped=1)
+        table = columned_table("example problems of ccm-opt", ("name", "description"), unwrapped=1)
         table.columns[1].justify = "left"
         for name, description in described.items():
             table.add_row(name, escape(description))
         console = report_console()
         console.print(table)
-        console.print("solve one with: ccm-opt solve NAME; copy some with: ccm-opt problems NAME…")
+        console.print("solve one: ccm-opt solve NAME; copy some: ccm-opt problems NAME…")
 
     return print_result(show, SOLVED, lambda: {"status": "listed", "problems": described})
 
@@ -110,9 +110,9 @@ def _copy(name: str, known: dict[str, Path], out: Path, taken: dict[Path, str]) 
     copies = {place: original} | {out / beside: original.parent / beside for beside in _needed_files(original)}
     for copy in copies:
         if (first := taken.setdefault(copy, name)) != name:
-            raise ProblemError(f"{copy} has just been copied for '{first}'; copy '{name}' with another --out")
+            raise ProblemError(f"{copy} was just written for '{first}'; copy '{name}' with another --out")
         if copy.exists():
-            raise ProblemError(f"{copy} is there already, and nothing of yours is replaced; choose another --out")
+            raise ProblemError(f"{copy} exists and is not overwritten; choose another --out")
     for copy, source in copies.items():
         _write(copy, source.read_bytes())
     words = " and ".join(str(file) for file in copies)
@@ -141,6 +141,6 @@ def _write(place: Path, content: bytes) -> None:
         with place.open("xb") as file:
             file.write(content)
     except FileExistsError:
-        raise ProblemError(f"{place} is there already, and nothing of yours is replaced; choose another name") from None
+        raise ProblemError(f"{place} exists and is not overwritten; choose another name") from None
     except OSError as error:
         raise ProblemError(f"cannot write {place}: {error.strerror or error}") from error

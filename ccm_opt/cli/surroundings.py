@@ -41,8 +41,8 @@ def too_little_memory() -> str:
     if allowed is None or allowed >= LEAST_ADDRESS_SPACE:
         return ""
     return (
-        f"out of memory: {allowed / 1e6:.0f} MB of address space are allowed (ulimit -v), and loading the libraries "
-        f"alone takes {LEAST_ADDRESS_SPACE / 1e6:.0f} MB; solving takes 0.6 to 1 GB"
+        f"out of memory: {allowed / 1e6:.0f} MB of address space are allowed (ulimit -v), but loading the "
+        f"libraries takes {LEAST_ADDRESS_SPACE / 1e6:.0f} MB; solving takes 0.6 to 1 GB"
     )
 
 

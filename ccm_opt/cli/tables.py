@@ -48,18 +48,18 @@ def print_solution(solution: Solution, clock: StageClock, folder: str) -> None:
     if "leader_deviation_worst_m" in solution.metrics:
         worst = units.length(solution.metrics["leader_deviation_worst_m"])
         mean = units.length(solution.metrics["leader_deviation_mean_m"])
-        table.add_row("Off the leader's path", worst, "", "", f"{mean} on average")
+        table.add_row("Deviation from the leader's path", worst, "", "", f"{mean} on average")
     verdict = solution.simulation.verdict
     table.add_row("Simulated arm", *verdict_cells(verdict))
     if verdict.followed:
         error = units.shown(solution.simulation.tracking_error, "rad", 1.0)
-        table.add_row("Joints off the plan", error, "", "", "in the simulation")
+        table.add_row("Tracking error", error, "", "", "in the simulation")
     console = report_console()
     console.print(table)
     print_room(console, solution.room, units)
     print_not_checked(console, solution.not_checked)
     of_itself = sum(check.of_itself for check in words)
-    console.print(f"all {len(words)} checks of the verifier hold, {of_itself} of the plan against itself")
+    console.print(f"all {len(words)} checks passed, {of_itself} of them on the plan's consistency")
     console.print(escape(stage_line(clock)), soft_wrap=output().verbose)
     console.print(escape(f"written to {folder}"), soft_wrap=True)
 
@@ -161,7 +161,7 @@ def peak_torque(
 
 COLUMNS = (
     "plan",
-    "wanted gap",
+    "preferred",
     "duration [s]",
     "least gap",
     "gap at goal",
@@ -176,16 +176,16 @@ COLUMNS = (
 def print_pareto(found: ParetoPlans, clock: StageClock, folder: str) -> None:
     """Print the trade-off between duration and clearance on stdout."""
     units = result_units(found.problem)
-    table = columned_table(f"{found.problem.name}: from the fastest plan to the roomiest", COLUMNS)
+    table = columned_table(f"{found.problem.name}: trade-off of duration and clearance", COLUMNS)
     for number, plan in enumerate(found.plans, start=1):
         table.add_row(f"{number}", *_cells(plan, units), escape(_note(found, plan, number)))
     console = report_console()
     console.print(table)
     console.print(f"plan {found.recommended}, recommended:")
     print_room(console, found.best.room, units)
-    console.print(f"all {len(found.best.checks)} checks of the verifier hold")
+    console.print(f"all {len(found.best.checks)} checks passed")
     console.print(escape(stage_line(clock)), soft_wrap=True)
-    console.print(escape(f"written to {folder}, every plan to its folder in {folder}/pareto"), soft_wrap=True)
+    console.print(escape(f"written to {folder}, each plan to a folder in {folder}/pareto"), soft_wrap=True)
 
 
 def _cells(plan: ParetoPlan, units: PageUnits) -> tuple[str, ...]:

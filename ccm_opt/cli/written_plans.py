@@ -90,7 +90,7 @@ def _check(folder: Path, constraints: tuple[str, ...]) -> int:
         told = [check for check in words if output().verbose or not check.of_itself or not check.passed]
         console.print(checks_table(f"{problem.name}: {verdict}", told))
         if len(told) < len(words):
-            console.print(f"{len(words) - len(told)} checks of the plan against itself hold too")
+            console.print(f"and {len(words) - len(told)} checks of the plan's consistency passed")
         print_room(console, room, result_units(problem))
         print_not_checked(console, left_out)
 
@@ -157,7 +157,7 @@ def export_folder(folder: Path, kind: ExportFormat, out: Path | None = None, **c
 
     def export(item: Path) -> int:
         if out is None and kind in BINARY:
-            raise ProblemError(f"{kind} is no text; name the file to write with --out")
+            raise ProblemError(f"{kind} is a binary format; name the file to write with --out")
         files = exported_files(item, kind, out, **choices)
         if out is None:
             text = files[""].decode()

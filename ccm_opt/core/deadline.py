@@ -53,5 +53,5 @@ class Deadline:
         """Return, in words, which of the two clocks stopped the work."""
         if time.process_time() > self.cpu:
             return "time limit reached"
-        times = f"{WALL_GUARD:g} times planner.time_limit of wall time"
-        return f"time limit reached ({times} passed first, for the process got little CPU time)"
+        times = f"{WALL_GUARD:g} times planner.time_limit"
+        return f"time limit reached (by wall time, {times}: the process got too little CPU time)"

@@ -12,7 +12,7 @@
     │   ├── TimeLimitReached    the time limit passed first
     │   ├── RetimingError       the path cannot be timed within the limits
     │   └── SimulationError     the simulated arm left the finite world
-    ├── VerificationError       a plan, or a folder, that the verifier refuses        exit code 3
+    ├── VerificationError       a plan, or a folder, that the verifier rejects        exit code 3
     └── NativeLibraryError      the compiled library is missing or an old one         exit code 2
 
     KeyboardInterrupt
@@ -72,7 +72,7 @@ class ProblemFileError(ProblemError):
         lines = [f"  {issue}" for issue in self.issues]
         if len(issues) > len(lines):
             lines.append(f"  and {len(issues) - len(lines)} more")
-        super().__init__(f"{path} has {len(issues)} problem(s):\n" + "\n".join(lines))
+        super().__init__(f"{path} has {len(issues)} error{'s' if len(issues) > 1 else ''}:\n" + "\n".join(lines))
 
 
 @dataclass(frozen=True)
@@ -216,7 +216,7 @@ class VerificationError(CcmError):
 
     def __init__(self, failures: Sequence[str]) -> None:
         self.failures = tuple(failures)
-        super().__init__("the verifier refuses this plan:\n" + "\n".join(f"  {line}" for line in self.failures))
+        super().__init__("the verifier rejects this plan:\n" + "\n".join(f"  {line}" for line in self.failures))
 
 
 class CancelledWithPlan(KeyboardInterrupt):
@@ -224,4 +224,4 @@ class CancelledWithPlan(KeyboardInterrupt):
 
     def __init__(self, solution: Any) -> None:
         self.solution = solution
-        super().__init__("cancelled when there was a verified plan already")
+        super().__init__("cancelled, with a verified plan at hand")

@@ -66,7 +66,7 @@ class DaskWorkers:
             distributed: Any = import_module("distributed")  # an extra, and slow to load
         except ImportError as error:
             raise ProblemError(
-                "--dask needs Dask's package distributed; install it with: pip install distributed"
+                "--dask needs the package distributed; install it with: pip install distributed"
             ) from error
 
         # For debugging, Dask retains its last thousand messages with the tasks in them, which costs memory. It reads
@@ -96,16 +96,16 @@ class DaskWorkers:
                     # Dask's own timeout covers only the connection; it then waits for ever for the first message.
                     return in_background(connect).result(limit)
                 except (OSError, ValueError, TypeError, TimeoutError) as error:  # TypeError: no certificates are set up
-                    reason = str(error) or f"nothing was heard within {limit:g} s"
+                    reason = str(error) or f"no answer within {limit:g} s"
                     raise ProblemError(f"no Dask scheduler answers at {self.address}: {reason}") from error
-        raise ProblemError("this machine is too busy for a client of Dask to start")
+        raise ProblemError("this machine is too busy to start a Dask client")
 
     def _make_executor(self, client: Any) -> tuple[Executor, int]:
         try:
             in_background(partial(client.wait_for_workers, 1, timeout=self.timeout)).result(self.timeout)
             threads = sum(in_background(client.nthreads).result(self.timeout).values())
         except (OSError, TimeoutError) as error:
-            raise ProblemError(f"the Dask cluster at {self.address} has no workers; start some") from error
+            raise ProblemError(f"the Dask cluster at {self.address} has no workers; start at least one") from error
         return ClusterExecutor(client), max(_LEAST_ON_CLUSTER, _TASKS_PER_THREAD * threads)
 
 
@@ -202,13 +202,13 @@ class LocalWorkers:
         try:
             Path.cwd()  # workers start there; without this check every single task would fail
         except OSError as error:
-            raise ProblemError("processes for workers cannot be had: the working directory is gone") from error
+            raise ProblemError("cannot start worker processes: the working directory no longer exists") from error
         try:
             executor = ProcessPoolExecutor(self.count, mp_context=context, initializer=_serve_parent)
         except OSError as error:
             raise ProblemError(
-                f"{self.count} processes for workers cannot be had: {error.strerror or error}; see ulimit -n, or take "
-                f"fewer workers"
+                f"cannot start {self.count} worker processes: {error.strerror or error}; use fewer workers, or raise "
+                f"ulimit -n"
             ) from error
         try:
             yield executor, _TASKS_PER_PROCESS * self.count
@@ -293,7 +293,7 @@ def _next_done(pending: Collection["Future[RESULT]"], executor: Executor) -> "Fu
     return done
 
 
-_LOST = "the cluster was lost; start it anew, and give the same command again"
+_LOST = "the connection to the cluster was lost; restart the cluster and repeat the command"
 
 
 def _submitted(executor: Executor, function: Callable[[TASK], RESULT], task: TASK) -> "Future[RESULT]":

@@ -29,9 +29,9 @@ def read_plain(path: Path, most_bytes: int) -> bytes:
     try:
         about = os.fstat(handle)
         if not stat.S_ISREG(about.st_mode):
-            raise OSError("it is no regular file")
+            raise OSError("it is not a regular file")
         if about.st_size > most_bytes:
-            raise OSError(f"it has {about.st_size} bytes, at most {most_bytes} are read")
+            raise OSError(f"it has {about.st_size} bytes; at most {most_bytes} are read")
         with os.fdopen(handle, "rb", closefd=False) as file:
             content = file.read(most_bytes + 1)  # some system files report a size of 0
     finally:

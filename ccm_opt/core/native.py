@@ -99,7 +99,7 @@ def _function(name: str) -> Any:
 @cache
 def _struct_layout(function: str) -> _Layout:
     if function not in _told():
-        raise NativeLibraryError(f"the compiled library {LIBRARY} is older than its source: {_HOW_TO_BUILD}")
+        raise NativeLibraryError(f"the compiled library {LIBRARY} is older than its sources: {_HOW_TO_BUILD}")
     return _layout(_told()[function])
 
 

@@ -52,7 +52,7 @@ class Progress:
         if math.isfinite(self.distance):
             # The report may be printed in another thread, which does not inherit the unit of the file.
             with words_in(self.unit):
-                words += f", nearest so far {short_length(self.distance)} from the goal"
+                words += f", closest so far {short_length(self.distance)} from the goal"
         return words
 
 

@@ -40,9 +40,9 @@ def expect_arguments(
         ProblemError: naming what was expected, and how to write it.
     """
     expect_callable(progress, "a function for progress=", "for example progress=print")
-    expect_method(planner, ["plan"], "a planner, an object with plan(problem)", "ccm_opt.BuiltInPlanner() is one")
+    expect_method(planner, ["plan"], "a planner: an object with plan(problem)", "ccm_opt.BuiltInPlanner() is one")
     expect_method(
-        retimer, ["retime"], "a retimer, an object with retime(problem, path)", "ccm_opt.BuiltInRetimer() is one"
+        retimer, ["retime"], "a retimer: an object with retime(problem, path)", "ccm_opt.BuiltInRetimer() is one"
     )
     if settings is not None:
         from ccm_opt.driver.settings import Settings  # noqa: PLC0415 - loads the settings of all planners
@@ -88,7 +88,7 @@ def compiled_terms(arm: Arm, constraints: Sequence[Constraint], costs: Sequence[
     return compile_terms(arm, constraints, costs)
 
 
-ADVICE = ("change the bounds of the constraint, or the goal", "let it apply on the way only", "make it soft")
+ADVICE = ("change the bounds of the constraint, or the goal", "let it apply along the way only", "make it soft")
 
 
 def refuse_contradictions(problem: Problem, terms: UserTerms | None) -> None:
@@ -139,7 +139,7 @@ def _contradictions(terms: UserTerms, goal: Goal, tolerances: Tolerances) -> tup
 
 def _finding(each: Contradiction, where: str) -> Finding:
     reason = (
-        f"constraint '{each.name}' cannot hold at {where}: off by {each.miss:.4g} with the tip there, and by "
-        f"{each.least:.4g} at least wherever it counts as there"
+        f"constraint '{each.name}' cannot hold at {where}: violated by {each.miss:.4g} with the tip at the "
+        f"goal, and by at least {each.least:.4g} anywhere within its tolerance"
     )
     return Finding("constraint", reason, key="constraints", measured=each.miss, allowed=0.0, unit="")

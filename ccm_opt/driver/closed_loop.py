@@ -180,7 +180,7 @@ def _touched(verdict: SimulationVerdict, touch: Touch) -> SimulationVerdict:
     return replace(
         verdict,
         outcome="touched",
-        reason=f"{touch}; besides, {verdict.reason}" if verdict.reason else str(touch),
+        reason=f"{touch}; also, {verdict.reason}" if verdict.reason else str(touch),
         link=touch.link,
         obstacle=touch.obstacle,
         time=touch.time,
@@ -194,9 +194,9 @@ def _at_a_smaller_step(motion: SimulatedMotion, asked: SimulationVerdict) -> Sim
     if verdict.followed:
         # Details of the run at too long a step say nothing about an arm that follows.
         failed = "the integration diverged" if asked.outcome == "diverged" else f"{asked.outcome}: {asked.reason}"
-        reason = f"in steps of {verdict.step:g} s; in those asked for, of {asked.step:g} s, {failed}"
+        reason = f"with steps of {verdict.step:g} s; with simulation.step = {asked.step:g} s, {failed}"
         return replace(motion, verdict=replace(verdict, reason=reason))
-    before = f"at the step asked for, {asked.step:g} s, {asked.outcome}: {asked.reason}"
+    before = f"with simulation.step = {asked.step:g} s, {asked.outcome}: {asked.reason}"
     return replace(motion, verdict=replace(verdict, reason=f"{verdict.reason}; {before}" if verdict.reason else before))
 
 

@@ -102,10 +102,12 @@ def _refuse_other_questions(problem: Problem) -> None:
         ProblemError: the goal is for the whole arm, or a planar base is on a feed axis.
     """
     if problem.goal.whole(problem.arm) is not None:
-        raise ProblemError("the goal is for the whole arm, so there is no pose to find; give goal.position instead")
+        raise ProblemError(
+            "the goal gives the pose of the whole arm, so there is none to find; give goal.position instead"
+        )
     if problem.arm.base_axes and problem.dimension == 2:
         raise ProblemError(
-            "the base is on a feed axis; in the plane the question is answered for a base that stands still"
+            "in the plane, goal poses are found for a fixed base only, not on a feed axis; leave arm.feed out"
         )
 
 

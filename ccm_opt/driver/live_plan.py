@@ -120,7 +120,7 @@ class LivePlan:
         ProblemError: the problem cannot be planned live: it has goals on the way, joint errors to survive, another
             planner, or in the plane a feed axis.
         NoPlanFound: there is no plan to begin with, or the start is in contact.
-        VerificationError: the verifier refuses the first plan.
+        VerificationError: the verifier rejects the first plan.
     """
 
     problem: Problem
@@ -140,8 +140,8 @@ class LivePlan:
         expect_arguments(settings=self.settings)
         if not self.suits(problem):
             raise ProblemError(
-                f"'{problem.name}' cannot be planned live: it has goals on the way, joint errors to survive, a planner "
-                "other than nlp, or in the plane a feed axis; solve it anew after every change"
+                f"'{problem.name}' cannot be planned live: it has several goals, a required joint error, a "
+                "planner other than nlp, or in the plane a feed axis; solve it anew after every change"
             )
         self._terms = compiled_terms(problem.arm, self.constraints, self.costs)
         thorough = MotionPlanner(Stages(), self._terms, plane=self.settings.curve, space=self.settings.space)
@@ -181,8 +181,8 @@ class LivePlan:
         """
         goal = self.problem.goal.for_tip
         if goal is None:
-            raise ProblemError("a goal for the whole arm cannot be moved; only one for the tip can")
-        place = goal.position if position is None else self._vector(position, "a place {} in metres")
+            raise ProblemError("a whole-arm goal cannot be moved; give a goal for the tip")
+        place = goal.position if position is None else self._vector(position, "a position {} in metres")
         moved = replace(goal, position=place)
         if direction is not None and self.problem.dimension == 2:
             moved = replace(moved, heading=self._heading(direction))
@@ -209,7 +209,7 @@ class LivePlan:
         if name not in {obstacle.name for obstacle in workspace.obstacles}:
             known = ", ".join(obstacle.name for obstacle in workspace.obstacles)
             raise ProblemError(f"there is no obstacle '{name}'; there are {known or 'none'}")
-        shift = self._vector(by, "how far to move it, {} in metres")
+        shift = self._vector(by, "a displacement, {} in metres")
         changed = replace(self.problem, workspace=workspace.with_moved(name, shift), source="")
         SurfaceTree.of(changed.workspace.soup)  # raises before anything is changed
         return self._changed(changed)
@@ -283,7 +283,7 @@ class LivePlan:
             self.reason = str(refused)
         except VerificationError as failure:
             self.current = False
-            self.reason = "the verifier refuses the plan: " + "; ".join(failure.failures)
+            self.reason = "the verifier rejects the plan: " + "; ".join(failure.failures)
 
     def _make(self, problem: Problem) -> None:
         """Plan, time and verify a problem, and keep the plan.
@@ -291,7 +291,7 @@ class LivePlan:
         Raises:
             ProblemError: the start is in contact.
             NoPlanFound: there is no plan.
-            VerificationError: the verifier refuses the plan.
+            VerificationError: the verifier rejects the plan.
         """
         stages = Stages()
         legs = plan_legs(problem, self._planner)
@@ -335,7 +335,7 @@ class LivePlan:
         vector = self._vector(value, "a direction {}")
         length = float(np.linalg.norm(vector))
         if length == 0.0:
-            raise ProblemError("a direction must not be zero")
+            raise ProblemError("a direction must be nonzero")
         return vector / length
 
     def _heading(self, value: object) -> float:

@@ -81,7 +81,7 @@ def pareto(
     Raises:
         ProblemError: the problem is invalid, or its planner does not support wanted gaps.
         NoPlanFound: there is no plan even without a wanted gap.
-        VerificationError: the verifier refuses the first plan.
+        VerificationError: the verifier rejects the first plan.
         CancelledWithPlan: on Ctrl-C once the first plan is found, which the error holds.
     """
     Problem.expected(problem)
@@ -111,7 +111,7 @@ def pareto(
         except NoPlanFound as failure:
             return ParetoPlan(wanted_gap, None, failure.diagnosis.reason)
         except VerificationError as failure:
-            return ParetoPlan(wanted_gap, None, "the verifier refuses the plan: " + "; ".join(failure.failures))
+            return ParetoPlan(wanted_gap, None, "the verifier rejects the plan: " + "; ".join(failure.failures))
         return ParetoPlan(wanted_gap, solution, cpu=_planning_time(solution))
 
     with words_in(problem.length_unit):
@@ -164,8 +164,8 @@ def _refuse_planners_without_gaps(problem: Problem) -> None:
         return
     if problem.arm.base_axes or problem.planner.method != "nlp":
         raise ProblemError(
-            f'{problem.name}: plans for several wanted gaps need a fixed base and planner.method "nlp"; '
-            "other planners do not know wanted gaps"
+            f'{problem.name}: the trade-off needs a fixed base and planner.method = "nlp"; otherwise there is no '
+            "preferred clearance to vary"
         )
 
 

@@ -82,7 +82,7 @@ def with_lowered_costs(
 
     Raises:
         NoPlanFound: there is no plan even at the last share; or the goal is unreachable.
-        VerificationError: the verifier refuses the plan made at the last share.
+        VerificationError: the verifier rejects the plan made at the last share.
     """
     deadline = Deadline.after(problem.planner.time_limit)
     for share in shares[:-1]:
@@ -193,7 +193,7 @@ class _Tries:
 def _reason(failure: NoPlanFound | VerificationError) -> str:
     if isinstance(failure, NoPlanFound):
         return failure.diagnosis.reason
-    return "the verifier refuses the plan: " + "; ".join(failure.failures)
+    return "the verifier rejects the plan: " + "; ".join(failure.failures)
 
 
 def insufficient_robustness(problem: Problem, best: SurvivedError) -> Diagnosis:
@@ -201,17 +201,18 @@ def insufficient_robustness(problem: Problem, best: SurvivedError) -> Diagnosis:
     asked = float(np.rad2deg(problem.joint_error))
     reached = float(np.rad2deg(best.size))
     if not best.limited:
-        reason = f"errors of the joints above {reached:.3g}° are not looked at, and {asked:.3g}° were asked for"
-        return Diagnosis(reason, STAGE, (f"ask for tolerance.joint_error_deg = {_below(reached)} at most",))
+        reason = f"joint errors are checked up to {reached:.3g}°, but tolerance.joint_error_deg is {asked:.3g}"
+        return Diagnosis(reason, STAGE, (f"lower tolerance.joint_error_deg to {_below(reached)}",))
     # Near contact gaps fall in proportion to errors, and the clearance adds to what they may use up.
     reason = (
-        f"no motion was found that survives joint errors of {asked:.3g}°: the best survives {reached:.3g}°, "
-        f"limited by {best.where}, where it would take {asked / max(reached, 1e-9):.2g} times the room"
+        f"no motion was found that tolerates joint errors of {asked:.3g}°: the best tolerates "
+        f"{reached:.3g}°, limited by {best.where}, where it would need {asked / max(reached, 1e-9):.2g} "
+        "times the clearance"
     )
     advice = (
-        f"ask for tolerance.joint_error_deg = {_below(reached)}, which the best motion survives",
+        f"lower tolerance.joint_error_deg to {_below(reached)}, which the best motion tolerates",
         *room_advice(problem.arm.radius, problem.workspace.clearance),
-        "move what limits it, or the goal, apart",
+        "move the limiting obstacle or the goal",
     )
     evidence = {"asked_deg": asked, "survived_deg": reached, "where": best.where, "link": best.link, "time": best.time}
     return Diagnosis(reason, STAGE, advice, evidence)
@@ -241,7 +242,7 @@ def surviving_errors(
     Raises:
         NoPlanFound: no motion was found with the problem's own wanted gap; or none of those found survives the error,
             with the error that the best one survives and what limits it.
-        VerificationError: the verifier refuses the plan.
+        VerificationError: the verifier rejects the plan.
     """
     deadline = Deadline.after(problem.planner.time_limit)
     wanted = problem.wanted_gap or problem.default_gap
@@ -300,7 +301,7 @@ def solve(
     Raises:
         ProblemError: the problem is invalid, or uses in space an option of the plane.
         NoPlanFound: there is no plan within the limits; with a diagnosis.
-        VerificationError: the verifier refuses the plan, which is a defect of the planner.
+        VerificationError: the verifier rejects the plan, which is a defect of the planner.
         CancelledWithPlan: on Ctrl-C once there is a verified plan, which the error holds; a ``KeyboardInterrupt``.
     """
     Problem.expected(problem)

@@ -34,7 +34,9 @@ def default_planner(
     """
     if problem.planner.method == "hill-climbing":
         if terms is not None:
-            raise ProblemError("hill climbing knows no constraints and costs of the user; use planner.method nlp")
+            raise ProblemError(
+                'planner.method "hill-climbing" does not support user-defined constraints and costs; use "nlp"'
+            )
         from ccm_opt.planning.baseline.hill_climbing_planner import HillClimbingPlanner  # noqa: PLC0415 - seldom
 
         return HillClimbingPlanner(stages)
@@ -78,7 +80,7 @@ class PlanningRun:
 
         Raises:
             NoPlanFound: with a diagnosis.
-            VerificationError: the verifier refuses the plan.
+            VerificationError: the verifier rejects the plan.
         """
         self.recorded.clear()
         planner = self.planner or default_planner(problem, self.stages, terms, self.settings)
@@ -137,7 +139,7 @@ class PlanningRun:
             VerificationError: the path does not solve the changed problem.
         """
         if not isinstance(plan, VerifiedPlan) or changed.stops:
-            raise ProblemError("only the path of a plan with one leg can be held against another problem")
+            raise ProblemError("only the path of a plan with one leg can be verified for another problem")
         terms = compiled_terms(changed.arm, self.constraints, self.costs)
         # The spare was certified for the other problem and does not carry over.
         leg = Leg(changed, replace(plan.path, spare=0.0))
@@ -147,7 +149,7 @@ class PlanningRun:
 def _ended(plan: object) -> FloatArray:
     """Return the last configuration of a plan, shape (c,) [rad, m]."""
     if not isinstance(plan, VerifiedPlan):
-        raise ProblemError(f"{type(plan).__name__} is no plan")
+        raise ProblemError(f"expected a plan, got a {type(plan).__name__}")
     return np.asarray(plan.trajectory.positions[-1])
 
 

@@ -77,8 +77,8 @@ class PoseTry:
         pose = min(self.poses, key=lambda pose: pose.answer.violation)
         if pose.answer.violation > self.asked.settings.feasible:
             worst = list(pose.answer.broken.items())[:3]
-            return f"it misses {', '.join(_row_words(name, by, self.asked) for name, by in worst)}"
-        return f"it touches something: {GapsAtSamples.nearest_words(self.asked.problem, pose.q)}"
+            return f"it violates {', '.join(_row_words(name, by, self.asked) for name, by in worst)}"
+        return f"it is in contact: {GapsAtSamples.nearest_words(self.asked.problem, pose.q)}"
 
 
 def improved_poses(asked: GoalPoses, beginning: PoseBeginning, deadline: Deadline | None = None) -> PoseTry:
@@ -107,10 +107,10 @@ def no_pose(asked: GoalPoses, tries: Sequence[PoseTry]) -> ConfigurationNotFound
         return ConfigurationNotFound(Diagnosis(describe_violations(missed), "configuration", softer, evidence))
     nearest = min((each for each in tries if each.poses), key=_miss, default=None)
     missing = next((each.beginning.missing for each in tries if each.beginning.missing is not None), None)
-    reason = f"no pose was found at the goal from {len(tries)} beginnings"
+    reason = f"no goal pose was found from {len(tries)} starting poses"
     advice = _advice(problem)
     if nearest is not None:
-        reason += f"; the nearest ({nearest.beginning.name}): {nearest.reason}"
+        reason += f"; the closest ({nearest.beginning.name}): {nearest.reason}"
     elif missing is not None:
         reason += f"; {tries[0].beginning.name}: {missing.reason}"
         evidence |= missing.evidence
@@ -122,7 +122,7 @@ def _advice(problem: Problem) -> tuple[str, ...]:
     """Return advice that may help the search for a pose."""
     more = "raise planner.routes" if problem.dimension == 2 else "raise planner.time_limit"
     room = room_advice(problem.arm.radius, problem.workspace.clearance)
-    free = () if getattr(problem.goal, "direction", None) is None else ("leave the goal's direction out",)
+    free = () if getattr(problem.goal, "direction", None) is None else ("leave the goal's direction free",)
     return (more, *room, "raise arm.joint_limit_deg", *free)
 
 
@@ -158,8 +158,8 @@ def with_constraint_first(
 
 def describe_violations(missed: dict[str, float]) -> str:
     """Return in words that constraints are violated at the goal, without claiming a proof."""
-    first = "; ".join(f"constraint '{name}', the nearest misses it by {miss:.4g}" for name, miss in missed.items())
-    return f"no pose was found at the goal that keeps {first} (not proved: another pose might)"
+    first = "; ".join(f"constraint '{name}', which the closest violates by {miss:.4g}" for name, miss in missed.items())
+    return f"no goal pose was found that satisfies {first} (not proved: another pose may)"
 
 
 def least_misses(tries: Sequence[PoseTry]) -> dict[str, float]:

@@ -78,7 +78,7 @@ def reach_map(
     arm = problem.arm
     plane = problem.dimension == 2
     if plane and arm.base_axes:
-        raise ProblemError("the base is on a feed axis; where the tip can be is mapped for a base that stands still")
+        raise ProblemError("the reach is mapped for a fixed base only, not on a feed axis; leave arm.feed out")
     stages = Stages()
     with words_in(problem.length_unit):
         width = _width(problem, numbers.step if plane else numbers.step_in_space, step)
@@ -134,11 +134,13 @@ def _expect_grid(step: object, headings: object, workers: object) -> None:
     Raises:
         ProblemError: naming what was expected.
     """
-    expect_that(lambda: step is None or is_number(step), step, "the width of a cell [m] for step=")
+    expect_that(lambda: step is None or is_number(step), step, "a cell width [m] for step=")
     expect_that(lambda: headings is None or is_whole(headings), headings, "a whole number for headings=")
     several = is_whole(workers) and workers >= 1
     opens = callable(getattr(workers, "open", None)) and not isinstance(workers, type)
-    expect_that(lambda: several or opens, workers, "a number of processes from 1, or ccm_opt workers, for workers=")
+    expect_that(
+        lambda: several or opens, workers, "a number of processes of at least 1, or ccm_opt workers, for workers="
+    )
 
 
 def _width(problem: Problem, usual: float, step: float | None) -> float:
@@ -169,11 +171,15 @@ def _axes(problem: Problem, width: float, settings: ReachSettings) -> tuple[Floa
     """
     low, high = reach_box(problem.arm, problem.workspace.box)
     if np.any(high <= low):
-        raise ProblemError("no place of the room is within the arm's length of its base")
+        raise ProblemError(
+            "no point of the workspace is within the arm's length of its base; check arm.base and the bounds"
+        )
     axes = _middles(low, high, width)
     cells = int(np.prod([len(each) for each in axes]))
     if cells > settings.most_cells:
-        raise ProblemError(f"--step {file_length(width)} makes {cells} cells; at most {settings.most_cells} are mapped")
+        raise ProblemError(
+            f"--step {file_length(width)} makes {cells} cells; at most {settings.most_cells} are mapped; raise --step"
+        )
     return tuple(axes)
 
 

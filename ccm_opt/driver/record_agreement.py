@@ -117,7 +117,7 @@ def _simulated(motion: SavedMotion, recorded: Mapping[str, object], again: Simul
         wanted = list(verdict[field]) if isinstance(verdict[field], tuple) else verdict[field]
         if told != wanted:
             return Check(
-                name, np.inf, 0.0, "rad", f"{field}: recorded as {told!r:.60}, but it is {wanted!r}", passed=False
+                name, np.inf, 0.0, "rad", f"{field}: recorded {told!r:.60}, recomputed {wanted!r}", passed=False
             )
     peak = float(np.max(np.abs(again.torques), initial=0.0))
     sources = (
@@ -201,7 +201,7 @@ def _survived(problem: Problem, trajectory: JointTrajectory, recorded: Sequence[
         # The recorded size was found to the precision of the search.
         found = survived_error(problem, trajectory, model, most=error.size)
         if not found.size >= (1.0 - 2.0 * DEFAULT_TOLERANCE.precision) * error.size:
-            wrong.append(f"{error.name}: no more than {found.size:.3g} {error.unit} are survived")
+            wrong.append(f"{error.name}: only {found.size:.3g} {error.unit} are tolerated")
     return _listed("survived errors against motion", wrong, len(recorded))
 
 

@@ -64,7 +64,7 @@ def retarget(
     Raises:
         ProblemError: the time is not within the motion, or jerk is limited.
         NoPlanFound: the new goal cannot be reached from where the arm comes to rest; with a diagnosis.
-        VerificationError: the verifier refuses the motion.
+        VerificationError: the verifier rejects the motion.
     """
     expect(solution, Solution, "the ccm_opt.Solution that the arm follows", "ccm_opt.solve makes one")
     expect_arguments(progress=progress, planner=planner, settings=settings)

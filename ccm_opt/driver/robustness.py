@@ -124,7 +124,7 @@ def _survived_load(
         low = high
         high *= 2.0
     else:
-        return SurvivedError(name, low, unit, "nothing; larger errors are not looked at", limited=False)
+        return SurvivedError(name, low, unit, "nothing; larger errors are not tried", limited=False)
     # Geometric bisection: the ends may differ by orders of magnitude.
     for _ in range(_LOAD_STEPS):
         middle = np.sqrt(low * high) if low > 0.0 else _SMALL_LOAD * high
@@ -146,13 +146,13 @@ def _limiting_error(verdict: SimulationVerdict, names: Sequence[str]) -> str:
         names: names of all revolutes, three to a joint.
     """
     if verdict.outcome == NOT_SIMULATED:
-        return "the simulation: a smaller simulation.step can look at more"
+        return "the simulation; a smaller simulation.step allows larger values"
     when = "" if verdict.time is None else f" at t = {verdict.time:.4f} s"
     if verdict.outcome == "touched":
         return f"link {verdict.link} touches {verdict.obstacle}{when}"
     known = verdict.joint in names
     joint = f"joint {names.index(verdict.joint) // 3 + 1} ({verdict.joint})" if known else verdict.joint
-    return f"{joint} leaves its plan for good{when}"
+    return f"{joint} departs from its plan for good{when}"
 
 
 def _verdict(

@@ -155,7 +155,7 @@ def draft_solution(
         tolerance: errors that the motion survives.
     """
     if simulated is None:
-        simulated = not_simulated(plan.trajectory, plan.joints, problem.simulation.step, "it was not waited for")
+        simulated = not_simulated(plan.trajectory, plan.joints, problem.simulation.step, "skipped")
     own = metrics(problem, plan.path, plan.trajectory, plan.joints, simulated, plan.checks)
     return Solution(
         problem=problem,
@@ -205,7 +205,7 @@ def described(
     try:
         with stages("room"):
             of_room = partial(clearance_record, problem, plan.trajectory, plan.checks, settings)
-            room = kept(of_room, "the room of the motion was not measured", lambda _: None)
+            room = kept(of_room, "the clearance of the motion was not measured", lambda _: None)
         with stages("tolerance"):
             of_errors = partial(tolerance_at_once, problem, plan.trajectory, settings)
             tolerance = kept(of_errors, "the tolerance of the motion was not certified", lambda _: ())
@@ -245,5 +245,5 @@ def simulated_motion(problem: Problem, plan: VerifiedPlan) -> tuple[SimulatedMot
 def _stands_still(
     problem: Problem, plan: VerifiedPlan, defect: Exception
 ) -> tuple[SimulatedMotion, Mapping[str, float]]:
-    reason = f"a defect of ccm-opt: {type(defect).__name__}: {defect}"
+    reason = f"an error in ccm-opt: {type(defect).__name__}: {defect}"
     return not_simulated(plan.trajectory, plan.joints, problem.simulation.step, reason), {}

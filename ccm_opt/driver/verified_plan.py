@@ -131,7 +131,7 @@ def timed_and_verified(
 
     Raises:
         NoPlanFound: a path cannot be timed within the limits, or the motion violates a constraint.
-        VerificationError: the verifier refuses the plan.
+        VerificationError: the verifier rejects the plan.
     """
     # Built once for all legs: the first call may have to wait for the compiler.
     with stages("dynamics model"):
@@ -209,13 +209,13 @@ def _timed(
         failures = failed_checks((*checks, *of_terms.checks))
         if not failures:
             return trajectory
-    reason = f"even with its narrowest turns a motion of legs and turns fails; the first that does: {failures[0]}"
+    reason = f"even with the shortest transitions the motion fails a check: {failures[0]}"
     advice = ('use planner.retiming = "toppra", which stays on the path',)
     raise RetimingError(Diagnosis(reason, "retiming", advice, {"failures": failures}))
 
 
 def _broken_constraint(broken: list[str]) -> Diagnosis:
     """Return the diagnosis of a motion that violates a constraint of the user."""
-    reason = f"the motion that was found does not keep every constraint; the first that fails: {broken[0]}"
-    advice = ("widen the constraint, or make it soft", "move the goal")
+    reason = f"the motion found violates a constraint: {broken[0]}"
+    advice = ("relax the constraint, or make it soft", "move the goal")
     return Diagnosis(reason, "constraints", advice, {"failures": broken})

@@ -73,8 +73,8 @@ def folded_bends(arm: Arm) -> FloatArray:
         if self_distance(arm, bends) >= gap:
             return bends
     raise ProblemError(
-        f"an arm of {arm.links} links with a joint limit of {math.degrees(arm.joint_limit):g} deg cannot be folded: "
-        "half a turn needs more links; give the pose by joints_deg instead"
+        f"an arm of {arm.links} links with a joint limit of {math.degrees(arm.joint_limit):g}° cannot fold "
+        "by half a turn; use more links or a larger arm.joint_limit_deg, or give the pose by joints_deg"
     )
 
 

@@ -173,8 +173,8 @@ def controller_points(
             needed = 1.0 if limits.passed else _SLOWER
         factor = np.ceil(_FACTOR_STEPS * factor * (needed * _SLOWER if needed > 1.0 else 1.0)) / _FACTOR_STEPS
     logger.warning(
-        "the points of the message were not brought within limits and gaps as a controller interpolates them: "
-        "'ccm-opt check' says by how much"
+        "the points of the message, as a controller interpolates them, still exceed a limit or the "
+        "clearance; 'ccm-opt check' tells by how much"
     )
     return found
 

@@ -212,8 +212,8 @@ def import_scene(path: Path, options: ImportOptions, taken: Collection[str] = ()
     vertices = sum(shapely.get_num_coordinates(obstacle.core) for obstacle in obstacles)
     if vertices > IMPORT.most_vertices:
         raise ProblemError(
-            f"{path.name} holds {vertices} vertices, at most {IMPORT.most_vertices} can be used; simplify the "
-            f"drawing, or allow a larger curve_tolerance than {options.curve_tolerance:g}"
+            f"{path.name} has {vertices} vertices; at most {IMPORT.most_vertices} can be used; simplify the "
+            f"drawing, or raise curve_tolerance above {options.curve_tolerance:g}"
         )
     named = with_unique_names(obstacles, taken)
     return ImportedScene(named, _summary(path, named, room, found), room)
@@ -254,14 +254,14 @@ def _placed(found: DrawingContent, options: ImportOptions) -> DrawingContent:
         placed = replace(shape, rings=rings, half_width=options.scale * shape.half_width)
         parts = divided(placed, IMPORT.largest_coordinate)
         if not parts:
-            left_out.append(LeftOut(f"'{shape.name}'", "it has no extent"))
+            left_out.append(LeftOut(f"'{shape.name}'", "it has zero size"))
         return parts
 
     shapes = _of_each(found.shapes, moved)
     if not shapes:
         listed = IMPORT.listed([f"{item.what}: {item.reason}" for item in left_out])
         raise ProblemError(
-            "it holds no shape that could be an obstacle; "
+            "it contains no shape that can be an obstacle; "
             + (f"left out: {listed}" if listed else "draw outlines, circles or lines")
         )
     return replace(found, shapes=tuple(shapes), left_out=tuple(left_out))
@@ -296,18 +296,16 @@ def read_drawing(path: Path, kinds: Collection[str], what: str, most_bytes: int,
     """
     if path.suffix.lower() not in kinds:
         raise ProblemError(
-            f"{path.name} is no {what} of a known kind; expected a file that ends in one of {', '.join(kinds)}"
+            f"{path.name} is not a {what} of a known format; expected a name that ends in one of {', '.join(kinds)}"
         )
     try:
         if not path.is_file():
             where = "is a directory" if path.is_dir() else "does not exist"
-            raise ProblemError(f"{path} {where}; expected a {what}, its path relative to the problem file")
+            raise ProblemError(f"{path} {where}; expected a {what}, with its path relative to the problem file")
         # The size is checked before reading, so that a huge file does not fill the memory.
         size = path.stat().st_size
         if size > most_bytes:
-            raise ProblemError(
-                f"{path.name} has {size} bytes, at most {most_bytes} can be read; make the {what} coarser"
-            )
+            raise ProblemError(f"{path.name} has {size} bytes; at most {most_bytes} can be read; simplify the {what}")
         content = path.read_bytes()
     except (OSError, ValueError) as error:
         raise ProblemError(f"{path.name} cannot be read: {getattr(error, 'strerror', None) or error}") from error
@@ -333,7 +331,7 @@ def place_beside(
         The path of the file, which may not exist; None where it may not be read.
     """
     if folder is None:
-        issues.add(path, "a path beside the problem file, but this problem was not read from a file")
+        issues.add(path, "a path relative to the problem file, but this problem was not read from a file")
         return None
     place = folder / name
     try:
@@ -341,7 +339,7 @@ def place_beside(
         # A problem file from a stranger must not read files elsewhere, not even through a link.
         inside = os.path.realpath(place).startswith(os.path.join(os.path.realpath(folder), ""))  # noqa: PTH118
     except ValueError as error:  # the path contains a zero byte
-        issues.add(path, f"{name!r} is no path: {error}")
+        issues.add(path, f"{name!r} is not a valid path: {error}")
         return None
     if is_folder:
         issues.add(path, f"{name!r} is a directory; expected {kind}")
@@ -349,8 +347,8 @@ def place_beside(
     if not allow_outside and not inside:
         issues.add(
             path,
-            f"{name!r} is outside the folder of the problem file; copy it there, or allow it by --allow-outside "
-            "(in Python allow_outside=True)",
+            f"{name!r} is outside the folder of the problem file; copy it there, or permit it with "
+            "--allow-outside (in Python allow_outside=True)",
         )
         return None
     return place
@@ -408,7 +406,7 @@ def _set_room(workspace: dict[str, object], room: shapely.Polygon, issues: Issue
         holds = False
     if "boundary" in workspace or not holds:
         given = "boundary" if "boundary" in workspace else "bounds"
-        issues.add(("workspace", "closed"), f'"room" makes an outline of the drawing the room; leave {given} out')
+        issues.add(("workspace", "closed"), f'"room" takes the workspace from the drawing; leave {given} out')
     workspace["boundary"] = _points(room.exterior)[:-1]
 
 
@@ -463,8 +461,9 @@ def obstacle_table(obstacle: Obstacle, unit: LengthUnit = "m") -> dict[str, obje
         own["circle"] = CircleTable.of(None, center=_points(core)[0], radius=obstacle.rounding)
     else:  # a rounded polygon has no table of its own, and a point without rounding is no obstacle
         raise ProblemError(
-            f"obstacle '{obstacle.name}', a {type(core).__name__} with rounding {obstacle.rounding:g} m, is none that "
-            "a problem file can say; expected a polygon without rounding, a point with, or a line"
+            f"obstacle '{obstacle.name}', a {type(core).__name__} with rounding {obstacle.rounding:g} m, "
+            "cannot be written to a problem file; expected a polygon without rounding, a point with "
+            "rounding, or a line"
         )
     return ObstacleTable.of(obstacle, **own).written(unit)
 

@@ -56,26 +56,26 @@ IGNORED = frozenset(
 )
 """Types of annotations, pictures and construction lines, which are left out."""
 _IGNORED_BECAUSE = {
-    "MTEXT": "texts are no obstacles",
-    "POINT": "points have no extent",
-    "RAY": "construction lines are no obstacles",
-    "TEXT": "texts are no obstacles",
-    "XLINE": "construction lines are no obstacles",
+    "MTEXT": "text is not an obstacle",
+    "POINT": "points have zero size",
+    "RAY": "construction lines are not obstacles",
+    "TEXT": "text is not an obstacle",
+    "XLINE": "construction lines are not obstacles",
 }
 _IN_SPACE = {
-    "3DFACE": "a face in space",
-    "3DSOLID": "a solid in space",
-    "BODY": "a body in space",
-    "EXTRUDEDSURFACE": "a surface in space",
-    "LOFTEDSURFACE": "a surface in space",
-    "MESH": "a mesh in space",
-    "PLANESURFACE": "a surface in space",
-    "POLYFACE": "a mesh in space",
-    "POLYMESH": "a mesh in space",
-    "REGION": "an area kept as a body in space",
-    "REVOLVEDSURFACE": "a surface in space",
-    "SURFACE": "a surface in space",
-    "SWEPTSURFACE": "a surface in space",
+    "3DFACE": "a 3-D face",
+    "3DSOLID": "a 3-D solid",
+    "BODY": "a 3-D body",
+    "EXTRUDEDSURFACE": "a 3-D surface",
+    "LOFTEDSURFACE": "a 3-D surface",
+    "MESH": "a 3-D mesh",
+    "PLANESURFACE": "a 3-D surface",
+    "POLYFACE": "a 3-D mesh",
+    "POLYMESH": "a 3-D mesh",
+    "REGION": "an area stored as a 3-D body",
+    "REVOLVEDSURFACE": "a 3-D surface",
+    "SURFACE": "a 3-D surface",
+    "SWEPTSURFACE": "a 3-D surface",
 }
 """Entities in space, which are refused, by type; POLYLINEs that are meshes are listed as POLYFACE and POLYMESH."""
 _PARTS = frozenset(("BLOCK", "ENDBLK", "ENDSEC", "EOF", "SECTION", "SEQEND", "VERTEX"))
@@ -140,7 +140,7 @@ def read_dxf(content: bytes, distance: float) -> DrawingContent:
     except ProblemError:
         raise
     except Exception as error:  # the parser lets entities pass that it cannot make sense of later
-        raise ProblemError(f"the DXF file is damaged: {error} Save it again from a CAD program.") from error
+        raise ProblemError(f"the DXF file is damaged: {error} Save it anew from a CAD program.") from error
 
 
 def _read(drawing: "Drawing", distance: float, found: _Findings) -> DrawingContent:
@@ -152,8 +152,8 @@ def _read(drawing: "Drawing", distance: float, found: _Findings) -> DrawingConte
         if found.points > IMPORT.most_points:
             raise ProblemError(f"its shapes have more than {IMPORT.most_points} points; simplify the drawing")
     found.refusals += [
-        f"{kind}: {_IN_SPACE[kind]} ({number} of them); draw its outline in the plane, or export a mesh (STL) and plan "
-        "with space = 3"
+        f"{kind}: {_IN_SPACE[kind]} ({number} of them); draw its outline in the x-y plane, or export a mesh "
+        "(STL) and plan in space, with space = 3"
         for kind, number in found.in_space.items()
     ]
     if found.refusals:
@@ -162,7 +162,7 @@ def _read(drawing: "Drawing", distance: float, found: _Findings) -> DrawingConte
     for sheet in drawing.layouts:
         count = sum(entity.dxftype() != "VIEWPORT" for entity in sheet) if sheet.is_any_paperspace else 0
         if count:
-            left = f"a sheet, with {count} entities; only the model space is read"
+            left = f"a paper-space layout with {count} entities; only the model space is read"
             found.left_out.append(LeftOut(f"layout '{sheet.name}'", left))
     for layer, pieces in found.open_pieces.items():
         found.shapes += _chained(pieces, layer, distance)
@@ -184,9 +184,11 @@ def _parsed(content: bytes, found: _Findings) -> "Drawing":
 
     # The parser silently repairs a truncated file, and obstacles would be missing.
     if b"EOF" not in content[-64:]:
-        raise ProblemError("the DXF file has no end: it was cut short, or it is no DXF; save it again")
+        raise ProblemError("the DXF file has no end: it is truncated, or not DXF; save it anew")
     if len(content) > _MOST_DXF_BYTES:
-        raise ProblemError(f"the DXF file has {len(content)} bytes, at most {_MOST_DXF_BYTES} can be read; simplify it")
+        raise ProblemError(
+            f"the DXF file has {len(content)} bytes; at most {_MOST_DXF_BYTES} can be read; simplify the drawing"
+        )
     with collected_warnings("ezdxf") as told:
         try:
             if content.startswith(_BINARY):
@@ -198,7 +200,7 @@ def _parsed(content: bytes, found: _Findings) -> "Drawing":
                 except Exception:  # noqa: BLE001 - maybe over an annotation, without which it can be read
                     content, number = _ANNOTATIONS.subn(b"", content)
                     drawing, auditor = recover.read(io.BytesIO(content))
-                    found.left_out.append(LeftOut(f"{number} annotations", "one of them at least is broken"))
+                    found.left_out.append(LeftOut(f"{number} annotations", "at least one of them is damaged"))
         except Exception as error:  # whatever the parser stumbles over
             raise ProblemError(f"not readable as DXF: {error}") from error
     # The parser only logs that it skips parts of a damaged file, and obstacles may be among them.
@@ -212,7 +214,7 @@ def _parsed(content: bytes, found: _Findings) -> "Drawing":
         kind = defect.entity.dxftype() if defect.entity is not None else named[1] if named else ""
         if kind not in IGNORED:
             raise ProblemError(f"the DXF file is damaged: {defect.message} Save it again from a CAD program.")
-        found.left_out.append(LeftOut(kind, f"annotations are no obstacles, and it is broken: {defect.message}"))
+        found.left_out.append(LeftOut(kind, f"annotations are not obstacles, and it is damaged: {defect.message}"))
     empty = [fix.message for fix in auditor.fixes if fix.code == AuditError.INVALID_VERTEX_COUNT]
     found.left_out += [LeftOut("polyline", f"it is empty: {message}") for message in empty]
     _refuse_lost(drawing, content, empty)
@@ -231,7 +233,9 @@ def _refuse_lost(drawing: "Drawing", content: bytes, empty: Sequence[str]) -> No
     held.subtract(entity.dxftype() for block in drawing.blocks for entity in block)
     for kind, number in held.items():
         if kind not in IGNORED | _PARTS and number > sum(f"{kind}(#" in message for message in empty):
-            raise ProblemError(f"{number} of the entities of type {kind} cannot be read; explode them, or save again")
+            raise ProblemError(
+                f"{number} of the entities of type {kind} cannot be read; explode them, or save the file anew"
+            )
 
 
 def _entities(drawing: "Drawing", found: _Findings) -> Iterator[_Placed]:
@@ -255,8 +259,8 @@ def _entities(drawing: "Drawing", found: _Findings) -> Iterator[_Placed]:
         count += 1
         if count > IMPORT.most_elements:
             raise ProblemError(
-                f"it draws more than {IMPORT.most_elements} entities, those of blocks counted as often as they are "
-                "inserted; simplify the drawing"
+                f"it draws more than {IMPORT.most_elements} entities, counting those of a block at each "
+                "insertion; simplify the drawing"
             )
         layer = item.layer.lower()
         if item.entity.dxftype() in {"INSERT", "MLINE"}:
@@ -276,18 +280,18 @@ def _parts(inserted: _Placed, found: _Findings) -> list[_Placed]:
     entity = inserted.entity
     block = str(entity.dxf.name)
     if inserted.depth == _DEEPEST:
-        raise ProblemError(f"block '{block}' holds blocks more than {_DEEPEST} deep; explode it")
+        raise ProblemError(f"block '{block}' nests blocks more than {_DEEPEST} deep; explode it")
     if entity.dxf.zscale == 0.0:  # seen along z that does not matter, and without height nothing can be turned
         entity.dxf.zscale = 1.0
     definition = entity.block()
     if definition is not None and definition.block.is_xref:
-        found.refusals.append(f"INSERT '{block}' draws another file; bind that file to the drawing")
+        found.refusals.append(f"INSERT '{block}' refers to another file; bind that file to the drawing")
         return []
     # Copies are counted before they are made: two numbers in a file may ask for a billion.
     held = 0 if definition is None else len(definition)
     if entity.mcount * max(held, 1) > IMPORT.most_elements:
         raise ProblemError(
-            f"block '{block}' is inserted {entity.mcount} times with {held} entities, at most "
+            f"block '{block}' is inserted {entity.mcount} times with {held} entities; at most "
             f"{IMPORT.most_elements} entities can be drawn; simplify the drawing"
         )
 
@@ -316,7 +320,7 @@ def _add(item: _Placed, distance: float, found: _Findings) -> None:
     entity = item.entity
     kind = entity.dxftype()
     if kind in IGNORED:
-        found.leave_out(item, _IGNORED_BECAUSE.get(kind, "annotations and pictures are no obstacles"))
+        found.leave_out(item, _IGNORED_BECAUSE.get(kind, "annotations and images are not obstacles"))
         return
     if kind == "POLYLINE" and (entity.is_poly_face_mesh or entity.is_polygon_mesh):
         kind = "POLYFACE" if entity.is_poly_face_mesh else "POLYMESH"
@@ -339,7 +343,7 @@ def _add(item: _Placed, distance: float, found: _Findings) -> None:
         piece = replace(PIECES[kind](entity, distance), name=item.name)
         found.points += len(piece.points)
         if np.all(piece.points == piece.points[0]):
-            found.leave_out(item, "it has no length")
+            found.leave_out(item, "it has zero length")
             return
         if not piece.closed:
             found.open_pieces.setdefault(layer, []).append(piece)
@@ -362,7 +366,7 @@ def _turn_upright(entity: Entity) -> None:
     upright(entity)
     normal = entity.dxf.get("extrusion", None)
     if normal is not None and np.hypot(normal.x, normal.y) > 1e-9 * abs(normal.z) and entity.dxftype() != "LINE":
-        raise ProblemError("it is not drawn in the x-y plane; turn it into that plane")
+        raise ProblemError("it does not lie in the x-y plane; rotate it into that plane")
 
 
 def _chained(pieces: list[Piece], layer: str, distance: float) -> list[Shape]:

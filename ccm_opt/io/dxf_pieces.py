@@ -97,7 +97,9 @@ def _meeting(points: FloatArray, gap: float) -> FloatArray:
     places, place_of = np.unique(points, axis=0, return_inverse=True)
     tree = cKDTree(places)
     if tree.count_neighbors(tree, gap) > _MOST_MEETING * len(places):
-        raise ProblemError("open lines end in crowds too dense to tell which of them meet; join them, or simplify")
+        raise ProblemError(
+            "too many open lines end close together to tell which of them meet; join them, or simplify the drawing"
+        )
     pairs = tree.query_pairs(gap, output_type="ndarray")
     # Pairs of near points are the edges of a graph; its connected components are the places that meet.
     graph = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(places), len(places)))
@@ -239,7 +241,7 @@ def _boundary(path: Entity, distance: float) -> Piece:
             if len(loops) == 1 and loops[0].closed:
                 break
     if len(loops) != 1 or not loops[0].closed:
-        raise ProblemError("a boundary of the hatch is not closed; close it, or draw a closed polyline")
+        raise ProblemError("a boundary of the hatch is open; close it, or draw a closed polyline")
     return loops[0]
 
 

@@ -96,7 +96,7 @@ def _alone_in(folder: Path) -> Iterator[None]:
                 break
             except BlockingIOError:
                 if time.monotonic() > end:
-                    raise TimeoutError(errno.ETIMEDOUT, "another run has been writing there for too long") from None
+                    raise TimeoutError(errno.ETIMEDOUT, "another run is still writing to it") from None
                 time.sleep(_LOOK)
             except OSError:  # some network file systems have no locks
                 break
@@ -288,9 +288,9 @@ def check_target(target: Path, record: str = RECORD) -> None:
             f"{sys.getfilesystemencoding()}; set PYTHONUTF8=1, or give the problem another name"
         ) from None
     if target.is_symlink() or (target.exists() and not target.is_dir()):
-        raise ProblemError(f"cannot write {target}: something that is not a folder has that name; choose another --out")
+        raise ProblemError(f"cannot write {target}: it exists and is not a folder; choose another --out")
     if target.is_dir() and any(target.iterdir()) and not (target / record).is_file():
-        raise ProblemError(f"cannot write {target}: it is a folder of something else; choose another --out or clear it")
+        raise ProblemError(f"cannot write {target}: the folder holds other files; choose another --out, or empty it")
     # Missing parents will be created in the nearest one that exists, so that one must be writable.
     nearest = next((parent for parent in target.absolute().parents if parent.exists()), Path("/"))
     if not nearest.is_dir() or not os.access(nearest, os.W_OK | os.X_OK):

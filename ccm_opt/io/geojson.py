@@ -33,12 +33,14 @@ def read_geojson(content: bytes, distance: float) -> DrawingContent:
     del distance
     # Every place is a list of its own, so that there are at least as many brackets as places.
     if (brackets := content.count(b"[")) > IMPORT.most_nodes:
-        raise ProblemError(f"it holds {brackets} lists, at most {IMPORT.most_nodes} can be read; simplify the drawing")
+        raise ProblemError(
+            f"it contains {brackets} lists; at most {IMPORT.most_nodes} can be read; simplify the drawing"
+        )
     try:
         # "utf-8-sig" also skips the mark that some editors put before the text.
         data = json.loads(content.decode("utf-8-sig"))
     except UnicodeDecodeError:
-        raise ProblemError("this is not a text file in UTF-8; expected GeoJSON") from None
+        raise ProblemError("this is not a UTF-8 text file; expected GeoJSON") from None
     except (ValueError, RecursionError) as error:
         raise ProblemError(f"this is not JSON: {error}") from None
     if not isinstance(data, Mapping):
@@ -48,7 +50,7 @@ def read_geojson(content: bytes, distance: float) -> DrawingContent:
         raise ProblemError("a FeatureCollection needs a list of 'features'")
     left_out: list[LeftOut] = []
     if "crs" in data:
-        left_out.append(LeftOut("crs", "coordinates are those of a plane, as they are written"))
+        left_out.append(LeftOut("crs", "coordinates are taken as planar, as written"))
     shapes = [shape for k, feature in enumerate(features, 1) for shape in _shapes(feature, k, left_out)]
     return DrawingContent(tuple(shapes), tuple(left_out))
 
@@ -78,10 +80,12 @@ def _name(feature: Mapping[str, object], place: int) -> str:
 def _geometry(data: object, name: str) -> shapely.Geometry:
     kind = data.get("type") if isinstance(data, Mapping) else None
     if not isinstance(data, Mapping) or not isinstance(kind, str) or kind not in GEOMETRIES:
-        raise ProblemError(f"'{name}': the type {kind!r} is no geometry of GeoJSON; expected Polygon or LineString")
+        raise ProblemError(
+            f"'{name}': the type {kind!r} is not a GeoJSON geometry; expected for example Polygon or LineString"
+        )
     text = json.dumps(data)
     if _depth(text) > IMPORT.deepest:
-        raise ProblemError(f"'{name}': its collections are nested more than {IMPORT.deepest} deep; take them apart")
+        raise ProblemError(f"'{name}': its collections are nested more than {IMPORT.deepest} deep; flatten them")
     try:
         return shapely.from_geojson(text)
     except (ShapelyError, RecursionError, NotImplementedError, ValueError, TypeError) as error:
@@ -107,16 +111,18 @@ def read_wkt(content: bytes, distance: float) -> DrawingContent:
     del distance
     # A comma stands between any two places.
     if (commas := content.count(b",")) > IMPORT.most_points:
-        raise ProblemError(f"it holds {commas} places, at most {IMPORT.most_points} can be read; simplify it")
+        raise ProblemError(
+            f"it contains {commas} points; at most {IMPORT.most_points} can be read; simplify the drawing"
+        )
     try:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError:
-        raise ProblemError("this is not a text file in UTF-8; expected WKT") from None
+        raise ProblemError("this is not a UTF-8 text file; expected WKT") from None
     shapes: list[Shape] = []
     left_out: list[LeftOut] = []
     for k, piece in enumerate(_pieces(text), start=1):
         if _depth(piece) > IMPORT.deepest:
-            raise ProblemError(f"geometry {k}: its brackets are nested more than {IMPORT.deepest} deep; divide it")
+            raise ProblemError(f"geometry {k}: its brackets are nested more than {IMPORT.deepest} deep; split it")
         shapes += geometry_shapes(_wkt_geometry(piece), f"geometry {k}", left_out)
     return DrawingContent(tuple(shapes), tuple(left_out))
 
@@ -171,7 +177,7 @@ def geometry_shapes(geometry: shapely.Geometry, name: str, left_out: list[LeftOu
     if not np.isfinite(shapely.get_coordinates(geometry)).all():
         raise ProblemError(f"'{name}' has a coordinate that is not a finite number")
     if shapely.has_z(geometry):
-        left_out.append(LeftOut(f"heights of '{name}'", "a drawing is seen from above"))
+        left_out.append(LeftOut(f"heights of '{name}'", "a drawing is planar"))
     shapes: list[Shape] = []
     parts = [geometry]
     for part in parts:  # grows while it is read
@@ -183,7 +189,7 @@ def geometry_shapes(geometry: shapely.Geometry, name: str, left_out: list[LeftOu
         elif isinstance(part, shapely.Polygon):
             shapes.append(Shape(name, tuple(shapely.get_coordinates(ring)[:-1] for ring in shapely.get_rings(part))))
         elif isinstance(part, shapely.Point):
-            left_out.append(LeftOut(f"{kind} '{name}'", "points have no extent"))
+            left_out.append(LeftOut(f"{kind} '{name}'", "points have zero size"))
         else:
             shapes.append(Shape(name, (shapely.get_coordinates(part),), "line"))
     return shapes

@@ -267,10 +267,10 @@ def read_glb(content: bytes, settings: MeshSettings) -> RawMesh:
     except Exception as error:  # noqa: BLE001
         missing = " is missing" if isinstance(error, KeyError) else ""
         reason = f"{' '.join(str(error).split())[:_LONGEST_REASON] or type(error).__name__}{missing}"
-        raise ProblemError(f"not readable as GLB: the file is damaged or cut short ({reason})") from None
+        raise ProblemError(f"not readable as GLB: the file is damaged or truncated ({reason})") from None
     mesh = RawMesh.joined(found)
     if len(mesh.faces) != wanted:
-        raise ProblemError(f"its scene has {wanted} triangles, but trimesh reads {len(mesh.faces)} of them")
+        raise ProblemError(f"its scene has {wanted} triangles, but trimesh reads only {len(mesh.faces)} of them")
     return mesh
 
 
@@ -278,21 +278,25 @@ def _opened(content: bytes) -> tuple[Any, bytes]:
     """Return the document of a file without its cameras, and the chunks behind it."""
     start = _HEADER.size + _CHUNK.size
     if len(content) < start or content[:4] != b"glTF":
-        raise ProblemError("not readable as GLB: it does not begin as such a file does")
+        raise ProblemError("not readable as GLB: the file signature is missing")
     _, version, length = _HEADER.unpack_from(content)
     if version != 2:
-        raise ProblemError(f"not readable as GLB: it is of version {version}, and only 2 is read; export it anew")
+        raise ProblemError(f"not readable as GLB: its version is {version}; only version 2 is read; export it anew")
     if length > len(content):
-        raise ProblemError(f"not readable as GLB: its header says {length} bytes, but it has {len(content)}")
+        raise ProblemError(f"not readable as GLB: its header announces {length} bytes, but the file has {len(content)}")
     size, _ = _CHUNK.unpack_from(content, _HEADER.size)
     if size > _LARGEST_DOCUMENT:
-        raise ProblemError(f"its document has {size} bytes, at most {_LARGEST_DOCUMENT} are read; export it coarser")
+        raise ProblemError(
+            f"its JSON document has {size} bytes; at most {_LARGEST_DOCUMENT} are read; export it coarser"
+        )
     try:
         document = json.loads(content[start : start + size])
     except (ValueError, RecursionError) as error:
-        raise ProblemError(f"not readable as GLB: its document is damaged ({str(error)[:_LONGEST_REASON]})") from None
+        raise ProblemError(
+            f"not readable as GLB: its JSON document is damaged ({str(error)[:_LONGEST_REASON]})"
+        ) from None
     if not isinstance(document, dict):
-        raise ProblemError("not readable as GLB: its document is no table")
+        raise ProblemError("not readable as GLB: its JSON document is not an object")
     for node in _tables(document, "nodes"):
         node.pop("camera", None)
     return document, content[start + size : length]
@@ -325,24 +329,24 @@ class _Scene:
             ProblemError: something is not read.
         """
         for what in self._refused():
-            raise ProblemError(f"it has {what}, which is not read; export it as plain triangles")
+            raise ProblemError(f"it has {what}, which is not supported; export it as plain triangles")
         scenes = _tables(self.document, "scenes")
         if len(scenes) > 1 and "scene" not in self.document:
-            raise ProblemError(f"it has {len(scenes)} scenes, and does not say which of them is meant")
+            raise ProblemError(f"it has {len(scenes)} scenes, and none is marked as the default; export only one")
         if not scenes:
             return 0
         count = sum(self._below(node, 0) for node in scenes[self.document.get("scene", 0)].get("nodes", []))
         # Before any is placed: a few bytes may use one mesh ten thousand times.
         most = self.settings.most_triangles
         if count > most:
-            raise ProblemError(f"it has {count} triangles, at most {most} are used; export it coarser")
+            raise ProblemError(f"it has {count} triangles; at most {most} can be used; export it coarser")
         return count
 
     def _below(self, number: int, depth: int) -> int:
         """Return the triangles of a node and of all below it."""
         self._visits += 1
         if self._visits > self.settings.most_parts or depth > _DEEPEST_NODES:
-            raise ProblemError("its nodes are too many, or nested too deep or within themselves")
+            raise ProblemError("it has too many nodes, or they are nested too deeply or in a cycle")
         node = self.document["nodes"][number]
         own = 0 if "mesh" not in node else self._of_mesh(node["mesh"])
         return own + sum(self._below(child, depth + 1) for child in node.get("children", []))
@@ -359,19 +363,19 @@ class _Scene:
         mode = primitive.get("mode", _TRIANGLES)
         if mode not in {_TRIANGLES, _STRIP}:
             what = _MODES[mode] if mode in range(len(_MODES)) else f"of the mode {str(mode)[:20]}"
-            raise ProblemError(f"a mesh is {what}, which is not read; export it as plain triangles")
+            raise ProblemError(f"a mesh is {what}, which is not supported; export it as plain triangles")
         places = accessors[primitive["attributes"]["POSITION"]]
         corners = accessors[primitive["indices"]] if "indices" in primitive else places
         for accessor in (places, corners):
             if "sparse" in accessor:
-                raise ProblemError("it has a sparse list of numbers, which is not read; export it as plain triangles")
+                raise ProblemError("it has a sparse accessor, which is not supported; export it as plain triangles")
         if places.get("normalized"):
             raise ProblemError(
-                "it has places as shares of a whole number, which is not read; export it as plain triangles"
+                "it has normalised integer positions, which are not supported; export it as plain triangles"
             )
         count = int(corners["count"])
         if mode == _TRIANGLES and count % 3:
-            raise ProblemError(f"a mesh of triangles has {count} corners, which is no multiple of three")
+            raise ProblemError(f"a mesh of triangles has {count} corners, not a multiple of three")
         return max(count - 2, 0) if mode == _STRIP else count // 3
 
     def _refused(self) -> Iterator[str]:
@@ -383,10 +387,10 @@ class _Scene:
                 yield f"the extension {str(name)[:60]!r}"
         for buffer in _tables(self.document, "buffers"):
             if not str(buffer.get("uri", "data:")).startswith("data:"):
-                yield f"its numbers in another file, {str(buffer['uri'])[:60]!r}"
+                yield f"a buffer in another file, {str(buffer['uri'])[:60]!r}"
         for table in (*_tables(self.document, "nodes"), *_tables(self.document, "meshes")):
             weights = table.get("weights")
             if any(weights) if isinstance(weights, list) else weights:
-                yield "a mesh that is morphed"
+                yield "a morph target"
             if "skin" in table:
-                yield "a skin that bones move"
+                yield "a skinned mesh"

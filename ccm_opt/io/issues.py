@@ -248,7 +248,7 @@ class Issues:
                 guess = closest(name, known) if listed else None
                 elsewhere = CONCEPTS.get(name) or _key_locations().get(name) if listed and not guess else ()
                 if elsewhere:
-                    unknown = f"unknown key '{name}' here; it is known as {' and '.join(elsewhere)}"
+                    unknown = f"unknown key '{name}' here; expected {' or '.join(elsewhere)}"
                 else:
                     unknown = unknown_key(name, guess, known) if listed else f"unknown key '{shown(name)}'"
                 self.add((*path, *key), unknown)
@@ -268,8 +268,8 @@ def closest(word: str, known: Sequence[str]) -> str | None:
 
 CONCEPTS = {
     "speed": ("limits.velocity",),
-    "diameter": ("arm.radius, which is half of it",),
-    "thickness": ("arm.radius, half of it", "workspace.wall_thickness, of open lines of a drawing"),
+    "diameter": ("arm.radius, which is half the diameter",),
+    "thickness": ("arm.radius, which is half of it", "workspace.wall_thickness for the open lines of a drawing"),
     "margin": ("workspace.clearance",),
     "timeout": ("planner.time_limit",),
     "target": ("goal",),
@@ -300,7 +300,7 @@ def unknown_key(key: str, guess: str | None, known: Sequence[str]) -> str:
     """Return the message for an unknown key, with the guess or the keys valid in its table."""
     if guess:
         return f"unknown key '{key}'; did you mean '{guess}'?"
-    return f"unknown key '{key}'; known here: {', '.join(known)}"
+    return f"unknown key '{key}'; valid keys here: {', '.join(known)}"
 
 
 def shown(value: object) -> str:
@@ -314,7 +314,7 @@ def described(value: object) -> str:
     if isinstance(value, (date, time)):
         return f"the date or time {value}"
     if isinstance(value, str):
-        return f"the text {shown(value)}"
+        return f"the string {shown(value)}"
     if isinstance(value, Mapping):
         return f"the table {shown(value)}"
     if isinstance(value, Sequence):
@@ -359,7 +359,7 @@ _EXPECTED = MappingProxyType(
         "float_type": "expected a number",
         "int_type": "expected a whole number",
         "bool_type": "expected true or false",
-        "string_type": "expected a text in quotes",
+        "string_type": "expected a string in quotes",
         "list_type": "expected a list in brackets",
         "model_type": "expected a table",
         "model_attributes_type": "expected a table",
@@ -370,7 +370,7 @@ _EXPECTED = MappingProxyType(
         "less_than": "expected a number less than {lt:g}",
         "less_than_equal": "expected a number of at most {le:g}",
         "literal_error": "expected {expected}",
-        "string_too_short": "expected a text that is not empty",
+        "string_too_short": "expected a non-empty string",
     }
 )
 
@@ -381,7 +381,7 @@ def _sentence(detail: ErrorDetails) -> str:
     context = detail.get("ctx", {})
     value = detail["input"]
     if kind == "missing":
-        return "missing; this key is required"
+        return "missing, but required"
     if kind in {"too_short", "too_long"}:
         bound = f"at least {context['min_length']}" if kind == "too_short" else f"at most {context['max_length']}"
         return f"expected {bound} entries, got {context['actual_length']}"

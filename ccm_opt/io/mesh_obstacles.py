@@ -63,9 +63,9 @@ def mesh_bodies(
         placement = build_placement(table.pose)
         vertices = placement.points(scale * (turned_up(mended.vertices) if table.up == "y" else mended.vertices))
         if table.sha256 not in {None, digest}:
-            issues.add((*path, "sha256"), f"{file} has the hash {digest}; it is not the mesh that was meant")
+            issues.add((*path, "sha256"), f"{file} has the SHA-256 {digest}, not the one given in the problem file")
         elif abs(vertices).max() > MAX_LENGTH:
-            issues.add((*path, "mesh"), f"it reaches beyond {MAX_LENGTH:g} m; is its scale right?")
+            issues.add((*path, "mesh"), f"it reaches beyond {MAX_LENGTH:g} m; check its scale")
         else:
             found[number] = MeshBody(
                 vertices,
@@ -85,8 +85,8 @@ def mesh_bodies(
     if total > MESHES.most_triangles:
         issues.add(
             ("workspace", "obstacles"),
-            f"the meshes have {total} triangles together, at most {MESHES.most_triangles} can be used; "
-            "export them coarser",
+            f"the meshes have {total} triangles in all; at most {MESHES.most_triangles} can be used; export "
+            "them coarser",
         )
     return found
 
@@ -108,20 +108,25 @@ def _scale(table: SpaceObstacleTable, file: str, mesh: RawMesh, metres: float) -
         mesh: the mesh as read.
         metres: metres per unit of length of the problem file.
     """
-    notes = [f"passed over {what}" for what in mesh.passed_over]
+    notes = [f"ignored {what}" for what in mesh.passed_over]
     unit = next((name for name, length in METRES.items() if length == metres), "m")
     scale = metres * (1.0 if table.scale is None else table.scale)
     if mesh.metres is not None:
-        own = f"its own unit is {mesh.metres / metres:.6g} {unit}"
+        own = f"one unit of the file is {mesh.metres / metres:.6g} {unit}"
         if table.scale is None:
             scale = mesh.metres
             notes += [own] if scale != metres else []
         elif abs(scale - mesh.metres) > _SAME * mesh.metres:
-            notes.append(f"{own}, but scale = {table.scale:g} makes it {table.scale:g} {unit}")
+            notes.append(f"{own}, but scale = {table.scale:g} sets it to {table.scale:g} {unit}")
     elif Path(file).suffix.lower() == ".glb" and table.scale is None and metres != 1.0:
-        notes.append(f"the unit of GLB is the metre, but one is taken as 1 {unit}; scale = {1.0 / metres:g} if it is")
+        notes.append(
+            f"GLB files are in metres, but one unit is taken as 1 {unit}; set scale = {1.0 / metres:g} if "
+            "the file is in metres"
+        )
     if Path(file).suffix.lower() == ".glb" and table.up is None:
-        notes.append('in GLB y is up, but it is taken as it stands; up = "y" turns its y to z, up = "z" does not')
+        notes.append(
+            'GLB files have y up, but the mesh is not rotated; set up = "y" to turn its y to z, or up = "z" to keep it'
+        )
     return scale, tuple(notes)
 
 
@@ -157,7 +162,7 @@ def read_mesh_file(path: Path, settings: MeshSettings = MESHES) -> RawMesh:
     except ProblemError as error:
         raise ProblemError(f"{path.name}: {error}") from error
     except (MemoryError, RecursionError) as error:
-        raise ProblemError(f"{path.name}: too large or too deeply nested to be read") from error
+        raise ProblemError(f"{path.name}: too large or too deeply nested to read") from error
     return replace(mesh, content=content)
 
 
@@ -169,18 +174,20 @@ def _refuse_unusable(mesh: RawMesh, settings: MeshSettings) -> None:
     """
     count = len(mesh.faces)
     if count == 0:
-        raise ProblemError("it holds no triangles; expected a mesh")
+        raise ProblemError("it contains no triangles; expected a mesh")
     if count > settings.most_triangles:
-        raise ProblemError(f"it has {count} triangles, at most {settings.most_triangles} are used; export it coarser")
+        raise ProblemError(
+            f"it has {count} triangles; at most {settings.most_triangles} can be used; export it coarser"
+        )
     used = _used(mesh.vertices, mesh.faces)
     broken = np.flatnonzero(used & ~np.isfinite(mesh.vertices).all(axis=1))
     if len(broken):
         counted = f"{len(broken)} of {len(mesh.vertices)} vertices"
-        raise ProblemError(f"{counted} are no numbers or infinite, the first is number {broken[0]}, from 0")
+        raise ProblemError(f"{counted} are not finite, first that of index {broken[0]}")
     largest = float(np.abs(mesh.vertices[used]).max())
     if largest > settings.largest_coordinate:
         raise ProblemError(
-            f"a coordinate is {largest:g}, expected at most {settings.largest_coordinate:g} in the mesh's unit"
+            f"a coordinate is {largest:g}; expected at most {settings.largest_coordinate:g} in the mesh's unit"
         )
 
 
@@ -219,7 +226,7 @@ def repaired_mesh(raw: RawMesh, settings: MeshSettings = MESHES) -> RawMesh:
     flat = _without_area(vertices, faces, settings)
     count = int(np.count_nonzero(flat))
     if count > _MOST_FLAT * len(faces):
-        raise ProblemError(f"{count} of {len(faces)} triangles have no area; the file is broken, or no mesh")
+        raise ProblemError(f"{count} of {len(faces)} triangles have zero area; the file is damaged, or not a mesh")
     kept = faces[~flat]
     needed = faces[flat][~_on_edges(vertices, faces[flat], kept)] if count else faces[:0]
     once = kept[~find_shells(vertices, kept).copies] if repeated(kept).any() else kept

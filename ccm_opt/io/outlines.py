@@ -78,13 +78,15 @@ def split_off_room(shapes: Sequence[Shape], growth: float, distance: float) -> t
     parts = [parts[k] for k in _drawn_once(np.array([_simple(part.rings[0]) for part in parts]))]
     areas = [abs(shapely.Polygon(part.rings[0]).area) if len(part.rings[0]) > 2 else 0.0 for part in parts]
     if not areas or max(areas) == 0.0:
-        raise ProblemError('it has no closed outline that could be the room; give bounds, and closed = "solid"')
+        raise ProblemError('it has no closed outline that can bound the workspace; give bounds, and closed = "solid"')
     taken = int(np.argmax(areas))
     outline = parts[taken]
     polygons = repaired(shapely.Polygon(outline.rings[0]))
     shrunk = mitred(polygons[0], -(outline.half_width + (growth if outline.curved else 0.0)))
     if len(polygons) > 1 or not isinstance(shrunk, shapely.Polygon) or shrunk.is_empty or shrunk.interiors:
-        raise ProblemError(f"its largest outline '{outline.name}' is no simple polygon and cannot be the room")
+        raise ProblemError(
+            f"its largest outline '{outline.name}' is not a simple polygon and cannot bound the workspace"
+        )
     kept = [shape for shape in shapes if shape.drawn in {"line", "area"}]
     others = [replace(part, drawn="outline") for k, part in enumerate(parts) if k != taken]
     return shrunk, [*others, *kept]
@@ -160,7 +162,7 @@ def _within(polygons: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         boxed = tree.query(polygons[k : k + at_once], predicate="contains_properly")
         left -= boxed.shape[1]
         if left < 0:
-            raise ProblemError("it has too many outlines within outlines; draw them on several layers, or hatch them")
+            raise ProblemError("it has too many nested outlines; draw them on several layers, or hatch them")
         pairs.append(boxed + np.array([[k], [0]]))
     outer, inner = np.concatenate(pairs, axis=1)
     return outer, inner
@@ -194,7 +196,7 @@ def filled(rings: Sequence[FloatArray], rule: FillRule) -> list[shapely.Polygon]
     turns = np.array([1 if shapely.LinearRing(ring).is_ccw else -1 for ring in rings])
     boxed = STRtree(solids).query(solids)
     if boxed.shape[1] > IMPORT.most_nested:
-        raise ProblemError(f"it has {len(rings)} rings within rings, too many to fill; draw them as several shapes")
+        raise ProblemError(f"it has {len(rings)} nested rings, too many to fill; draw them as several shapes")
     # Groups of rings with disjoint boxes are independent and filled separately.
     linked = coo_array((np.ones(boxed.shape[1]), boxed), shape=(len(rings), len(rings)))
     _, groups = connected_components(linked, directed=False)
@@ -244,18 +246,19 @@ def repaired(polygon: shapely.Polygon) -> list[shapely.Polygon]:
     if _is_tangled(polygon):
         raise ProblemError(
             f"the outline crosses or touches itself more than {_MOST_CROSSINGS} times, too often to be "
-            "repaired; list the corners in order round the shape"
+            "repaired; list the corners in order around the shape"
         )
     # GEOS keeps both halves of a bow tie, so a change of area reveals a repair of more than a small slip.
     mended = polygon_parts(shapely.make_valid(polygon))
     area = sum(part.area for part in mended)
     if area == 0.0:
-        raise ProblemError("the outline encloses no area; expected at least three corners that are not in one line")
+        raise ProblemError("the outline encloses no area; expected at least three corners that are not collinear")
     allowed = _REPAIR_SHARE
     if abs(area - polygon.area) > allowed * area:
         raise ProblemError(
-            f"the outline {_sentence(why)}; a repair would change its area by {abs(area - polygon.area) / area:.1%}, "
-            f"allowed {allowed:.1%}; list the corners in order round the shape"
+            f"the outline {_sentence(why)}; a repair would change its area by "
+            f"{abs(area - polygon.area) / area:.1%}, more than the {allowed:.1%} allowed; list the corners "
+            "in order around the shape"
         )
     specks = allowed * area
     kept = [[ring for ring in part.interiors if shapely.Polygon(ring).area > specks] for part in mended]

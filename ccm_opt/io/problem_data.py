@@ -132,7 +132,7 @@ def check_curves(problem: Problem) -> None:
         curve = goal.for_joints.curve if goal.for_joints else None
         if curve is not None and not np.allclose(curve.base, arm.base, rtol=0.0, atol=_BASE_TOLERANCE * arm.length):
             found, base = (np.asarray(place, dtype=np.float64).tolist() for place in (curve.base, arm.base))
-            raise ProblemError(f"a curve begins at {found}, expected the arm's base, {base}")
+            raise ProblemError(f"a curve begins at {found}; expected the arm's base at {base}")
 
 
 def workspace_table(workspace: Workspace, unit: LengthUnit) -> Table:
@@ -142,7 +142,9 @@ def workspace_table(workspace: Workspace, unit: LengthUnit) -> Table:
         ProblemError: its boundary has holes, or an obstacle cannot be expressed in a problem file.
     """
     if workspace.boundary.interiors:
-        raise ProblemError("the workspace's boundary has holes, which a problem file cannot say; make them obstacles")
+        raise ProblemError(
+            "the workspace's boundary has holes, which a problem file cannot represent; make them obstacles"
+        )
     boundary = shapely.get_coordinates(workspace.boundary.exterior)[:-1]
     table = WorkspaceTable.of(workspace, boundary=boundary).written(unit)
     return table | {"obstacles": [obstacle_table(obstacle, unit) for obstacle in workspace.obstacles]}

@@ -63,9 +63,9 @@ class RawMesh:
 
     def __post_init__(self) -> None:
         if self.vertices.shape[1:] != (3,) or self.faces.shape[1:] != (3,):
-            raise ProblemError("its vertices have not three coordinates each, or its faces are no triangles")
+            raise ProblemError("its vertices do not have three coordinates each, or its faces are not triangles")
         if self.faces.min(initial=0) < 0 or self.faces.max(initial=-1) >= len(self.vertices):
-            raise ProblemError(f"a triangle has a vertex that is not there; there are {len(self.vertices)} vertices")
+            raise ProblemError(f"a triangle refers to a vertex beyond the {len(self.vertices)} of the mesh")
 
     @classmethod
     def of_corners(cls, corners: FloatArray) -> "RawMesh":

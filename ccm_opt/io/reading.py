@@ -111,7 +111,7 @@ def _step(here: object, part: str, path: KeyPath, setting: str) -> str | int:
     if isinstance(here, Mapping):
         return part
     if not isinstance(here, (AoT, Array)):
-        raise ProblemError(f"cannot set '{setting}': {dotted(path)} is no table")
+        raise ProblemError(f"cannot set '{setting}': {dotted(path)} is not a table")
     if part.isdecimal() and int(part) < len(here):
         return int(part)
     names = [str(entry["name"]) for entry in here if isinstance(entry, Mapping) and "name" in entry]
@@ -214,7 +214,7 @@ def load_problem(path: str | Path, *, changes: Sequence[str] = (), allow_outside
     """
     expect(path, (str, Path), "the path of a problem file", "parse_problem reads the text of one")
     texts = isinstance(changes, Sequence) and not isinstance(changes, str) and all(isinstance(c, str) for c in changes)
-    expect_that(lambda: texts, changes, "a list of texts for changes=", 'write changes=["arm.radius=0.02"]')
+    expect_that(lambda: texts, changes, "a list of strings for changes=", 'write changes=["arm.radius=0.02"]')
     if str(path) == STANDARD_INPUT:
         path_name = "standard input"
         text = _decoded(sys.stdin.buffer.read(BOUNDS.most_bytes + 1), path_name)
@@ -297,7 +297,9 @@ def _read_text(path: Path) -> str:
     except FileNotFoundError:
         raise _refused(path, "there is no such file; check the path") from None
     except IsADirectoryError:
-        raise _refused(path, "this is a directory; expected a problem file, for example problem.toml in it") from None
+        raise _refused(
+            path, "this is a directory; expected a problem file, for example the problem.toml in it"
+        ) from None
     except (OSError, ValueError) as error:
         reason = error.strerror if isinstance(error, OSError) else error
         raise _refused(path, f"the file cannot be read: {reason}") from error
@@ -333,9 +335,9 @@ def _parse_toml(text: str, path_name: str) -> dict[str, object]:
         line = int(place[1]) if place else max(1, len(text.splitlines()))
         raise _refused(path_name, f"not valid TOML: {error}", line) from None
     except RecursionError:
-        raise _refused(path_name, "not usable TOML: brackets are nested too deeply") from None
+        raise _refused(path_name, "unusable TOML: brackets are nested too deeply") from None
     except ValueError as error:  # whole numbers of thousands of digits
-        raise _refused(path_name, f"not usable TOML: {str(error).split(';')[0]}") from None
+        raise _refused(path_name, f"unusable TOML: {str(error).split(';')[0]}") from None
     if defect := content_defect(data):
         raise _refused(path_name, defect)
     return data
@@ -345,7 +347,7 @@ def _to_toml(data: Mapping[str, object], path_name: str) -> str:
     try:
         return tomlkit.dumps(data)
     except (TOMLKitError, TypeError, ValueError, RecursionError) as error:
-        raise _refused(path_name, f"holds something that cannot be written in TOML: {error}") from None
+        raise _refused(path_name, f"contains a value that TOML cannot represent: {error}") from None
 
 
 def _refused(path: str | Path, message: str, line: int = 0) -> ProblemFileError:

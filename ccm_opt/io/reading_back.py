@@ -45,7 +45,9 @@ def read_record(path: Path) -> Mapping[str, object]:
     except FileNotFoundError:
         raise ProblemError(f"{path}: there is no such file; expected a folder written by 'ccm-opt solve'") from None
     except NotADirectoryError:
-        raise ProblemError(f"{path.parent}: this is no folder; expected a folder written by 'ccm-opt solve'") from None
+        raise ProblemError(
+            f"{path.parent}: this is not a folder; expected a folder written by 'ccm-opt solve'"
+        ) from None
     except (OSError, ValueError, RecursionError) as error:
         raise ProblemError(f"{path}: not readable as JSON: {error}") from error
     if not isinstance(record, Mapping):
@@ -54,7 +56,7 @@ def read_record(path: Path) -> Mapping[str, object]:
 
 
 def _refuse_constant(name: str) -> NoReturn:
-    raise ValueError(f"{name} is no JSON")
+    raise ValueError(f"{name} is not valid JSON")
 
 
 def _each_once(pairs: Sequence[tuple[str, object]]) -> dict[str, object]:
@@ -67,7 +69,7 @@ def _each_once(pairs: Sequence[tuple[str, object]]) -> dict[str, object]:
     if len(table) < len(pairs):
         keys = [key for key, _ in pairs]
         twice = next(key for key in keys if keys.count(key) > 1)
-        raise ValueError(f"the key '{twice[:60]}' is there twice")
+        raise ValueError(f"the key '{twice[:60]}' occurs twice")
     return table
 
 
@@ -147,7 +149,7 @@ def _survived(data: Mapping[str, Any]) -> SurvivedError:
     """
     size, degrees = (_number(data.get(name)) for name in ("size", "size_deg"))
     if size is None or (degrees is not None and not math.isclose(degrees, math.degrees(size), rel_tol=1e-9)):
-        raise ValueError(f"the size of an error is {size!r}, in degrees {degrees!r}")
+        raise ValueError(f"the size of an error is {size!r} rad, but {degrees!r} degrees")
     return SurvivedError(str(data["name"]), size, str(data["unit"]), str(data["where"]))
 
 
@@ -341,8 +343,8 @@ def load_problem_data(folder: Path) -> Mapping[str, object]:
     record = read_record(folder / RECORD)
     if (schema := record.get("schema")) != SCHEMA or type(schema) is not int:
         raise ProblemError(
-            f"{folder / RECORD}: schema is {schema!r}; this version reads schema {SCHEMA}; "
-            "check the folder with the version of ccm-opt that wrote it"
+            f"{folder / RECORD}: schema is {schema!r}; this version reads schema {SCHEMA}; check the folder "
+            "with the version of ccm-opt that wrote it"
         )
     status = record.get("status")
     if status != "solved":
@@ -392,7 +394,9 @@ def load_motion(folder: Path, arm: Arm) -> SavedMotion:
     _check_shapes(arrays, path, arm.links, shapes)
     names = tuple(arrays["joint_names"].tolist())
     if names != joint_names(arm):
-        raise ProblemError(f"{path}: joint_names are not those of this arm, which begin with {joint_names(arm)[:3]}")
+        raise ProblemError(
+            f"{path}: joint_names differ from those of this arm, which begin with {joint_names(arm)[:3]}"
+        )
     numbers = {name: np.asarray(arrays[name], dtype=np.float64) for name in shapes if name != "joint_names"}
 
     def of_base(name: str, rows_of: str = "time") -> FloatArray:
@@ -411,7 +415,7 @@ def load_motion(folder: Path, arm: Arm) -> SavedMotion:
     stops = numbers["stops"]
     samples = len(numbers["time"])
     if np.any((stops < 0) | (stops >= samples) | (stops != np.floor(stops))):
-        raise ProblemError(f"{path}: the array 'stops' holds something that is no number of one of {samples} samples")
+        raise ProblemError(f"{path}: the array 'stops' contains something other than indices of the {samples} samples")
     trajectory = JointTrajectory(
         numbers["time"],
         # In space, the stored array has the two bends of a joint on an axis of their own.
@@ -434,7 +438,7 @@ def load_motion(folder: Path, arm: Arm) -> SavedMotion:
     error = float(np.abs(numbers["joint_positions"] - arm.joint_positions_at(trajectory.positions)).max())
     if not error <= POSITION_TOLERANCE * arm.length:
         raise ProblemError(
-            f"{path}: joint_positions are up to {error:.3g} m from those of bend_angles; the file was changed"
+            f"{path}: joint_positions differ from bend_angles by up to {error:.3g} m; the file was changed"
         )
     return motion
 
@@ -481,7 +485,7 @@ def read_archive(path: Path, known: Collection[str]) -> dict[str, npt.NDArray[np
         raise ProblemError(f"{path}: not readable as arrays: {error}") from error
     for name, array in arrays.items():
         if not isinstance(array, np.ndarray):
-            raise ProblemError(f"{path}: not readable as arrays: '{name}' is no array")
+            raise ProblemError(f"{path}: not readable as arrays: '{name}' is not an array")
     return arrays
 
 
@@ -494,13 +498,13 @@ def _check_members(path: Path, members: Sequence[zipfile.ZipInfo], known: Collec
     names = [member.filename for member in members]
     strange = next((name for name in names if name not in known or names.count(name) > 1), None)
     if strange is not None:
-        raise ProblemError(f"{path}: holds '{strange[:60]}', which is none of the arrays of a plan, or is there twice")
+        raise ProblemError(f"{path}: contains '{strange[:60]}', which is not an array of a plan, or occurs twice")
     packed = next((member.filename for member in members if member.compress_type not in _METHODS), None)
     if packed is not None:
-        raise ProblemError(f"{path}: '{packed}' is packed in a way that numpy does not pack arrays in")
+        raise ProblemError(f"{path}: '{packed}' is compressed by a method that numpy does not use")
     size = sum(member.file_size for member in members)
     if size > MOST_BYTES_OF_ARRAYS:
-        raise ProblemError(f"{path}: its arrays take {size} bytes unpacked, at most {MOST_BYTES_OF_ARRAYS} are read")
+        raise ProblemError(f"{path}: its arrays take {size} bytes unpacked; at most {MOST_BYTES_OF_ARRAYS} are read")
 
 
 def _check_shapes(arrays: Mapping[str, npt.NDArray[np.generic]], path: Path, links: int, shapes: Shapes) -> None:
@@ -523,7 +527,7 @@ def _check_shapes(arrays: Mapping[str, npt.NDArray[np.generic]], path: Path, lin
             raise ProblemError(f"{path}: the array '{name}' has shape {array.shape}; expected {shape} with {sizes}")
         if name != "joint_names" and (array.dtype.kind not in "fiu" or not np.isfinite(array.astype(np.float64)).all()):
             raise ProblemError(
-                f"{path}: the array '{name}' of type {array.dtype} holds something that is not a finite number"
+                f"{path}: the array '{name}' of type {array.dtype} contains something that is not a finite number"
             )
     for name, least, words in (("samples", 2, "two samples"), ("keyframes", 1, "one keyframe")):
         if sizes[name] < least:

@@ -108,7 +108,7 @@ def _check_contact(data: Mapping[str, object], issues: Issues) -> None:
         return  # absent, or of a wrong type, which is reported elsewhere
     with suppress(OverflowError):  # far too large numbers are reported elsewhere
         if tolerance > MOST_CONTACT_SHARE_OF_LENGTH * links * length > 0.0:
-            issues.add(path, f"at most a thousandth of the arm's length can be left to rounding; got {tolerance:g}")
+            issues.add(path, f"expected at most a thousandth of the arm's length; got {tolerance:g}")
 
 
 def _check_feed_keys(data: Mapping[str, object], issues: Issues) -> None:
@@ -126,7 +126,7 @@ def _check_feed_keys(data: Mapping[str, object], issues: Issues) -> None:
     for path in poses[1:]:
         place = path[:-1]
         if lookup(data, path) is not None and lookup(data, (*place, "position")) is not None:
-            issues.add(path, "only allowed with a goal for the whole arm; for a goal of the tip the feed is planned")
+            issues.add(path, "only allowed with a whole-arm goal; with a tip goal the feed is planned")
 
 
 _LENGTH_TOLERANCE = 1e-6
@@ -152,7 +152,9 @@ def check_arm(arm: ArmTable | SpaceArmTable, issues: Issues) -> bool:
         _one_each(arm.inertia.axial, ("arm", "inertia", "axial"), (arm.links,), "link", issues)
         _one_each(arm.inertia.transverse, ("arm", "inertia", "transverse"), (arm.links,), "link", issues)
     if isinstance(arm, SpaceArmTable) and np.linalg.norm(np.cross(arm.base.up, arm.base.direction)) < LEAST_ACROSS:
-        issues.add(("arm", "base", "up"), "it lies along arm.base.direction; expected a vector across it")
+        issues.add(
+            ("arm", "base", "up"), "parallel to arm.base.direction; expected a vector with a component across it"
+        )
     return len(issues.found) == before
 
 
@@ -171,10 +173,11 @@ def check_limited_points(arm: ChainTable, limits: LimitsTable, issues: Issues) -
             expected = f"at most the arm's length, links * link_length = {file_length(length, 6)}"
             issues.add((*path, "at"), f"{file_length(point.at, 6)} is beyond the tip; expected {expected}")
         if point.velocity is None and point.acceleration is None:
-            issues.add(path, "nothing is limited; expected velocity, acceleration or both")
+            issues.add(path, "limits nothing; expected velocity, acceleration or both")
         if point.at in [other.at for other in limits.points[:k]]:
             issues.add(
-                (*path, "at"), f"the point at {file_length(point.at, 6)} is limited already; expected one entry a point"
+                (*path, "at"),
+                f"the point at {file_length(point.at, 6)} is limited already; expected one entry per point",
             )
 
 
@@ -196,14 +199,14 @@ def check_pose(
     """
     bends: Sequence[Any] = pose.joints_deg or []
     if bends and len(bends) != arm.links:
-        each = "[a, b] a joint" if isinstance(bends[0], list) else "value a link"
-        issues.add((*path, "joints_deg"), f"expected one {each}, that is {arm.links}; got {len(bends)}")
+        each = "[a, b] per joint" if isinstance(bends[0], list) else "value per joint"
+        issues.add((*path, "joints_deg"), f"expected one {each}, {arm.links} in all; got {len(bends)}")
     for k, bend in enumerate(bends):
         key = "base_limit_deg" if k == 0 else "joint_limit_deg"
         limit = arm.base_limit_deg if k == 0 else arm.joint_limit_deg
         for *which, value in [(*pair,) for pair in enumerate(bend)] if isinstance(bend, list) else [(bend,)]:
             if abs(value) > limit + ANGLE_TOLERANCE:
-                passed = f"{math.degrees(value):g} deg passes {key} = {math.degrees(limit):g}"
+                passed = f"{math.degrees(value):g}° exceeds {key} = {math.degrees(limit):g}"
                 issues.add((*path, "joints_deg", k, *which), passed)
     if pose.segments is not None:
         total = sum(segment.length for segment in pose.segments)
@@ -211,7 +214,7 @@ def check_pose(
         if abs(total - length) > _LENGTH_TOLERANCE * length:
             issues.add(
                 (*path, "segments"),
-                f"the segments are {file_length(total, 9)} long together; expected the arm's length, "
+                f"the lengths of the segments add up to {file_length(total, 9)}; expected the arm's length, "
                 f"links * link_length = {file_length(length, 9)}",
             )
 
@@ -221,7 +224,7 @@ def _one_each(
 ) -> None:
     if isinstance(value, Sequence) and len(value) not in counts:
         wanted = " or ".join(map(str, counts))
-        issues.add(path, f"expected one value a {what}, that is {wanted}; got {len(value)}")
+        issues.add(path, f"expected one value per {what}, {wanted} in all; got {len(value)}")
 
 
 _DEPTH_ROUNDING = 1e-9
@@ -250,14 +253,15 @@ def outside_message(
     scale_key, place_key = keys.split()
     place = (origin + room.mean(axis=0) - box.mean(axis=0)) / METRES[unit]
     told = (
-        f"{file} lies wholly outside the room: it spans {_span(box, unit)}, the room {_span(room, unit)}; "
-        f"{place_key} = [{', '.join(f'{value:.6g}' for value in place)}] would put it into the middle"
+        f"{file} lies entirely outside the workspace: it spans {_span(box, unit)}, the workspace "
+        f"{_span(room, unit)}; {place_key} = [{', '.join(f'{value:.6g}' for value in place)}] would centre "
+        "it"
     )
     for slip in _SLIPS:
         slipped = origin + slip * (box - origin)
         fits = np.all(slipped[0] >= room[0]) and np.all(slipped[1] <= room[1])
         if fits and np.ptp(slipped, axis=0).max() > _TINY_SHARE * np.ptp(room, axis=0).max():
-            return f"{told}, or {scale_key} = {scale * slip:.6g} would bring it in as it is placed"
+            return f"{told}, {scale_key} = {scale * slip:.6g} would bring it inside"
     return told
 
 
@@ -341,7 +345,7 @@ def check_base(
             told = f"{where} is {file_length(depth)} inside '{workspace.obstacles[k].name}'"
             issues.add(("arm", "base"), f"{told}; {_way_out(workspace, k, drawing)}")
     if outside > rounding:
-        issues.add(("arm", "base"), f"{where} is {file_length(outside)} outside the {room}; move it in")
+        issues.add(("arm", "base"), f"{where} is {file_length(outside)} outside the {room}; move the base inside")
 
 
 def _way_out(workspace: Workspace, number: int, drawing: ImportedDrawing | None) -> str:
@@ -355,10 +359,10 @@ def _way_out(workspace: Workspace, number: int, drawing: ImportedDrawing | None)
     if workspace.dimension == 3:
         return " or ".join(ways_out(workspace, workspace.obstacles[number].name, "it"))
     if drawing is None or number < len(workspace.obstacles) - drawing.obstacles:
-        return "move it out"
+        return "move the base out"
     return (
-        f"move it out; where that outline of {drawing.file} is no solid but the room, set workspace.closed = "
-        '"room", where it is a line, "walls"'
+        f"move the base out; if that outline of {drawing.file} bounds the workspace, set workspace.closed = "
+        '"room"; if it is a line, "walls"'
     )
 
 
@@ -383,6 +387,7 @@ def odd_mesh_size(body: MeshBody, arm_length: float) -> str | None:
     if (times := odd_times(extent / arm_length)) is None:
         return None
     return (
-        f"{body.file} is {times} than the arm is long: {extent:.4g} m against {arm_length:.4g} m; is scale the length "
-        "of one unit of the mesh? (0.001 where the mesh is in millimetres and the file in metres)"
+        f"the mesh {body.file} spans {extent:.4g} m, {times} than the arm's {arm_length:.4g} m; check "
+        "scale, the length of one unit of the mesh (0.001 for a mesh in millimetres and a problem file in "
+        "metres)"
     )

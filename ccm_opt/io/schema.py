@@ -46,19 +46,21 @@ CLOSEST_KNOTS = 1e-6
 class SegmentTable(Table):
     """One curvature segment: a length, five curvature values, three knots."""
 
-    length: PositiveLength = Field(description="Of the segment; all together are as long as the arm (to 1e-6).")
+    length: PositiveLength = Field(
+        description="Length of the segment; the lengths add up to that of the arm (to 1e-6)."
+    )
     curvature: Annotated[list[Curvature], exactly(5)] = Field(
-        description="`[Ca, Cb, Cc, Cd, Ce]` at its ends and at its knots."
+        description="Curvatures `[Ca, Cb, Cc, Cd, Ce]` at the start, the three knots and the end."
     )
     knots: Annotated[list[float], exactly(3)] = Field(
-        default=[0.25, 0.5, 0.75], description="`[Sb, Sc, Sd]`, shares of its length, growing."
+        default=[0.25, 0.5, 0.75], description="Knots `[Sb, Sc, Sd]`, increasing, as fractions of the segment's length."
     )
 
     @field_validator("knots")
     @classmethod
     def _increasing(cls, knots: list[float]) -> list[float]:
         if np.min(np.diff([0.0, *knots, 1.0])) < CLOSEST_KNOTS:
-            raise ValueError(f"expected three increasing numbers between 0 and 1, {CLOSEST_KNOTS:g} apart")
+            raise ValueError(f"expected three increasing numbers between 0 and 1, at least {CLOSEST_KNOTS:g} apart")
         return knots
 
 
@@ -68,24 +70,26 @@ class PoseTable(Table):
     rules = Rules(exactly_one=("shape", "joints_deg", "segments"), needs={"heading_deg": ("segments",)})
 
     shape: Literal["straight", "folded"] | None = Field(
-        default=None, description='`"straight"`, or `"folded"` ([below](#start-and-goal)).'
+        default=None, description='Named pose: `"straight"` or `"folded"` ([below](#start-and-goal)).'
     )
     joints_deg: Annotated[list[Degrees], Field(min_length=1)] | None = Field(
-        default=None, description="One bend a joint, the first relative to the base heading."
+        default=None, description="One bend per joint, the first relative to the base heading."
     )
     segments: Annotated[list[SegmentTable], Field(min_length=1)] | None = Field(
-        default=None, description="`[{ length, curvature, knots }, …]`: a curve, whose mapping is the pose."
+        default=None, description="`[{ length, curvature, knots }, …]`: a curve that the mapping turns into the pose."
     )
     heading_deg: Degrees | None = Field(
         default=None,
         description=(
-            "With `segments` the heading at the base (default: the base heading); with `position` the heading "
-            "of the last link (default: any)."
+            "With `segments`: heading of the curve at the base (default: the base heading). With `position`: "
+            "heading of the last link (default: free)."
         ),
     )
     feed: Length | None = Field(
         default=None,
-        description=("Place of the base on the feed axis, of a whole arm. Default: the least of its range."),
+        description=(
+            "Feed of the whole-arm pose: position of the base on the feed axis. Default: the lower end of its range."
+        ),
     )
 
 
@@ -99,30 +103,32 @@ class GoalTable(PoseTable):
     via: ClassVar[None] = None
     direction_tolerance_deg: ClassVar[float] = 0.0
 
-    position: Point | None = Field(default=None, description="Of the tip.")
+    position: Point | None = Field(default=None, description="Position of the tip.")
     position_tolerance: PositiveLength = Field(
-        default=Tolerances.position, description="How far from the goal the tip may end."
+        default=Tolerances.position, description="Largest distance of the tip from the goal at the end."
     )
     heading_tolerance_deg: PositiveDegrees = Field(
-        default=Tolerances.heading, description="How far from the goal's heading the last link may end."
+        default=Tolerances.heading, description="Largest deviation of the last link from the goal's heading."
     )
     pause: Annotated[float, Field(ge=0.0)] = Field(
-        default=0.0, description="How long the arm rests at this goal before the next [s]."
+        default=0.0, description="Time at rest at this goal before the next leg [s]."
     )
 
 
 class CircleTable(Table):
     """A disc."""
 
-    center: Point = Field(description="Of the disc.")
-    radius: PositiveLength = Field(description="Of the disc.")
+    center: Point = Field(description="Centre of the disc.")
+    radius: PositiveLength = Field(description="Radius of the disc.")
 
 
 class WallTable(Table):
     """A polyline swept by a disc of half its thickness."""
 
-    points: Polyline = Field(description="Of the line, in order.")
-    thickness: NonNegativeLength = Field(default=0.0, description="Diameter of the disc that sweeps the line.")
+    points: Polyline = Field(description="Vertices of the line, in order.")
+    thickness: NonNegativeLength = Field(
+        default=0.0, description="Thickness of the wall: the diameter of the disc swept along the line."
+    )
 
 
 class ObstacleTable(Table):
@@ -132,11 +138,15 @@ class ObstacleTable(Table):
 
     name: Annotated[str, Field(min_length=1)] | None = Field(
         default=None,
-        description=("Unique among the obstacles. Default: `obstacle 1`, `obstacle 2`, … by its place in the file."),
+        description=(
+            "Name, unique among the obstacles. Default: `obstacle 1`, `obstacle 2`, … in the order of the file."
+        ),
     )
-    polygon: Ring | None = Field(default=None, description="Corners of a simple polygon, in order, either way round.")
+    polygon: Ring | None = Field(
+        default=None, description="Corners of a simple polygon, in order, clockwise or counter-clockwise."
+    )
     holes: Annotated[list[Ring], Field(min_length=1)] | None = Field(
-        default=None, description="Of the polygon, each given by its corners. Default: none."
+        default=None, description="Holes of the polygon, each given by its corners. Default: none."
     )
     box: Box | None = Field(default=None, description="`[xmin, ymin, xmax, ymax]`.")
     circle: CircleTable | None = Field(default=None, description="`{ center = [x, y], radius = r }`.")
@@ -151,7 +161,7 @@ class ObstacleTable(Table):
         if holes is not None and outline is None:
             raise ValueError("only allowed together with polygon")
         if holes is not None and outline and not shapely.Polygon(outline, holes).is_valid:
-            raise ValueError("expected holes inside the polygon and apart from each other")
+            raise ValueError("expected holes that lie inside the polygon and do not overlap")
         return holes
 
 
@@ -161,44 +171,46 @@ class SceneTable(Table):
     file: Annotated[str, Field(min_length=1)] | None = Field(
         default=None,
         description=(
-            "A drawing with further obstacles: SVG (`.svg`), DXF (`.dxf`), GeoJSON (`.geojson`, `.json`) or "
-            "WKT (`.wkt`). Its path is relative to the problem file, in whose folder it lies unless "
+            "Drawing with further obstacles: SVG (`.svg`), DXF (`.dxf`), GeoJSON (`.geojson`, `.json`) or "
+            "WKT (`.wkt`). The path is relative to the problem file and must stay within its folder, unless "
             "`--allow-outside` is given (in Python `allow_outside=True`). Default: none."
         ),
     )
     scale: Positive = Field(default=1.0, description="Length of one unit of the drawing, in the problem file's unit.")
-    offset: Point = Field(default=[0.0, 0.0], description="Where the drawing's origin comes to lie.")
+    offset: Point = Field(default=[0.0, 0.0], description="Where the drawing's origin is placed.")
     curve_tolerance: PositiveLength | None = Field(
-        default=None, description=("How far outside a curve of the drawing its polygon may lie. Default: 0.25 mm.")
+        default=None,
+        description="Largest distance of the polygon outside the curve that it approximates. Default: 0.25 mm.",
     )
     wall_thickness: NonNegativeLength = Field(
-        default=0.0, description=('Of open lines of the drawing, and of all outlines with `closed = "walls"`.')
+        default=0.0,
+        description='Thickness of the drawing\'s open lines and, with `closed = "walls"`, of all its outlines.',
     )
     closed: Literal["solid", "walls", "room"] = Field(
         default="solid",
         description=(
-            "What closed outlines of the drawing are: solids, with those drawn as lines within others as "
-            "holes; lines of `wall_thickness`; or solids in the largest of them, which is the boundary of the "
-            "room."
+            "What closed outlines of the drawing mean: `solid`: solids, where unfilled outlines within others are "
+            "holes; `walls`: lines of `wall_thickness`; `room`: the largest outline is the boundary of the "
+            "workspace, the others are solids in it."
         ),
     )
 
 
 class WorkspaceTable(SceneTable):
-    """The room, without its obstacles: those are validated one by one."""
+    """The workspace, without its obstacles: those are validated one by one."""
 
-    rules = Rules(exactly_one=("bounds", "boundary"), otherwise=', or closed = "room" with a drawing of the room')
+    rules = Rules(exactly_one=("bounds", "boundary"), otherwise=', or closed = "room" with a drawing of the workspace')
 
     bounds: Box | None = Field(
         default=None,
         description=(
-            '`[xmin, ymin, xmax, ymax]` of the room. It, `boundary` or `closed = "room"` is required; each is '
-            "a wall like any obstacle."
+            "`[xmin, ymin, xmax, ymax]` of a rectangular workspace. Exactly one of `bounds`, `boundary` and "
+            '`closed = "room"` is required; each acts as a wall.'
         ),
     )
-    boundary: Ring | None = Field(default=None, description="Corners of the room, one simple polygon.")
+    boundary: Ring | None = Field(default=None, description="Corners of the workspace, a simple polygon.")
     clearance: NonNegativeLength = Field(
-        default=0.0, description="Gap kept between the arm's surface and every obstacle."
+        default=0.0, description="Required clearance between the arm's surface and every obstacle."
     )
 
 
@@ -216,7 +228,7 @@ def _unit(values: list[float]) -> list[float]:
 def _ordered_corners(corners: list[list[float]]) -> list[list[float]]:
     low, high = corners
     if not all(least < greatest for least, greatest in zip(low, high, strict=True)):
-        raise ValueError("expected [[xmin, ymin, zmin], [xmax, ymax, zmax]] with every least below its greatest")
+        raise ValueError("expected [[xmin, ymin, zmin], [xmax, ymax, zmax]] with every minimum below its maximum")
     return corners
 
 
@@ -231,18 +243,18 @@ Bends: TypeAlias = Annotated[list[Degrees], Field(description="`[a, b]`"), exact
 
 
 class SphereTable(Table):
-    """A ball."""
+    """A sphere."""
 
-    center: SpacePoint = Field(description="Of the ball.")
-    radius: PositiveLength = Field(description="Of the ball.")
+    center: SpacePoint = Field(description="Centre of the sphere.")
+    radius: PositiveLength = Field(description="Radius of the sphere.")
 
 
 class BarTable(Table):
     """A round bar."""
 
-    start: Annotated[SpacePoint, Field(alias="from")] = Field(description="One end of its axis.")
-    end: Annotated[SpacePoint, Field(alias="to")] = Field(description="The other end.")
-    radius: PositiveLength = Field(description="Of the bar.")
+    start: Annotated[SpacePoint, Field(alias="from")] = Field(description="First end of the axis.")
+    end: Annotated[SpacePoint, Field(alias="to")] = Field(description="Second end of the axis.")
+    radius: PositiveLength = Field(description="Radius of the bar.")
 
 
 class PlacementTable(Table):
@@ -250,14 +262,12 @@ class PlacementTable(Table):
 
     rules = Rules(at_most_one=("rotation_deg", "quaternion"))
 
-    position: SpacePoint = Field(
-        default=[0.0, 0.0, 0.0], description="Where the origin of the body's own coordinates comes to lie."
-    )
+    position: SpacePoint = Field(default=[0.0, 0.0, 0.0], description="Position of the origin of the body's own frame.")
     rotation_deg: Turns | None = Field(
-        default=None, description="Turns about the fixed axes x, y and z, in this order. Default: none."
+        default=None, description="Rotations about the fixed axes x, y and z, in this order. Default: none."
     )
     quaternion: Quaternion | None = Field(
-        default=None, description="`[w, x, y, z]`, of any length but zero, in place of `rotation_deg`."
+        default=None, description="Rotation as `[w, x, y, z]`, of any length but zero, in place of `rotation_deg`."
     )
 
 
@@ -271,40 +281,43 @@ class SpaceObstacleTable(Table):
 
     name: Annotated[str, Field(min_length=1)] | None = Field(
         default=None,
-        description=("Unique among the obstacles. Default: `obstacle 1`, `obstacle 2`, … by its place in the file."),
+        description=(
+            "Name, unique among the obstacles. Default: `obstacle 1`, `obstacle 2`, … in the order of the file."
+        ),
     )
     mesh: Annotated[str, Field(min_length=1)] | None = Field(
         default=None,
         description=(
-            "A file with triangles: STL, OBJ, PLY, GLB or 3MF ([below](#meshes)). Its path is relative to the "
-            "problem file, in whose folder it lies unless `--allow-outside` is given (in Python "
+            "Triangle mesh: STL, OBJ, PLY, GLB or 3MF ([below](#meshes)). The path is relative to the "
+            "problem file and must stay within its folder, unless `--allow-outside` is given (in Python "
             "`allow_outside=True`)."
         ),
     )
     scale: Positive | None = Field(
         default=None,
         description=(
-            "Of a mesh: length of one unit of its file, in the problem file's unit. Default: 1, of 3MF its own unit."
+            "Mesh only: length of one unit of its file, in the problem file's unit. Default: 1; for 3MF, the unit "
+            "that the file names."
         ),
     )
     up: Literal["y", "z"] | None = Field(
         default=None,
         description=(
-            'Of a mesh: its axis that points up; `"y"` turns it about x, so that its y becomes z. Default: '
-            '`"z"`, as it stands.'
+            'Mesh only: the axis of the file that points up; `"y"` rotates the mesh about x, so that its y becomes '
+            'z. Default: `"z"`, no rotation.'
         ),
     )
     solid: bool | None = Field(
         default=None,
         description=(
-            "Of a mesh: `false` where its surface alone counts, such as that of a room or a tank about the "
-            "arm, or of sheet metal; the arm may then begin and end inside. Default: [what it "
-            "encloses](problem-file.md#insides) belongs to it."
+            "Mesh only: `false` if the surface alone is an obstacle, as for a tank around the arm or sheet metal; "
+            "the arm may then start and end inside. Default: `true`, [what the mesh "
+            "encloses](problem-file.md#insides) is solid."
         ),
     )
     sha256: Annotated[str, Field(pattern="^[0-9a-f]{64}$")] | None = Field(
         default=None,
-        description=("Of a mesh: the hash of its file, which is refused when it is another. Default: any."),
+        description="Mesh only: SHA-256 of its file; a file with another hash is refused. Default: not checked.",
     )
     box: Corners | None = Field(default=None, description="`[[xmin, ymin, zmin], [xmax, ymax, zmax]]`.")
     sphere: SphereTable | None = Field(default=None, description="`{ center = [x, y, z], radius = r }`.")
@@ -312,42 +325,45 @@ class SpaceObstacleTable(Table):
         default=None, description="`{ from = [x, y, z], to = [x, y, z], radius = r }`, with flat ends."
     )
     capsule: BarTable | None = Field(
-        default=None, description="The same with round ends, whose middles are `from` and `to`."
+        default=None, description="The same with hemispherical ends, centred at `from` and `to`."
     )
     pose: PlacementTable | None = Field(
         default=None,
         description=(
-            "`{ position = [x, y, z], rotation_deg = [x, y, z] }` or with `quaternion`: where the obstacle "
-            "stands and how it is turned, of whichever kind. Default: as its coordinates say."
+            "`{ position = [x, y, z], rotation_deg = [x, y, z] }`, or with `quaternion`: position and orientation "
+            "of an obstacle of any kind. Default: its coordinates as they are."
         ),
     )
 
 
 class SpaceWorkspaceTable(Table):
-    """The room, without its obstacles: those are validated one by one."""
+    """The workspace, without its obstacles: those are validated one by one."""
 
     bounds: Corners | None = Field(
         default=None,
         description=(
-            "`[[xmin, ymin, zmin], [xmax, ymax, zmax]]` of the room, whose sides are walls like any obstacle. "
-            "Default: no room, the obstacles alone."
+            "`[[xmin, ymin, zmin], [xmax, ymax, zmax]]` of the workspace, whose sides act as walls. Default: unbounded."
         ),
     )
     clearance: NonNegativeLength = Field(
-        default=0.0, description="Gap kept between the arm's surface and every obstacle."
+        default=0.0, description="Required clearance between the arm's surface and every obstacle."
     )
 
 
 class BaseTable(Table):
-    """Where the arm begins and how it stands."""
+    """Position and orientation of the base."""
 
-    position: SpacePoint = Field(description="Of the first joint; it may touch a wall, not stand inside one.")
-    direction: Direction = Field(default=[1.0, 0.0, 0.0], description="Of the straight arm, of any length but zero.")
+    position: SpacePoint = Field(
+        description="Position of the first joint; it may touch a wall, but not lie inside one."
+    )
+    direction: Direction = Field(
+        default=[1.0, 0.0, 0.0], description="Direction of the straight arm; a vector of any length but zero."
+    )
     up: Direction = Field(
         default=[0.0, 0.0, 1.0],
         description=(
-            "About which a joint's first bend turns while the arm is straight; what of it lies along "
-            "`direction` does not count. Required where `direction` is along z."
+            "Axis about which the first bend of a joint turns while the arm is straight; its component along "
+            "`direction` is ignored. Required if `direction` is along z."
         ),
     )
 
@@ -356,9 +372,7 @@ class SpaceArmTable(ChainTable):
     """The arm in space."""
 
     base: BaseTable = Field(description="`{ position = [x, y, z], direction = [x, y, z], up = [x, y, z] }`.")
-    axes: Literal["zyx"] = Field(
-        default="zyx", description="Order of a ball's revolutes, the third of which stays at 0."
-    )
+    axes: Literal["zyx"] = Field(default="zyx", description="Order of a ball joint's revolutes; the third stays at 0.")
 
 
 class SpacePoseTable(Table):
@@ -377,7 +391,9 @@ class SpacePoseTable(Table):
     )
     feed: Length | None = Field(
         default=None,
-        description=("Place of the base on the feed axis, of a whole arm. Default: the least of its range."),
+        description=(
+            "Feed of the whole-arm pose: position of the base on the feed axis. Default: the lower end of its range."
+        ),
     )
 
 
@@ -389,25 +405,25 @@ class SpaceGoalTable(SpacePoseTable):
     )
     heading_tolerance_deg: ClassVar[float] = 0.0
 
-    position: SpacePoint | None = Field(default=None, description="Of the tip.")
+    position: SpacePoint | None = Field(default=None, description="Position of the tip.")
     direction: Direction | None = Field(
-        default=None, description="Where the last link points, with `position`. Default: anywhere."
+        default=None, description="Direction of the last link, with `position`. Default: free."
     )
     via: Annotated[list[SpacePoint], Field(min_length=1)] | None = Field(
         default=None,
         description=(
-            "Places that the tip passes on its way, in this order, with `position`: which bore, which gap. "
-            "Default: none."
+            "Points that the tip passes on its way, in this order, with `position`: through which bore, through "
+            "which opening. Default: none."
         ),
     )
     position_tolerance: PositiveLength = Field(
-        default=Tolerances.position, description="How far from the goal the tip may end."
+        default=Tolerances.position, description="Largest distance of the tip from the goal at the end."
     )
     direction_tolerance_deg: PositiveDegrees = Field(
-        default=Tolerances.heading, description="How far from the goal's direction the last link may point."
+        default=Tolerances.heading, description="Largest deviation of the last link from the goal's direction."
     )
     pause: Annotated[float, Field(ge=0.0)] = Field(
-        default=0.0, description="How long the arm rests at this goal before the next [s]."
+        default=0.0, description="Time at rest at this goal before the next leg [s]."
     )
 
 
@@ -447,7 +463,8 @@ _RESERVED = re.compile(r"(?i)(con|prn|aux|nul|com\d|lpt\d)(\..*)?")
 def _folder_name(name: str) -> str:
     if not _FOLDER_NAME.fullmatch(name) or _RESERVED.fullmatch(name) or len(name.encode()) > 200:
         raise ValueError(
-            "expected a name for a folder: letters, digits, '-', '_', '+', '.' or blanks inside, at most 200 bytes"
+            "expected a name that can be a folder's: letters, digits, '-', '_', '+', and '.' or spaces inside, "
+            "at most 200 bytes"
         )
     return name
 
@@ -457,25 +474,30 @@ class RootTable(Table):
 
     schema_version: Literal[1] = Field(alias="schema", description="Version of the format.")
     space: Literal[2, 3] = Field(
-        default=2, description="3 for an arm that [leaves the plane](problem-file.md#arms-in-space)."
+        default=2,
+        description="Dimension: 2 for an arm in the plane, 3 for an [arm in space](problem-file.md#arms-in-space).",
     )
     name: Annotated[str, AfterValidator(_folder_name)] = Field(
-        description=("Also the name of the output folder: letters, digits, `-`, `_`, `+`, and `.` or blanks inside.")
+        description=(
+            "Name of the problem and of its output folder: letters, digits, `-`, `_`, `+`, and `.` or spaces inside."
+        )
     )
-    description: str = Field(default="", description="One line for people.")
+    description: str = Field(default="", description="One line about the problem, shown in lists.")
     units: LengthUnit = Field(
-        default="m", description="Unit of all lengths in this file; curvatures are then per that unit."
+        default="m", description="Unit of all lengths in this file; curvatures are in its inverse."
     )
-    workspace: dict[str, object] = Field(description="[The room](#workspace).")
+    workspace: dict[str, object] = Field(description="[Bounds and obstacles](#workspace).")
     arm: dict[str, object] = Field(description="[The arm](#arm).")
-    limits: dict[str, object] = Field(description="[Its limits](#limits).")
-    start: dict[str, object] = Field(description="[Where the motion begins](#start-and-goal).")
+    limits: dict[str, object] = Field(description="[Limits of joints, feed and points](#limits).")
+    start: dict[str, object] = Field(description="[Start pose](#start-and-goal).")
     goal: dict[str, object] | list[dict[str, object]] = Field(
-        description="[Where it ends](#start-and-goal); several, written `[[goal]]`, in sequence."
+        description="[Goal](#start-and-goal); several, written `[[goal]]`, are reached in sequence."
     )
-    planner: dict[str, object] = Field(default_factory=dict, description="[How it is planned](#planner).")
-    simulation: dict[str, object] = Field(default_factory=dict, description="[How it is simulated](#simulation).")
-    tolerance: dict[str, object] = Field(default_factory=dict, description="[What it has to survive](#tolerance).")
+    planner: dict[str, object] = Field(default_factory=dict, description="[Planner options](#planner).")
+    simulation: dict[str, object] = Field(default_factory=dict, description="[Simulation options](#simulation).")
+    tolerance: dict[str, object] = Field(
+        default_factory=dict, description="[Errors that the motion must tolerate](#tolerance)."
+    )
     verification: dict[str, object] = Field(
-        default_factory=dict, description="[How strictly it is judged](#verification)."
+        default_factory=dict, description="[How strictly the plan is verified](#verification)."
     )

@@ -110,19 +110,19 @@ def _simple_ring(points: list[list[float]]) -> list[list[float]]:
     # GEOS gives the coordinates of a crossing in brackets, for example "Self-intersection[1 2]".
     place = re.search(r"\[(\S+) (\S+)\]", shapely.is_valid_reason(polygon))
     if place is None or polygon.convex_hull.area == 0.0:
-        raise ValueError("the outline encloses no area; expected at least three corners that are not in one line")
+        raise ValueError("the outline encloses no area; expected at least three corners that are not collinear")
     crossing = np.array([float(place[1]), float(place[2])])
     k = int(np.argmin(np.linalg.norm(np.array(points) - crossing, axis=1)))
     x, y = crossing
     raise ValueError(
         f"the outline crosses or touches itself at ({x:.6g}, {y:.6g}), near its corner [{k}] "
-        f"at ({points[k][0]:.6g}, {points[k][1]:.6g}); list the corners in order round the shape"
+        f"at ({points[k][0]:.6g}, {points[k][1]:.6g}); list the corners in order around the shape"
     )
 
 
 def _two_places(points: list[list[float]]) -> list[list[float]]:
     if all(point == points[0] for point in points):
-        raise ValueError("all points of the wall are the same; expected at least two different ones")
+        raise ValueError("all points of the wall coincide; expected at least two different points")
     return points
 
 
@@ -205,13 +205,13 @@ Box: TypeAlias = Annotated[list[Length], Field(description="four lengths"), exac
 
 PositiveEach: TypeAlias = Annotated[
     float | list[float],
-    Field(description="number above 0, or a list of such"),
+    Field(description="number above 0, or list of such numbers"),
     _numbers_each("a positive number", zero=False),
 ]
 """One positive number for all, or a list with one for each."""
 NonNegativeEach: TypeAlias = Annotated[
     float | list[float],
-    Field(description="number, 0 or more, or a list of such"),
+    Field(description="number, 0 or more, or list of such numbers"),
     _numbers_each("a number that is not negative", zero=True),
 ]
 """One non-negative number for all, or a list with one for each."""
@@ -302,8 +302,8 @@ MAX_LINKS = 400
 class InertiaTable(Table):
     """Moments of inertia of the links about their centres [kg m²], one for all links or one each."""
 
-    axial: PositiveEach = Field(description="About the axis of a link [kg m²].")
-    transverse: PositiveEach = Field(description="Across it [kg m²].")
+    axial: PositiveEach = Field(description="Moment about the link's axis [kg m²].")
+    transverse: PositiveEach = Field(description="Moment about an axis across the link, through its centre [kg m²].")
 
 
 def _even(links: int) -> int:
@@ -315,16 +315,19 @@ def _even(links: int) -> int:
 class FeedTable(Table):
     """A linear axis that carries the base along the base heading."""
 
-    range: Annotated[list[Length], exactly(2)] = Field(description="`[least, greatest]` place of the base on the axis.")
+    range: Annotated[list[Length], exactly(2)] = Field(
+        description="`[lower, upper]` limit of the base's position on the axis."
+    )
     hole: Length | None = Field(
-        default=None, description="Where the guide tube ends, on the axis. Default: the greatest place of the base."
+        default=None,
+        description="Position of the end of the guide tube on the axis. Default: the upper end of the range.",
     )
 
     @field_validator("range")
     @classmethod
     def _ordered(cls, ends: list[float]) -> list[float]:
         if not ends[0] < ends[1]:
-            raise ValueError("expected [least, greatest] with least < greatest")
+            raise ValueError("expected [lower, upper] with lower < upper")
         return ends
 
 
@@ -334,22 +337,22 @@ class ChainTable(Table):
     rules = Rules(at_most_one=("link_mass", "masses"))
 
     links: Annotated[int, Field(ge=2, le=MAX_LINKS), AfterValidator(_even)] = Field(
-        description="Equal links, with a ball joint at the base of each; an even number."
+        description="Number of equal links, each with a ball joint at its base; even."
     )
-    link_length: PositiveLength = Field(description="Of a link.")
-    radius: NonNegativeLength = Field(description="Of the discs swept along the links.")
+    link_length: PositiveLength = Field(description="Length of a link.")
+    radius: NonNegativeLength = Field(description="Radius of the links, which are capsules about their axes.")
     joint_limit_deg: BendLimitDegrees = Field(
-        description=("Bound on the bend of every joint but the first; in space on each of its two bends.")
+        description="Limit on the bend of every joint but the first; in space, on each of its two bends."
     )
     base_limit_deg: PositiveDegrees = Field(
-        default=2.0 * math.pi, description=("Bound on the bend of the first joint; in space on each of its two bends.")
+        default=2.0 * math.pi, description="Limit on the bend of the first joint; in space, on each of its two bends."
     )
     self_collision: bool = Field(
         default=True,
-        description=("Whether links with at least max(2 l, π r) of arm between them keep their axes 2 r apart."),
+        description="Whether links with at least max(2 l, π r) of arm between them must keep their axes 2 r apart.",
     )
     mount_length: NonNegativeLength | None = Field(
-        default=None, description=("Length of arm, from the base, that may touch obstacles. Default: `radius`.")
+        default=None, description="Length of arm next to the base that may touch obstacles. Default: `radius`."
     )
     link_mass: Positive | None = Field(default=None, description="Mass of every link [kg]. Default: 0.1.")
     masses: Annotated[list[Positive], Field(min_length=1)] | None = Field(
@@ -357,21 +360,27 @@ class ChainTable(Table):
     )
     inertia: InertiaTable | None = Field(
         default=None,
-        description=("`{ axial = …, transverse = … }` about a link's centre [kg m²]. Default: solid cylinders."),
+        description=(
+            "Moments of inertia `{ axial = …, transverse = … }` about a link's centre [kg m²]. Default: "
+            "solid cylinders."
+        ),
     )
-    payload: NonNegative = Field(default=0.0, description="Mass of a point at the tip [kg].")
+    payload: NonNegative = Field(default=0.0, description="Point mass at the tip [kg].")
     rotor_inertia: NonNegativeEach = Field(
         default=0.0,
-        description=("Of the drives as seen at the joints [kg m²]; a list has one a ball joint or one a revolute."),
+        description=(
+            "Inertia of the drives, reflected to the joints [kg m²]; a list has one value per ball joint "
+            "or per revolute."
+        ),
     )
     friction: NonNegativeEach = Field(
-        default=0.0, description="Viscous friction of the joints [N m s/rad], given likewise."
+        default=0.0, description="Viscous friction of the joints [N m s/rad]; a list as for `rotor_inertia`."
     )
     feed: FeedTable | None = Field(
         default=None,
         description=(
-            "`{ range = [least, greatest], hole = … }`: an axis that carries the base along the base heading "
-            "([how](problem-file.md#feed-axis)). Default: the base is fixed."
+            "`{ range = [lower, upper], hole = … }`: linear axis that moves the base along the base heading "
+            "([how](problem-file.md#feed-axis)). Default: fixed base."
         ),
     )
 
@@ -379,47 +388,51 @@ class ChainTable(Table):
 class ArmTable(ChainTable):
     """The arm in its plane."""
 
-    base: Point = Field(description="Of the first joint; it may touch a wall, not stand inside one.")
+    base: Point = Field(description="Position of the first joint; it may touch a wall, but not lie inside one.")
     base_heading_deg: Degrees = Field(default=0.0, description="Heading of the straight arm.")
-    axes: Axes = Field(default=Arm.axes, description="Order of a ball's revolutes; `\"zyz\"` as in the paper's table.")
+    axes: Axes = Field(
+        default=Arm.axes, description="Order of a ball joint's revolutes; the paper's table has `\"zyz\"`."
+    )
 
 
 class PointLimitTable(Table):
     """Bounds on the speed and the acceleration of a point of the arm."""
 
     at: NonNegativeLength = Field(description="Arc length of the point from the base, along the links.")
-    velocity: PositiveSpeed | None = Field(default=None, description="Of the point. Default: none.")
-    acceleration: PositiveAcceleration | None = Field(default=None, description="Of the point. Default: none.")
+    velocity: PositiveSpeed | None = Field(default=None, description="Limit on the point's speed. Default: none.")
+    acceleration: PositiveAcceleration | None = Field(
+        default=None, description="Limit on the point's acceleration. Default: none."
+    )
 
 
 class LimitsTable(Table):
-    """Joint limits, each one number, one a ball joint, or one a revolute; limits of the feed axis, and of points."""
+    """Joint limits, each one number, one per ball joint, or one per revolute; limits of the feed axis and of points."""
 
-    velocity: PositiveEach = Field(description="Of the joints [rad/s].")
-    acceleration: PositiveEach = Field(description="Of the joints [rad/s²].")
+    velocity: PositiveEach = Field(description="Joint velocity [rad/s].")
+    acceleration: PositiveEach = Field(description="Joint acceleration [rad/s²].")
     jerk: PositiveEach | None = Field(
-        default=None, description="Of the joints [rad/s³]; for smooth motions. Default: accelerations may jump."
+        default=None, description="Joint jerk [rad/s³]. Default: none, accelerations may jump."
     )
-    torque: PositiveEach | None = Field(default=None, description="Of the joints [N m]. Default: not limited.")
+    torque: PositiveEach | None = Field(default=None, description="Joint torque [N m]. Default: none.")
     feed_velocity: PositiveSpeed | None = Field(
-        default=None, description="Of the feed axis; required where there is one."
+        default=None, description="Velocity of the feed axis; required if there is one."
     )
     feed_acceleration: PositiveAcceleration | None = Field(
-        default=None, description="Of the feed axis; required where there is one."
+        default=None, description="Acceleration of the feed axis; required if there is one."
     )
     feed_jerk: PositiveJerk | None = Field(
-        default=None, description="Of the feed axis. Default: its acceleration may jump."
+        default=None, description="Jerk of the feed axis. Default: none, its acceleration may jump."
     )
-    feed_force: Positive | None = Field(default=None, description="Of the feed axis [N]. Default: not limited.")
+    feed_force: Positive | None = Field(default=None, description="Force of the feed axis [N]. Default: none.")
     tip_velocity: PositiveSpeed | None = Field(
-        default=None, description="Of the tip in the plane, in any direction. Default: not limited."
+        default=None, description=("Speed of the tip, in any direction. Default: none.")
     )
     tip_acceleration: PositiveAcceleration | None = Field(
-        default=None, description="Of the tip in the plane, in any direction. Default: not limited."
+        default=None, description="Acceleration of the tip, in any direction. Default: none."
     )
     points: list[PointLimitTable] = Field(
         default=[],
-        description=("`[{ at = s, velocity = …, acceleration = … }, …]`: the same of other points of the arm."),
+        description="`[{ at = s, velocity = …, acceleration = … }, …]`: the same for other points of the arm.",
     )
 
 
@@ -427,61 +440,65 @@ class GainsTable(Table):
     """Gains of the PD law for every joint: proportional [N m/rad], derivative [N m s/rad]; else they suit the arm."""
 
     proportional: Positive | None = Field(
-        default=None, description="[N m/rad]. Default: what suits the arm, or the other gain."
+        default=None, description="Proportional gain [N m/rad]. Default: tuned for the arm, or to the other gain."
     )
     derivative: Positive | None = Field(
-        default=None, description="[N m s/rad]. Default: what suits the arm, or the other gain."
+        default=None, description="Derivative gain [N m s/rad]. Default: tuned for the arm, or to the other gain."
     )
 
 
 class DisturbancesTable(Table):
-    """What the simulated arm does otherwise than its controller believes."""
+    """How the simulated arm differs from the controller's model."""
 
     mass_error: Annotated[float, Field(gt=-1.0)] = Field(
-        default=Disturbances.mass_error, description="Share by which links are heavier."
+        default=Disturbances.mass_error,
+        description="Relative error of the link masses: 0.1 makes the links 10 % heavier than modelled.",
     )
-    payload: NonNegative = Field(default=Disturbances.payload, description="Further mass at the tip [kg].")
+    payload: NonNegative = Field(default=Disturbances.payload, description="Mass at the tip that the model lacks [kg].")
     friction: NonNegative = Field(
-        default=Disturbances.friction, description="Further viscous friction of every revolute [N m s/rad]."
+        default=Disturbances.friction,
+        description="Viscous friction of every revolute that the model lacks [N m s/rad].",
     )
     angle_noise_deg: Annotated[float, Field(ge=0.0), _RADIANS, _DEGREES] = Field(
         default=Disturbances.angle_noise,
-        description=(
-            "Standard deviation of measured angles [deg]; of the bends alone while the arm moves in its plane."
-        ),
+        description=("Standard deviation of the measured angles [deg]; in the plane, of the bends only."),
     )
     velocity_noise: NonNegative = Field(
-        default=Disturbances.velocity_noise, description="Standard deviation of measured speeds [rad/s], likewise."
+        default=Disturbances.velocity_noise,
+        description="Standard deviation of the measured velocities [rad/s], likewise.",
     )
     start_delay: NonNegative = Field(
         default=Disturbances.start_delay,
-        description="Time for which brakes still hold the arm when the motion begins [s].",
+        description="Time for which the brakes still hold the arm after the motion has begun [s].",
     )
-    seed: Annotated[int, Field(ge=0)] = Field(default=Disturbances.seed, description="Of the noise.")
+    seed: Annotated[int, Field(ge=0)] = Field(default=Disturbances.seed, description="Seed of the noise.")
 
 
 class SimulationTable(Table):
     """How the timed motion is simulated."""
 
     gravity: Vector = Field(
-        default_factory=SimulationOptions().gravity.tolist, description="In 3-D [m/s²]; in the plane that is (x, z)."
+        default_factory=SimulationOptions().gravity.tolist,
+        description="Gravity in 3-D [m/s²]; the plane of planar arms is (x, z).",
     )
-    step: Positive = Field(default=SimulationOptions.step, description="Of the integration [s].")
+    step: Positive = Field(default=SimulationOptions.step, description="Integration step [s].")
     controller: ControllerName = Field(default=SimulationOptions.controller, description="Control law.")
     bandwidth: Positive = Field(
         default=SimulationOptions.bandwidth,
-        description=("Natural frequency that both laws are tuned for, on joints and on the feed axis [1/s]."),
+        description=(
+            "Natural frequency for which both control laws are tuned, at the joints and on the feed axis [1/s]."
+        ),
     )
     gains: GainsTable = Field(
         default=GainsTable(),
         description=(
-            "Of the PD law, for every joint: `{ proportional = …, derivative = … }` [N m/rad, N m s/rad]. "
-            "Default: what [suits the arm](dynamics.md#the-closed-loop) at this bandwidth."
+            "Gains of the PD law at every joint: `{ proportional = …, derivative = … }` [N m/rad, N m s/rad]. "
+            "Default: [tuned for the arm](dynamics.md#the-closed-loop) at this bandwidth."
         ),
     )
     disturbances: DisturbancesTable = Field(
         default=DisturbancesTable(),
-        description="In what the simulated arm differs ([below](#simulation-disturbances)).",
+        description="How the simulated arm differs from the controller's model ([below](#simulation-disturbances)).",
     )
 
 
@@ -489,122 +506,127 @@ Weight = Annotated[float, Field(ge=0.0)]
 
 
 class WeightsTable(Table):
-    """How much each thing counts that planning makes small."""
+    """Weights of the costs that planning minimises."""
 
-    path_length: Weight = Field(default=Weights.path_length, description="Turns of the joints along the motion.")
-    smoothness: Weight = Field(default=Weights.smoothness, description="Changes of these turns.")
-    bending: Weight = Field(default=Weights.bending, description="The arm's curvature.")
+    path_length: Weight = Field(default=Weights.path_length, description="Joint travel along the motion.")
+    smoothness: Weight = Field(
+        default=Weights.smoothness, description="Changes of the joint steps from keyframe to keyframe."
+    )
+    bending: Weight = Field(default=Weights.bending, description="Curvature of the arm.")
     clearance: Weight = Field(
         default=Weights.clearance,
         description=(
-            "Nearness to walls, where they are nearer than 3 % of the arm's length. At 0 motions run close to "
-            "`workspace.clearance`; it is kept in any case."
+            "Proximity to walls that are nearer than 3 % of the arm's length. With 0, motions run close to "
+            "`workspace.clearance`, which is kept in any case."
         ),
     )
     duration: Weight = Field(
         default=Weights.duration,
         description=(
-            "Turns and changes of turns, each joint's against its own velocity and acceleration limit: a "
-            "stand-in for the duration, of use where joints have different limits."
+            "Steps and changes of steps of each joint, relative to its velocity and acceleration limit: a "
+            "proxy for the duration, useful where joints have different limits."
         ),
     )
 
 
 class PlannerTable(Table):
-    """Which planner, how long, and with what."""
+    """Which planner, for how long, and with which options."""
 
     method: MethodName = Field(
         default=PlannerOptions.method,
         description=(
-            '`"nlp"`, this package\'s own planner, or `"hill-climbing"`, [the paper\'s](the-paper-claim-by-claim.md).'
+            'Planner: `"nlp"`, that of this package, or `"hill-climbing"`, [that of the '
+            "paper](the-paper-claim-by-claim.md)."
         ),
     )
     mapping: MappingName = Field(
-        default=PlannerOptions.mapping, description='How a curve becomes joints; `"even-joints"` is the paper\'s.'
+        default=PlannerOptions.mapping,
+        description='Mapping from a curve to joints; `"even-joints"` is that of the paper.',
     )
     time_limit: Positive = Field(
         default=PlannerOptions.time_limit,
         description=(
-            "CPU time of the process after which the search stops [s], so that what is found does not depend "
-            "on what else the machine does. Three times as much wall time ends it too."
+            "CPU time after which the search stops [s]; CPU time, so that the result does not depend "
+            "on the load of the machine. Three times as much wall time ends it too."
         ),
     )
     routes: Annotated[int, Field(ge=1)] = Field(
         default=PlannerOptions.routes,
-        description="Corridors tried, shortest first; refused in space, where none are sought.",
+        description="Number of corridors tried, shortest first; in the plane only.",
     )
     seed: Annotated[int, Field(ge=0)] = Field(
         default=PlannerOptions.seed,
         description=(
-            "Of the order in which candidates are tried, of the poses at the goal that are drawn, and of the "
-            "trees; 0 tries the most promising candidate first. The same seed gives the same plan."
+            "Seed of the order of candidates, of the sampled goal poses and of the trees; 0 tries the most "
+            "promising candidate first. The same seed gives the same plan."
         ),
     )
     tries: Annotated[int, Field(ge=1)] = Field(
         default=PlannerOptions.tries,
         description=(
-            "So many plans are made, with `seed` and the seeds after it, each with an equal share of the time "
-            "that is left; of those that keep nine tenths of the room that the roomiest keeps the shortest "
-            "motion is taken. The paper's planner draws nothing, so more than one try is refused."
+            "Number of plans made, with `seed` and the seeds after it, each with an equal share of the remaining "
+            "time. The fastest is taken of those whose least gap is at least 0.9 of the largest. With "
+            "`hill-climbing`, which samples nothing, only 1 is accepted."
         ),
     )
     optimiser: OptimiserName = Field(
         default=PlannerOptions.optimiser,
-        description='How the motion is optimised over all keyframes; by `"none"` it stays as it was found.',
+        description='Optimisation of the motion over all keyframes; `"none"` keeps the motion as it was found.',
     )
     retiming: RetimingName = Field(
         default=PlannerOptions.retiming,
         description=(
-            'How the path is timed: `"toppra"`, as fast as the limits allow; or `"paul"`, the paper\'s: joints '
-            "move at constant speed between keyframes and turn smoothly at each. The second leaves the "
-            "certified path a little, so shorter turns are tried until the verifier accepts the motion."
+            'How the path is timed: `"toppra"`, as fast as the limits allow; or `"paul"`, as in the paper: constant '
+            "velocity between keyframes with smooth transitions at them. The transitions leave the "
+            "certified path a little; they are shortened until the verifier accepts the motion."
         ),
     )
     wanted_gap: NonNegativeLength | None = Field(
         default=PlannerOptions.wanted_gap,
         description=(
-            "Room beyond radius and clearance that [the goal pose](how-a-motion-is-found.md) and the motion keep where "
-            "there is so much; where a passage has less, as much as it has. 0: no more than the clearance is "
-            "asked for. What the motion kept is [in its record](room.md), and `solve --pareto` shows what "
-            "other gaps would cost. Motions that follow a leader on a feed axis keep the room of its path, "
-            "and the paper's planner keeps none. Default: 1.5 % of the arm's length or half its radius, "
-            "whichever is less."
+            "Preferred clearance, beyond radius and `workspace.clearance`, of [the goal "
+            "pose](how-a-motion-is-found.md) and the motion; a passage that allows less gets as much as it allows. "
+            "With 0, only `workspace.clearance` is kept. What the motion keeps is [in its record](room.md), and "
+            "`solve --pareto` shows what other values cost. Planar motions that follow a leader on a feed axis keep "
+            "the clearance of its path; `hill-climbing` ignores it. Default: 1.5 % of the arm's length or half "
+            "its radius, whichever is less."
         ),
     )
     effort_share: Annotated[float, Field(gt=0.0, le=1.0)] = Field(
         default=PlannerOptions.effort_share,
         description=(
-            "Share of the drives' limits (velocity, acceleration, jerk, torque, and those of the feed axis) "
-            "that plans use; the rest is left to [the "
+            "Fraction of the drives' limits (velocity, acceleration, jerk, torque, and those of the feed axis) "
+            "that plans use; the rest is reserved for [the "
             "controller](dynamics.md#what-a-plan-leaves-to-the-controller). Limits on the tip and on other "
             "points are used in full."
         ),
     )
     weights: WeightsTable = Field(
-        default=WeightsTable(), description="What planning makes small ([below](#planner-weights))."
+        default=WeightsTable(), description="Weights of the costs ([below](#planner-weights))."
     )
 
 
 class ToleranceTable(Table):
-    """Errors with which the motion has to touch nothing."""
+    """Errors under which the motion must stay clear."""
 
     joint_error_deg: Annotated[float, Field(ge=0.0, lt=180.0), _RADIANS, _DEGREES] = Field(
         default=0.0,
         description=(
-            "Error of every joint, at every time another, with which nothing may come nearer than the "
-            "clearance; 0 asks for nothing."
+            "Joint error that the motion must tolerate: with every joint off by up to this angle, independently and "
+            "at all times, the clearance is still kept. 0: not required."
         ),
     )
 
 
 class VerificationTable(Table):
-    """How strictly plans are judged."""
+    """How strictly plans are verified."""
 
     contact_tolerance: PositiveLength | None = Field(
         default=VerificationOptions.contact_tolerance,
         description=(
-            "Gap that may be missing before a motion is refused; motions that begin or end in contact may use "
-            "half of it. It is there for rounding, a thousandth of the arm's length at most: a clearance "
-            "belongs into `workspace.clearance`. Default: [a millionth of the arm's length](guarantees.md)."
+            "Shortfall of the clearance up to which a motion is accepted, at most a thousandth of the "
+            "arm's length; motions "
+            "that start or end in contact may use half of it. It covers rounding; safety distances belong in "
+            "`workspace.clearance`. Default: [a millionth of the arm's length](guarantees.md)."
         ),
     )

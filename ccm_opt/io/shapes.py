@@ -233,13 +233,13 @@ def _steps(second_derivative: float, distance: float) -> int:
         ProblemError: the bound is not finite, or more than ``MAX_STEPS`` chords would be needed.
     """
     if not math.isfinite(second_derivative):
-        raise ProblemError("a curve has a point that is not finite; expected finite coordinates")
+        raise ProblemError("a curve has a coordinate that is not finite")
     # h² max|p''| / 8 ≤ distance with h = 1 / steps.
     needed = math.sqrt(second_derivative / (8.0 * distance))
     if needed > MAX_STEPS:  # possibly infinite
         raise ProblemError(
-            f"a curve needs {needed:.0f} chords to stay within {distance:.3g} drawing units; check the scale, or allow "
-            "a larger curve_tolerance"
+            f"a curve needs {needed:.0f} chords to stay within {distance:.3g} drawing units; check "
+            "workspace.scale, or raise curve_tolerance"
         )
     return max(math.ceil(needed), 1)
 
@@ -268,7 +268,7 @@ def flatten_spline(
     from scipy.interpolate import PPoly  # noqa: PLC0415 - slow to load and seldom needed
 
     if not np.all(weights > 0.0):
-        raise ProblemError("it is a spline with a weight that is not positive; explode it into a polyline or arcs")
+        raise ProblemError("a weight of the spline is not positive; explode it into a polyline or arcs")
     weights = weights / weights.max()
     # Columns: n and w.
     columns = np.column_stack((weights[:, None] * control, weights))
@@ -294,5 +294,5 @@ def flatten_spline(
         values = values[1:] if pieces else values
         pieces.append(values[:, :2] / values[:, 2:])
         if sum(map(len, pieces)) > MAX_STEPS:
-            raise ProblemError("a spline needs too many chords; check the scale, or allow a larger curve_tolerance")
+            raise ProblemError("a spline needs too many chords; check workspace.scale, or raise curve_tolerance")
     return np.concatenate(pieces)

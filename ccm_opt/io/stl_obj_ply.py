@@ -59,22 +59,22 @@ def read_stl(content: bytes, _settings: MeshSettings) -> RawMesh:
 
 def _of_records(content: bytes) -> RawMesh:
     if len(content) < _START:
-        raise ProblemError(f"not readable as STL: it has {len(content)} bytes, and its header alone has {_START}")
+        raise ProblemError(f"not readable as STL: it has {len(content)} bytes, fewer than the {_START} of a header")
     count = int.from_bytes(content[_START - 4 : _START], "little")
     held = (len(content) - _START) // _TRIANGLE.itemsize
     if held < count and content[:_START].isascii() and b"\0" not in content[:_START]:
-        raise ProblemError("not readable as STL: it is a text of another kind, without 'solid' and 'facet' in front")
+        raise ProblemError("not readable as STL: it is text, but does not begin with 'solid' and 'facet'")
     if held < count:
         raise ProblemError(
-            f"not readable as STL: its header says {count} triangles, but it ends after {held}; was it cut short, or "
-            "is it of another format?"
+            f"not readable as STL: its header announces {count} triangles, but it ends after {held}; it is "
+            "truncated, or of another format"
         )
     behind = content[_START + count * _TRIANGLE.itemsize :]
     # Some programs fill their files up with zeros.
     if len(behind) >= _TRIANGLE.itemsize and behind.strip(b"\0"):
         raise ProblemError(
-            f"not readable as STL: its header says {count} triangles, but {len(behind)} bytes more follow, as of "
-            f"{held - count} that would be missing"
+            f"not readable as STL: its header announces {count} triangles, but {len(behind)} more bytes "
+            f"follow, those of {held - count} further triangles"
         )
     records = np.frombuffer(content, dtype=_TRIANGLE, count=count, offset=_START)
     # Some bytes are no number and warn when they are copied; what is no number is refused by name, later.
@@ -91,7 +91,7 @@ def _of_text(text: bytes) -> RawMesh:
     while at < len(text):
         solid = begins.match(text, at)
         if solid is None:
-            raise ProblemError(f"not readable as STL: {_shown(text, at)} follows its solids, expected 'solid'")
+            raise ProblemError(f"not readable as STL: {_shown(text, at)} follows its solids; expected 'solid'")
         at = solid.end()
         while facet := _FACET.match(text, at):
             at = facet.end()
@@ -100,13 +100,13 @@ def _of_text(text: bytes) -> RawMesh:
             except ValueError:
                 raise ProblemError(
                     f"not readable as STL: triangle {len(coordinates) // 9 + 1} has "
-                    f"{b' '.join(facet.groups()).decode('latin-1')[:100]!r}, expected numbers"
+                    f"{b' '.join(facet.groups()).decode('latin-1')[:100]!r}; expected numbers"
                 ) from None
         end = ends.match(text, at)
         if end is None:
             raise ProblemError(
-                f"not readable as STL: {_shown(text, at)} follows {len(coordinates) // 9} triangles, expected a facet "
-                "of three vertices, or 'endsolid'; was it cut short?"
+                f"not readable as STL: {_shown(text, at)} follows {len(coordinates) // 9} triangles; "
+                "expected a facet of three vertices, or 'endsolid'; the file may be truncated"
             )
         at = end.end()
     return RawMesh.of_corners(np.array(coordinates, dtype=np.float64).reshape(-1, 3, 3))
@@ -160,7 +160,7 @@ def read_obj(content: bytes, _settings: MeshSettings) -> RawMesh:
             elif kind in _NO_SURFACE:
                 passed_over[_NO_SURFACE[kind]] += 1
             elif kind in _NOT_READ:
-                raise ValueError(f"names {_NOT_READ[kind]}, which is not read")  # noqa: TRY301 - told with the line
+                raise ValueError(f"has {_NOT_READ[kind]}, which is not supported")  # noqa: TRY301 - told with the line
         except (ValueError, OverflowError) as error:
             raise ProblemError(f"not readable as OBJ: its line {number} {error}") from None
     vertices = np.array(coordinates, dtype=np.float64).reshape(-1, 3)
@@ -174,7 +174,7 @@ def _place(words: list[bytes]) -> list[float]:
     try:
         x, y, z = map(float, words[1:4])
     except ValueError:
-        raise ValueError(f"is {_quoted(words)}, expected three coordinates") from None
+        raise ValueError(f"is {_quoted(words)}; expected three coordinates") from None
     return [x, y, z]
 
 
@@ -188,13 +188,13 @@ def _corners(words: list[bytes], vertices: int) -> list[int]:
     try:
         named = [int(word.partition(b"/")[0]) for word in words[1:]]
     except ValueError:
-        raise ValueError(f"is {_quoted(words)}, expected numbers of vertices") from None
+        raise ValueError(f"is {_quoted(words)}; expected vertex numbers") from None
     if min(named, default=1) > 0:
         return [name - 1 for name in named]
     found = [name - 1 if name > 0 else vertices + name for name in named]
     if 0 in named or min(found) < 0:
         raise ValueError(
-            f"is {_quoted(words)}, but {vertices} vertices stand before it; they count from 1, or from -1 backwards"
+            f"is {_quoted(words)}, but only {vertices} vertices precede it; they count from 1, or from -1 backwards"
         )
     return found
 
@@ -262,7 +262,7 @@ def _opened(content: bytes) -> tuple[list[_Element], bytes]:
     lines = [line.split() for line in content[: end.start()].decode("latin-1").splitlines()[1:]]
     order = next((words[1] for words in lines if words[:1] == ["format"] and len(words) > 1), "none")
     if order not in _ORDERS:
-        raise ValueError(f"its format is {order[:30]!r}, expected one of {', '.join(_ORDERS)}")
+        raise ValueError(f"its format is {order[:30]!r}; expected one of {', '.join(_ORDERS)}")
     elements = _announced(lines, _ORDERS[order])
     body = content[end.end() :]
     return elements, body if _ORDERS[order] else _numbers(body).tobytes()
@@ -284,13 +284,13 @@ def _announced(lines: list[list[str]], order: str) -> list[_Element]:
             case ["property", kind, name] if elements:
                 elements[-1].properties[name] = (_type(kind, order), None)
             case ["element" | "property", *_]:
-                raise ValueError(f"its header says {' '.join(words)[:60]!r}, which is not understood")
+                raise ValueError(f"its header contains {' '.join(words)[:60]!r}, which is not valid PLY")
     return elements
 
 
 def _type(name: str, order: str) -> np.dtype[Any]:
     if name not in _TYPES:
-        raise ValueError(f"its header has the type {name[:30]!r}, which is not known")
+        raise ValueError(f"its header has the unknown type {name[:30]!r}")
     return np.dtype(order + _TYPES[name] if order else "f8")
 
 
@@ -306,7 +306,7 @@ def _numbers(text: bytes) -> FloatArray:
             warnings.simplefilter("error", DeprecationWarning)
             return np.fromstring(text, dtype=np.float64, sep=" ")
     except (ValueError, DeprecationWarning):
-        raise ValueError("not everything behind its header is a number") from None
+        raise ValueError("its data contain something that is not a number") from None
 
 
 def _element(element: _Element, body: bytes, start: int) -> tuple[_Rows, int]:
@@ -326,7 +326,7 @@ def _element(element: _Element, body: bytes, start: int) -> tuple[_Rows, int]:
 
 def _too_short(element: _Element) -> ValueError:
     what = f"{element.count} elements {element.name[:30]!r}"
-    return ValueError(f"its header says {what}, but the file ends before; was it cut short?")
+    return ValueError(f"its header announces {what}, but the file ends before; it is truncated")
 
 
 def _rows_alike(element: _Element, body: bytes, start: int) -> tuple[_Rows, int] | None:
@@ -404,11 +404,11 @@ def _mesh(read: dict[str, _Rows], behind: bytes) -> RawMesh:
         ValueError: bytes follow, coordinates or corners are missing or invalid, or faces are in other elements.
     """
     if behind:
-        raise ValueError("more follows than its header says")
+        raise ValueError("more data follow than its header announces")
     for kind, rows in read.items():
         if kind not in {"vertex", "face"} and any(name in rows.lengths for name in _CORNERS):
             what = "strips of triangles" if kind == "tristrips" else f"faces in elements {kind[:30]!r}"
-            raise ValueError(f"it has {what}, which are not read; export triangles")
+            raise ValueError(f"it has {what}, which are not supported; export triangles")
     places = read["vertex"].values if "vertex" in read else {}
     missing = [axis for axis in "xyz" if axis not in places]
     if missing:
@@ -425,7 +425,7 @@ def _mesh(read: dict[str, _Rows], behind: bytes) -> RawMesh:
     with np.errstate(invalid="ignore"):
         whole = corners.astype(np.intp)
     if not np.array_equal(whole, corners):
-        raise ValueError("a face has a corner that is no whole number")
+        raise ValueError("a face has a vertex index that is not a whole number")
     counts = faces.lengths[name]
     few = int(np.count_nonzero(counts < 3))
     edges = max((len(rows) for rows in read["edge"].values.values()), default=0) if "edge" in read else 0

@@ -73,7 +73,7 @@ def polyline(text: str, *, closed: bool) -> list[Subpath]:
     """
     values = numbers_in(text)
     if len(values) % 2:
-        raise ProblemError(f"it has {len(values)} coordinates; expected two a point")
+        raise ProblemError(f"it has {len(values)} coordinates; expected two per point")
     found = split_subpaths(Path(Polyline(*values)))
     for subpath in found:
         subpath.closed = closed
@@ -90,11 +90,11 @@ def path_subpaths(text: str) -> list[Subpath]:
     if not _PATH_TEXT.fullmatch(text):
         raise ProblemError("it has path data with something that is neither a command nor a number")
     if not re.match(r"\s*([Mm]|$)", text):
-        raise ProblemError("it has path data that do not begin with a move, M")
+        raise ProblemError("it has path data that do not begin with a move (M)")
     try:
         return split_subpaths(Path(_with_explicit_controls(text)))
     except (ArithmeticError, AttributeError, IndexError, TypeError, ValueError):
-        raise ProblemError("it has path data with a command that has too few numbers, or a wrong one") from None
+        raise ProblemError("it has path data with a command that has too few numbers or an invalid one") from None
 
 
 def _with_explicit_controls(text: str) -> str:
@@ -173,13 +173,12 @@ def read_svg(content: bytes, distance: float) -> DrawingContent:
             picture.refuse(place, str(error))
             continue
         if not found:
-            picture.leave_out(place.node, "it draws nothing: it has no extent")
+            picture.leave_out(place.node, "it draws nothing: it has zero size")
         shapes += found
         points += sum(shape.size for shape in found)
         if points > IMPORT.most_points:
             raise ProblemError(
-                f"its shapes have more than {IMPORT.most_points} points, those counted as often as they are used; "
-                "simplify the drawing"
+                f"its shapes have more than {IMPORT.most_points} points, counting each use; simplify the drawing"
             )
     if picture.refusals:
         raise ProblemError(IMPORT.listed(picture.refusals))
@@ -191,7 +190,7 @@ def _outline(view: View, node: ET.Element) -> list[Subpath]:
     text = node.attrib.get("d", "") if node.tag == "path" else node.attrib.get("points", "")
     if len(text) > _LONGEST_PATH:
         raise ProblemError(
-            f"it has path data of {len(text)} characters, at most {_LONGEST_PATH} can be read; simplify the outline"
+            f"it has path data of {len(text)} characters; at most {_LONGEST_PATH} can be read; simplify the outline"
         )
     match node.tag:
         case "path":

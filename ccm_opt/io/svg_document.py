@@ -55,8 +55,8 @@ def parsed_document(content: bytes) -> ET.Element:
         raise ProblemError(f"expected the outermost element svg, got {root.tag}")
     if builder.namespace not in {NAMESPACE, ""}:
         raise ProblemError(
-            f"the outermost element is in the namespace '{builder.namespace[:80]}'; expected '{NAMESPACE}', without "
-            "which no program shows the drawing"
+            f"the outermost element is in the namespace '{builder.namespace[:80]}'; expected '{NAMESPACE}', "
+            "without which programs do not show the drawing"
         )
     return root
 
@@ -77,7 +77,7 @@ class _Builder:
         self.count += 1
         self.depth += 1
         if self.count > IMPORT.most_nodes:
-            raise ProblemError(f"it holds more than {IMPORT.most_nodes} elements; simplify the drawing")
+            raise ProblemError(f"it has more than {IMPORT.most_nodes} elements; simplify the drawing")
         if self.depth > IMPORT.deepest:
             raise ProblemError(f"its elements are nested more than {IMPORT.deepest} deep; ungroup some")
         self.tree.start(tag if namespace in {self.namespace, NAMESPACE} else FOREIGN, attributes)
@@ -91,7 +91,7 @@ class _Builder:
         """Refuse entities that would expand a small file too much: nested ones, or long ones used often."""
         self.entity_length += len(value or "")
         if "&" in (value or "") or self.references * self.entity_length > IMPORT.most_bytes:
-            raise ProblemError("its entities would make it too large to read; save it as plain SVG")
+            raise ProblemError("its entities expand to too much text; save it as plain SVG")
 
 
 PROPERTIES = frozenset(("clip-path", "display", "fill", "fill-rule", "mask", "transform", "visibility"))
@@ -136,8 +136,8 @@ class StyleSheet:
         for key in ("style", "class", "transform"):
             if len(node.attrib.get(key, "")) > _LONGEST_ATTRIBUTE:
                 raise ProblemError(
-                    f"the attribute {key} of an element {node.tag} has {len(node.attrib[key])} characters, at most "
-                    f"{_LONGEST_ATTRIBUTE} can be read"
+                    f"the attribute {key} of an element {node.tag} has {len(node.attrib[key])} characters; "
+                    f"at most {_LONGEST_ATTRIBUTE} can be read"
                 )
         found = {key: node.attrib[key].strip() for key in PROPERTIES if key in node.attrib}
         if self.rules:
@@ -159,10 +159,7 @@ def style_sheet(root: ET.Element) -> StyleSheet:
     for node in root.iter("style"):
         sheet.rules += _rules(node.text or "", sheet.unread)
         if len(sheet.rules) > _MOST_STYLE_RULES:
-            raise ProblemError(
-                f"more than {_MOST_STYLE_RULES} style rules hide shapes or say how they are filled; save "
-                "it as plain SVG"
-            )
+            raise ProblemError(f"more than {_MOST_STYLE_RULES} style rules hide or fill shapes; save it as plain SVG")
     sheet.rules.sort(key=lambda rule: rule.weight)  # stable: of equal weight the later counts
     return sheet
 
@@ -235,7 +232,7 @@ def numbers_in(text: str) -> list[float]:
         ProblemError: there is something else in it.
     """
     if not _BETWEEN.fullmatch(NUMBER.sub(" ", text)):
-        raise ProblemError("it has coordinates with something that is no number")
+        raise ProblemError("it has a coordinate that is not a number")
     numbers = [float(number) for number in NUMBER.findall(text)]
     if not all(map(math.isfinite, numbers)):
         raise ProblemError("it has a coordinate that is not a finite number")
@@ -267,7 +264,7 @@ def length_of(text: str, view: View, across: bool | None) -> float:
         if across is not None:
             whole = view.width if across else view.height
         return 0.01 * value * whole
-    raise ProblemError(f"it has the length '{text[:40]}', whose unit has no fixed size here; use plain numbers")
+    raise ProblemError(f"it has the length '{text[:40]}', whose unit has no fixed size; use plain numbers")
 
 
 def parse_transform(text: str) -> FloatArray:

@@ -45,15 +45,15 @@ _SILENT = frozenset(
 )
 """Elements that draw nothing by themselves; definitions are handled separately."""
 _REASONS = {
-    "text": "texts are no obstacles",
-    "flowRoot": "texts are no obstacles",
-    "image": "pictures are no obstacles",
-    "foreignObject": "what is no SVG cannot be read",
-    "clipPath": "it cuts what is drawn and draws nothing itself",
-    "mask": "it covers what is drawn and draws nothing itself",
-    "marker": "arrowheads and other markers are no obstacles",
-    "pattern": "fillings are no obstacles",
-    "filter": "effects are no obstacles",
+    "text": "text is not an obstacle",
+    "flowRoot": "text is not an obstacle",
+    "image": "images are not obstacles",
+    "foreignObject": "embedded content other than SVG cannot be read",
+    "clipPath": "a clip path draws nothing itself",
+    "mask": "a mask draws nothing itself",
+    "marker": "arrowheads and other markers are not obstacles",
+    "pattern": "fill patterns are not obstacles",
+    "filter": "effects are not obstacles",
 }
 _LABEL = "http://www.inkscape.org/namespaces/inkscape label"
 _XLINK = "http://www.w3.org/1999/xlink href"
@@ -118,7 +118,7 @@ class Picture:
         self._style = cache(self._sheet.element_style)  # looked up once however often an element is drawn
         self._shapes_in = cache(_shapes_in)
         self.left_out += [
-            LeftOut(f"style rule '{selector}'", "its selector cannot be read; what it hides is taken")
+            LeftOut(f"style rule '{selector}'", "its selector cannot be read; what it hides is kept")
             for selector in self._sheet.unread
         ]
         self._walk(Place(root))
@@ -132,11 +132,10 @@ class Picture:
             count += 1
             if count > IMPORT.most_elements:
                 raise ProblemError(
-                    f"it draws more than {IMPORT.most_elements} elements, those counted as often as they are "
-                    "used; simplify the drawing"
+                    f"it draws more than {IMPORT.most_elements} elements, counting each use; simplify the drawing"
                 )
             if place.depth > IMPORT.deepest:
-                raise ProblemError(f"it draws elements more than {IMPORT.deepest} deep; ungroup some")
+                raise ProblemError(f"its elements are nested more than {IMPORT.deepest} deep; ungroup some")
             try:
                 inner = self._drawn(place, outermost=place is root)
             except ProblemError as error:
@@ -160,7 +159,7 @@ class Picture:
             return []
         self._met.add(id(node))
         if node.tag not in _USABLE:
-            self.leave_out(node, _REASONS.get(node.tag, "it is no shape"))
+            self.leave_out(node, _REASONS.get(node.tag, "it is not a shape"))
             return []
         style = self._style(node)
         if style.get("display") == "none":
@@ -173,7 +172,7 @@ class Picture:
         for key, what in (("clip-path", "clipping"), ("mask", "masking")):
             if style.get(key, "none") != "none":
                 cut = f"the {what} of '{place.name or node.tag}'"
-                self.left_out.append(LeftOut(cut, "what is cut or covered in part is taken whole"))
+                self.left_out.append(LeftOut(cut, "ignored; shapes are kept whole"))
         if node.tag == "use":
             return self._used(place)
         if node.tag in SHAPES:
@@ -240,17 +239,17 @@ class Picture:
         node = place.node
         reference = (node.attrib.get("href") or node.attrib.get(_XLINK) or "").strip()
         if not reference:
-            raise ProblemError("it refers to nothing; give it an href")
+            raise ProblemError("it has no href")
         if not reference.startswith("#"):
-            raise ProblemError(f"it refers to '{reference[:60]}' in another file; put that into the drawing")
+            raise ProblemError(f"it refers to '{reference[:60]}' in another file; copy that into the drawing")
         target = self._by_id.get(reference[1:])
         if target is None:
             raise ProblemError(f"it refers to '{reference[:60]}', which is not in the drawing")
         if target.tag not in _USABLE:
-            self.leave_out(node, f"it uses '{reference[:60]}', of type {target.tag}, which is no shape")
+            self.leave_out(node, f"it uses '{reference[:60]}', of type {target.tag}, which is not a shape")
             return []
         if id(target) in place.chain:
-            raise ProblemError(f"it refers to '{reference[:60]}', which is drawn with itself in it")
+            raise ProblemError(f"it refers to '{reference[:60]}', which contains itself")
         x = length_of(node.attrib.get("x", "0"), self.view, across=True)
         y = length_of(node.attrib.get("y", "0"), self.view, across=False)
         inner = replace(
@@ -274,7 +273,7 @@ class Picture:
                 continue
             if defined and node.tag in _USABLE | set(_REASONS) and id(node) not in self._met:
                 if self._shapes_in(node) and not any(id(inner) in self._met for inner in node.iter()):
-                    self.leave_out(node, _REASONS.get(node.tag, "a definition that nothing uses"))
+                    self.leave_out(node, _REASONS.get(node.tag, "an unused definition"))
                 continue
             inside = defined or node.tag == "defs"
             pending.extend((child, inside or child.tag == "symbol") for child in reversed(node))

@@ -148,7 +148,7 @@ def _is_flat_bar(table: Table, path: KeyPath, issues: Issues) -> bool:
     bar = getattr(table, "cylinder", None)
     if bar is None or not np.allclose(bar.start, bar.end, rtol=1e-12, atol=1e-12):
         return False
-    issues.add((*path, "cylinder"), "both ends are the same place; expected two different ones")
+    issues.add((*path, "cylinder"), "both ends coincide; expected two different points")
     return True
 
 
@@ -223,7 +223,9 @@ def _check_built_pose(
     for k, (held, bends) in enumerate(zip(arm.held(at), given, strict=False)):
         if held and np.max(np.abs(bends)) > ANGLE_TOLERANCE:
             straight = "[0, 0]" if np.ndim(bends) else "0"
-            words = f"this joint is still inside the guide tube of the feed axis; expected {straight}"
+            words = (
+                f"this joint is still inside the guide tube of the feed axis, where it cannot bend; expected {straight}"
+            )
             issues.add((*path, "joints_deg", k), words)
 
 

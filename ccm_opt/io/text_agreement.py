@@ -62,7 +62,7 @@ def mesh_defects(folder: Path, text: str, problem: Problem) -> Iterator[str]:
 def _file_defects(path: Path, name: str, triangles: FloatArray) -> Iterator[str]:
     # A file of the wrong size is not read, since it may be huge.
     if not path.is_file() or path.stat().st_size != HEAD + len(triangles) * TRIANGLE.itemsize:
-        yield f"{name} is missing, or has another number of triangles than the problem's mesh"
+        yield f"{name} is missing, or differs from the problem's mesh in the number of triangles"
         return
     content = path.read_bytes()
     (count,) = struct.unpack_from("<I", content, HEAD - 4)
@@ -71,10 +71,10 @@ def _file_defects(path: Path, name: str, triangles: FloatArray) -> Iterator[str]
     # Written so that NaN counts as a deviation.
     off = ~(np.abs(found - triangles) <= allowed)
     if content.startswith(b"solid"):
-        yield f"{name} begins as a file of text does, and other programs would read it as one"
+        yield f"{name} begins like a text STL, and other programs would read it as one"
     elif count != len(triangles) or np.any(off):
         number = int(np.argmax(np.any(off, axis=(1, 2)))) + 1
-        yield f"{name} is not the problem's mesh, from triangle {number} on"
+        yield f"{name} differs from the problem's mesh from triangle {number} on"
 
 
 POINT_TOLERANCE = 1.01e-11
@@ -161,7 +161,7 @@ def _check(path: Path, find: Callable[[str], str], most_bytes: int) -> Check:
         text = read_plain(path, most_bytes).decode("utf-8")
         said = find(text.replace("\r\n", "\n").replace("\r", "\n"))
     except (OSError, ValueError) as error:
-        said = f"it is not readable, or differs: {error}"
+        said = f"not readable, or different: {error}"
     return Check(NAMES[path.name], float(bool(said)), 0.0, "defects", said, passed=not said)
 
 
@@ -211,10 +211,10 @@ def _matching_samples(time: FloatArray, plan: JointTrajectory) -> tuple[IntArray
         ValueError: a time is that of no sample, times are not increasing, or an end or a stop is missing.
     """
     if not len(time) or not np.isfinite(time).all():
-        raise ValueError("it has no points, or times that are no numbers")
+        raise ValueError("it has no points, or a time that is not a number")
     factor = float(np.round(time[-1] / plan.duration, 4))
     if factor < 1.0:
-        raise ValueError(f"it ends at {time[-1]:.9g} s, before the plan, which takes {plan.duration:.9g} s")
+        raise ValueError(f"it ends at {time[-1]:.9g} s, before the plan's end at {plan.duration:.9g} s")
     after = np.clip(np.searchsorted(factor * plan.time, time), 1, len(plan.time) - 1)
     samples = np.where(time - factor * plan.time[after - 1] < factor * plan.time[after] - time, after - 1, after)
     late = ~(np.abs(time - factor * plan.time[samples]) <= TIME_TOLERANCE)
@@ -252,11 +252,11 @@ def _elements(text: str) -> list[str]:
     """
     # Descriptions need no declarations, and entities could expand a short text without bound.
     if "<!" in text.replace("<!--", "") or "<?" in DECLARATION.sub("", text, count=1):
-        raise ValueError("it has declarations or instructions, which no description of an arm needs")
+        raise ValueError("it has declarations or processing instructions, which a robot description does not need")
     try:
         return ET.canonicalize(text, strip_text=True).replace(">", ">\n").splitlines()
     except ET.ParseError as error:
-        raise ValueError(f"it is no XML: {error}") from None
+        raise ValueError(f"not valid XML: {error}") from None
 
 
 def _difference(lines: Sequence[str], variants: Iterable[Sequence[str]], tolerance: float) -> str:
@@ -276,7 +276,7 @@ def _difference(lines: Sequence[str], variants: Iterable[Sequence[str]], toleran
             return ""
         if alike > farthest:
             ours, theirs = (each[alike].strip()[:100] if alike < len(each) else "" for each in (lines, wanted))
-            farthest, said = alike, f"its line {alike + 1} is {ours!r}, not {theirs!r}"
+            farthest, said = alike, f"line {alike + 1} is {ours!r}; expected {theirs!r}"
     return said
 
 

@@ -40,7 +40,7 @@ _OTHER_SHAPES = {
     "beam": "a beam lattice",
     "booleanshape": "a boolean of shapes",
     "displacementmesh": "a displaced mesh",
-    "levelset": "a shape that is a field, no mesh (a level set)",
+    "levelset": "a level set",
 }
 """What would be missing from an object, by the name of the element."""
 _UNITS = {"micron": 1e-6, "millimeter": 1e-3, "centimeter": 1e-2, "inch": 0.0254, "foot": 0.3048, "meter": 1.0}
@@ -61,14 +61,14 @@ def read_3mf(content: bytes, settings: MeshSettings) -> RawMesh:
         building = _Building(models, settings)
         meshes = [mesh for use in models[root].items for mesh in building.placed(use, np.eye(4, 3), 0)]
     except KeyError as error:
-        raise ProblemError(f"not readable as 3MF: {str(error)[:60]} is not there") from None
+        raise ProblemError(f"not readable as 3MF: {str(error)[:60]} is missing") from None
     except (*_BROKEN, OverflowError) as error:
         raise ProblemError(f"not readable as 3MF: {str(error)[:100]}") from None
     if not models[root].items:
-        raise ProblemError("it builds nothing: its build section has no item that would say what stands where")
+        raise ProblemError("its build section is empty, so nothing is placed")
     units = {models[path].unit for path, _ in building.taken}
     if len(units) > 1:
-        raise ProblemError(f"its parts are in different units, {', '.join(sorted(units))}; export it in one")
+        raise ProblemError(f"its parts are in different units, {', '.join(sorted(units))}; export it in one unit")
     left = sum(len(model.objects) for model in models.values()) - len(building.taken)
     passed_over = (f"{counted(left, 'object')} that the file does not build",) if left else ()
     return RawMesh.joined(meshes, _UNITS[units.pop()], passed_over)
@@ -81,7 +81,7 @@ def _unpacked(content: bytes, settings: MeshSettings) -> dict[str, bytes]:
     with zipfile.ZipFile(io.BytesIO(content)) as archive:
         names = archive.namelist()
         if len(set(names)) < len(names):
-            raise ValueError("two parts of the archive have one name")
+            raise ValueError("two parts of the archive have the same name")
         for name in names:
             if name.lower().endswith((".model", ".rels")):
                 with archive.open(name) as packed:
@@ -151,10 +151,10 @@ class _Model:
     def _start(self, name: str, given: dict[str, str]) -> None:
         space, _, kind = name.rpartition(" ")
         if kind in _OTHER_SHAPES:
-            raise ProblemError(f"it has {_OTHER_SHAPES[kind]}, which is not read; export it as plain triangles")
+            raise ProblemError(f"it has {_OTHER_SHAPES[kind]}, which is not supported; export it as plain triangles")
         if space != _CORE:
             if self._open is not None and space not in _KNOWN:
-                raise ProblemError(f"an object has {kind[:40]!r} of an extension that is not known, {space[:80]!r}")
+                raise ProblemError(f"an object has {kind[:40]!r} of the unknown extension {space[:80]!r}")
         elif kind == "model":
             self._head(given)
         elif kind == "object":
@@ -171,18 +171,18 @@ class _Model:
     def _head(self, given: dict[str, str]) -> None:
         self.unit = given.get("unit", self.unit)
         if self.unit not in _UNITS:
-            raise ProblemError(f"its unit {self.unit[:30]!r} is not known; the format has {', '.join(_UNITS)}")
+            raise ProblemError(f"its unit {self.unit[:30]!r} is unknown; expected one of {', '.join(_UNITS)}")
         for prefix in given.get("requiredextensions", "").split():
             space = self._prefixes.get(prefix, prefix)
             if space not in _KNOWN:
-                raise ProblemError(f"it requires the extension {space[:80]!r}, which is not read")
+                raise ProblemError(f"it requires the extension {space[:80]!r}, which is not supported")
 
     def _object(self, given: dict[str, str]) -> None:
         if self._open is not None or given["id"] in self.objects:
-            raise ValueError(f"the object {given['id'][:20]!r} is there twice, or in another one")
+            raise ValueError(f"the object {given['id'][:20]!r} occurs twice")
         if any(key.endswith(" meshresolution") and value == "lowres" for key, value in given.items()):
             raise ProblemError(
-                "it has slices that are finer than its mesh, which is not read; export it as plain triangles"
+                "it has slices finer than its mesh, which are not supported; export it as plain triangles"
             )
         self._open = self.objects[given["id"]] = _Object()
 
@@ -206,7 +206,7 @@ class _Model:
         path = next((given[key] for key in given if key.endswith(" path")), self._path)
         transform = np.array(given.get("transform", "1 0 0 0 1 0 0 0 1 0 0 0").split(), dtype=np.float64)
         if transform.shape != (12,) or not np.isfinite(transform).all():
-            raise ValueError(f"it has the transform {given['transform'][:60]!r}, expected twelve numbers")
+            raise ValueError(f"it has the transform {given['transform'][:60]!r}; expected twelve numbers")
         return _Use(path, given["objectid"], transform.reshape(4, 3))
 
 
@@ -228,17 +228,15 @@ class _Building:
         """
         settings = self.settings
         if use.path not in self.models:
-            raise ProblemError(
-                f"{use.path[:60]!r}, which it names, counts only if the root model is linked to it; export it anew"
-            )
+            raise ProblemError(f"{use.path[:60]!r}, which it names, is not linked from the root model; export it anew")
         shape = self.models[use.path].objects.get(use.number)
         if shape is None:
-            raise ProblemError(f"an item or a component names an object that is not there, {use.number[:20]!r}")
+            raise ProblemError(f"an item or a component refers to an object that does not exist, {use.number[:20]!r}")
         self.taken.add((use.path, use.number))
         self.visits += 1
         self.triangles += len(shape.corners) // 3
         if self.visits > settings.most_parts:
-            raise ProblemError(f"it is put together from more than {settings.most_parts} parts")
+            raise ProblemError(f"it consists of more than {settings.most_parts} parts")
         if depth > settings.deepest:
             raise ProblemError(f"its components are nested more than {settings.deepest} deep")
         if self.triangles > settings.most_triangles:

@@ -40,7 +40,7 @@ def defects(problem: "Problem") -> Iterator[str]:
     """
     d = problem.workspace.dimension
     if d == 3 and problem.workspace.bounds is None and np.shape(problem.arm.base) == (2,):
-        yield "workspace.boundary must be a polygon that is not empty where the arm is in the plane"
+        yield "workspace.boundary must be a non-empty polygon for an arm in the plane"
         return
     yield from _arm_defects(problem.arm, d)
     yield from _workspace_defects(problem.workspace)
@@ -49,7 +49,7 @@ def defects(problem: "Problem") -> Iterator[str]:
     yield from array_defects("simulation.gravity", problem.simulation.gravity, (3,), positive=False)
     error, contact = problem.joint_error, problem.contact_tolerance
     yield from _broken(
-        (0.0 <= error < np.pi, f"joint_error must be from 0 to below π rad, got {error}"),
+        (0.0 <= error < np.pi, f"tolerance.joint_error must be at least 0 and below π rad, got {error}"),
         (
             0.0 < contact <= MOST_CONTACT_SHARE_OF_LENGTH * problem.arm.length,
             f"verification.contact_tolerance must be positive and at most {_MOST_CONTACT_WORDS}, got {contact}",
@@ -85,14 +85,14 @@ def _arm_defects(arm: Arm, d: int) -> Iterator[str]:
     yield from _unit_defects("arm.up", arm.up, d)
     vectors = [np.asarray(vector) for vector in (arm.direction, arm.up)]
     if all(vector.shape == (3,) for vector in vectors) and abs(float(vectors[0] @ vectors[1])) > UNIT_ROUNDING:
-        yield "arm.up must be at right angles to arm.direction"
+        yield "arm.up must be perpendicular to arm.direction"
 
 
 def _unit_defects(name: str, vector: FloatArray, d: int) -> Iterator[str]:
     found = tuple(array_defects(name, vector, (d,), positive=False))
     yield from found
     if not found and abs(float(np.linalg.norm(vector)) - 1.0) > UNIT_ROUNDING:
-        yield f"{name} must have the length 1, got {float(np.linalg.norm(vector)):g}"
+        yield f"{name} must be a unit vector, got length {float(np.linalg.norm(vector)):g}"
 
 
 def _workspace_defects(workspace: Workspace) -> Iterator[str]:
@@ -106,7 +106,8 @@ def _workspace_defects(workspace: Workspace) -> Iterator[str]:
     in_space = workspace.dimension == 3
     for obstacle in workspace.obstacles:
         if isinstance(obstacle.shape, PlaneShape) == in_space:
-            yield f"obstacle '{obstacle.name}': its shape must be {'a body in space' if in_space else 'a PlaneShape'}"
+            expected = "a solid in space" if in_space else "a PlaneShape"
+            yield f"obstacle '{obstacle.name}': expected {expected}, got a {type(obstacle.shape).__name__}"
         elif in_space:
             yield from (f"obstacle '{obstacle.name}': {defect}" for defect in _body_defects(obstacle.body))
 
@@ -116,7 +117,7 @@ def _body_defects(body: Body) -> Iterator[str]:
         if not (body.faces.ndim == 2 and body.faces.shape[1] == 3 and len(body.faces)):
             yield f"faces must be rows of three vertices, got shape {body.faces.shape}"
         elif body.faces.min() < 0 or body.faces.max() >= len(body.vertices):
-            yield "faces name a vertex that is not there"
+            yield "faces refer to a vertex that does not exist"
         yield from array_defects("vertices", body.vertices, (len(body.vertices), 3), positive=False)
         return
     for name in body.places:
@@ -146,7 +147,7 @@ def _pose_defects(problem: "Problem", d: int) -> Iterator[str]:
         if pose.direction is not None:
             yield from _unit_defects(f"{name}.direction", pose.direction, d)
         if d == 2 and pose.via:
-            yield f"{name}.via is for arms in space; in the plane, make its places stops"
+            yield f"{name}.via is for arms in space; in the plane, make its points stops"
             continue
         for number, via in enumerate(pose.via, start=1):
             yield from array_defects(f"{name}.via {number}", via, (d,), positive=False)
@@ -190,17 +191,17 @@ def _point_defects(arm: Arm, limits: Limits) -> Iterator[str]:
         others = [other.at for other in limits.points[:k]]
         on_arm = point.at is None or 0.0 <= point.at <= arm.length * (1.0 + 1e-9)
         yield from _broken(
-            (on_arm, f"{name}.at must be from 0 to the arm's length, {arm.length:g} m, got {point.at}"),
+            (on_arm, f"{name}.at must be between 0 and the arm's length of {arm.length:g} m, got {point.at} m"),
             _positive(f"{name}.velocity", point.velocity),
             _positive(f"{name}.acceleration", point.acceleration),
             (min(point.velocity, point.acceleration) < np.inf, f"{name} limits neither velocity nor acceleration"),
-            (point.at not in others, f"{name} limits the {point.name} a second time"),
+            (point.at not in others, f"{name}: the {point.name} is limited already; give one entry per point"),
         )
 
 
 def _positive(name: str, value: float | None) -> tuple[bool, str]:
     """Return the rule that a limit, where given, is positive, as (holds, message)."""
-    return value is None or value > 0.0, f"{name} must be positive, or left out when it is not limited, got {value}"
+    return value is None or value > 0.0, f"{name} must be positive, got {value}; leave it out for no limit"
 
 
 def feed_defects(arm: Arm, limits: Limits, placed: Sequence[tuple[str, float]]) -> Iterator[str]:
@@ -212,7 +213,11 @@ def feed_defects(arm: Arm, limits: Limits, placed: Sequence[tuple[str, float]]) 
         placed: name and feed position [m] of each pose.
     """
     if not arm.base_axes:
-        yield from (f"{name}.feed is {value} m, but the arm has no feed axis" for name, value in placed if value)
+        yield from (
+            f"{name}.feed is {value} m, but the arm has no feed axis; set arm.feed, or leave it out"
+            for name, value in placed
+            if value
+        )
     for axis in arm.base_axes:
         yield from _broken(
             (axis.low < axis.high, f"arm.feed must have low < high, got {axis.low} and {axis.high}"),
@@ -229,7 +234,7 @@ def feed_defects(arm: Arm, limits: Limits, placed: Sequence[tuple[str, float]]) 
             *(
                 (
                     axis.low <= value <= axis.high,
-                    f"{name}.feed must be within the range of the axis, {axis.low} to {axis.high} m, got {value}",
+                    f"{name}.feed must be within the range of the axis, {axis.low} to {axis.high} m, got {value} m",
                 )
                 for name, value in placed
             ),

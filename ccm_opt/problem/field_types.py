@@ -102,7 +102,7 @@ class LeftOut:
 
     Attributes:
         what: kind of the element and its name, where it has one, for example ``text 'title'``.
-        reason: why it was left out, for example ``texts are no obstacles``.
+        reason: why it was left out, for example ``text is not an obstacle``.
     """
 
     what: str
@@ -147,7 +147,7 @@ class ImportedDrawing:
         if (times := odd_times(self.extent / arm_length)) is None:
             return None
         return (
-            f"the obstacles of {self.file} are {times} than the arm is long: {file_length(self.extent)} against "
-            f"{file_length(arm_length)}; is workspace.scale the length of one unit of the drawing? (0.001 "
-            "where the drawing is in millimetres and the file in metres)"
+            f"the drawing {self.file} spans {file_length(self.extent)}, {times} than the arm's "
+            f"{file_length(arm_length)}; check workspace.scale, the length of one unit of the drawing (0.001 for a "
+            "drawing in millimetres and a problem file in metres)"
         )

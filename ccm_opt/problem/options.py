@@ -76,15 +76,20 @@ class PlannerOptions:
     effort_share: float = 0.9
 
 
-_OF_THE_PAPER = "is the paper's and knows the plane alone; leave it out in space"
+_OF_THE_PAPER = "is the paper's method, for the plane only; leave it out in space"
 _WITHOUT_EFFECT: tuple[tuple[str, object, Collection[str], str], ...] = (
     ("method", "hill-climbing", ("in space",), f'"hill-climbing" {_OF_THE_PAPER}'),
     ("mapping", "even-joints", ("in space",), f'"even-joints" {_OF_THE_PAPER}'),
-    ("routes", None, ("in space",), "corridors are sought in the plane alone; leave it out in space"),
-    ("tries", None, ("hill-climbing",), '"hill-climbing" draws nothing, so that all tries would be the same; use 1'),
-    ("seed", None, ("hill-climbing",), '"hill-climbing" draws nothing; leave it out'),
+    ("routes", None, ("in space",), "corridors are searched in the plane only; leave it out in space"),
+    (
+        "tries",
+        None,
+        ("hill-climbing",),
+        '"hill-climbing" samples nothing, so all tries would give the same plan; use 1',
+    ),
+    ("seed", None, ("hill-climbing",), '"hill-climbing" samples nothing; leave it out'),
     *(
-        (name, None, ("hill-climbing",), '"hill-climbing" does not know it; leave it out')
+        (name, None, ("hill-climbing",), '"hill-climbing" does not use it; leave it out')
         for name in ("optimiser", "weights", "wanted_gap")
     ),
 )

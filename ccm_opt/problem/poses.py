@@ -80,7 +80,7 @@ class JointPose:
         found = finite_array(bends_deg)
         given.must(
             found is not None and (found.ndim == 1 or (found.ndim == 2 and found.shape[1] == 2)),
-            f"bends_deg: expected a list of numbers, in space of pairs of them, got {in_words(bends_deg)}",
+            f"bends_deg: expected a list of numbers, or in space of pairs of numbers, got {in_words(bends_deg)}",
         )
         carried = given.length("feed", feed)
         given.refuse()
@@ -182,7 +182,7 @@ class TipGoal:
             return cls(place, heading=None if heading is None else float(np.deg2rad(heading)))
         given.must(heading_deg is None, "heading_deg: only allowed in the plane; expected direction in space")
         along = None if direction is None else given.numbers("direction", direction, 3, names)
-        given.must(along is None or bool(np.any(along)), "direction: expected a vector that is not zero")
+        given.must(along is None or bool(np.any(along)), "direction: expected a nonzero vector")
         given.refuse()
         return cls(place, None if along is None else along / np.linalg.norm(along))
 

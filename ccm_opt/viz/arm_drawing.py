@@ -126,7 +126,7 @@ def draw_poses(axes: Axes, poses: FloatArray) -> None:
     shades = colormaps[style.POSE_COLOURS](np.linspace(0.15, 0.85, len(poses)))
     axes.add_collection(LineCollection(list(poses), colors=shades, linewidths=1.1, alpha=0.9, zorder=5))
     middle = shades[len(shades) // 2]
-    axes.plot([], [], color=middle, linewidth=1.1, label="on the way, early to late")
+    axes.plot([], [], color=middle, linewidth=1.1, label="along the way, early to late")
 
 
 def draw_tip_path(axes: Axes, tips: FloatArray) -> None:
@@ -138,7 +138,7 @@ def draw_tip_path(axes: Axes, tips: FloatArray) -> None:
         linewidth=1.3,
         linestyle=(0, (4, 2)),
         zorder=7,
-        label="path of the tip",
+        label="tip path",
     )
 
 
@@ -216,5 +216,5 @@ class DrawnPlan:
             TypeError: the problem is in space.
         """
         if self.problem.dimension == 3:
-            raise TypeError(f"'{self.problem.name}' is in space, and this is drawn in the plane alone")
+            raise TypeError(f"this figure is available in the plane only; '{self.problem.name}' is in space")
         return self.problem

@@ -105,7 +105,7 @@ def draw_section(
     axes: Axes,
     problem: Problem,
     pose: FloatArray,
-    title: str = "section along the arm at its goal",
+    title: str = "section along the arm at the goal",
 ) -> None:
     """Draw the surfaces around the straightened arm, and the distance to the nearest one in any direction.
 
@@ -140,8 +140,10 @@ def draw_section(
         axes.axhline(wanted, color=style.GOAL_ARM_EDGE, linewidth=0.6, linestyle=(0, (1, 2)), zorder=2)
     axes.set_xlim(0.0, arm.length / unit)
     axes.set_ylim(-edge, edge)
-    axes.set_xlabel(f"from the base [{problem.length_unit}]; dotted: wanted gap", fontsize=style.FONT_SIZE)
-    axes.set_ylabel(f"off the axis [{problem.length_unit}]", fontsize=style.FONT_SIZE)
+    axes.set_xlabel(
+        f"distance from the base [{problem.length_unit}]; dotted: preferred clearance", fontsize=style.FONT_SIZE
+    )
+    axes.set_ylabel(f"distance from the axis [{problem.length_unit}]", fontsize=style.FONT_SIZE)
     axes.tick_params(length=2.5, color=style.WALL_EDGE, labelsize=style.FONT_SIZE)
     axes.set_title(title, fontsize=style.FONT_SIZE, loc="left", pad=14, y=1.0)
     # The space between title and section fits a legend of one line.

@@ -15,23 +15,23 @@ _WORDS = {
     "joint acceleration": "Joint accelerations",
     "joint jerk": "Joint jerks",
     "joint torque": "Joint torques",
-    "feed range": "Feed axis beyond its range",
-    "joints inside the guide": "Bends in guide, of allowed",
-    "goal position": "Tip at the goal, off by",
-    "goal heading": "Heading at the goal, off by",
-    "goal direction": "Direction at the goal, off by",
-    "goal joints": "Joints at the goal, off by",
-    "goal feed": "Feed axis at the goal, off by",
+    "feed range": "Feed beyond its range",
+    "joints inside the guide": "Bends inside the guide",
+    "goal position": "Tip error at the goal",
+    "goal heading": "Heading error at the goal",
+    "goal direction": "Direction error at the goal",
+    "goal joints": "Joint error at the goal",
+    "goal feed": "Feed error at the goal",
     "free side": "Links beyond a wall",
-    "start joints": "Joints at the start, off by",
-    "start feed": "Feed axis at the start, off by",
-    "start tip": "Tip at the start, off by",
-    "start on the curve": "Joints off the curve at the start",
-    "rest": "Speed of joints at rest",
+    "start joints": "Joint error at the start",
+    "start feed": "Feed error at the start",
+    "start tip": "Tip error at the start",
+    "start on the curve": "Deviation from the start curve",
+    "rest": "Joint speed at rest",
     "samples": "Longest step between samples",
-    "joint names": "Names of joints that differ",
-    "message limits": "Limits between points of the message",
-    "message deviation": "Message off the plan, of what it spares",
+    "joint names": "Joint names that differ",
+    "message limits": "Limits between message points",
+    "message deviation": "Message deviation, of its margin",
 }
 _ORDER = ("wall clearance", "self-collision", "goal", "stop", "constraint", "soft constraint", "joint", "feed", "tip")
 """Prefixes of the checks that matter to a user, the most important first."""
@@ -114,7 +114,7 @@ def _in_words(check: Check, units: PageUnits, *, in_space: bool) -> CheckWords:
     if "constraint " in check.name:
         # The value of a constraint is its violation, in a unit that only the user knows.
         worst = _constraint_value(check)
-        limit = "soft" if check.name.startswith("soft") else "must be kept"
+        limit = "soft" if check.name.startswith("soft") else "hard"
     elif gap:
         # Gaps are given beyond the clearance, as everywhere else; the limit of the check is the clearance.
         worst = units.shown(check.worst - check.limit, check.unit, check.limit)
@@ -133,7 +133,7 @@ def _in_words(check: Check, units: PageUnits, *, in_space: bool) -> CheckWords:
     where = joint_in_words(re.sub(r"\s*,?\s*((at|from) )?t = \S+ s", "", where), in_space=in_space)
     return CheckWords(
         title=f"{check_title(check.name)} beyond {bound}" if gap and check.limit else check_title(check.name),
-        worst=worst if check.worst != float("inf") else "nothing near",
+        worst=worst if check.worst != float("inf") else "none in range",
         limit=limit,
         used=used,
         where=where,
@@ -150,10 +150,10 @@ def check_title(name: str) -> str:
     if stop := _PAUSE.fullmatch(name):
         return f"Rest at goal {stop[1]}"
     if stop := re.fullmatch(r"stop (\d+) (position|heading|direction|joints|feed)", name):
-        what = {"position": "Tip", "feed": "Feed axis"}.get(stop[2], stop[2].capitalize())
-        return f"{what} at goal {stop[1]}, off by"
+        what = {"position": "Tip", "joints": "Joint"}.get(stop[2], stop[2].capitalize())
+        return f"{what} error at goal {stop[1]}"
     if way := re.fullmatch(r"(?:goal|stop (\d+)) via (\d+)", name):
-        return f"Tip from via {way[2]}" + (f" of goal {way[1]}" if way[1] else "")
+        return f"Tip distance from via {way[2]}" + (f" of goal {way[1]}" if way[1] else "")
     for begin, words in (("constraint ", "Your constraint"), ("soft constraint ", "Your soft constraint")):
         if name.startswith(begin):
             return f"{words} “{name.removeprefix(begin)}”"
@@ -167,7 +167,7 @@ def _constraint_value(check: Check) -> str:
     """
     allowed = 0.0 if check.name.startswith("soft") else check.limit
     if not check.worst <= allowed:
-        return f"missed by {check.worst:.3g}"
+        return f"violated by {check.worst:.3g}"
     return "at its bound" if check.worst > -_BOUND else f"{-check.worst:.3g} to spare"
 
 
@@ -182,12 +182,12 @@ def checks_section(solution: Solution, units: PageUnits) -> Markup:
     asked = [check for check in checks if not check.of_itself]
     own = [check for check in checks if check.of_itself]
     failed = sum(not check.passed for check in own)
-    words = f"{len(own)} checks of the plan against itself" + (f", {failed} fail" if failed else ", all hold")
+    words = f"{len(own)} checks of the plan's consistency" + (f", {failed} failed" if failed else ", all passed")
     folded = element("details", element("summary", words), _table(own), open=failed > 0) if own else None
     verdict = solution.simulation.verdict
     return element(
         "section",
-        element("h2", "Every limit, and how nearly it was met"),
+        element("h2", "Checks: every limit and its use"),
         _table(asked),
         _simulation(verdict),
         folded,

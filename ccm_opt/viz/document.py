@@ -290,7 +290,7 @@ def page_header(problem: Problem, badges: Iterable[Markup], figures: Iterable[Fi
         figures: below the description.
         units: units of the page.
     """
-    theme = element("button", "◐ auto", id="theme", type="button", title="light or dark")
+    theme = element("button", "◐ auto", id="theme", type="button", title="light or dark theme")
     name = element("h1", f"{problem.name} ", *badges)
     lead = element("p", problem.description or _summary(problem, units), cls="lead")
     shown = [element("div", element("b", value), element("span", words), cls="figure") for value, words in figures]
@@ -308,7 +308,7 @@ def plan_badges(solution: Solution) -> Markup:
     """Return the verdicts of the verifier and the simulation on a plan."""
     verdict = solution.simulation.verdict
     verified = all(check.passed for check in solution.checks)
-    first = badge("solved and verified" if verified else "refused by the verifier", good=verified)
+    first = badge("solved and verified" if verified else "rejected by the verifier", good=verified)
     # A plan that the simulated arm follows needs no second badge.
     return first if verdict.followed else joined((first, badge(f"simulation: {verdict.outcome}", good=False)))
 
@@ -320,26 +320,29 @@ def plan_figures(solution: Solution, units: PageUnits) -> list[Figure]:
     room = solution.room
     if room is not None:
         near = room.nearest
-        wanted = f", of {units.given(room.wanted, 'm')} wanted" if room.wanted else ""
+        wanted = f", {units.given(room.wanted, 'm')} preferred" if room.wanted else ""
         value = units.length(near.gap) if near.link else f"> {units.length(room.reach)}"
         beyond = " beyond the clearance" if room.clearance and not near.second_link else ""
         found.append((value, f"least gap{beyond}{wanted}"))
     if "tip_error_m" in metrics:
         allowed = units.given(solution.problem.tolerances.position, "m")
-        found.append((units.length(metrics["tip_error_m"]), f"from the goal, of {allowed} allowed"))
+        found.append((units.length(metrics["tip_error_m"]), f"tip error at the goal, {allowed} allowed"))
     for kind in ("heading", "direction"):
         if f"{kind}_error_rad" in metrics:
             turn = units.given(min(solution.problem.tolerances.heading, pi), "rad")
             off = units.shown(metrics[f"{kind}_error_rad"], "rad")
-            found.append((off, f"off the goal's {kind}, of {turn} allowed"))
+            found.append((off, f"{kind} error at the goal, {turn} allowed"))
     if "leader_deviation_worst_m" in metrics:
         mean = units.length(metrics["leader_deviation_mean_m"])
         found.append(
-            (units.length(metrics["leader_deviation_worst_m"]), f"at most off the leader's path, {mean} on average")
+            (
+                units.length(metrics["leader_deviation_worst_m"]),
+                f"largest deviation from the leader's path, mean {mean}",
+            )
         )
     found += _peak_torque(solution, units)
-    found.append((units.shown(solution.simulation.tracking_error, "rad"), "tracking error, simulated"))
-    found.append((f"{sum(solution.timings.values()):.2f} s", "CPU time of solving"))
+    found.append((units.shown(solution.simulation.tracking_error, "rad"), "tracking error in simulation"))
+    found.append((f"{sum(solution.timings.values()):.2f} s", "CPU time to solve"))
     return found
 
 
@@ -355,11 +358,11 @@ def _peak_torque(solution: Solution, units: PageUnits) -> Iterator[Figure]:
     limit = float(bounds.max())
     # Keep "N m" on one line.
     allowed = units.given(limit, "N m").replace(" ", "\N{NO-BREAK SPACE}")
-    yield units.shown(peak, "N m", limit), f"peak torque, of {allowed}"
+    yield units.shown(peak, "N m", limit), f"peak torque, {allowed} allowed"
 
 
 def _summary(problem: Problem, units: PageUnits) -> str:
     arm = problem.arm
     count = len(problem.workspace.obstacles)
-    among = "in an empty room" if count == 0 else f"among {count} obstacle{'s' if count > 1 else ''}"
+    among = "in an empty workspace" if count == 0 else f"among {count} obstacle{'s' if count > 1 else ''}"
     return f"{arm.links} links of {units.length(arm.link_length)} {among}."

@@ -25,7 +25,7 @@ from ccm_opt.viz.scene_data import scene_data
 
 Mark = dict[str, object]
 """A mark in the scene: its ``kind``, its places [m], and optionally words with the place ``at`` which they stand."""
-_IN_A_WORD = {"contact": "in contact", "blocked": "no way leads through", "hemmed in": "hemmed in"}
+_IN_A_WORD = {"contact": "in contact", "blocked": "no passage", "hemmed in": "hemmed in"}
 """Short labels for kinds of findings that need no more than a name and a place."""
 
 
@@ -83,7 +83,7 @@ def _too_short(problem: Problem, finding: Finding, units: PageUnits) -> Iterator
     """Yield the way that is longer than the arm, or a circle of the arm's reach and the gap to the goal."""
     if finding.measured is None or finding.place is None:
         return
-    missing = f"{units.length(finding.measured - problem.arm.length)} too short"
+    missing = f"arm {units.length(finding.measured - problem.arm.length)} too short"
     if finding.way:
         yield {"kind": "way", "points": [_listed(place) for place in finding.way]}
         words = f"shortest way {units.length(finding.measured)}, arm {units.length(problem.arm.length)}"
@@ -136,7 +136,7 @@ def _too_stiff(problem: Problem, finding: Finding, units: PageUnits) -> Iterator
         base = _listed(arm.base)
         yield {"kind": "circle", "place": base, "radius": finding.allowed}
         if finding.place is not None:
-            words = f"{units.length(finding.allowed)} from the base at least"
+            words = f"at least {units.length(finding.allowed)} from the base"
             yield {"kind": "words", "at": _listed(finding.place), "words": words}
         return
     for side in (-1.0, 1.0):
@@ -144,7 +144,7 @@ def _too_stiff(problem: Problem, finding: Finding, units: PageUnits) -> Iterator
         points = arm.joint_positions(arm.headings(bends))
         yield {"kind": "arm", "points": np.round(points, 6).tolist()}
     if finding.measured is not None and finding.allowed is not None:
-        words = f"turn {units.shown(finding.measured, 'rad')}, all joints {units.shown(finding.allowed, 'rad')}"
+        words = f"required turn {units.shown(finding.measured, 'rad')}, possible {units.shown(finding.allowed, 'rad')}"
         yield {"kind": "words", "at": _listed(arm.base), "words": words}
 
 
@@ -166,8 +166,8 @@ def _listed(place: FloatArray | tuple[float, ...]) -> list[float]:
 
 
 STATUS = {
-    "infeasible": "proved: there is no plan",
-    "timed-out": "no plan within the time",
+    "infeasible": "proved infeasible",
+    "timed-out": "no plan found within the time limit",
     "cancelled": "cancelled",
 }
 
@@ -199,7 +199,7 @@ def failure_html(
         search_section(problem, diagnosis, timings or {}),
     )
     header = page_header(problem, [badge(STATUS.get(status, status), good=False)], (), units)
-    label = f"The problem {problem.name}, the arm at its start and what stands in the way"
+    label = f"The problem {problem.name}, the arm at its start and the obstructions"
     stage = stage_section(label, moves=False, in_space=in_space)
     body = joined((header, element("main", stage, element("div", *facts, cls="facts"))))
     return html_document(f"{problem.name}: {status}", body, data, scene_scripts(problem.dimension, moves=False))
@@ -220,7 +220,7 @@ def reason_section(diagnosis: Diagnosis) -> Markup:
     """Return the section on why there is no plan, and on the other obstructions."""
     others = [finding for finding in diagnosis.findings if finding.reason != diagnosis.reason]
     first = next((finding for finding in diagnosis.findings if finding.reason == diagnosis.reason), None)
-    also = [element("h3", "Also in the way")] if others else []
+    also = [element("h3", "Other findings")] if others else []
     return element(
         "section",
         element("h2", "Why there is no plan"),
@@ -231,7 +231,7 @@ def reason_section(diagnosis: Diagnosis) -> Markup:
         ),
         *also,
         *(_finding(finding) for finding in others),
-        element("p", f"Found at this stage: {diagnosis.stage}.", cls="soft"),
+        element("p", f"Found in stage: {diagnosis.stage}.", cls="soft"),
     )
 
 
@@ -258,12 +258,12 @@ def help_section(diagnosis: Diagnosis) -> Markup:
     tried = [element("li", line) for line in diagnosis.advice]
     parts: list[Markup] = []
     if solved:
-        words = "With one of these changes the problem was planned, timed and verified:"
+        words = "Planned, timed and verified with any one of these changes:"
         parts += [element("p", words), element("ul", *solved, cls="helps")]
     if tried:
-        parts += [element("p", "Not tried, but promising:"), element("ul", *tried, cls="helps")]
+        parts += [element("p", "Suggestions, not tried:"), element("ul", *tried, cls="helps")]
     if not parts:
-        parts = [element("p", "No change of one thing alone is known to help.")]
+        parts = [element("p", "No single change is known to help.")]
     return element("section", element("h2", "What would help"), *parts)
 
 
@@ -272,15 +272,15 @@ def search_section(problem: Problem, diagnosis: Diagnosis, timings: Mapping[str,
     evidence = None
     if diagnosis.evidence:
         text = json.dumps(diagnosis.evidence, indent=2, ensure_ascii=False, default=str)
-        evidence = element("details", element("summary", "The figures behind the reason"), element("pre", text))
+        evidence = element("details", element("summary", "Evidence"), element("pre", text))
     rows = [("method", problem.planner.method), ("seed", str(problem.planner.seed))]
     rows.append(("time limit", f"{problem.planner.time_limit:g} s"))
     link = element("a", "solution.json", href="solution.json")
     return element(
         "section",
-        element("h2", "How it was looked for"),
+        element("h2", "How the search was run"),
         table((), rows, cls="pairs"),
         timings_table(timings),
         evidence,
-        element("p", link, ": what was asked, and all of this as data"),
+        element("p", link, ": the problem and these findings as data"),
     )

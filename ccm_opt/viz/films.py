@@ -70,7 +70,7 @@ class Film:
             line.set_animated(True)
         end = float(self.time[-1])
         faster = end / self.seconds if self.seconds > 0.0 else 1.0
-        note = f"  {faster:.2g} times as fast" if faster > _TOLD_FACTOR else ""
+        note = f"  {faster:.2g}\N{MULTIPLICATION SIGN} speed" if faster > _TOLD_FACTOR else ""
         strip = 1.0 - axes.get_position().height
         clock = figure.text(0.015, 0.55 * strip, "", size=10.0, family=style.FONT_FAMILY, va="center", animated=True)
         clock.set_color(style.BOUNDARY)

@@ -81,11 +81,11 @@ def _row(
         end = points[link if region[2] == "end" else link - 1]
         gain = units.metres * multiplier / solution.problem.arm.length
         beside = _neighbour(solution, points, link, end, reach=_NEAR * record.wanted_gap)
-        return f"link {link} beside {beside}", gain, f"1 {units.name}"
+        return f"link {link} next to {beside}", gain, f"1 {units.name}"
     if bend := _BEND.fullmatch(name):
-        return f"joint {bend[1]} at its limit to the {bend[2]}", np.deg2rad(1.0) * multiplier, "1°"
+        return f"joint {bend[1]} at its {bend[2]} limit", np.deg2rad(1.0) * multiplier, "1°"
     if torque := _TORQUE.fullmatch(name):
-        return f"the torque that joint {torque[1]} may hold", 1e-2 * multiplier, "1 % more"
+        return f"torque limit of joint {torque[1]}", 1e-2 * multiplier, "1 % more"
     if name.startswith("user: "):
         return f"your constraint '{name.removeprefix('user: ')}'", multiplier, "1 of its unit"
     return name, multiplier, "1"
@@ -107,7 +107,7 @@ def _neighbour(solution: Solution, points: FloatArray, link: int, end: FloatArra
     to_wall = gaps[nearest] - problem.arm.radius - problem.workspace.clearance
     to_link = 0.5 * float(to_links.min()) - problem.arm.radius
     if min(to_wall, to_link) > reach:
-        return "what is around it"
+        return "its surroundings"
     if to_link < to_wall:
         return f"link {int(np.argmin(to_links)) + 1}"
     return f"'{walls[nearest].name}'"
@@ -115,13 +115,13 @@ def _neighbour(solution: Solution, points: FloatArray, link: int, end: FloatArra
 
 _SEGMENT_COLOURS = ("#c1440e", "#1b7f3b", "#8a5a9e", "#b07d12", "#2a6f97")
 _COSTS = {
-    "room": "lack of room",
-    "bending": "bending of the curve",
-    "travel": "turns from the start",
-    "distance": "turns from the pose that it began with",
-    "torque": "torque to hold the pose",
+    "room": "lack of clearance",
+    "bending": "curvature",
+    "travel": "joint travel from the start",
+    "distance": "distance from the initial pose",
+    "torque": "holding torque",
     "knots": "uneven knots",
-    "bows": "rough curvature",
+    "bows": "variation of curvature",
 }
 """Names of the cost terms on the page."""
 
@@ -136,11 +136,11 @@ def goal_pose_section(solution: Solution, units: PageUnits) -> Markup | None:
     record = solution.path.goal_pose
     if record is None:
         return None
-    picture = element("div", id="goal-pose", data_label="The goal pose and the curve behind it")
+    picture = element("div", id="goal-pose", data_label="The goal pose and its curve")
     tables = element("div", _segments(record, units), _costs(record), _binding(solution, record, units))
     return element(
         "section",
-        element("h2", "Why the arm ends here"),
+        element("h2", "Goal pose: why the arm ends here"),
         element("p", _summary(record, units)),
         element("div", picture, tables, cls="goal-pose"),
     )
@@ -150,15 +150,15 @@ def _summary(record: GoalPoseRecord, units: PageUnits) -> str:
     """Return how the pose was found, and whether the motion ends in it."""
     variables, rows = record.size
     solved = (
-        f"The goal-pose program, of {variables} variables and {rows} rows, found this pose in {record.iterations} "
-        f"iterations, with a gap of {units.length(record.gap)} of the wanted "
+        f"The goal-pose program ({variables} variables, {rows} constraints) found this pose in "
+        f"{record.iterations} iterations. Its least gap is {units.length(record.gap)} of the preferred "
         f"{units.given(record.wanted_gap, 'm')}."
     )
     if record.tried > 1:
-        solved = f"{solved} It was asked for {record.tried} poses in all."
+        solved = f"{solved} It was solved for {record.tried} poses in all."
     if record.reached:
-        return f"{solved} The motion ends in it."
-    return f"{solved} The motion does not end in it: {record.reason}."
+        return f"{solved} The motion ends in this pose."
+    return f"{solved} The motion does not end in this pose: {record.reason}."
 
 
 def goal_pose_data(solution: Solution) -> dict[str, object] | None:
@@ -208,7 +208,7 @@ def _costs(record: GoalPoseRecord) -> Markup:
     for name, value in sorted(record.costs.items(), key=lambda item: -abs(item[1])):
         bar = element("b", cls="bar", style=f"width:{100.0 * abs(value) / total:.1f}px")
         rows.append((cost_words(name), three_digits(value, 3), bar))
-    return table(("part of the cost", f"of {three_digits(record.cost, 3)}", ""), rows, numbers=(1,))
+    return table(("cost term", f"of {three_digits(record.cost, 3)}", ""), rows, numbers=(1,))
 
 
 def cost_words(name: str) -> str:
@@ -221,10 +221,10 @@ def cost_words(name: str) -> str:
 def _binding(solution: Solution, record: GoalPoseRecord, units: PageUnits) -> Markup:
     """Return a table of the constraints that bind the pose, the strongest first, and what relaxing them would save."""
     found = binding_rows(solution, record, pose_points(solution, record), units)
-    rows = [(words, f"{gain:.2g}", f"for {unit}") for words, gain, unit in found]
+    rows = [(words, f"{gain:.2g}", f"per {unit}") for words, gain, unit in found]
     if not rows:
-        return element("p", "No limit holds the pose where it is: the costs alone decide.")
-    return table(("what holds the pose", "cost saved", ""), rows, numbers=(1,))
+        return element("p", "No constraint is active: the costs alone determine the pose.")
+    return table(("active constraint", "cost saved", ""), rows, numbers=(1,))
 
 
 def _colour(number: int) -> str:
@@ -243,7 +243,7 @@ def tolerance_section(errors: Sequence[SurvivedError], units: PageUnits, *, in_s
         return None
     told = (survived_in_words(error, units, in_space=in_space) for error in errors)
     items = (element("li", f"{wrong.capitalize()} {size}: limited by {where}.") for wrong, size, where in told)
-    return element("section", element("h2", "What it survives, one error at a time"), element("ul", *items))
+    return element("section", element("h2", "Tolerated errors, one at a time"), element("ul", *items))
 
 
 _JOINTS = (("bends", ""), ("velocities", ""), ("accelerations", ""), ("torques", "simulated-torques"))
@@ -279,7 +279,7 @@ def joints_section(groups: Collection[str], *, curvature: bool = True) -> Markup
             "p",
             "Show ",
             choice,
-            " from the base (blue) to the tip (red). Click in a chart to go to a time.",
+            " from the base (blue) to the tip (red). Click a chart to jump to a time.",
             cls="no-print",
         ),
         element("div", element("figure", id="curvature") if curvature else None, *figures, cls="charts"),
@@ -290,7 +290,9 @@ def simulation_section(groups: Collection[str]) -> Markup | None:
     """Return the section on plan against simulation; None if there is no simulated motion."""
     if "tracking" not in groups:
         return None
-    words = "How far the simulated arm is from its plan, joint by joint. The scene can show it as a layer of its own."
+    words = (
+        "Deviation of the simulated arm from its plan, per joint. The scene has a layer that shows the simulated arm."
+    )
     charts = (element("figure", data_group=key) for key in ("tracking", "simulated-torques"))
     return element(
         "section", element("h2", "Plan and simulation"), element("p", words), element("div", *charts, cls="charts")
@@ -331,7 +333,7 @@ def report_html(
         making_section(solution),
         files_section(problem.name, pictures),
     )
-    where = "among its obstacles" if in_space else "in its room"
+    where = "among its obstacles" if in_space else "in its workspace"
     stage = stage_section(f"The arm of {problem.name} {where}", moves=True, in_space=in_space)
     header = page_header(problem, [plan_badges(solution)], plan_figures(solution, units), units)
     body = joined((header, element("main", stage, element("div", *facts, cls="facts")), player_bar()))

@@ -12,15 +12,15 @@ from ccm_opt.viz.document import MINUS, NONE, Child, Markup, PageUnits, element,
 
 _ZOOMS = (("zoom-in", "+", "zoom in (+)"), ("zoom-out", MINUS, "zoom out (-)"))
 _SIDES = (
-    ("look-slant", "Slanted", "from before and above (s)"),
-    ("look-x", "x", "against x (x)"),
-    ("look-y", "y", "along y (y)"),
-    ("look-z", "z", "from above (z)"),
+    ("look-slant", "Oblique", "oblique view (s)"),
+    ("look-x", "x", "view against x (x)"),
+    ("look-y", "y", "view along y (y)"),
+    ("look-z", "z", "view from above (z)"),
 )
 _KEYS = (
     ("Space", "play and pause"),
-    ("← →", "a hundredth of the motion back and on; with Shift a tenth"),
-    ("Home End", "start and end"),
+    ("← →", "back and forward by 1 % of the motion; with Shift by 10 %"),
+    ("Home End", "jump to start and end"),
     ("[ ]", "slower and faster"),
 )
 
@@ -33,26 +33,26 @@ def stage_section(label: str, *, moves: bool, in_space: bool = False) -> Markup:
         moves: whether there is a motion, with its figures at the selected time.
         in_space: whether the scene can be turned, and obstacles cut open.
     """
-    reach = ("all that the arm does", "all obstacles") if in_space else ("all that matters", "the whole room")
-    looks = (("fit", "Fit", f"{reach[0]} (0)"), ("room", "Whole room", f"{reach[1]} (r)"))
+    reach = ("show the motion", "show all obstacles") if in_space else ("show the motion", "show the whole workspace")
+    looks = (("fit", "Fit", f"{reach[0]} (0)"), ("room", "Show all", f"{reach[1]} (r)"))
     buttons = [
         element("button", sign, id=name, type="button", title=words)
         for name, sign, words in (*_ZOOMS, *looks, *(_SIDES if in_space else ()))
     ]
     readout = None
     if moves:
-        heads = "points along" if in_space else "heads"
-        words = (("time", "time"), ("tip", "tip at"), ("heading", heads), ("gap", "gap"))
+        heads = "direction" if in_space else "heading"
+        words = (("time", "time"), ("tip", "tip"), ("heading", heads), ("gap", "least gap"))
         pairs = [element("div", element("dt", word), element("dd", data_now=key)) for key, word in words]
         readout = element("dl", *pairs, cls="readout places" if in_space else "readout")
-    zoom = "Ctrl and the wheel, two fingers or a double click"
+    zoom = "Ctrl + wheel, pinch or double-click"
     hint = (
-        "Drag to turn the scene; with Shift, the right button or two fingers to move it; " + f"{zoom} zoom."
+        f"Drag to rotate; drag with Shift, the right button or two fingers to pan; {zoom} to zoom."
         if in_space
-        else f"Drag to move the scene, {zoom} to zoom."
+        else f"Drag to pan; {zoom} to zoom."
     )
     keys = [*(_KEYS if moves else ()), (f"+ {MINUS} 0 r", f"zoom in, zoom out, {', '.join(reach)}")]
-    keys += [("s x y z", "slanted, and from the sides")] if in_space else []
+    keys += [("s x y z", "oblique view, side views, top view")] if in_space else []
     listed = element("ul", *(element("li", element("kbd", key), f" {words}") for key, words in keys))
     place = None if in_space else element("span", id="place", cls="soft")
     return element(
@@ -76,7 +76,7 @@ def _slider(name: str, words: str, value: float, most: float) -> Markup:
 def _cut() -> tuple[Markup, Markup]:
     """Return the controls of the cut through the obstacles: its place and its axis."""
     options = [element("option", name, value=str(k), selected=k == 1) for k, name in enumerate("xyz")]
-    axis = element("select", *options, id="cut-axis", aria_label="axis of the cut")
+    axis = element("select", *options, id="cut-axis", aria_label="axis of the section")
     return _slider("cut", "cut", 1.0, 1.0), element("label", "across ", axis)
 
 
@@ -88,8 +88,8 @@ def player_bar() -> Markup:
         element("button", "Play", id="play", type="button", title="play and pause (Space)"),
         element("div", element("div", id="marks"), slider, cls="track"),
         element("output", id="clock"),
-        joined((element("select", id="speed", aria_label="speed of the playback", title="speed"),)),
-        element("label", element("input", id="loop", type="checkbox", checked=True), "again"),
+        joined((element("select", id="speed", aria_label="playback speed", title="playback speed"),)),
+        element("label", element("input", id="loop", type="checkbox", checked=True), "loop"),
         cls="player",
     )
 
@@ -106,12 +106,12 @@ def goal_times(solution: Solution) -> list[dict[str, object]]:
 
 
 _FILES = {
-    "solution.json": "what was asked, what came out, every limit",
+    "solution.json": "problem, result and checks",
     "solution.npz": "all arrays",
-    "trajectory.csv": "the motion as a table",
-    "trajectory.yaml": "the motion for ROS 2",
-    "arm.urdf": "the arm for RViz and others",
-    "arm.mjcf.xml": "the arm for MuJoCo",
+    "trajectory.csv": "motion as a table",
+    "trajectory.yaml": "motion for ROS 2",
+    "arm.urdf": "arm for RViz and other programs",
+    "arm.mjcf.xml": "arm for MuJoCo",
 }
 """Files next to the page that it links to."""
 
@@ -137,7 +137,7 @@ def problem_section(problem: Problem, units: PageUnits) -> Markup:
 
 def _arm_rows(problem: Problem, units: PageUnits) -> Iterable[Row]:
     arm = problem.arm
-    yield "arm", f"{arm.links} links of {units.given(arm.link_length, 'm')}, {units.given(arm.length, 'm')} in all"
+    yield "arm", f"{arm.links} links of {units.given(arm.link_length, 'm')}, {units.given(arm.length, 'm')} in total"
     yield "radius", units.given(arm.radius, "m")
     along = (
         f"heading {units.given(arm.base_heading, 'rad')}"
@@ -148,10 +148,10 @@ def _arm_rows(problem: Problem, units: PageUnits) -> Iterable[Row]:
     bends = f"±{units.given(arm.joint_limit, 'rad')}"
     first = "" if arm.base_limit == arm.joint_limit else f", the first joint ±{units.given(arm.base_limit, 'rad')}"
     yield "bends", bends + first
-    yield "mass", f"{units.shown(float(arm.masses.sum()), 'kg')} in all"
+    yield "mass", f"{units.shown(float(arm.masses.sum()), 'kg')} in total"
     if arm.feed is not None:
         low, high = (units.given(value, "m") for value in (arm.feed.low, arm.feed.high))
-        yield "feed axis", f"{low} to {high}, hole at {units.given(arm.feed.hole, 'm')}"
+        yield "feed axis", f"{low} to {high}, guide tube ends at {units.given(arm.feed.hole, 'm')}"
 
 
 def _limit_rows(problem: Problem, units: PageUnits) -> Iterable[Row]:
@@ -172,7 +172,7 @@ def _limit_rows(problem: Problem, units: PageUnits) -> Iterable[Row]:
     for point in limits.points:
         bounds = ((point.velocity, "m/s"), (point.acceleration, "m/s²"))
         yield point.name, ", ".join(units.given(value, unit) for value, unit in bounds if np.isfinite(value))
-    yield "share that plans use", f"{100.0 * problem.planner.effort_share:g} %"
+    yield "share of limits that plans use", f"{100.0 * problem.planner.effort_share:g} %"
 
 
 def _bounds(values: FloatArray, unit: str) -> str:
@@ -190,10 +190,10 @@ def _room_rows(problem: Problem, units: PageUnits) -> Iterable[Row]:
         sides = None if workspace.bounds is None else np.ptp(workspace.bounds, axis=0)
         faces = [len(body.faces) for _, _, body in workspace.meshes]
         meshes = f", {len(faces)} of them meshes with {sum(faces)} triangles" if faces else ""
-    yield "room", "none" if sides is None else " by ".join(units.given(side, "m") for side in sides)
+    yield "workspace", "unbounded" if sides is None else " by ".join(units.given(side, "m") for side in sides)
     yield "obstacles", f"{count}{meshes}"
-    yield "clearance", f"{units.given(workspace.clearance, 'm')} to walls, required"
-    yield "wanted gap", f"{units.given(problem.wanted_gap, 'm')} beyond radius and clearance"
+    yield "clearance", f"{units.given(workspace.clearance, 'm')} from walls, required"
+    yield "preferred clearance", f"{units.given(problem.wanted_gap, 'm')} beyond the required one"
 
 
 def _goal_rows(problem: Problem, units: PageUnits) -> Iterable[Row]:
@@ -203,14 +203,14 @@ def _goal_rows(problem: Problem, units: PageUnits) -> Iterable[Row]:
         turn = units.given(min(stop.tolerances.heading, np.pi), "rad")
         place = f"tip at {_place(goal.tip(problem.arm), units)} within {near}"
         if goal.whole(problem.arm) is not None:
-            words = f"a pose of the whole arm, within {near} and {turn}"
+            words = f"whole-arm pose, within {near} and {turn}"
         elif goal.heading is not None:
             words = f"{place}, heading {units.given(goal.heading, 'rad')} within {turn}"
         elif goal.direction is not None:
             words = f"{place}, along {_direction(goal.direction)} within {turn}"
         else:
             words = f"{place}, any {'heading' if problem.dimension == 2 else 'direction'}"
-        passed = "".join(f", past {_place(each, units)}" for each in goal.via)
+        passed = "".join(f", via {_place(each, units)}" for each in goal.via)
         yield f"goal {number}" if problem.stops else "goal", words + passed
 
 
@@ -228,15 +228,15 @@ def making_section(solution: Solution) -> Markup:
     versions = ", ".join(f"{name} {version}" for name, version in solution.versions.items())
     rows: list[Row] = [
         ("method", problem.planner.method),
-        ("tactic that found it", solution.path.candidate or NONE),
+        ("found by", solution.path.candidate or NONE),
         ("keyframes", str(len(solution.path.keyframes))),
-        ("timed by", problem.planner.retiming),
+        ("retiming", problem.planner.retiming),
         ("seed", str(problem.planner.seed)),
         ("versions", versions or NONE),
     ]
     return element(
         "section",
-        element("h2", "How it was made"),
+        element("h2", "How the plan was made"),
         table((), rows, cls="pairs"),
         tries_table(solution),
         timings_table(solution.timings),
@@ -252,7 +252,7 @@ def tries_table(solution: Solution) -> Markup | None:
             str(each.seed),
             NONE if each.duration is None else f"{each.duration:.2f} s",
             each.reason,
-            "taken" if each.taken else "",
+            "chosen" if each.taken else "",
         )
         for each in solution.tries
     ]
@@ -282,17 +282,15 @@ def files_section(name: str, pictures: Sequence[str]) -> Markup:
         name: name of the output folder.
         pictures: names of the files that show the motion.
     """
-    shown = {
-        file: "the motion as a film" if file.endswith(".gif") else "the motion in one picture" for file in pictures
-    }
+    shown = {file: "motion as a film" if file.endswith(".gif") else "motion in one picture" for file in pictures}
     files = {**_FILES, **shown}
     links = (element("li", element("a", file, href=file), f": {words}") for file, words in files.items())
     commands = "\n".join(f"ccm-opt {verb} {name}" for verb in ("check", "simulate", "tolerance"))
     return element(
         "section",
-        element("h2", "Files and what to do next"),
+        element("h2", "Files and next steps"),
         element("ul", *links),
-        element("p", "From the folder that holds this plan's folder:"),
+        element("p", "In the parent folder of this plan:"),
         element("pre", commands),
     )
 
@@ -323,8 +321,8 @@ def plans_section(pages: PlanPages | None, units: PageUnits) -> Markup | None:
     rows = [_row(number, plan, link, pages, units) for number, (plan, link) in numbered]
     return element(
         "section",
-        element("h2", "From the fastest plan to the roomiest"),
-        table(("plan", "wanted gap", "least gap", "duration", ""), rows, numbers=(1, 2, 3)),
+        element("h2", "Trade-off of duration and clearance"),
+        table(("plan", "preferred", "least gap", "duration", ""), rows, numbers=(1, 2, 3)),
     )
 
 
@@ -335,5 +333,5 @@ def _row(number: int, plan: ParetoPlan, link: str, pages: PlanPages, units: Page
     name: Markup | str = element("a", f"plan {number}", href=link) if link else f"plan {number}, this one"
     remark = "recommended" if number == pages.found.recommended else ""
     if plan.dominated_by:
-        remark = f"plan {plan.dominated_by} is better"
+        remark = f"dominated by plan {plan.dominated_by}"
     return name, wanted, units.length(plan.gap), f"{plan.duration:.2f} s", remark

@@ -79,7 +79,7 @@ def curves_picture(plan: DrawnPlan, kind: FigureFormat = "png") -> bytes:
         ProblemError: the plan was made without curves.
     """
     if not plan.curves:
-        raise ProblemError("the plan has no curves behind its keyframes; draw other figures")
+        raise ProblemError("the keyframes of this plan have no curves; choose other figures")
     return figure_file(lambda: _curves_figure(plan), kind)
 
 
@@ -400,7 +400,7 @@ def _draw_front(axes: Axes, found: ParetoPlans) -> None:
     )  # fmt: skip
     axes.set_xlabel("duration [s]")
     axes.set_ylabel(f"least gap [{found.problem.length_unit}]")
-    axes.set_title(f"{found.problem.name}: time against room", fontsize=10, loc="left", pad=8)
+    axes.set_title(f"{found.problem.name}: duration over least gap", fontsize=10, loc="left", pad=8)
     axes.grid(color="#e7e4de", linewidth=0.7)
     axes.set_axisbelow(True)
     for side in ("top", "right"):
@@ -433,7 +433,7 @@ def _dress_plan(axes: Axes, found: ParetoPlans, plan: ParetoPlan, number: int) -
         spine.set_visible(recommended)
         spine.set_color(style.GOAL_MARK)
         spine.set_linewidth(1.8)
-    lines = [f"{number}: wanted {file_length(plan.wanted_gap, 3)}"]
+    lines = [f"{number}: preferred {file_length(plan.wanted_gap, 3)}"]
     if plan.solution is None:
         lines.append("no plan")
     else:

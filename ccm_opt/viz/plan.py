@@ -168,7 +168,7 @@ def draw_goal(
     if goal.via:
         axes.plot(
             *np.transpose([side(passed) for passed in goal.via]), marker="x", markersize=6, color=style.GOAL_MARK,
-            linestyle="none", zorder=9, label="to pass" if label else "",
+            linestyle="none", zorder=9, label="via point" if label else "",
         )  # fmt: skip
     if goal.direction is None or tolerances.heading >= np.pi:
         return

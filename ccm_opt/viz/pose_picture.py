@@ -56,8 +56,8 @@ def pose_figure(found: StaticPose) -> Figure:
 
 def _pose_title(found: StaticPose) -> str:
     with words_in(found.problem.length_unit):
-        gap = f"{short_length(found.pose.gap)} of {short_length(found.pose.wanted_gap)} wanted"
-    return f"{found.problem.name}: best pose at the goal, gap {gap}"
+        gap = f"{short_length(found.pose.gap)} of the preferred {short_length(found.pose.wanted_gap)}"
+    return f"{found.problem.name}: best goal pose, least gap {gap}"
 
 
 def _draw_curve(axes: Axes, line: FloatArray, ends: FloatArray) -> None:
@@ -65,7 +65,7 @@ def _draw_curve(axes: Axes, line: FloatArray, ends: FloatArray) -> None:
     axes.plot(*line.T, color=style.TIP_PATH, linewidth=1.3, zorder=7, label="curve")
     axes.plot(
         *ends.T, linestyle="none", marker="D", markersize=4, markerfacecolor="white",
-        markeredgecolor=style.TIP_PATH, zorder=7.1, label="ends of segments",
+        markeredgecolor=style.TIP_PATH, zorder=7.1, label="segment ends",
     )  # fmt: skip
 
 
@@ -77,7 +77,7 @@ def _draw_binding(axes: Axes, found: StaticPose) -> None:
     bars = [_bar(found, side) for side in found.binding]
     widths = [1.0 + 2.5 * np.sqrt(side.multiplier / strongest) for side in found.binding]
     axes.add_collection(LineCollection(bars, colors=style.PRESSED, linewidths=widths, zorder=7))
-    axes.plot([], [], color=style.PRESSED, linewidth=2.5, label="sides that it leans on")
+    axes.plot([], [], color=style.PRESSED, linewidth=2.5, label="active sides")
 
 
 def _bar(found: StaticPose, side: BindingSide) -> list[tuple[float, float]]:
@@ -196,8 +196,8 @@ def _legend(figure: Figure, axes: Axes, found: ReachMap) -> None:
     with words_in(found.problem.length_unit):
         seen = short_length(found.seen)
     meanings = (
-        (_shades(found, np.zeros(())), "reached, hardly any room"),
-        (_shades(found, np.full((), found.seen)), f"reached, {seen} of room or more"),
+        (_shades(found, np.zeros(())), "reached, little clearance"),
+        (_shades(found, np.full((), found.seen)), f"reached, clearance {seen} or more"),
         (style.NOT_FOUND, "no pose found, not proved"),
         (style.PROVED, "proved out of reach"),
     )
@@ -239,5 +239,5 @@ def _draw_cloud(axes: Axes, found: ReachMap, scene: SeenScene) -> None:
     axes.scatter(across, up, s=12.0, c=colours, edgecolors=style.WALL_EDGE, linewidths=0.2, zorder=3)
     axes.plot(*side(found.problem.arm.base), marker="s", markersize=5, color=style.BOUNDARY, zorder=8)
     axes.set_axis_off()
-    title = f"all {len(places)} places that are reached, slanted"
+    title = f"all {len(places)} reached cells, oblique view"
     axes.set_title(title, fontsize=style.FONT_SIZE, loc="left", pad=3, y=1.0)

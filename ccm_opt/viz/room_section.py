@@ -24,15 +24,15 @@ _WANTED_GAPS_SHOWN = 4.0
 """Range of the chart of gaps, in multiples of the wanted gap."""
 
 _BOUNDS = {
-    "start": "the start pose has no more",
-    "goal": "what the goal fixes has no more",
-    "passage": "the widest way to the goal leaves no more",
+    "start": "the start pose allows no more",
+    "goal": "the goal allows no more",
+    "passage": "the widest passage to the goal allows no more",
 }
 _CAUSES = {
-    "start": "the start pose has",
-    "stop": "the pose at a stop has",
-    "goal": "the goal pose has",
-    "passage": "on the way there are",
+    "start": "at the start pose",
+    "stop": "at a stop",
+    "goal": "at the goal pose",
+    "passage": "on the way",
 }
 
 
@@ -50,33 +50,33 @@ def room_sentences(room: RoomRecord, units: PageUnits, most: int = 3) -> Iterato
         yield _short_stretch(part, units)
     left = len(room.short) - len(worst)
     if left:
-        yield f"and {left} more stretch{'es' if left > 1 else ''} with less than the wanted gap"
+        yield f"and {left} more stretch{'es' if left > 1 else ''} below the preferred clearance"
     if room.short and room.possible is not None and room.possible.by != "wanted gap":
         yield _bound(room.possible, units)
     if room.price is not None and room.price < 0.0:
-        yield f"with the wanted gap the motion is even {-room.price:.3g} s shorter than without one"
+        yield f"with the preferred clearance the motion is {-room.price:.3g} s shorter than without"
     elif room.price is not None:
-        yield f"the wanted gap costs {room.price:.3g} s"
+        yield f"the preferred clearance costs {room.price:.3g} s"
 
 
 def _least_gap(room: RoomRecord, units: PageUnits) -> str:
     """Return the least gap of the motion, and where it is."""
     near = room.nearest
     if not near.link:
-        return f"least gap more than {units.given(room.reach, 'm')}, the farthest that the room is measured"
+        return f"least gap above {units.given(room.reach, 'm')}, the largest gap measured"
     # Without a clearance, or where another link is nearest, the gap is the distance itself.
     counted = room.clearance and not near.second_link
     beyond = f" beyond the clearance of {units.given(room.clearance, 'm')}" if counted else ""
-    wanted = f" of the wanted {units.given(near.wanted, 'm')}" if near.wanted else ""
+    wanted = f" of the preferred {units.given(near.wanted, 'm')}" if near.wanted else ""
     return f"least gap {units.length(near.gap)}{wanted}{beyond}, at {near.time:.2f} s, {near.pair}"
 
 
 def _short_stretch(part: ShortStretch, units: PageUnits) -> str:
-    """Return when the gap is less than wanted, and why."""
+    """Return where and when the clearance is below the preferred one, and by how much."""
     near = part.nearest
-    gap = f"{units.length(near.gap)} of {units.given(near.wanted, 'm')}"
+    gap = f"{units.length(near.gap)} of the preferred {units.given(near.wanted, 'm')}"
     times = f"{part.begin:.2f} to {part.end:.2f} s"
-    return f"less than wanted from {times}: {_CAUSES[part.cause]} {gap}, {near.pair}"
+    return f"clearance {gap} from {times}, {_CAUSES[part.cause]}, {near.pair}"
 
 
 def _bound(possible: PossibleGap, units: PageUnits) -> str:
@@ -84,8 +84,8 @@ def _bound(possible: PossibleGap, units: PageUnits) -> str:
     most = units.length(possible.value)
     if possible.walls:
         one, other = possible.walls
-        return f"the way between '{one}' and '{other}' leaves no more than {most} on either side"
-    return f"no motion keeps more than {most}: {_BOUNDS.get(possible.by, 'no more is wanted')}"
+        return f"the passage between '{one}' and '{other}' allows at most {most} on either side"
+    return f"no motion can keep more than {most}: {_BOUNDS.get(possible.by, 'no more is preferred')}"
 
 
 def room_section(room: RoomRecord | None, units: PageUnits) -> Markup | None:
@@ -101,7 +101,7 @@ def room_section(room: RoomRecord | None, units: PageUnits) -> Markup | None:
     sentences = [element("li", f"{_capitalised(sentence)}.") for sentence in others]
     return element(
         "section",
-        element("h2", "Room"),
+        element("h2", "Clearance"),
         element("p", f"{_capitalised(first)}."),
         element("figure", id="gaps"),
         element("ul", *sentences) if sentences else None,
@@ -136,10 +136,10 @@ def _capitalised(sentence: str) -> str:
 
 _WRONG = {
     "joints": "every joint off by",
-    "link lengths": "every link longer or shorter by",
+    "link lengths": "every link length off by",
     "base heading": "base turned by",
-    "base position": "base beside its place by",
-    "walls": "every wall nearer by",
+    "base position": "base displaced by",
+    "walls": "every wall closer by",
     "payload": "mass at the tip",
     "friction": "friction in every joint",
 }

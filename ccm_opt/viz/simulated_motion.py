@@ -71,7 +71,7 @@ def draw_errors(
     if verdict.time is not None:
         label = f"{verdict.outcome} at {verdict.time:.3g} s"
         axes.axvline(verdict.time, color=style.WALL_EDGE, linewidth=1.0, linestyle="--", label=label)
-    axes.set(title="largest error", xlabel="time [s]", ylabel="difference from the plan")
+    axes.set(title="largest error", xlabel="time [s]", ylabel="deviation from the plan")
     axes.legend(frameon=False)
     axes.grid(visible=True, linewidth=0.4, color=style.WALL)
 
@@ -106,7 +106,7 @@ def _simulation_figure(
         figure.draw_without_rendering()
         draw_pose(axes, side, planned[-1], arm.radius, "start", "planned end")
         for k, pose in enumerate(between):
-            label = "simulated, on the way" if k == 0 else ""
+            label = "simulated, along the way" if k == 0 else ""
             axes.plot(*side(pose).T, color=style.TIP_PATH, linewidth=1.0, label=label, zorder=5)
         draw_pose(axes, side, points[-1], arm.radius, "end", "simulated end")
     draw_errors(figure.add_subplot(grid[:, 1]), trajectory, joints, simulated, PICTURES.least_error)
@@ -151,13 +151,13 @@ def _tolerance_figure(problem: Problem, trajectory: JointTrajectory, error: Surv
         axes.plot(*side(off).T, color=style.PRESSED, linewidth=1.1, zorder=8, label="with the worst errors")
         _mark_limiting_place(axes, side, error)
     if sheet.section is not None:
-        draw_section(sheet.section, problem, points, "section along the arm, and how far errors take it")
+        draw_section(sheet.section, problem, points, "section along the arm, with the reach of the errors")
         arm, unit = problem.arm, METRES[problem.length_unit]
         along = arm.link_length * (np.arange(arm.links) + 0.5) / unit
         for sign in (1.0, -1.0):
             edge = sign * (arm.radius + moved) / unit
             sheet.section.plot(along, edge, color=style.START_EDGE, linewidth=1.0, zorder=4)
-    survived = f"survives joint errors of {np.rad2deg(error.size):.3g}°"
+    survived = f"tolerates joint errors of {np.rad2deg(error.size):.3g}°"
     sheet.finish(f"{problem.name} at {trajectory.time[number]:.2f} s: {survived}")
     return sheet.figure
 
@@ -172,7 +172,7 @@ def _draw_error_reach(axes: Axes, flat: FloatArray, half: FloatArray) -> None:
     """
     scale = points_a_metre(axes)
     for link, width in enumerate(half):
-        label = "errors take it no farther" if link == 0 else ""
+        label = "farthest under errors" if link == 0 else ""
         ends = flat[link : link + 2].T
         axes.plot(
             *ends, color=style.START_EDGE, linewidth=max(2.0 * width * scale, 1.2), solid_capstyle="round", zorder=5,
@@ -185,5 +185,5 @@ def _mark_limiting_place(axes: Axes, side: Side, error: SurvivedError) -> None:
     if error.place:
         axes.plot(
             *side(np.array(error.place)), marker="x", markersize=8, markeredgewidth=2.0, linestyle="none", zorder=9,
-            color=style.PRESSED, label="what limits them",
+            color=style.PRESSED, label="limiting place",
         )  # fmt: skip

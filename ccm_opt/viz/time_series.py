@@ -204,10 +204,8 @@ def _simulated_groups(solution: Solution, joints: tuple[str, ...]) -> Iterator[S
     free = np.full(len(joints), np.inf)
     torque = solution.problem.limits.torque
     bounds = free if torque is None else torque[drives]
-    yield SeriesGroup("tracking", "Simulated less planned bends", "°", joints, away, free, least=_LEAST_TRACKING)
-    yield SeriesGroup(
-        "simulated-torques", "Torques in the simulation", "N m", joints, simulated.torques[:, drives], bounds
-    )
+    yield SeriesGroup("tracking", "Simulated minus planned bends", "°", joints, away, free, least=_LEAST_TRACKING)
+    yield SeriesGroup("simulated-torques", "Torques in simulation", "N m", joints, simulated.torques[:, drives], bounds)
 
 
 def _coded_group(group: SeriesGroup, time: FloatArray, always: IntArray) -> dict[str, object]:

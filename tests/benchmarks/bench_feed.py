@@ -23,7 +23,7 @@ from tests.benchmarks.feed_families import FAMILIES, LINKS
 
 @dataclass(frozen=True)
 class Run:
-    """One problem: CPU of planning [s], and the solution, or None when there is none or the verifier refuses it."""
+    """One problem: CPU of planning [s], and the solution, or None when there is none or the verifier rejects it."""
 
     seconds: float
     solution: Solution | None

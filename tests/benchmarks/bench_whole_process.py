@@ -78,7 +78,7 @@ def main() -> None:
     parser.add_argument("files", nargs="*", type=Path, help="problem files; all of problems/ when left out")
     parser.add_argument("--links", nargs="+", type=int, default=[0])
     options = parser.parse_args()
-    head("problem", "links", "ends", "CPU in all [s]", "of it planning [s]", "motion [s]", "memory [MB]")
+    head("problem", "links", "ends", "total CPU [s]", "of it planning [s]", "motion [s]", "memory [MB]")
     with tempfile.TemporaryDirectory() as folder:
         for file in options.files or sorted(Path("problems").glob("*.toml")):
             for links in options.links:

@@ -129,7 +129,7 @@ FOLDER_MUTATIONS: dict[str, tuple[Change, ...]] = {
         _scaled("simulated_angles"),
         _scaled("simulated_torques"),
         _recorded("simulation", "step", value=1e-5),
-        _recorded("simulation", "reason", value="in steps of 1 s"),
+        _recorded("simulation", "reason", value="with steps of 1 s"),
         _recorded("simulation", "link", value=3),
     ),
     "figures against arrays": (_figure, _another_figure),

@@ -206,4 +206,4 @@ def _write(file: Path, content: bytes) -> None:
     if written is None:
         put_file_or_refuse(file, content)
     elif written != content:
-        raise ProblemError(f"{file} is there already and says something else; choose another --out, or remove it")
+        raise ProblemError(f"{file} exists with other contents; choose another --out, or remove it")

@@ -71,14 +71,14 @@ def success_words(pair: Pair) -> str:
     success = pair.success
     p_value = probability(success.p_value)
     return (
-        f"both solve {success.both}, only the first {success.first_only}, only the second {success.second_only}, "
-        f"neither {success.neither}; difference {100 * success.difference:+.0f} % "
+        f"solved by both {success.both}, by the first only {success.first_only}, by the second only "
+        f"{success.second_only}, by neither {success.neither}; difference {100 * success.difference:+.0f} % "
         f"({100 * success.interval.low:+.0f} to {100 * success.interval.high:+.0f} %), "
         f"McNemar p {p_value if p_value.startswith('<') else f'= {p_value}'}"
     )
 
 
-PAIR_HEADS = ("where both solve", "pairs", "first", "second", "", "median by pairs", "95 %", "first better", "p")
+PAIR_HEADS = ("solved by both", "pairs", "first", "second", "", "paired median", "95 %", "first better", "p")
 """Column heads of the table of two methods."""
 
 
@@ -145,15 +145,15 @@ def _header(title: str, comparison: Comparison) -> Markup:
 
 
 def _success_section() -> Markup:
-    words = "Share of the problems that are solved and verified within a CPU time; bars at the right: 95 % intervals."
+    words = "Share of the problems solved and verified within a CPU time; bars at the right: 95 % confidence intervals."
     return element("section", element("h2", "Solved"), element("p", words), element("figure", id="success"))
 
 
 def _pair_section(pair: Pair, number: int) -> Markup:
     words = success_words(pair)
     hint = (
-        f"Every problem that both solve is a point, {pair.first} across and {pair.second} up: below the line the "
-        "second has less. The name of a problem stands under the mouse."
+        f"One point per problem that both solve, {pair.first} on x, {pair.second} on y; below the diagonal "
+        "the second has less. Hover to see the problem's name."
     )
     return element(
         "section",
@@ -199,7 +199,7 @@ def _methods_section(comparison: Comparison) -> Markup:
 
 
 def _runs_section(comparison: Comparison) -> Markup:
-    heads = ("problem", "method", "outcome", *map(format_title, QUANTITIES), "tactic, or reason")
+    heads = ("problem", "method", "outcome", *map(format_title, QUANTITIES), "candidate, or reason")
     rows = [
         (
             run.problem,
@@ -216,7 +216,7 @@ def _runs_section(comparison: Comparison) -> Markup:
     return element(
         "section",
         element("h2", "Every run"),
-        element("p", "Show ", search, " A click on a head sorts."),
+        element("p", "Show ", search, " Click a heading to sort."),
         table(heads, rows, cls="runs", numbers=range(3, len(heads) - 1)),
     )
 

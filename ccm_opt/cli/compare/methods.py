@@ -54,7 +54,7 @@ class Method:
 
         options = prepared.planner
         if prepared.dimension == 3 and (options.method != "nlp" or options.retiming != "toppra"):
-            raise ProblemError(f"the method {self.name} knows the plane alone; use nlp or ompl in space")
+            raise ProblemError(f"the method {self.name} works in the plane only; in space use nlp or ompl")
         return default_planner(prepared, Stages())
 
 
@@ -73,12 +73,12 @@ _OF_THE_PAPER: Mapping[str, object] = {
 METHODS: Mapping[str, Method] = {
     method.name: method
     for method in (
-        Method("nlp", "the curve planner, its motion optimised", {"method": "nlp"}),
-        Method("nlp-as-found", "the curve planner, its motion as found", {"method": "nlp", "optimiser": "none"}),
-        Method("nlp-paul", "the curve planner, timed by Paul's transitions", {"method": "nlp", "retiming": "paul"}),
-        Method("hill-climbing", "the paper's planner", _OF_THE_PAPER),
-        Method("ompl", "RRT-Connect of OMPL, under our certificate (extra 'ompl')", make=_ompl),
-        Method("hill-climbing-paul", "the paper's planner and timing", {**_OF_THE_PAPER, "retiming": "paul"}),
+        Method("nlp", "curve planner, motion optimised", {"method": "nlp"}),
+        Method("nlp-as-found", "curve planner, motion as found", {"method": "nlp", "optimiser": "none"}),
+        Method("nlp-paul", "curve planner, timed by Paul's transitions", {"method": "nlp", "retiming": "paul"}),
+        Method("hill-climbing", "planner of the paper", _OF_THE_PAPER),
+        Method("ompl", "RRT-Connect of OMPL, with this package's certificate (extra 'ompl')", make=_ompl),
+        Method("hill-climbing-paul", "planner and timing of the paper", {**_OF_THE_PAPER, "retiming": "paul"}),
     )
 }
 """Built-in methods by name."""
@@ -100,7 +100,7 @@ def method_named(name: str) -> Method:
         return METHODS[name]
     if ":" not in name:
         raise ProblemError(f"there is no method '{name}'; expected one of {', '.join(METHODS)}, or module:attribute")
-    return Method(name, "a planner from elsewhere", make=lambda: _loaded(name))
+    return Method(name, "external planner", make=lambda: _loaded(name))
 
 
 def check_methods(names: Sequence[str]) -> tuple[str, ...]:

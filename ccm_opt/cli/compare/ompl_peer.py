@@ -105,7 +105,9 @@ class OmplPlanner:
         if problem.dimension == 3:
             return self._path(_InSpace(problem, self.settings))
         if problem.arm.base_axes:
-            raise ProblemError("the method ompl moves no feed axis; use planner.method nlp, or leave arm.feed out")
+            raise ProblemError(
+                "the method ompl does not support a feed axis; use planner.method nlp, or leave arm.feed out"
+            )
         with planning_units(problem) as units:
             path = self._path(_InPlane(units.scaled(problem), self.settings))
         return units.path_in_metres(path, problem.arm)
@@ -114,16 +116,18 @@ class OmplPlanner:
         joints = query.joints
         start = joints.drawn(query.start)
         if start is None:
-            raise ProblemError("the start bends joints that are hardly out of the guide tube; the method ompl cannot")
+            raise ProblemError(
+                "the start bends joints that have barely left the guide tube, which the method ompl does not support"
+            )
         goals = [drawn for q in query.goals() if (drawn := joints.drawn(q)) is not None]
         if not goals:
-            reason = "no pose with the tip at the goal that touches nothing was drawn"
+            reason = "no collision-free pose with the tip at the goal was sampled"
             raise MotionNotFound(Diagnosis(reason, "goal", _ADVICE))
         legs = [joints.keyframes(*pair)[1:] for pair in pairwise(self._way(query, start, goals))]
         path = query.smooth_path(np.concatenate((query.start[None], *legs)))
         if path is None:
             advice = room_advice(query.problem.arm.radius, query.problem.workspace.clearance)
-            raise MotionNotFound(Diagnosis("the motion leaves no room for a smooth path", "motion", advice))
+            raise MotionNotFound(Diagnosis("the motion's clearance is too small for a smooth path", "motion", advice))
         return path
 
     def _way(self, query: "_Query", start: FloatArray, goals: list[FloatArray]) -> FloatArray:
@@ -146,7 +150,7 @@ class OmplPlanner:
         until = Deadline.after(query.deadline.left - self.settings.simplifying_share * planner_options.time_limit)
         planner.solve(base.PlannerTerminationCondition(until.passed))
         if not asked.hasExactSolution():
-            reason = f"{until.what_passed()} before {NAME} had a way; poses at the goal: {len(goals)}"
+            reason = f"{until.what_passed()} before {NAME} found a path; goal poses: {len(goals)}"
             raise TimeLimitReached(Diagnosis(reason, "motion", _ADVICE, {"goal_poses": len(goals)}))
         path = asked.getSolutionPath()
         shortening = base.PlannerTerminationCondition(query.deadline.passed)
@@ -324,7 +328,7 @@ class _InSpace:
         self._given = self._where_ours_ends()
         self._task = self._task_within(settings.planning_share)
         if self._task.via:
-            raise ProblemError("the method ompl knows no places on the way; leave goal.via out, or use nlp")
+            raise ProblemError("the method ompl does not support goal.via; leave it out, or use nlp")
         refuse_ends(problem, self._task)
         self.start, self.deadline = self._task.start, self._task.deadline
         # The smooth path deviates from the sampled path at corners, which takes some gap.

@@ -139,19 +139,19 @@ class RunProcess:
                 answer = self._answers.get(timeout=settings.look_every)
                 if isinstance(answer, Run):
                     return answer
-                return "crashed", f"the planner ended its process: {self._how_it_ended(settings)}"
+                return "crashed", f"the planner's process died: {self._how_it_ended(settings)}"
             if time.monotonic() > until:
-                return "timed out", f"the run did not end within {limit:.4g} s of wall time, and was ended"
+                return "timed out", f"the run exceeded {limit:.4g} s of wall time and was stopped"
             memory = _resident_memory(self._process.pid)
             if memory > settings.most_memory:
                 gigabytes = settings.most_memory / 2**30
-                return "crashed", f"the run took more than {gigabytes:.3g} GiB of memory, and was ended"
+                return "crashed", f"the run exceeded {gigabytes:.3g} GiB of memory and was stopped"
 
     def _how_it_ended(self, settings: SupervisionSettings) -> str:
         try:
             code = self._process.wait(settings.last_words)
         except subprocess.TimeoutExpired:
-            return "its answers make no sense"
+            return "it sent unreadable answers"
         return f"exit code {code}" if code >= 0 else f"signal {signal.Signals(-code).name}"
 
 

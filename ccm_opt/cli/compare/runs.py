@@ -33,7 +33,7 @@ from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import JointPath
 
 Outcome = Literal["solved", "no plan", "timed out", "refused", "unusable", "crashed"]
-"""Verified motion; no plan; time limit reached; refused by the verifier; not for this method; a defect."""
+"""Verified motion; no plan; time limit reached; rejected by the verifier; not for this method; a defect."""
 _ALONE = threading.Lock()
 """Compiled functions and IPOPT are not thread-safe, and workers of a cluster may have several threads."""
 LONGEST_REASON = 400
@@ -70,7 +70,7 @@ QUANTITIES = (
     Quantity("duration_s", "duration", "s"),
     Quantity("peak_torque_Nm", "peak torque", "N m"),
     Quantity("planning_cpu_s", "planning CPU", "s"),
-    Quantity("cpu_s", "CPU in all", "s"),
+    Quantity("cpu_s", "total CPU", "s"),
 )
 """Figures compared on the problems that both methods solve."""
 
@@ -207,8 +207,8 @@ def _refuse_other_code(task: Task) -> None:
     here = code_of(task.method)
     if task.code and here != task.code:
         raise RuntimeError(
-            f"this worker has other code of {task.method} ({here}) than was asked for ({task.code}); "
-            "install the same version on every worker and start it anew"
+            f"this worker's code of {task.method} ({here}) differs from the requested one ({task.code}); "
+            "install the same version on every worker and restart it"
         )
 
 
@@ -224,7 +224,7 @@ def _run_outcome(error: BaseException) -> tuple[Outcome, str]:
         outcome: Outcome = "timed out" if isinstance(error, TimeLimitReached) else "no plan"
         return outcome, f"{type(error).__name__}: {error.diagnosis.reason}"
     if isinstance(error, VerificationError):
-        return "refused", "the verifier refuses the motion: " + "; ".join(error.failures)
+        return "refused", "the verifier rejects the motion: " + "; ".join(error.failures)
     if isinstance(error, ProblemError):
         return "unusable", str(error)
     where = ""
@@ -319,8 +319,8 @@ class Journal:
 
     def _full(self, reason: str) -> ProblemError:
         return ProblemError(
-            f"cannot write {self._path}: {reason}; all {len(self.runs)} runs before this one are in it, and the same "
-            "command goes on from there once there is room"
+            f"cannot write {self._path}: {reason}; the {len(self.runs)} runs before this one are in it; "
+            "free disk space and repeat the command to continue"
         )
 
 
@@ -382,5 +382,6 @@ def _parsed(path: Path, lines: list[bytes]) -> Iterator[Run]:
             yield Run(**json.loads(line))
         except (ValueError, TypeError) as error:
             raise ProblemError(
-                f"{path}, line {number} is no run of a comparison ({error}); delete the line or choose another --out"
+                f"{path}, line {number} is not a run of a comparison ({error}); delete the line, or choose "
+                "another --out"
             ) from error

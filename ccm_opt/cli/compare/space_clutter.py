@@ -200,7 +200,7 @@ def disturbed_job(seed: int, job: str, links: int, folder: Path, name: str) -> P
     problem, tree = _shipped(folder / f"{job}.toml")
     goal, whole = problem.goal, problem.arm
     if goal.direction is None:
-        raise ProblemError(f"the goal of {job} is no place and direction of the tip")
+        raise ProblemError(f"the goal of {job} is not a tip position with a direction")
     moved = JOBS[job]
     kept = whole.radius + problem.workspace.clearance + moved["room"]
     rng = np.random.default_rng(seed)
@@ -221,7 +221,7 @@ def disturbed_job(seed: int, job: str, links: int, folder: Path, name: str) -> P
             tip = TipGoal(place, direction, goal.via)
             limits = _limits(problem.limits, links)
             return replace(problem, name=name, arm=arm, start=start, goal=tip, limits=limits, source="")
-    raise ProblemError(f"no start and goal near those of {job} leave {moved['room']} m of room")
+    raise ProblemError(f"no start and goal near those of {job} keep a gap of {moved['room']} m")
 
 
 @cache

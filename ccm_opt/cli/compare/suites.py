@@ -259,8 +259,8 @@ def problem_maker(suite: str) -> Callable[[int, str], Problem]:
     if found is None or links < 2 or links % 2:
         names = ", ".join(SPACE_SUITES if suite.startswith(SPACE) else (SHARED, *SUITES, *SPACE_SUITES))
         raise ProblemError(
-            f"there is no suite '{suite}'; expected one of {names}, or clutter-N with a number of polygons, in space "
-            "bodies; in space each may end in -L-links, with an even number of links; or module:attribute"
+            f"there is no suite '{suite}'; expected one of {names}, or clutter-N with N polygons, in space "
+            "N solids; in space each may end in -L-links, with an even L; or module:attribute"
         )
     if found["job"]:
         return lambda seed, name: disturbed_job(seed, found["job"], links, shared_folder() / "space", name)
@@ -327,7 +327,7 @@ def distinct(cases: Sequence[Case]) -> tuple[Case, ...]:
         # A problem may be given twice, but two problems of one name could not be told apart in tables.
         same_name = kept.setdefault(case.name, case)
         if same_name.fingerprint != case.fingerprint:
-            raise ProblemError(f"two different problems are called '{case.name}'; give each its own name")
+            raise ProblemError(f"two different problems have the name '{case.name}'; rename one")
     return tuple(kept.values())
 
 

@@ -196,8 +196,8 @@ def claim_port(port: int) -> socket.socket:
         return socket.create_server((LOOPBACK, port))
     except OSError as error:
         raise ProblemError(
-            f"port {port} of this machine cannot be used ({os.strerror(error.errno or 0)}): perhaps another "
-            "`ccm-opt view` runs; give another with --port, or any that is free with --port 0"
+            f"port {port} of this machine cannot be used ({os.strerror(error.errno or 0)}); another "
+            "`ccm-opt view` may be running; choose another with --port, or any free one with --port 0"
         ) from error
 
 
@@ -276,7 +276,8 @@ class ViewerApp:
         if self.server.get_port() != port:  # viser did not use the given server, so the page is not guarded
             self.server.stop()
             raise ProblemError(
-                "the viewer cannot guard its page with this version of viser; install another: pip install -U viser"
+                "this version of viser does not let the viewer protect its page; install a newer one: pip "
+                "install -U viser"
             )
         self.scene = Scene(self.server, frames)
         self.scene.draw()
@@ -350,8 +351,8 @@ class ViewerApp:
 
     def _build_layers(self) -> None:
         gui = self.server.gui
-        with gui.add_folder("Show"):
-            colour = gui.add_dropdown("colour of links", ("nothing", "gap", "torque"), initial_value="nothing")
+        with gui.add_folder("Layers"):
+            colour = gui.add_dropdown("link colour", ("nothing", "gap", "torque"), initial_value="nothing")
             boxes = {
                 layer: gui.add_checkbox(layer, initial_value=layer in self.scene.shown) for layer in self.scene.layers
             }
@@ -377,7 +378,7 @@ class ViewerApp:
                 self._status.content = f"**Not planned.** {answer}"
                 return
             if not answer.current:
-                self._status.content = f"**No plan to here; the last one is shown.** {answer.reason}"
+                self._status.content = f"**No plan; the last one is shown.** {answer.reason}"
                 return
             plan = live.plan
             share = self.time / max(self.frames.duration, TINY)
@@ -395,5 +396,5 @@ def _summary(frames: MotionFrames, checks: tuple[Check, ...]) -> str:
     """Return a summary of the motion in a few words."""
     gap = next((check.worst for check in checks if check.name == "wall clearance"), None)
     units = PageUnits.of_page(frames.problem)
-    near = "" if gap is None or not np.isfinite(gap) else f", walls no nearer than {units.length(gap)}"
+    near = "" if gap is None or not np.isfinite(gap) else f", wall clearance at least {units.length(gap)}"
     return f"**{frames.problem.name}**: {frames.duration:.2f} s{near}"

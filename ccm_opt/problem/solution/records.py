@@ -168,7 +168,7 @@ class NearPlace:
     def pair(self) -> str:
         """Both bodies in words."""
         if not self.link:
-            return "nothing is near"
+            return "no obstacle within range"
         other = f"link {self.second_link}" if self.second_link else f"'{self.obstacle}'"
         return f"link {self.link} to {other}"
 

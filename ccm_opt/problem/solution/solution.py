@@ -49,7 +49,7 @@ def presenter() -> Presenter:
         RuntimeError: none is registered; importing ``solve`` or ``Solution`` from ``ccm_opt`` registers one.
     """
     if not _PRESENTERS:
-        raise RuntimeError("nothing that draws and saves plans is loaded; import ccm_opt.viz.saved_plans first")
+        raise RuntimeError("drawing and saving are not loaded; import ccm_opt.viz.saved_plans first")
     return _PRESENTERS[-1]
 
 
@@ -106,7 +106,7 @@ class Solution:
     def __repr__(self) -> str:
         gap = self.metrics.get("least_wall_clearance_m", np.inf)
         with words_in(self.problem.length_unit):
-            near = f", walls no nearer than {short_length(gap)}" if np.isfinite(gap) else ""
+            near = f", wall clearance at least {short_length(gap)}" if np.isfinite(gap) else ""
         motion = f"{self.problem.arm.links} links, {self.trajectory.duration:.2f} s{near}"
         return f"<{type(self).__name__} of '{self.problem.name}': {motion}, {len(self.checks)} checks hold>"
 

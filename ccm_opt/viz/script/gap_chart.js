@@ -22,7 +22,7 @@ function gapChart(host, timeline, data, unit, marks) {
   if (wanted) bands.push({ x: Array.from(time), low: Array.from(lack), high: Array.from(lack, () => wanted), look: "lack" });
   const required = clearance ? `required: clearance ${chosen(clearance)} to walls` : "contact";
   const levels = [{ value: 0, words: required, look: "required" }];
-  if (wanted) levels.push({ value: wanted, words: `wanted ${chosen(wanted)}`, look: "wanted" });
+  if (wanted) levels.push({ value: wanted, words: `preferred ${chosen(wanted)}`, look: "wanted" });
   const near = data.nearest;
   const dotted = [];
   if (near && near.gap / unit.metres < high) {
@@ -36,7 +36,7 @@ function gapChart(host, timeline, data, unit, marks) {
     height: 260,
     content: () => ({
       x, y: { low, high }, curves, bands, levels, marks, dotted,
-      words: moment => [inSeconds(moment), `to walls: ${shown(at(walls, moment))}`, `to itself: ${shown(at(itself, moment))}`],
+      words: moment => [inSeconds(moment), `to walls: ${shown(at(walls, moment))}`, `between links: ${shown(at(itself, moment))}`],
     }),
     note: moment => `to walls ${shown(at(walls, moment))}, to itself ${shown(at(itself, moment))}`,
   });

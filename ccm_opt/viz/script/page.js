@@ -2,19 +2,19 @@
 
 const LAYERS = [
   { name: "bodies", words: "obstacles", look: "wall", on: true },
-  { name: "room", words: "room", look: "room", on: false },
+  { name: "room", words: "workspace", look: "room", on: false },
   { name: "start", words: "start", look: "start", on: true },
   { name: "arm", words: "arm", look: "arm", on: true },
   { name: "end", words: "end", look: "end", on: true },
-  { name: "tip", words: "path of the tip", look: "tip", on: true },
+  { name: "tip", words: "tip path", look: "tip", on: true },
   { name: "goals", words: "goals", look: "goal", on: true },
-  { name: "findings", words: "what stands in the way", look: "least", on: true },
+  { name: "findings", words: "obstructions", look: "least", on: true },
   { name: "least", words: "least gap", look: "least", on: true },
-  { name: "way", words: "poses on the way", look: "way", on: false },
-  { name: "swept", words: "all that it sweeps", look: "swept", on: false },
+  { name: "way", words: "poses along the way", look: "way", on: false },
+  { name: "swept", words: "swept region", look: "swept", on: false },
   { name: "simulated", words: "simulated arm", look: "simulated", on: false },
-  { name: "route", words: "shortest way to the end", look: "route", on: false },
-  { name: "regions", words: "regions along it", look: "regions", on: false },
+  { name: "route", words: "shortest path", look: "route", on: false },
+  { name: "regions", words: "regions along the path", look: "regions", on: false },
   { name: "names", words: "names", look: "names", on: true },
 ];
 

@@ -48,7 +48,7 @@ class Phase {
       curves.push({ x: part(this.place), y: part(this.speed), colour: this.colour(kind), width: 2.4 });
     }
     const x = {
-      low: 0, high: this.place[this.place.length - 1], title: "way along the path, all bends together [°]",
+      low: 0, high: this.place[this.place.length - 1], title: "path length over all bends [°]",
       place: time => valueAt(this.time, this.place, time), time: place => valueAt(this.place, this.time, place),
     };
     const marks = this.marks.map(mark => ({ at: x.place(mark.at), words: mark.words }));
@@ -61,7 +61,7 @@ class Phase {
       content: () => ({ x, y: { low: 0, high: 1.45 * most }, curves, marks, words }),
       note: time => this.words(nearestSample(this.time, time)),
     });
-    host.append(this.legend("Speed, by the limit that is nearest; dashed: the speed at which a velocity would be at its limit."));
+    host.append(this.legend("Coloured by the limit that is closest; dashed: speed at which a velocity reaches its limit."));
     return chart;
   }
 
@@ -77,15 +77,15 @@ class Phase {
     }
     const planned = 100 * this.data.planned;
     const levels = [{ value: 100, words: "limit" }];
-    if (planned < 100) levels.push({ value: planned, words: `plans use ${given(planned, 1)} %`, look: "wanted" });
+    if (planned < 100) levels.push({ value: planned, words: `used by plans: ${given(planned, 1)} %`, look: "wanted" });
     const x = { low: 0, high: this.time[this.time.length - 1], title: "time [s]" };
     const most = Math.max(100, ...curves.map(curve => Math.max(...curve.y)));
     const chart = new Chart(host, timeline, {
-      title: "Share of each limit in use [%]",
+      title: "Use of each limit [%]",
       content: () => ({ x, y: { low: 0, high: 1.1 * most }, curves, levels, marks: this.marks, words: time => this.shareWords(time) }),
       note: time => this.words(nearestSample(this.time, time)),
     });
-    host.append(this.legend("The joint that uses most of its limit, kind by kind; strong where that limit is the nearest of all."));
+    host.append(this.legend("For each kind of limit, the joint that uses most of it; bold where that limit is the closest of all."));
     return chart;
   }
 
