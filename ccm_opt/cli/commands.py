@@ -196,7 +196,7 @@ def solve_command(
     method: Annotated[MethodChoice | None, typer.Option(help="Planner, in place of the file's planner.method.")] = None,
     time_limit: Annotated[
         float | None,
-        typer.Option(min=0.001, help="CPU time limit of planning [s].", show_default="the file's planner.time_limit"),
+        typer.Option(min=0.001, help="CPU time limit of planning, in s.", show_default="the file's planner.time_limit"),
     ] = None,
     seed: Annotated[
         int | None, typer.Option(min=0, help="Seed of the search.", show_default="the file's planner.seed")
@@ -283,7 +283,7 @@ def reach_command(
     changes: Changes = None,
     step: Annotated[
         float | None,
-        typer.Option(help="Cell width [m].", show_default="1/16 of the arm's length; in space 1/8"),
+        typer.Option(help="Cell width, in m.", show_default="1/16 of the arm's length; in space 1/8"),
     ] = None,
     headings: Annotated[
         int | None,
@@ -374,7 +374,7 @@ def compare_command(
     out: Annotated[Path, typer.Option(help="Output folder for journal, tables and page.")] = Path("runs/comparison"),
     time_limit: Annotated[
         float | None,
-        typer.Option(min=0.001, help="CPU time limit of each planner [s].", show_default="the problem's"),
+        typer.Option(min=0.001, help="CPU time limit of each planner, in s.", show_default="the problem's"),
     ] = None,
     write_problems: Annotated[
         bool, typer.Option("--write-problems", help="Write every problem as a file to problems/ in the output folder.")
@@ -423,25 +423,25 @@ def simulate_command(
     folders: Folders,
     *,
     controller: Annotated[ControllerChoice | None, typer.Option(help="Controller.")] = None,
-    step: Annotated[float | None, typer.Option(min=1e-6, help="Integration step [s].")] = None,
+    step: Annotated[float | None, typer.Option(min=1e-6, help="Integration step, in s.")] = None,
     bandwidth: Annotated[
-        float | None, typer.Option(min=1e-3, help="Bandwidth of the controller, at joints and feed axis [1/s].")
+        float | None, typer.Option(min=1e-3, help="Bandwidth of the controller, at joints and feed axis, in 1/s.")
     ] = None,
-    payload: Annotated[float | None, typer.Option(help="Tip mass unknown to the controller [kg].")] = None,
+    payload: Annotated[float | None, typer.Option(help="Tip mass unknown to the controller, in kg.")] = None,
     mass_error: Annotated[
         float | None, typer.Option(help="Fraction by which the links are heavier than the controller's model.")
     ] = None,
     friction: Annotated[
-        float | None, typer.Option(help="Viscous joint friction unknown to the controller [N m s/rad].")
+        float | None, typer.Option(help="Viscous joint friction unknown to the controller, in N m s/rad.")
     ] = None,
     angle_noise_deg: Annotated[
-        float | None, typer.Option(help="Standard deviation of the measured angles [deg].")
+        float | None, typer.Option(help="Standard deviation of the measured angles, in degrees.")
     ] = None,
     velocity_noise: Annotated[
-        float | None, typer.Option(help="Standard deviation of the measured velocities [rad/s].")
+        float | None, typer.Option(help="Standard deviation of the measured velocities, in rad/s.")
     ] = None,
     start_delay: Annotated[
-        float | None, typer.Option(help="Time for which the brakes hold the arm at the start [s].")
+        float | None, typer.Option(help="Time for which the brakes hold the arm at the start, in s.")
     ] = None,
     seed: Annotated[int | None, typer.Option(min=0, help="Seed of the noise.")] = None,
     no_pictures: Annotated[bool, typer.Option("--no-pictures", help="Draw no picture.")] = False,

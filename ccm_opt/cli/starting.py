@@ -1,5 +1,6 @@
 """The commands ``new`` and ``problems``: problem files to start from."""
 
+import difflib
 import re
 import shlex
 import tomllib
@@ -104,7 +105,9 @@ def _copy(name: str, known: dict[str, Path], out: Path, taken: dict[Path, str]) 
         ProblemError: there is no problem of that name, or one of the files exists already.
     """
     if name not in known:
-        raise ProblemError(f"there is no problem '{name}'; there are {', '.join(known)}")
+        close = difflib.get_close_matches(name, known, n=1)
+        hint = f"did you mean '{close[0]}'?" if close else f"expected one of {', '.join(known)}"
+        raise ProblemError(f"there is no problem '{name}'; {hint}")
     original = known[name]
     place = out / original.name
     copies = {place: original} | {out / beside: original.parent / beside for beside in _needed_files(original)}

@@ -24,12 +24,12 @@ def possible_gap(problem: Problem, room: RoomRecord) -> PossibleGap | None:
 
     Args:
         problem: the problem.
-        room: the gap record of a plan, with the gaps of the poses at which the plan rests and the wanted gap, above
-            which gaps are not measured.
+        room: the gap record of a plan, with the gaps of the poses at which the plan rests and the preferred clearance,
+            above which gaps are not measured.
 
     Returns:
-        The bound, capped at the wanted gap if there is one, and what determines it; None if everything fixed is farther
-        from all obstacles than the record measures.
+        The bound, capped at the preferred clearance if there is one, and what determines it; None if everything fixed
+        is farther from all obstacles than the record measures.
     """
     bounds = [PossibleGap(room.at_start.gap, "start")] if room.at_start.link else []
     bounds += [PossibleGap(gap, "goal") for gap in _goal_gaps(problem, room)]

@@ -22,14 +22,14 @@ class ParetoSettings:
     """Settings of the trade-off. Taste, all of them.
 
     Attributes:
-        shares: wanted gaps of the plans after the first, as shares of the range from the gap that the first plan
-            happens to keep to the largest wanted gap; the last must be 1. The largest is ``most`` times the default, or
-            the scene's upper bound where that is less.
-        most: the largest wanted gap, as a multiple of the default.
-        least_top: share of the default wanted gap below which an upper bound is ignored: where an end of the motion has
-            next to no clearance, the rest can still keep some.
-        enough_of_top: share of the largest wanted gap that its plan must keep; in a narrower scene, the gap that this
-            plan kept becomes the largest wanted gap, so that the five plans differ.
+        shares: preferred clearances of the plans after the first, as shares of the range from the gap that the first
+            plan happens to keep to the largest preferred clearance; the last must be 1. The largest is ``most`` times
+            the default, or the scene's upper bound where that is less.
+        most: the largest preferred clearance, as a multiple of the default.
+        least_top: share of the default preferred clearance below which an upper bound is ignored: where an end of the
+            motion has next to no clearance, the rest can still keep some.
+        enough_of_top: share of the largest preferred clearance that its plan must keep; in a narrower scene, the gap
+            that this plan kept becomes the largest preferred clearance, so that the five plans differ.
         narrowings: most times that this happens; a plan that wants the gap kept by another need not reach it.
         most_time: share by which the recommended plan may take longer than the fastest.
         same_gap: gaps that differ by less than this share of the arm's length count as equal.
@@ -73,14 +73,14 @@ def pareto(
         costs: costs of the user, likewise.
         explain: whether a failure of the first plan is explained.
         settings: settings of the stages that the problem does not set; the defaults when None.
-        trade_off: the wanted gaps, and how the recommended plan is chosen.
+        trade_off: the preferred clearances, and how the recommended plan is chosen.
 
     Returns:
         The plans; any but the first may hold a reason instead of a solution.
 
     Raises:
-        ProblemError: the problem is invalid, or its planner does not support wanted gaps.
-        NoPlanFound: there is no plan even without a wanted gap.
+        ProblemError: the problem is invalid, or its planner does not support preferred clearances.
+        NoPlanFound: there is no plan even without a preferred clearance.
         VerificationError: the verifier rejects the first plan.
         CancelledWithPlan: on Ctrl-C once the first plan is found, which the error holds.
     """
@@ -134,7 +134,7 @@ def pareto(
 def _roomiest(
     fastest: Solution, tried: Callable[[float, int], ParetoPlan], settings: Settings, trade_off: ParetoSettings
 ) -> ParetoPlan:
-    """Return the plan for the largest wanted gap of the scene.
+    """Return the plan for the largest preferred clearance of the scene.
 
     That is a multiple of the default, or an upper bound for any motion where that is less.
     """
@@ -159,7 +159,7 @@ def _roomiest(
 
 
 def _refuse_planners_without_gaps(problem: Problem) -> None:
-    """Refuse planners that do not support wanted gaps; the spatial planner does, with a feed axis too."""
+    """Refuse planners that do not support preferred clearances; the spatial planner does, with a feed axis too."""
     if problem.dimension == 3:
         return
     if problem.arm.base_axes or problem.planner.method != "nlp":
@@ -175,7 +175,7 @@ def _planning_time(solution: Solution) -> float:
 
 
 def _priced(plan: ParetoPlan, fastest: float) -> ParetoPlan:
-    """Return a plan whose record also names the time that its wanted gap costs."""
+    """Return a plan whose record also names the time that its preferred clearance costs."""
     solution = plan.solution
     if solution is None or solution.room is None or plan.wanted_gap == 0.0:
         return plan
@@ -185,11 +185,11 @@ def _priced(plan: ParetoPlan, fastest: float) -> ParetoPlan:
 
 @dataclass(frozen=True)
 class Judgement:
-    """Compares plans by duration and gap; gaps above the largest wanted gap have no further worth.
+    """Compares plans by duration and gap; gaps above the largest preferred clearance have no further worth.
 
     Attributes:
         plans: in order, from the fastest to that with most clearance.
-        most_gap: the largest wanted gap [m].
+        most_gap: the largest preferred clearance [m].
         length: length of the arm [m].
         trade_off: tolerances of equality, and how much slower the recommended plan may be.
     """
@@ -229,7 +229,7 @@ class Judgement:
         return self.trade_off.same_gap * self.length
 
     def worth(self, plan: ParetoPlan) -> float:
-        """Return the least gap of a plan, capped at the largest wanted gap [m]."""
+        """Return the least gap of a plan, capped at the largest preferred clearance [m]."""
         return min(plan.gap, self.most_gap)
 
     def _rank(self, plan: ParetoPlan) -> tuple[float, float]:

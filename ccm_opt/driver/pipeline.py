@@ -45,15 +45,15 @@ from ccm_opt.verification.tolerance.error_model import DEFAULT_TOLERANCE, Tolera
 from ccm_opt.verification.tolerance.survived_errors import survived_error
 
 _ROOM_SHARE = 0.9
-"""Share of the largest gap that any try keeps (counted up to the wanted gap) that a try must keep to be eligible.
-Taste, like the share of the wanted gap below which a record calls a motion short of clearance."""
+"""Share of the largest gap that any try keeps (counted up to the preferred clearance) that a try must keep to be
+eligible. Taste, like the share of the preferred clearance below which a record calls a motion short of clearance."""
 
 _GAP_ROUNDS = 4
-"""Most times that a motion is replanned with a larger wanted gap. Taste."""
+"""Most times that a motion is replanned with a larger preferred clearance. Taste."""
 _GAP_GROWTH = (1.2, 4.0)
-"""Least and greatest factor by which the wanted gap grows in one round. Taste."""
+"""Least and greatest factor by which the preferred clearance grows in one round. Taste."""
 _GAP_BEYOND = 1.1
-"""Factor on top of the wanted gap that scaling in proportion to the error gives. Taste."""
+"""Factor on top of the preferred clearance that scaling in proportion to the error gives. Taste."""
 
 STAGE = "tolerance"
 """Stage named in the diagnosis of a motion that does not survive the required joint errors."""
@@ -156,7 +156,7 @@ class _Tries:
     """Results of the tries so far.
 
     Attributes:
-        wanted_gap: wanted gap of the problem [m].
+        wanted_gap: preferred clearance of the problem [m].
         plans: plans found so far, by seed.
         failures: errors of the failed tries, by seed.
     """
@@ -168,7 +168,7 @@ class _Tries:
     def best(self) -> VerifiedPlan:
         """Return the shortest plan among those that keep nearly the largest gap, with the record of all tries.
 
-        Gaps count up to the wanted gap.
+        Gaps count up to the preferred clearance.
 
         Raises:
             NoPlanFound: no try found a plan; the error of the first try.
@@ -227,11 +227,11 @@ def _below(angle: float) -> str:
 def surviving_errors(
     problem: Problem, terms: UserTerms | None, planned: Plans, settings: ToleranceSettings = DEFAULT_TOLERANCE
 ) -> VerifiedPlan:
-    """Plan motions with growing wanted gaps until one survives the joint error that the problem requires.
+    """Plan motions with growing preferred clearances until one survives the joint error that the problem requires.
 
     Near contact, the joint error that an arm survives grows with its gap. Each round asks for the gap that the best
-    motion so far would need. The wanted gap is a soft goal, so narrow passages do not keep a motion from being found;
-    the certificate, computed from the poses, decides.
+    motion so far would need. The preferred clearance is a soft goal, so narrow passages do not keep a motion from being
+    found; the certificate, computed from the poses, decides.
 
     Args:
         problem: what to solve.
@@ -240,8 +240,8 @@ def surviving_errors(
         settings: time limits of the rounds, and precision of the certificate.
 
     Raises:
-        NoPlanFound: no motion was found with the problem's own wanted gap; or none of those found survives the error,
-            with the error that the best one survives and what limits it.
+        NoPlanFound: no motion was found with the problem's own preferred clearance; or none of those found survives the
+            error, with the error that the best one survives and what limits it.
         VerificationError: the verifier rejects the plan.
     """
     deadline = Deadline.after(problem.planner.time_limit)

@@ -30,11 +30,11 @@ class RoomSettings:
     Attributes:
         samples: most samples of the motion whose gaps are recorded, not counting its ends and stops; the least gap does
             not depend on them. Taste: more than a chart shows.
-        enough: share of the wanted gap below which a motion counts as short of clearance. Taste: planning keeps the
-            wanted gap by soft rows, which may fall a little short.
+        enough: share of the preferred clearance below which a motion counts as short of clearance. Taste: planning
+            keeps the preferred clearance by soft rows, which may fall a little short.
         reach: search distance for gaps, as a share of the arm's length; larger gaps are recorded as this distance.
-            Taste: several times the usual wanted gap.
-        reach_wanted: the search distance in multiples of the wanted gap; the larger of the two counts. Taste.
+            Taste: several times the usual preferred clearance.
+        reach_wanted: the search distance in multiples of the preferred clearance; the larger of the two counts. Taste.
     """
 
     samples: int = 240
@@ -67,7 +67,7 @@ class _GapsAtSamples:
 
     @property
     def lack(self) -> FloatArray:
-        """Shortfall from the wanted gap, shape (N,) [m]; negative where the gap is larger."""
+        """Shortfall from the preferred clearance, shape (N,) [m]; negative where the gap is larger."""
         return self.wanted - self.gap
 
     def where(self, choose: BoolArray, other: "_GapsAtSamples") -> "_GapsAtSamples":
@@ -94,7 +94,7 @@ def room_over_time(
     Args:
         problem: the problem as posed.
         trajectory: the motion, which passes the verifier.
-        wanted: the wanted gap [m]; 0 when none was wanted.
+        wanted: the preferred clearance [m]; 0 when none was wanted.
         checks: checks of the verifier, which hold the least gaps; computed here when None.
         settings: what counts as enough, and the search distance.
         verification: resolution of the least gap between samples.
@@ -145,7 +145,8 @@ class _Room:
         poses = motion.points[samples]
         to_walls = self._wall_gaps(poses)
         to_itself, itself_lacks = self._self_gaps(poses)
-        # The nearest pair need not fall shortest of its wanted gap: links close along the arm want smaller gaps.
+        # The nearest pair need not fall shortest of its preferred clearance: links close along the arm want smaller
+        # gaps.
         nearest = to_walls.where(to_walls.gap <= to_itself.gap, to_itself)
         lacking = to_walls.where(to_walls.lack >= itself_lacks.lack, itself_lacks)
         rests = np.searchsorted(samples, [0, *self.trajectory.stops, len(motion.time) - 1]).tolist()
@@ -171,7 +172,7 @@ class _Room:
         return _GapsAtSamples(near.gap - clearance, wanted, near.link, np.zeros_like(near.link), names)
 
     def _self_gaps(self, poses: FloatArray) -> tuple[_GapsAtSamples, _GapsAtSamples]:
-        """Return the nearest two links at every inspected sample, and those that fall shortest of the wanted gap."""
+        """Return the nearest two links at every inspected sample, and those with the largest shortfall."""
         arm = self.problem.arm
         may_meet = arm.self_collision and first_distant(arm) < arm.links
         pairs, distance = link_gaps(arm, poses if may_meet else poses[:0], self._reach)
@@ -213,7 +214,7 @@ class _Room:
         )
 
     def _short(self, gaps: _GapsAtSamples, rests: list[int]) -> Iterator[ShortStretch]:
-        """Yield the stretches that are short of the wanted gap, each with its cause."""
+        """Yield the stretches that are short of the preferred clearance, each with its cause."""
         few = gaps.lack > (1.0 - self.settings.enough) * self.wanted
         edges = np.flatnonzero(np.diff(np.concatenate(([False], few, [False])).astype(np.int8)))
         for first, end in edges.reshape(-1, 2):
@@ -230,7 +231,8 @@ class _Room:
     def _cause(self, gaps: _GapsAtSamples, rests: list[int], stretch: tuple[int, int], lack: float) -> ShortCause:
         """Return the rest pose that causes a shortfall, or "passage".
 
-        A rest pose within the stretch is the cause if it falls as short of the wanted gap as any other pose there.
+        A rest pose within the stretch is the cause if it falls as short of the preferred clearance as any other pose
+        there.
         """
         for number, sample in enumerate(rests):
             inside = stretch[0] <= sample <= stretch[1]

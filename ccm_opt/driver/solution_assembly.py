@@ -101,7 +101,7 @@ def clearance_record(
     if room.wanted == 0.0:
         return room
     if not room.short:
-        # The motion keeps the wanted gap, so the wanted gap is possible.
+        # The motion keeps the preferred clearance, so the preferred clearance is possible.
         return replace(room, possible=PossibleGap(room.wanted, "wanted gap"))
     if problem.dimension == 3:
         # Flooding the workspace for the widest way takes as long as planning.
@@ -114,7 +114,7 @@ def clearance_record(
 
 
 def _passage_bounds(problem: Problem, trajectory: JointTrajectory, room: RoomRecord) -> Iterator[PossibleGap]:
-    """Yield an upper bound of the gap from the walls at each passage where the motion falls short of the wanted gap."""
+    """Yield an upper bound of the wall gap at each passage with less than the preferred clearance."""
     for part in room.short:
         if part.cause != "passage":
             continue

@@ -337,7 +337,7 @@ class Problem:
     def wanted_gap(self) -> float:
         """Clearance beyond radius and required clearance that planning aims for where the scene allows it [m].
 
-        0 for the paper's planner (hill climbing), which has no notion of a wanted gap.
+        0 for the paper's planner (hill climbing), which has no notion of a preferred clearance.
         """
         if self.planner.method != "nlp":
             return 0.0

@@ -44,7 +44,7 @@ _PLACES_PER_SEGMENT = 24
 _REGION = re.compile(r"link (\d+): side \d+ of its region, at its (start|end)")
 _BEND = re.compile(r"joint (\d+): bend (left|right)")
 _NEAR = 3.0
-"""Multiples of the wanted gap within which a body next to a link is named. Taste."""
+"""Multiples of the preferred clearance within which a body next to a link is named. Taste."""
 _TORQUE = re.compile(r"joint (\d+): torque (?:up|down)")
 
 

@@ -21,7 +21,7 @@ from ccm_opt.viz.checks_section import joint_in_words
 from ccm_opt.viz.document import Markup, PageUnits, coded, element, step_for
 
 _WANTED_GAPS_SHOWN = 4.0
-"""Range of the chart of gaps, in multiples of the wanted gap."""
+"""Range of the chart of gaps, in multiples of the preferred clearance."""
 
 _BOUNDS = {
     "start": "the start pose allows no more",
@@ -42,7 +42,7 @@ def room_sentences(room: RoomRecord, units: PageUnits, most: int = 3) -> Iterato
     Args:
         room: the record.
         units: units of lengths.
-        most: most stretches short of the wanted gap that are named, those that fall shortest.
+        most: most stretches short of the preferred clearance that are named, those that fall shortest.
     """
     yield _least_gap(room, units)
     worst = sorted(room.short, key=lambda part: part.nearest.gap - part.nearest.wanted)[:most]

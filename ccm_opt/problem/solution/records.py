@@ -107,7 +107,7 @@ class GoalPoseRecord:
         reason: why it does not, in words; empty when it does.
         configuration: bends of every joint, and the feed where there is one, shape (c,) [rad, m].
         curve: the curve that the links follow.
-        gap: least clearance of any link beyond radius and required clearance, capped at the wanted gap [m].
+        gap: least clearance of any link beyond radius and required clearance, capped at the preferred clearance [m].
         wanted_gap: clearance beyond radius and required clearance above which the objective rewards no more [m].
         costs: weighted terms of the objective by name; they sum to the objective.
         multipliers: multipliers of the constraints that shape the pose, by name: how much the objective would fall for
@@ -137,7 +137,8 @@ class GoalPoseRecord:
         return float(sum(self.costs.values()))
 
 
-# Why a stretch of a motion has less than the wanted gap: a pose at which the arm rests is that tight, or the way is.
+# Why a stretch of a motion has less than the preferred clearance: a pose at which the arm rests is that tight, or the
+# way is.
 ShortCause = Literal["start", "stop", "goal", "passage"]
 # What bounds the least gap that any motion can have.
 GapBound = Literal["wanted gap", "start", "goal", "passage"]
@@ -150,7 +151,8 @@ class NearPlace:
     Attributes:
         gap: distance between the surfaces, for a wall less the required clearance [m]; the search distance where
             nothing is within it.
-        wanted: gap wanted of this pair [m]; links that are close along the arm cannot have the full wanted gap.
+        wanted: gap wanted of this pair [m]; links that are close along the arm cannot have the full preferred
+            clearance.
         time: time of this gap [s].
         link: number of the link, from 1; 0 where nothing is within the search distance.
         obstacle: name of the wall; empty where the other body is a link.
@@ -175,7 +177,7 @@ class NearPlace:
 
 @dataclass(frozen=True)
 class ShortStretch:
-    """A stretch of the motion with less than the wanted gap.
+    """A stretch of the motion with less than the preferred clearance.
 
     Attributes:
         begin: time of its first sample [s].
@@ -212,16 +214,17 @@ class RoomRecord:
 
     Attributes:
         time: times of the samples, the motion's ends and stops among them, shape (N,) [s].
-        wanted: wanted gap [m]; 0 when none was asked for.
+        wanted: preferred clearance [m]; 0 when none was asked for.
         clearance: required distance between the surfaces of arm and walls, from which gaps to walls are counted [m].
         wall_gaps: least gap to a wall at the samples, shape (N,) [m].
         self_gaps: least gap between two links at the samples, shape (N,) [m].
         reach: search distance, at which the gaps in the arrays are capped [m].
         nearest: the least gap of the whole motion, between samples too.
         ends: the least gap at the start, at every stop and at the goal, in order.
-        short: stretches with less than the wanted gap, in order.
+        short: stretches with less than the preferred clearance, in order.
         possible: upper bound on the attainable gap; None where it is not known.
-        price: time that the wanted gap costs against the same plan without one [s]; None where that is not known.
+        price: time that the preferred clearance costs against the same plan without one [s]; None where that is not
+            known.
     """
 
     time: FloatArray

@@ -221,8 +221,8 @@ class PoseOutcome:
     Attributes:
         start: the initial guess, in words.
         cost: cost of the pose found; None when none was found.
-        gap: its least clearance beyond radius and required clearance, capped at the wanted gap [m]; None when none was
-            found.
+        gap: its least clearance beyond radius and required clearance, capped at the preferred clearance [m]; None when
+            none was found.
         reason: why no pose was found; empty when one was.
     """
 
@@ -361,10 +361,10 @@ def _runs(headings: FloatArray, taken: BoolArray) -> list[tuple[float, float]]:
 
 @dataclass(frozen=True, eq=False)
 class ParetoPlan:
-    """The plan for one wanted gap.
+    """The plan for one preferred clearance.
 
     Attributes:
-        wanted_gap: the wanted gap [m].
+        wanted_gap: the preferred clearance [m].
         solution: verified plan, with the record of its clearance and its price; None when there is none.
         reason: why there is no plan; empty when there is one.
         cpu: CPU time of planning, timing and verification [s].
@@ -413,7 +413,7 @@ class ParetoPlans:
 
     Attributes:
         problem: the problem solved.
-        plans: plans in the order of their wanted gaps, the first without one.
+        plans: plans in the order of their preferred clearances, the first without one.
         recommended: number, from 1, of the recommended plan.
         most_time: share by which the recommended plan may be slower than the fastest.
     """
