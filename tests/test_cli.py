@@ -175,7 +175,7 @@ def test_a_solved_problem_is_written_and_reported(
     assert (tmp_path / "runs" / "small" / "plan.png").read_bytes().startswith(b"\x89PNG")
     for piece in (
         "small: solved",
-        "Tip at the goal",
+        "Tip error at the goal",
         "Gap to walls",
         "checks passed",
         "link 3, post",
@@ -320,7 +320,7 @@ def test_check_verifies_from_files_alone(problem_path: Path, tmp_path: Path, mon
     code, output = run("check", tmp_path / "small")
     assert code == 3
     assert "small: refused" in output
-    assert "Tip at the goal" in output
+    assert "Tip error at the goal" in output
     assert "fails" in output
 
 

@@ -303,7 +303,7 @@ def test_problems_are_written_as_files_that_say_the_same(tmp_path: Path) -> None
     # Written again, all is well; changed by hand, it stays as it is.
     write_problems(cases, tmp_path / "problems")
     files[0].write_text("# mine\n")
-    with pytest.raises(ProblemError, match="says something else"):
+    with pytest.raises(ProblemError, match="exists with other contents"):
         write_problems(cases, tmp_path / "problems")
     assert files[0].read_text() == "# mine\n"
 
@@ -395,7 +395,7 @@ def test_the_command_tells_and_writes_everything(tmp_path: Path, capsys: pytest.
     options = wanted(tmp_path, methods=(STRAIGHT, "nlp"), page=True)
     assert compare_methods(**options) == 0
     out = capsys.readouterr().out
-    assert "methods on 4 problems" in out
+    assert "medians of the methods, 4 problems" in out
     assert f"{STRAIGHT} against nlp" in out
     assert f"tip, {STRAIGHT}: no plan. MotionNotFound: this planner goes to joint poses only" in out
     files = {path.name: path.read_bytes() for path in (tmp_path / "out").iterdir()}

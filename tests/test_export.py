@@ -241,7 +241,7 @@ def test_a_changed_problem_is_checked_as_changed(
     problem = replace(small_solution.problem, goal=TipGoal(tip))
     folder = write_solution(replace(small_solution, problem=problem), tmp_path)
     check_folders([folder])
-    rows = [line for line in capsys.readouterr().out.splitlines() if "Tip at the goal" in line]
+    rows = [line for line in capsys.readouterr().out.splitlines() if "Tip error at the goal" in line]
     assert len(rows) == 1
     assert "fails" not in rows[0]
 

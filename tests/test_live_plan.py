@@ -108,11 +108,11 @@ def test_what_cannot_be_moved_is_refused(swan: ccm_opt.Problem) -> None:
     live = LivePlan(swan)
     with pytest.raises(ProblemError, match="there are left wall, floor, ceiling, hanging wall"):
         live.move_obstacle("roof", (0.0, 0.1))
-    with pytest.raises(ProblemError, match=r"expected a place \(x, y\)"):
+    with pytest.raises(ProblemError, match=r"expected a position \(x, y\)"):
         live.move_goal((0.1, 0.2, 0.3))
     straight = JointPose(np.zeros(swan.arm.links))
     whole = LivePlan(replace(swan, goal=straight, workspace=replace(swan.workspace, obstacles=())))
-    with pytest.raises(ProblemError, match="only one for the tip"):
+    with pytest.raises(ProblemError, match="give a goal for the tip"):
         whole.move_goal((0.1, 0.2))
 
 

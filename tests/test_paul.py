@@ -216,7 +216,7 @@ def test_a_polygon_through_an_obstacle_has_no_timing() -> None:
     """No turn however small mends a leg that crosses an obstacle: that is said, with what fails and what would help."""
     through = np.array([1.6, 0.0, 0.0, 0.0])
     problem, path = peg_problem(through), made_path(np.array([np.zeros(4), through]))
-    with pytest.raises(RetimingError, match=r"(?s)narrowest turns .*wall clearance.*try: .*toppra"):
+    with pytest.raises(RetimingError, match=r"(?s)shortest transitions .*wall clearance.*try: .*toppra"):
         timed_and_verified(problem, (Leg(problem, path),), Stages())
 
 

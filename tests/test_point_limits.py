@@ -285,7 +285,7 @@ def test_a_whole_problem_keeps_the_limits_of_its_tip(tmp_path: Path, small_text:
     [
         ("tip_velocity = -1.0", "limits.tip_velocity"),
         ("points = [{ at = 0.5, velocity = 1.0 }]", "beyond the tip"),
-        ("points = [{ at = 0.2 }]", "nothing is limited"),
+        ("points = [{ at = 0.2 }]", "limits nothing"),
         ("points = [{ at = 0.2, velocity = 1.0 }, { at = 0.2, acceleration = 1.0 }]", "limited already"),
         ("points = [{ velocity = 1.0 }]", "limits.points[0].at"),
     ],

@@ -174,7 +174,7 @@ def test_tries_stand_in_the_record(tmp_path: Path) -> None:
 
 def test_tries_of_a_planner_without_lots_are_refused() -> None:
     """The paper's planner draws nothing; the message names the key and its line. Tries below 1 are refused too."""
-    with pytest.raises(ProblemFileError, match=r"line \d+: planner\.tries: \"hill-climbing\" draws nothing"):
+    with pytest.raises(ProblemFileError, match=r"line \d+: planner\.tries: \"hill-climbing\" samples nothing"):
         parse_problem(SMALL_PROBLEM + SEVERAL + 'method = "hill-climbing"\n')
     with pytest.raises(ProblemFileError, match=r"planner\.tries"):
         parse_problem(SMALL_PROBLEM + "[planner]\ntries = 0\n")

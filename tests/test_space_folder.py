@@ -111,7 +111,7 @@ def test_the_figure_in_space_is_drawn(folder: Path) -> None:
     """It is the plan's own picture under the name that was asked for; figures of the plane are refused by name."""
     (name,) = drawn_files(folder, [FigureName.SPACE], "svg")
     assert name == "space.svg"
-    with pytest.raises(ProblemError, match="curves: drawn in the plane alone"):
+    with pytest.raises(ProblemError, match="curves: available in the plane only"):
         drawn_files(folder, [FigureName.CURVES])
 
 
@@ -334,7 +334,7 @@ def test_what_only_the_plane_knows_is_refused_by_name() -> None:
     from ccm_opt.driver.pipeline import solve
 
     problem = solved().problem
-    with pytest.raises(ProblemError, match=r"planner\.method: .hill-climbing. .* the plane alone"):
+    with pytest.raises(ProblemError, match=r"planner\.method: .hill-climbing. .* the plane only"):
         solve(replace(problem, planner=replace(problem.planner, method="hill-climbing")))
     with pytest.raises(UnreachableGoal):
         solve(replace(problem, goal=TipGoal(np.array([1.5, 0.9, 0.9]))), explain=False)

@@ -81,4 +81,4 @@ def test_places_to_pass_are_named_in_the_legend() -> None:
         problem = replace(plan.problem, goal=TipGoal(points[-1, -1], via=via))
         axes = Figure().add_subplot()
         draw_goals(axes, DrawnPlan.from_solution(replace(plan, problem=problem)), SIDES[0])
-        assert axes.get_legend_handles_labels()[1].count("to pass") == named
+        assert axes.get_legend_handles_labels()[1].count("via point") == named

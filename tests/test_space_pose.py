@@ -142,14 +142,14 @@ def test_questions_without_an_answer_are_refused() -> None:
     """A goal for the whole arm leaves nothing to find; one out of reach, or inside of a body, is told as such."""
     problem = clutter(3, links=12, bodies=40).problem
     whole = JointPose(np.zeros((12, 2)))
-    with pytest.raises(ProblemError, match="for the whole arm"):
+    with pytest.raises(ProblemError, match="of the whole arm"):
         ccm_opt.find_pose(replace(problem, goal=whole))
     with pytest.raises(UnreachableGoal, match="out of reach"):
         ccm_opt.find_pose(replace(problem, goal=TipGoal(np.array([3.0, 0.0, 0.0]))))
 
 
 @pytest.mark.parametrize(
-    ("share", "said"), [(0.999, "cannot turn to the goal"), (0.5, "no pose was found at the goal")], ids=["far", "near"]
+    ("share", "said"), [(0.999, "cannot turn to the goal"), (0.5, "no goal pose was found")], ids=["far", "near"]
 )
 def test_a_direction_that_no_pose_takes_is_not_found(share: float, said: str) -> None:
     """A stretched arm cannot look back, which is proved; where it has some length to spare, no pose is found."""

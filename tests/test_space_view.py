@@ -85,7 +85,7 @@ def test_a_plan_follows_its_goal_or_says_why_not() -> None:
     before = live.plan.trajectory.duration
     assert live.plan_anew(5.0).current
     assert live.plan.trajectory.duration <= before
-    with pytest.raises(ProblemError, match="a place"):
+    with pytest.raises(ProblemError, match="a position"):
         live.move_goal((0.1, 0.2))
 
 

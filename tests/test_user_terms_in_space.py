@@ -184,7 +184,7 @@ def test_what_contradicts_the_start_or_stands_in_the_way_is_named() -> None:
     with pytest.raises(ProblemError, match=r"'right' contradicts the start: it is missed by 0\.1"):
         ccm_opt.solve(post(), constraints=[Constraint("right", lambda q: q.tip[1], upper=-0.1)])
     with pytest.raises(
-        UnreachableGoal, match=r"'far' cannot hold at the goal: off by 0\.1 with the tip there"
+        UnreachableGoal, match=r"'far' cannot hold at the goal: violated by 0\.1 with the tip at the goal"
     ) as caught:
         ccm_opt.solve(post(), constraints=[Constraint("far", lambda q: q.tip[0], lower=0.6)])
     assert caught.value.diagnosis.findings[0].kind == "constraint"
