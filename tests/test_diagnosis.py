@@ -90,9 +90,9 @@ def test_without_diagnosis_the_reason_stands_alone(tmp_path: Path) -> None:
     [
         (
             [0.9, 0.1],
-            "goal.position: out of reach, the arm is 0.505 m too short\n    the goal is 0.906 m from",
+            "goal.position: out of reach: the arm is 0.505 m too short\n    the goal is 0.906 m from",
         ),
-        ([0.0, 0.3], "goal.position: the goal is in contact: the tip is 100.0 mm deep inside 'post' at"),
+        ([0.0, 0.3], "goal.position: the goal is in contact: the tip is 100.0 mm inside 'post' at"),
         ([0.0, 0.19], "goal.position: the goal is in contact: the tip overlaps 'post' by 10.0 mm"),
         ([0.39, 0.0, 180.0], "cannot turn enough"),
     ],
@@ -375,12 +375,12 @@ def test_changes_are_told_of_before_they_are_tried_and_once_they_help() -> None:
 def test_figures_of_reasons_explain_those_of_changes() -> None:
     """What helps far beyond its bound says what the reason asks for; what lacks is distance less tolerance."""
     problem = screened(0.05, gap=0.07)
-    assert RADIUS.relaxation(problem, 0.0254, 0.0327).words.endswith("; what stands in the way asks for ≤ 0.0327 m")
-    assert RADIUS.relaxation(problem, 0.0254, 0.026).words == "arm.radius ≤ 0.0254 m"
+    assert RADIUS.relaxation(problem, 0.0254, 0.0327).words.endswith("; the reason alone requires at most 0.0327 m")
+    assert RADIUS.relaxation(problem, 0.0254, 0.026).words == "arm.radius = 0.0254 m"
     far = replace(problem, goal=TipGoal(np.array([2.0, 0.0])), tolerances=Tolerances(0.002))
     (finding,) = failed(far, (within_reach,))
     short = 2.0 - 0.002 - problem.arm.length
-    assert f"out of reach, the arm is {short:.3f} m too short; the goal is 2.000 m from the base" in finding.reason
+    assert f"out of reach: the arm is {short:.3f} m too short; the goal is 2.000 m from the base" in finding.reason
     assert "less 0.002 m of tolerance" in finding.reason
 
 
@@ -395,18 +395,33 @@ def test_a_search_that_failed_is_explained_by_what_is_tight_and_what_helps() -> 
     first = told.diagnosis.findings[0]
     assert (first.kind, first.proved, set(first.obstacles)) == ("too thick", False, {"upper", "lower"})
     assert told.diagnosis.relaxations[0].key == "arm.radius"
-    assert "perhaps: the widest way leads through a gap" in str(told)
+    assert "perhaps: the arm has little clearance: no way" in str(told)
+
+
+def test_what_was_tried_and_did_not_help_is_no_advice() -> None:
+    """A change without a plan is reported with its time and not advised; what a bound says of passages stays."""
+
+    def hopeless(_: Problem, __: str = "") -> object:
+        raise MotionNotFound(Diagnosis("no", "motion"))
+
+    problem = screened(0.03, gap=0.066)
+    advice = ("reduce arm.radius (not tried)", "raise planner.routes (not tried)")
+    told = explained(problem, MotionNotFound(Diagnosis("no motion", "motion", advice)), Trials(hopeless, later(900.0)))
+    assert "not solved with arm.radius = " in str(told)
+    assert "(within 2.5 s)" in told.diagnosis.failed_changes[0]
+    assert told.diagnosis.advice == ("raise planner.routes (not tried)",)
+    assert "too thick" in [finding.kind for finding in told.diagnosis.findings]
 
 
 def test_a_joint_that_timing_finds_too_weak_is_the_reason() -> None:
     """The torque on the path is told with its limit; torque and mass are relaxed from that bound."""
     problem = make_limited(open_scene(1).problem())
     evidence = {"revolute": 1, "torque": 4.5, "limit": 3.0, "path_position": 0.5}
-    error = RetimingError(Diagnosis("too weak", "retiming", (), evidence))
+    error = RetimingError(Diagnosis("joint 1 needs 4.5 N m", "retiming", (), evidence))
     told = explained(problem, error, Trials(lambda _: None, later(900.0))).diagnosis
-    assert "joint 1 (ball01_bend) needs 4.5 N m" in told.reason
+    assert [finding.reason for finding in told.findings] == [told.reason] == ["joint 1 needs 4.5 N m"]
     words = {relaxed.key: relaxed for relaxed in told.relaxations}
-    assert words["limits.torque"].words == "limits.torque ≥ 4.703 N m"
+    assert words["limits.torque"].words == "limits.torque = 4.703 N m"
     assert words["limits.torque"].value == pytest.approx(4.703)
     assert words["arm.link_mass"].bound == pytest.approx(problem.arm.masses[0] / 1.5)
 

@@ -77,7 +77,7 @@ def test_a_start_outside_is_told_with_the_bounds_that_would_do() -> None:
     findings = failed(problem)
     assert "outside the 'workspace boundary' at (" in findings[0].reason
     assert findings[0].place is not None
-    with pytest.raises(UnreachableGoal, match="leaves the room") as caught:
+    with pytest.raises(UnreachableGoal, match="leaves the workspace") as caught:
         resolve_ends(problem)
     assert not any("radius" in line for line in caught.value.diagnosis.advice)
     asked: list[Problem] = []
@@ -133,7 +133,7 @@ def test_units_that_look_wrong_are_hinted_at() -> None:
     stiff = replace(sound, arm=replace(sound.arm, joint_limit=float(np.deg2rad(1.0472))))
     assert any("1.047 rad would be 60°" in hint for hint in unit_hints(stiff))
     huge = replace(sound, workspace=Workspace(shapely.box(-1300.0, -1300.0, 1300.0, 1300.0)))
-    assert any("the room is" in hint for hint in unit_hints(huge))
+    assert any("workspace.bounds is" in hint for hint in unit_hints(huge))
     told = explained(far, UnreachableGoal(Diagnosis("no way", "free space")), Trials(lambda _: None, later(0.0)))
     assert any(line.startswith("check the units") for line in told.diagnosis.advice)
 
@@ -141,11 +141,13 @@ def test_units_that_look_wrong_are_hinted_at() -> None:
 def test_advice_about_room_is_what_the_problem_has_to_give() -> None:
     """An axis without radius and clearance cannot do with less; crossing axes gain nothing by a thinner arm."""
     assert room_advice(0.0, 0.0) == ()
-    assert room_advice(0.0, 0.01) == ("use a smaller workspace.clearance",)
-    assert room_advice(0.015, 0.0) == ("use a smaller arm.radius",)
+    assert room_advice(0.0, 0.01) == ("reduce workspace.clearance (not tried)",)
+    assert room_advice(0.015, 0.0) == ("reduce arm.radius (not tried)",)
+    assert room_advice(0.015, 0.01, 0.012) == ("reduce arm.radius by 12.0 mm",)
+    assert room_advice(0.015, 0.01, 0.02) == ()
     crossing = Obstacle("sheet", PlaneShape(shapely.LineString([(0.5, -0.1), (0.5, 0.1)])))
     problem = Scene(make_arm(), Workspace(ROOM, (crossing,)), np.zeros(24), np.full(24, 1.0)).problem()
-    with pytest.raises(UnreachableGoal, match="touches something") as caught:
+    with pytest.raises(UnreachableGoal, match="the start is in contact") as caught:
         resolve_ends(problem)
     assert caught.value.diagnosis.advice == ("change the start",)
 

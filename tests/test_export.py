@@ -126,6 +126,7 @@ def test_a_failure_leaves_its_record_beside_an_earlier_plan(
         "evidence": {"gap": 0.01},
         "findings": [],
         "relaxations": [],
+        "failed_changes": [],
     }
     with pytest.raises(VerificationError, match="timed-out'; no way round"):
         load_problem_data(target)

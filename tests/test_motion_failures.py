@@ -42,8 +42,8 @@ def test_what_held_the_best_attempt_is_told_and_drawn(left: float) -> None:
     best = replace(failure("near", 0.1, "'door'"), pose=bends, bends=bends)
     cut = StrategyInVain("trees", 0, exhausted=left > 0.0)
     diagnosis = nothing_found(task, [best], (cut,)).diagnosis
-    assert "joints 3, 5 bent to the limit of" in diagnosis.reason
-    assert any(line.startswith("raise arm.joint_limit_deg: ") for line in diagnosis.advice)
+    assert "joints 3 and 5 at the limit of" in diagnosis.reason
+    assert any(line.startswith("raise arm.joint_limit_deg (not tried): ") for line in diagnosis.advice)
     assert any("'door'" in line and "link 3" in line for line in diagnosis.advice)
     marks = drawn_findings(problem, diagnosis, PageUnits.of_page(problem))
     (arm,) = [mark["points"] for mark in marks if mark["kind"] == "arm"]
@@ -75,7 +75,7 @@ def test_time_limit_is_said() -> None:
     error = nothing_found(task, FAILURES, (EXHAUSTED[0], StrategyInVain("trees", 0, exhausted=False)))
     assert isinstance(error, TimeLimitReached)
     assert error.diagnosis.evidence["in_the_way"] == {"'post'": 2, "'door'": 1}
-    assert "exhausted: candidates (3 attempts); cut short: trees (nothing tried)" in error.diagnosis.reason
+    assert "exhausted: candidates (3 attempts); not begun: trees" in error.diagnosis.reason
 
 
 def test_a_search_in_vain_lists_its_strategies() -> None:

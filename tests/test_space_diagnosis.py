@@ -264,11 +264,11 @@ def test_contacts_in_space_are_told_with_link_depth_and_place() -> None:
     assert finding.bounds["arm.radius"] == pytest.approx(0.015)
     cover = box("cover", [-0.1, 0.3, 0.1], [0.1, 0.5, 0.3])
     (finding,) = failed(problem_of(arm, problem.goal, cover))
-    assert "the tip is 100.0 mm deep inside 'cover'" in finding.reason
+    assert "the tip is 100.0 mm inside 'cover'" in finding.reason
     touched = problem_of(arm, problem.goal, box("cover", [-0.1, 0.4 + arm.radius, 0.1], [0.1, 0.5, 0.3]))
     kept = replace(touched, workspace=replace(touched.workspace, clearance=0.005))
     (finding,) = failed(kept)
-    assert "the tip comes within a hair of 'cover'" in finding.reason
+    assert "the tip has a clearance of 0.0 mm to 'cover'" in finding.reason
     small = replace(problem, workspace=Workspace(bounds=np.array([[-0.2, -0.5, -0.5], [0.5, 0.5, 0.5]])))
     findings = failed(small)
     assert "link 6 is 100.0 mm outside the 'room'" in findings[0].reason

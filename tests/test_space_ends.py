@@ -31,7 +31,7 @@ def placed(folder: Path, corner: tuple[float, float, float], size: float, goal: 
             0.1,
             "[-0.8, 0.2, 0.0]",
             (
-                r"contact: link 3 and 'part' at .* too near; joint 4 is 50.0 mm deep inside of 'part', "
+                r"contact: link 3 is .* too near to 'part' at .*; joint 4 is 50.0 mm inside 'part', "
                 r"at \(-0.700, 0.000, 0.000\) m"
             ),
         ),
@@ -40,10 +40,10 @@ def placed(folder: Path, corner: tuple[float, float, float], size: float, goal: 
             (-0.9, 0.1, -0.1),
             0.2,
             "[-0.8, 0.17, 0.0]",
-            r"the goal is 70.0 mm deep inside of 'part', at \(-0.800, 0.170, 0.000\) m",
+            r"the goal is 70.0 mm inside 'part', at \(-0.800, 0.170, 0.000\) m",
         ),
         ((-0.9, 0.1, -0.1), 0.2, "[-0.8, 0.095, 0]", r"5.0 mm too near to 'part' at \(-0.800, 0.100, 0.000\) m"),
-        ((-0.9, 0.1, -0.1), 0.2, "[-2.1, 0.0, 0]", r"the goal is 100.0 mm outside of the room"),
+        ((-0.9, 0.1, -0.1), 0.2, "[-2.1, 0.0, 0]", r"the goal is 100.0 mm outside workspace.bounds"),
     ],
 )
 def test_ends_without_room(
@@ -116,12 +116,16 @@ def test_an_arm_is_lifted_off_what_it_nearly_lies_on(tmp_path: Path, gap: float)
 @pytest.mark.parametrize("gap", [2e-7, 0.0])
 def test_an_end_without_room_to_leave_it_is_refused(tmp_path: Path, gap: float) -> None:
     """A start, or a goal of the whole arm, that leaves nothing to prove is told with link and obstacle."""
-    with pytest.raises(ProblemError, match=r"the start has no room: link 5 and 'table' at .* too near"):
+    with pytest.raises(
+        ProblemError, match=r"the start has too little clearance .*: link 5 is .* too near to 'table' at"
+    ):
         MotionPlanner().plan(on_a_table(tmp_path, gap))
     laid = "joints_deg = [" + ", ".join(["[0, 0]"] * 16) + "]"
     lifted = on_a_table(tmp_path, gap, laid)
     bent = np.zeros((16, 2))
     bent[0, 1] = -0.3
     lifted = replace(lifted, start=JointPose(bent))
-    with pytest.raises(UnreachableGoal, match=r"the goal pose has no room: link 5 and 'table' at .* too near"):
+    with pytest.raises(
+        UnreachableGoal, match=r"the goal pose has too little clearance .*: link 5 is .* too near to 'table' at"
+    ):
         MotionPlanner().plan(lifted)

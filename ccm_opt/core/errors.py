@@ -141,6 +141,7 @@ class Diagnosis:
         evidence: figures behind the reason; JSON-serialisable values.
         findings: obstructions found, most important first.
         relaxations: single changes under which the problem was solved, the smallest first.
+        failed_changes: single changes, in words, that were tried and with which no plan was found in their time either.
     """
 
     reason: str
@@ -149,6 +150,7 @@ class Diagnosis:
     evidence: Mapping[str, object] = field(default_factory=dict)
     findings: tuple[Finding, ...] = ()
     relaxations: tuple[Relaxation, ...] = ()
+    failed_changes: tuple[str, ...] = ()
 
     @property
     def proved(self) -> bool:
@@ -160,8 +162,12 @@ class Diagnosis:
         others = [finding for finding in self.findings if finding.reason != self.reason]
         also = [f"  {'also' if finding.proved else 'perhaps'}: {finding.reason}" for finding in others]
         solved = [f"  solved with {relaxation.words}" for relaxation in self.relaxations]
+        failed = [f"  not solved with {words}" for words in self.failed_changes]
         return "\n".join(
-            (first, *(f"    {line}" for line in details), *also, *solved, *(f"  try: {line}" for line in self.advice))
+            (
+                *(first, *(f"    {line}" for line in details), *also, *solved, *failed),
+                *(f"  try: {line}" for line in self.advice),
+            )
         )
 
 

@@ -134,6 +134,10 @@ class AxisWays(Ways):
         """Length of the short way [m]; 0 if none was found."""
         return 0.0 if self.shortest is None else way_length(self.shortest)
 
+    def all_longer_than(self, length: float) -> bool:
+        """Return whether it is proved that every way that is wide enough is longer than a length [m]."""
+        return self.room > 0.0 and self.search.answer(self.room, length, _DETOUR_CELLS) == "closed"
+
     def bound(self, known: float) -> float:
         """Return an upper bound on the distance from surfaces that any way keeps, at most `room` [m].
 

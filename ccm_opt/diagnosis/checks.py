@@ -211,12 +211,12 @@ def _finding(problem: Problem, cells: FirstLinkCells, start: WholePose, goal: Wh
     who = listed(opening or nearest[:2])
     turn = f"from {degrees(start.q[0])} to {degrees(goal.q[0])}"
     reason = (
-        f"{goal.key}: the first {cells.links} links cannot turn about the base to the goal: {who} beside the base "
-        f"{'stops' if len(opening or nearest[:2]) == 1 else 'stop'} them, whose joint 1 would have to turn {turn}"
+        f"{goal.key}: the first {cells.links} links cannot turn about the base to the goal: {who} next to the base "
+        f"{'stops' if len(opening or nearest[:2]) == 1 else 'stop'} them; joint 1 would have to turn {turn}"
     )
     other = _other_turn(cells, start, goal)
     if other is not None:
-        reason += f"; with joint 1 at {degrees(other)}, a whole turn on, they lie the same way and are not stopped"
+        reason += f"; with joint 1 at {degrees(other)}, a whole turn away, they lie the same way and are not stopped"
     bounds = {}
     radius = _opening_radius(cells, start, goal)
     if radius > 0.0:

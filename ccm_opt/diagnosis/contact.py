@@ -108,12 +108,13 @@ def _touch(problem: Problem, name: str, key: str, what: str, found: ObstacleGap,
     if found.outside and gap < 0.0:
         how = f"{what} is {short_length(-gap)} outside the '{found.name}' at {where}"
     elif gap < -radius:
-        how = f"{what} is {short_length(-gap)} deep inside '{found.name}' at {where}"
+        how = f"{what} is {short_length(-gap)} inside '{found.name}' at {where}"
     elif radius - gap > 0.0:
         how = f"{what} overlaps '{found.name}' by {short_length(radius - gap)} at {where}"
     else:
-        near = gap_words(gap - radius)
-        how = f"{what} comes within {near} of '{found.name}' at {where}, the clearance is {short_length(clearance)}"
+        # Rounding is not given as a length.
+        near = short_length(gap - radius if gap - radius > ROUNDING else 0.0)
+        how = f"{what} has a clearance of {near} to '{found.name}' at {where}, {short_length(clearance)} is required"
     bounds = {}
     if (thinnest := gap + play - clearance) > 0.0:
         bounds["arm.radius"] = thinnest
@@ -129,11 +130,6 @@ def _touch(problem: Problem, name: str, key: str, what: str, found: ObstacleGap,
         obstacles=(found.name,),
         bounds=bounds,
     )
-
-
-def gap_words(gap: float) -> str:
-    """Return a gap [m] in words; a gap of the size of rounding is not given as a length."""
-    return short_length(gap) if gap > ROUNDING else "a hair"
 
 
 def _self_touched(arm: Arm, pose: WholePose) -> Iterator[Finding]:
@@ -176,9 +172,12 @@ def strong_enough(problem: Problem) -> Iterator[Finding]:
         load = np.abs(model(angles, np.zeros_like(angles), np.zeros_like(angles)))
         number = int(np.argmax(load / torque))
         if load[number] > torque[number]:
-            where = f"{pose.key}: at {pose.name} {joint_words(arm, number)}"
+            reason = (
+                f"{pose.key}: joint {number // 3 + 1} ({joint_names(arm)[number]}) needs {load[number]:.4g} N m to "
+                f"hold the arm still at {pose.name}, but its torque limit is {torque[number]:.4g} N m"
+            )
             proved = bool(np.any(load - _lighter(problem, pose) > torque))
-            yield replace(overloaded(problem, where, number, float(load[number])), proved=proved)
+            yield replace(overloaded(problem, reason, number, float(load[number])), proved=proved)
 
 
 def _lighter(problem: Problem, pose: WholePose) -> FloatArray:
@@ -197,12 +196,12 @@ def _lighter(problem: Problem, pose: WholePose) -> FloatArray:
     return np.repeat(nearer, 3)
 
 
-def overloaded(problem: Problem, where: str, number: int, load: float) -> Finding:
+def overloaded(problem: Problem, reason: str, number: int, load: float) -> Finding:
     """Return the finding that a joint cannot hold the arm in one pose; by itself, this proves nothing.
 
     Args:
         problem: the problem.
-        where: beginning of the reason, up to the joint.
+        reason: joint, pose, load and limit, in words.
         number: index of the revolute.
         load: torque that the revolute needs [N m].
     """
@@ -211,7 +210,7 @@ def overloaded(problem: Problem, where: str, number: int, load: float) -> Findin
     share = load / limit
     return Finding(
         "torque",
-        f"{where} needs {load:.4g} N m to hold the arm still, its torque limit is {limit:.4g} N m",
+        reason,
         proved=False,
         key="limits.torque",
         measured=load,
@@ -219,8 +218,3 @@ def overloaded(problem: Problem, where: str, number: int, load: float) -> Findin
         unit="N m",
         bounds={"limits.torque": share, "arm.link_mass": 1.0 / share},
     )
-
-
-def joint_words(arm: Arm, number: int) -> str:
-    """Return a revolute in words: its ball joint, counted from 1, and its name."""
-    return f"joint {number // 3 + 1} ({joint_names(arm)[number]})"

@@ -9,7 +9,7 @@ from ccm_opt.core.deadline import Deadline
 from ccm_opt.core.errors import ConfigurationNotFound, Diagnosis, Finding, NoPlanFound, Relaxation
 from ccm_opt.core.progress import Stages
 from ccm_opt.diagnosis.checks import AT_ONCE, BUT_WAYS, NECESSARY, failed, find_scaled, hopeless, no_way
-from ccm_opt.diagnosis.contact import joint_words, overloaded
+from ccm_opt.diagnosis.contact import overloaded
 from ccm_opt.diagnosis.keyed_poses import tip_goal
 from ccm_opt.diagnosis.parameters import Parameter, WholeChange
 from ccm_opt.diagnosis.ranking import closed_off, listed, point, ranked, refuse
@@ -33,6 +33,10 @@ Derived: arms are about ten to a thousand times as long as either.
 """
 _SMALL_ROOM = 0.01
 """Size of the room, as a share of the arm's length, below which the room looks wrong. Taste."""
+_GUESSED = ("too stiff",)
+"""Kinds of findings that, where they are not proved, rest on one way that was found, and on no bound of all ways."""
+_MOST_FAILED = 4
+"""Largest number of reported changes that did not help. Taste."""
 _HARDLY_BENDS = 1.5707963267948966
 """Sum of all joint limits below which a limit of a few degrees looks like radians [rad]. Taste: a right angle."""
 
@@ -63,7 +67,7 @@ def _curve_fails(problem: Problem, error: ConfigurationNotFound) -> Finding:
     rows = error.diagnosis.evidence.get("rows")
     places = [tuple(row["place"]) for row in rows] if isinstance(rows, list) else []
     walls = tuple(dict.fromkeys(nearest_walls(problem.workspace, np.array(place), 1)[0] for place in places))
-    near = f" (near {listed(walls)})" if walls else ""
+    near = f" (next to {listed(walls)})" if walls else ""
     return Finding(
         "curve",
         f"{error.diagnosis.reason}{near}",
@@ -94,20 +98,20 @@ def _hints(problem: Problem) -> Iterator[str]:
     for name, length, (least, most) in lengths:
         times = length / arm.length
         if least <= times <= most:
-            yield f"{name} is {times:.3g} times the arm's length, as if one were in mm, the other in m"
+            yield f"{name} is {times:.3g} times the arm's length, as if one were in mm and the other in m"
     bounds = problem.workspace.box
     if bounds is not None:
         # Suspicious rooms are far larger than the arm, too small to hold it, or far from its base.
         share = float(np.ptp(bounds, axis=0).max()) / arm.length
         beyond = np.maximum(np.maximum(bounds[0] - arm.base, arm.base - bounds[1]), 0.0)
         if max(share, float(np.linalg.norm(beyond)) / arm.length) > _THOUSAND[0] or share < _SMALL_ROOM:
-            yield f"the room is {share:.3g} times as large as the arm is long"
+            yield f"workspace.bounds is {share:.3g} times as large as the arm is long"
     # A joint limit in degrees whose number would be plausible in radians, and with which the arm can hardly bend.
     degrees = float(np.rad2deg(arm.joint_limit))
     if degrees <= np.pi and (arm.links - 1) * arm.joint_limit < _HARDLY_BENDS:
         yield (
-            f"arm.joint_limit_deg = {degrees:.4g} lets all joints together bend by "
-            f"{degrees * (arm.links - 1):.3g}°; {degrees:.4g} rad would be {np.rad2deg(degrees):.4g}°"
+            f"with arm.joint_limit_deg = {degrees:.4g} all joints together bend by "
+            f"{degrees * (arm.links - 1):.3g}° at most; {degrees:.4g} rad would be {np.rad2deg(degrees):.4g}°"
         )
 
 
@@ -150,17 +154,25 @@ def explained(problem: Problem, error: NoPlanFound, trials: Trials, stages: Stag
             stages.tell(known=_diagnosis(old, ranked(known, solved), solved, hints))
         # Minimum requirements are of interest only if no change is known to help.
         advice = () if solved else _advice(problem, known, trials.until) or old.advice
-    return type(error)(_diagnosis(old, ranked(known, solved), solved, (*hints, *advice)))
+    # What was tried and did not help is not advised, and no cause where it rests on no bound.
+    untried = tuple(line for line in (*hints, *advice) if not any(key in line for key in trials.failed))
+    left = tuple(
+        each
+        for each in known
+        if each.proved or each.kind not in _GUESSED or not trials.failed.keys() & each.bounds.keys()
+    )
+    final = _diagnosis(old, ranked(left, solved), solved, untried)
+    return type(error)(replace(final, failed_changes=tuple(trials.failed.values())[:_MOST_FAILED]))
 
 
 def _overloads(problem: Problem, error: NoPlanFound) -> tuple[Finding, ...]:
     """Return a finding on the joint that timing found too weak to hold the arm on the path, if planning ended so."""
     evidence = error.diagnosis.evidence
-    number, torque, place = (evidence.get(name) for name in ("revolute", "torque", "path_position"))
+    number, torque = (evidence.get(name) for name in ("revolute", "torque"))
     if problem.limits.torque is None or not isinstance(number, int) or not isinstance(torque, float):
         return ()
-    where = f"at {place:.1%} of the path " if isinstance(place, float) else "on the path "
-    return (overloaded(problem, f"{where}{joint_words(problem.arm, number)}", number, torque),)
+    # The words of timing are kept, so that the same reason is not given twice.
+    return (overloaded(problem, error.diagnosis.reason, number, torque),)
 
 
 def _diagnosis(
@@ -186,8 +198,8 @@ def _advice(problem: Problem, findings: tuple[Finding, ...], until: Deadline) ->
             words += [] if hopeless(candidate.changed(problem), enough) else [candidate.words]
         elif (bound := candidate.bound or hardest_bound(candidate, proved)) is not None:
             value = _least_with_hope(problem, candidate, bound, enough)
-            words += [] if value is None else [f"{candidate.relaxation(problem, value, bound).words} at least"]
-    return tuple(f"{each}, though no solve has shown that it is enough" for each in words)
+            words += [] if value is None else [candidate.requirement(problem, value)]
+    return tuple(f"{each} (not tried with success: necessary, perhaps not enough)" for each in words)
 
 
 def _least_with_hope(

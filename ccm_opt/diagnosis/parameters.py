@@ -71,6 +71,10 @@ class Parameter:
         count = np.ceil(count - 1e-6) if self.easier > 0 else np.floor(count + 1e-6)
         return float(count / 10.0**digits / self.scale(problem))
 
+    def requirement(self, problem: Problem, value: float) -> str:
+        """Return in words that the value must be at least, or at most, a given one."""
+        return self.words(problem, value).replace("?", "≥" if self.easier > 0 else "≤", 1)
+
     def relaxation(self, problem: Problem, value: float, bound: float | None) -> Relaxation:
         """Return the relaxation to report for a problem that was solved with a value.
 
@@ -80,13 +84,12 @@ class Parameter:
             bound: the value that must at least be reached, if known.
         """
         given = self.read(problem)
-        sign = "≥" if self.easier > 0 else "≤"
         change = abs(value - given) / max(abs(given if self.whole is None else self.whole), 1e-300)
-        words = self.words(problem, value).replace("?", sign, 1)
+        words = self.words(problem, value).replace("?", "=", 1)
         if bound is not None and self.bound is None and abs(value - bound) > _FAR * abs(bound):
             # Without the bound, the numbers of the reason and of the relaxation would seem unrelated.
             needed = self.words(problem, bound).rpartition("? ")[2].partition(" (")[0]
-            words += f"; what stands in the way asks for {sign} {needed}"
+            words += f"; the reason alone requires at {'least' if self.easier > 0 else 'most'} {needed}"
         unit = self.unit(problem)
         return Relaxation(words, self.key, unit * value, None if bound is None else unit * bound, change)
 
@@ -139,13 +142,13 @@ def _uniform(values: FloatArray | None) -> float:
 
 def _mass_words(problem: Problem, share: float) -> str:
     if np.ptp(problem.arm.masses):
-        return f"arm.masses ? {share:.4g} times what they are"
+        return f"arm.masses ? {share:.4g} times the given masses"
     return f"arm.link_mass ? {share * problem.arm.masses[0]:.4g} kg"
 
 
 def _torque_words(problem: Problem, share: float) -> str:
     torque = problem.limits.torque
-    unit = "times what it is" if torque is None or np.ptp(torque) else "N m"
+    unit = "times the given torques" if torque is None or np.ptp(torque) else "N m"
     return f"limits.torque ? {share * _uniform(torque):.4g} {unit}"
 
 
@@ -181,7 +184,7 @@ FEED_RANGE = Parameter(
     +1,
     lambda p: p.arm.base_range[1],
     _with_feed_range,
-    lambda _, v: f"the upper end of arm.feed.range ? {file_length(v)}",
+    lambda _, v: f"upper end of arm.feed.range ? {file_length(v)}",
     _per_file_unit,
     fits=lambda p: p.arm.feed is not None,
 )
@@ -190,7 +193,7 @@ LENGTH = Parameter(
     +1,
     lambda p: p.arm.link_length,
     lambda p, v: replace(p, arm=_as_cylinders(p.arm, replace(p.arm, link_length=v))),
-    lambda p, v: f"length ? {file_length(p.arm.links * v)} (arm.link_length = {file_length(v, 6)})",
+    lambda p, v: f"an arm length ? {file_length(p.arm.links * v)} (arm.link_length = {file_length(v, 6)})",
     lambda p: p.arm.links * _per_file_unit(p),
     _no_curves,
     paths_stay=False,

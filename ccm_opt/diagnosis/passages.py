@@ -287,6 +287,12 @@ class PassageWays(Ways):
             return 0.0
         return self.space.shortest_proved(found, _MOST_CORNERS) or 0.0
 
+    def all_longer_than(self, length: float) -> bool:
+        """Return whether it is proved that every way that is wide enough is longer than a length [m]."""
+        found = self.space.shortest
+        proved = self.space.shortest_proved(found, _MOST_CORNERS) if length < found < np.inf else None
+        return proved is not None and proved > length
+
     def bound(self, known: float) -> float:
         """Return an upper bound on the distance from walls that any way keeps, at most `room` [m].
 

@@ -76,8 +76,10 @@ def refuse(findings: tuple[Finding, ...]) -> None:
 
 def closed_off(problem: Problem) -> UnreachableGoal:
     """Return the error that no way to the goal is wide and short enough, without naming what closes them."""
-    length = "it reaches" if problem.arm.base_axes else f"its {long_length(problem.arm.length)}"
-    reason = f"no way to the goal is wide enough for the arm, of {diameter_words(problem)}, and no longer than {length}"
+    length = "the arm reaches" if problem.arm.base_axes else f"its length of {long_length(problem.arm.length)}"
+    reason = (
+        f"no way to the goal is wide enough for the arm, with {diameter_words(problem)}, and no longer than {length}"
+    )
     return UnreachableGoal(Diagnosis(reason, "necessary checks"))
 
 
@@ -88,7 +90,7 @@ def diameter_words(problem: Problem) -> str:
     if not clearance:
         return words
     room = 2.0 * (problem.arm.radius + clearance)
-    return f"{words}, with clearance {short_length(clearance)} on either side {short_length(room)}"
+    return f"{words}, or {short_length(room)} with the clearance of {short_length(clearance)} on either side"
 
 
 def degrees(angle: float) -> str:

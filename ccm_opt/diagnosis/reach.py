@@ -37,7 +37,7 @@ def within_reach(problem: Problem) -> Iterator[Finding]:
         tolerated = f" less {long_length(place.tolerances.position)} of tolerance" if shown else ""
         yield Finding(
             "too short",
-            f"{place.key}: out of reach, the arm is {long_length(least - arm.length)} too short; the goal is "
+            f"{place.key}: out of reach: the arm is {long_length(least - arm.length)} too short; the goal is "
             f"{long_length(distance)} from the base{tolerated}; the arm is only {long_length(arm.length)} long",
             key=place.key,
             place=point(goal),
@@ -86,7 +86,7 @@ def within_joint_limits(problem: Problem) -> Iterator[Finding]:
         key = "arm.joint_limit_deg" if joint else "arm.base_limit_deg"
         yield Finding(
             "joint limit",
-            f"{pose.key}: {pose.name} bends joint {joint + 1} by {np.rad2deg(bends[worst]):.2f}°, its limit is "
+            f"{pose.key}: {pose.name} bends joint {joint + 1} by {np.rad2deg(bends[worst]):.2f}°, but its limit is "
             f"{np.rad2deg(limits[worst]):.2f}°",
             key=pose.key,
             proved=bool(np.max(bends - limits) > pose.bend_play + ROUNDING),
@@ -152,7 +152,7 @@ def _turned_far_enough(arm: Arm, place: TipPlace) -> Iterator[Finding]:
     yield from _insufficient_turn(arm, place, "from the base's direction towards the goal", turn, base)
     if tip is not None:
         turn = angle_between(towards, tip) - aside - place.tolerances.heading
-        yield from _insufficient_turn(arm, place, "from the way to the goal to its direction", turn, 0.0)
+        yield from _insufficient_turn(arm, place, "from the way to the goal to the direction at the goal", turn, 0.0)
 
 
 def angle_between(one: FloatArray, other: FloatArray) -> float:
@@ -180,7 +180,8 @@ def _insufficient_turn(arm: Arm, place: TipPlace, what: str, turn: float, base: 
         bounds["arm.base_limit_deg"] = least_limit(arm, min(base + turn - most, np.pi))
     yield Finding(
         "too stiff",
-        f"{place.key}: the arm cannot turn enough: {degrees(turn)} {what}, all joints together turn by {degrees(most)}",
+        f"{place.key}: the arm cannot turn enough: {degrees(turn)} {what}, but all joints together turn by "
+        f"{degrees(most)} at most",
         key=place.key,
         place=point(place.goal.position),
         measured=turn,
@@ -203,8 +204,8 @@ def _curled_enough(arm: Arm, place: TipPlace) -> Iterator[Finding]:
     turn = brentq(lambda bend: least_chord(arm.links, arm.link_length, bend) - distance, most, 2.0 * np.pi / arm.links)
     yield Finding(
         "too stiff",
-        f"{place.key}: the arm cannot curl up enough; the goal is {long_length(distance)} from the base; with every "
-        f"joint at its limit of {degrees(arm.joint_limit)} the tip comes no nearer than {long_length(nearest)}",
+        f"{place.key}: the arm cannot curl up enough: the goal is {long_length(distance)} from the base, but with "
+        f"every joint at its limit of {degrees(arm.joint_limit)} the tip comes no nearer than {long_length(nearest)}",
         key=place.key,
         place=point(place.goal.position),
         measured=distance,
@@ -313,8 +314,8 @@ def _both_at_once(arm: Arm, place: TipPlace) -> Iterator[Finding]:
     sharpest = degrees(most_turn(arm, arm.joint_limit))
     yield Finding(
         "too stiff",
-        f"{place.key}: the arm cannot turn to the goal {reached}within its length; it falls short by "
-        f"{long_length(missing)}; a joint turns by {sharpest} at most",
+        f"{place.key}: the arm cannot turn to the goal {reached}within its length: it is {long_length(missing)} too "
+        f"short, since a joint turns by {sharpest} at most",
         key=place.key,
         place=point(place.goal.position),
         measured=missing,

@@ -67,6 +67,7 @@ class Trials:
         ended: returns the configuration in which a plan ends, shape (c,).
         settings: time limits.
         plans: plans of the successful trials, in order.
+        failed: what was changed in failed trials, by the change's key or words: the last such change, in words.
     """
 
     solve: Solve
@@ -78,19 +79,23 @@ class Trials:
     tell: Callable[[str, float, float], None] = lambda *_: None
     settings: TrialSettings = field(default_factory=TrialSettings)
     plans: list[object] = field(default_factory=list)
+    failed: dict[str, str] = field(default_factory=dict)
 
     @property
     def spent(self) -> float:
         """CPU time used since the trials began [s]."""
         return time.process_time() - self.begun
 
-    def succeeds(self, problem: Problem, words: str, dropped: str = "", *, hurried: bool = False) -> bool:
+    def succeeds(
+        self, problem: Problem, words: str, dropped: str = "", *, key: str = "", hurried: bool = False
+    ) -> bool:
         """Return whether a changed problem is solved within its share of the time.
 
         Args:
             problem: the changed problem.
             words: description of the change.
             dropped: name of a user-defined constraint or cost to leave out; empty for none.
+            key: key of the changed parameter, of which only the last failed change is kept; empty for whole changes.
             hurried: whether another helpful change is already known.
         """
         settings = self.settings
@@ -104,6 +109,7 @@ class Trials:
         try:
             plan = self.solve(limited, dropped) if dropped else self.solve(limited)
         except (NoPlanFound, VerificationError, ProblemError):
+            self.failed[key or words] = f"{words.partition(';')[0]} (within {limit:.2g} s)"
             return False
         self.plans.append(plan)
         return True
@@ -248,8 +254,9 @@ def least_change(
             return None
         changed = parameter.write(problem, value)
         words = parameter.relaxation(problem, value, bound).words
-        if (solved and trials.holds(changed)) or trials.succeeds(changed, words, hurried=hurried):
+        if (solved and trials.holds(changed)) or trials.succeeds(changed, words, key=parameter.key, hurried=hurried):
             nearest = _closed_in(parameter, problem, failed, value, trials, hurried=hurried)
+            trials.failed.pop(parameter.key, None)
             return parameter.relaxation(problem, nearest, bound)
         failed.append(value)
     return None
@@ -282,7 +289,8 @@ def _closed_in(
         late = trials.spent > settings.patience
         if hurried and late:
             return worked
-        if (parameter.paths_stay and trials.holds(changed)) or trials.succeeds(changed, words, hurried=hurried or late):
+        solved = parameter.paths_stay and trials.holds(changed)
+        if solved or trials.succeeds(changed, words, key=parameter.key, hurried=hurried or late):
             worked = middle
         else:
             worst = middle

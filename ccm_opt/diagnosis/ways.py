@@ -117,6 +117,10 @@ class Ways(ABC):
         """Length of the shortest way that is wide enough, to the edge of the goal's tolerance [m]; 0 if unknown."""
 
     @abstractmethod
+    def all_longer_than(self, length: float) -> bool:
+        """Return whether it is proved that every way that is wide enough is longer than a length [m]."""
+
+    @abstractmethod
     def widest(self, most: float) -> WidestWay:
         """Return the widest way, searched for up to a distance of `most` from obstacles [m]."""
 
@@ -215,7 +219,9 @@ def _too_long(ways: Ways) -> Finding:
     round_what = f" round {listed(walls)}" if walls else ""
     lacking = f"{long_length(ways.least - arm.length)} too short; the shortest way"
     if not ways.shortest_is_proved:
-        lacking = "too short: no way that is wide enough is as short as it; the shortest that was found"
+        lacking = (
+            f"too short: every way that is wide enough is longer than its {long_length(arm.length)}; the shortest found"
+        )
     only = "the arm is only" if arm.length == ways.problem.arm.length else "beyond the hole the arm reaches only"
     return Finding(
         "too short",
@@ -251,23 +257,27 @@ def _too_thick(ways: Ways) -> Finding:
         who = opened[:3] or widest.walls
         if opened:
             widest = replace(widest, place=ways.blocking_place(opened[0], widest.place))
-        thin = f"{short_length(2.0 * widest.most)} in diameter" if widest.most > 0.0 else "any width"
+        thin = (
+            f"even for an arm of {short_length(2.0 * widest.most)} in diameter"
+            if widest.most > 0.0
+            else "however thin the arm"
+        )
         verb = "close" if not opened and len(who) > 1 else "closes"
         reason = (
-            f"no way leads to the goal, not for an arm of {thin}; {'any of ' * (len(opened) > 1)}{listed(who)} "
-            f"{verb} it off at {at(widest.place)}"
+            f"no way leads to the goal, {thin}; {'any of ' * (len(opened) > 1)}{listed(who)} {verb} it off at "
+            f"{at(widest.place)}"
         )
         gap = 0.0
     else:
         gap = 2.0 * max(widest.most, widest.unbounded_excess)
         known = short_length(gap) if widest.exact else f"{short_length(gap)} at most"
         reason = (
-            f"the arm is too thick: every way to the goal is closed to it; the widest leads through a gap of {known} "
+            f"the arm is too thick for every way to the goal; the widest leads through a gap of {known} "
             f"{between(widest.walls)} at {at(widest.place)}; the arm has {diameter_words(ways.problem)}"
         )
         if 0.0 < 2.0 * widest.most < _SPANNED * gap:
             within = short_length(2.0 * widest.most)
-            reason += f"; of the ways that are no longer than the arm the widest leads through {within}"
+            reason += f"; of the ways that are no longer than the arm, the widest leads through a gap of {within}"
         if widest.most > clearance:
             bounds["arm.radius"] = widest.most - clearance
         if widest.most > arm.radius and clearance > 0.0:
@@ -295,10 +305,8 @@ def tight_ways(problem: Problem, until: Deadline) -> tuple[Finding, ...]:
     found: list[Finding] = []
     for ways in tip_ways(problem, until):
         found += _narrow(ways)
-        way = ways.shortest
-        if way is not None:
-            found += _short(ways, way)
-            found += _stiff(ways, way)
+        found += _short(ways)
+        found += _stiff(ways)
     return tuple(sorted(found, key=lambda finding: (finding.measured or 0.0) / max(finding.allowed or 0.0, 1e-300)))
 
 
@@ -307,14 +315,15 @@ def _narrow(ways: Ways) -> Iterator[Finding]:
     if ways.room <= 0.0:
         return
     widest = ways.widest(_NARROW * ways.room)
-    if not 0.0 < widest.most < _NARROW * ways.room:
+    most = max(widest.most, widest.unbounded_excess)
+    if not 0.0 < most < _NARROW * ways.room:
         return
-    gap = 2.0 * widest.most
+    gap = 2.0 * most
     need = 2.0 * ways.room
     yield Finding(
         "too thick",
-        f"the widest way leads through a gap of {short_length(gap)} at most, {between(widest.walls)} at "
-        f"{at(widest.place)}, hardly wider than the arm's diameter with its clearance, {short_length(need)}",
+        f"the arm has little clearance: no way to the goal within its length is wider than {short_length(gap)}, "
+        f"narrowest {between(widest.walls)} at {at(widest.place)}, and the arm takes {short_length(need)}",
         proved=False,
         place=point(widest.place),
         measured=gap,
@@ -325,14 +334,17 @@ def _narrow(ways: Ways) -> Iterator[Finding]:
     )
 
 
-def _short(ways: Ways, way: FloatArray) -> Iterator[Finding]:
-    """Yield a finding if the arm is hardly longer than the shortest way found."""
-    length = way_length(way)
-    if ways.arm.length <= _SHORT * length:
+def _short(ways: Ways) -> Iterator[Finding]:
+    """Yield a finding if the arm is proved to be hardly longer than every way that is wide enough.
+
+    The length of a way that was found is no evidence, since a shorter one may exist.
+    """
+    length = ways.arm.length / _SHORT
+    if ways.all_longer_than(length):
         yield Finding(
             "too short",
-            f"the shortest way that was found is {long_length(length)} long, the arm of "
-            f"{long_length(ways.arm.length)} has little to spare",
+            f"the arm has little length to spare: every way to the goal that is wide enough is longer than "
+            f"{long_length(length)}, and the arm is {long_length(ways.arm.length)} long",
             proved=False,
             measured=ways.arm.length,
             allowed=length,
@@ -340,13 +352,17 @@ def _short(ways: Ways, way: FloatArray) -> Iterator[Finding]:
         )
 
 
-def _stiff(ways: Ways, way: FloatArray) -> Iterator[Finding]:
-    """Yield a finding for each turn of the shortest way that is hardly wider than the arm's tightest bend.
+def _stiff(ways: Ways) -> Iterator[Finding]:
+    """Yield a finding for each turn of the short way that is hardly wider than the arm's tightest bend.
 
     A turn by α around an inner corner with clearance h on the outside admits an arc of radius
     h cos(α/2) / (1 − cos(α/2)). Links of length l that turn by β form an arc of radius l / (2 tan(β/2)).
     """
     arm = ways.problem.arm
+    way = ways.shortest
+    # In space the way may lead round another side than the arm could take, and a longer one than it can follow.
+    if way is None or (way_length(way) > ways.arm.length and not ways.shortest_is_proved):
+        return
     # Angles near half a turn are capped, since tangent and cosine degenerate there.
     tightest = 0.5 * arm.link_length / np.tan(0.5 * min(most_turn(arm, arm.joint_limit), 0.99 * np.pi))
     corners = simplified(way, ways.room)
@@ -365,8 +381,8 @@ def _stiff(ways: Ways, way: FloatArray) -> Iterator[Finding]:
             compared = "less than" if radius < tightest else "hardly more than"
             yield Finding(
                 "too stiff",
-                f"the shortest way turns by {degrees(turn)} round {listed(walls)} at {at(corner)}, where there is room "
-                f"for a radius of {short_length(radius)}, {compared} the {short_length(float(tightest))} of the arm "
+                f"a short way to the goal turns by {degrees(turn)} round {listed(walls)} at {at(corner)}, where an arc "
+                f"of radius {short_length(radius)} fits, {compared} the {short_length(float(tightest))} of the arm "
                 f"with every joint at its limit of {degrees(arm.joint_limit)}",
                 proved=False,
                 place=point(corner),

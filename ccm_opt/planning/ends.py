@@ -8,16 +8,15 @@ import shapely
 
 from ccm_opt.core.arrays import ROUNDING, FloatArray, IntArray, in_space
 from ccm_opt.core.errors import Diagnosis, ProblemError, UnreachableGoal
-from ccm_opt.core.length_words import place, short_length
+from ccm_opt.core.length_words import long_length, place, short_length
 from ccm_opt.core.polyline import unit_vector
 from ccm_opt.planning.goal import GoalPose
 from ccm_opt.problem import JointPose, Problem, TipGoal
 from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.bad_pose import refuse_bad_pose, room_advice
-from ccm_opt.scene.contact_finder import WALL, WallFinder, nearest_links
+from ccm_opt.scene.contact_finder import WALL, WallFinder, describe_clearance, nearest_links
 from ccm_opt.scene.distances.enclosures import Enclosure, deepest_enclosure, ways_out
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
-from ccm_opt.scene.workspace import ROOM_NAME
 
 if TYPE_CHECKING:
     from ccm_opt.planning.space_task import SpaceTask
@@ -110,7 +109,10 @@ def _configuration(problem: Problem, pose: JointPose, which: str) -> FloatArray:
     bent = held & (np.abs(pose.bends) > (ROUNDING if pose.curve is None else mapped))
     if bent.any():
         joint = int(np.argmax(bent))
-        reason = f"the {which} bends joint {joint + 1} by {np.rad2deg(pose.bends[joint]):.3g}° inside the guide tube"
+        reason = (
+            f"the {which} bends joint {joint + 1} by {np.rad2deg(pose.bends[joint]):.3g}° inside the guide tube, which "
+            "holds it straight"
+        )
         advice = (f"straighten the {which} inside the guide tube", f"raise {which}.feed")
         raise UnreachableGoal(Diagnosis(reason, which, advice))
     return arm.configuration(np.where(held, 0.0, pose.bends), pose.feed)
@@ -230,11 +232,11 @@ def refuse_blocked_tip(problem: Problem, goal: TipGoal) -> None:
     k, apart = problem.workspace.nearest(last)
     gap = apart - need
     if gap < 0.0:
-        what = "tip is" if goal.heading is None else "last link is"
+        what = "tip" if goal.heading is None else "last link"
         depth = short_length(play - gap)
-        reason = f"at the goal the {what} {depth} too near to '{problem.workspace.walls[k].name}'"
-        move = "move the goal" if goal.heading is None else "move the goal or change its heading"
-        advice = (move, *room_advice(arm.radius, problem.workspace.clearance))
+        reason = f"the goal is in contact: the {what} is {depth} too near to '{problem.workspace.walls[k].name}'"
+        turn = "" if goal.heading is None else ", or change its heading"
+        advice = (f"move the goal away by {depth}{turn}", *room_advice(arm.radius, problem.workspace.clearance, -gap))
         raise UnreachableGoal(Diagnosis(reason, "goal", advice))
 
 
@@ -267,7 +269,11 @@ def refuse_goal(problem: Problem, task: "SpaceTask", goal: GoalPose) -> None:
     found = deepest_enclosure(problem.workspace, goal.position[None], entering=problem.arm.radius)
     if found is not None:
         reason = f"the goal is {_depth_words(found)}"
-        ways = ways_out(problem.workspace, found.name, "the goal") if found.name else ("move the goal into it",)
+        ways = (
+            ways_out(problem.workspace, found.name, "the goal")
+            if found.name
+            else ("move the goal inside workspace.bounds",)
+        )
         raise UnreachableGoal(Diagnosis(reason, "necessary checks", ways))
     kept = task.kept
     # Any position within the tolerance is an acceptable goal.
@@ -276,10 +282,10 @@ def refuse_goal(problem: Problem, task: "SpaceTask", goal: GoalPose) -> None:
     if near.owner[0] >= 0 and near.gap[0] < least:
         missing = short_length(kept - float(near.gap[0]))
         name = task.names[near.owner[0]]
-        reason = f"the goal leaves the tip no room: it is {missing} too near to '{name}' at {place(near.point[0])}"
-        raise UnreachableGoal(
-            Diagnosis(reason, "necessary checks", ("move the goal away from it", "use a thinner arm"))
-        )
+        reason = f"the goal is in contact: the tip is {missing} too near to '{name}' at {place(near.point[0])}"
+        thinner = room_advice(task.arm.radius, problem.workspace.clearance, least - float(near.gap[0]))
+        advice = (f"move the goal away from it by {missing}", *thinner)
+        raise UnreachableGoal(Diagnosis(reason, "necessary checks", advice))
     arm = task.arm
     low, high = arm.base_range
     along = float(np.clip((goal.position - arm.base) @ arm.direction, low, high))
@@ -287,8 +293,12 @@ def refuse_goal(problem: Problem, task: "SpaceTask", goal: GoalPose) -> None:
     distance = float(np.linalg.norm(goal.position - base))
     if distance > arm.length:
         missing = short_length(distance - arm.length)
-        reason = f"the goal is out of reach: {missing} farther from the base than the arm is long"
-        raise UnreachableGoal(Diagnosis(reason, "necessary checks", ("move the goal nearer", "use a longer arm")))
+        reason = (
+            f"the goal is out of reach: it is {long_length(distance)} from the base, and the arm is only "
+            f"{long_length(arm.length)} long"
+        )
+        advice = (f"move the goal nearer by {missing} at least", f"lengthen the arm by {missing} at least")
+        raise UnreachableGoal(Diagnosis(reason, "necessary checks", advice))
 
 
 def _what_is_bad(problem: Problem, task: "SpaceTask", q: FloatArray, motion: str) -> str:
@@ -297,7 +307,7 @@ def _what_is_bad(problem: Problem, task: "SpaceTask", q: FloatArray, motion: str
     if contact:
         return f"is in contact: {contact}"
     near = describe_contact(task, q, 2.0 * task.least_spare)
-    return f"has no room: {near} for a motion {motion} that can be proved" if near else ""
+    return f"has too little clearance for a motion {motion} to be certified: {near}" if near else ""
 
 
 def contact_words(problem: Problem, task: "SpaceTask", q: FloatArray) -> str:
@@ -320,7 +330,7 @@ def contact_words(problem: Problem, task: "SpaceTask", q: FloatArray) -> str:
 
 
 def _depth_words(found: Enclosure) -> str:
-    where = f"deep inside of '{found.name}'" if found.name else f"outside of the {ROOM_NAME}"
+    where = f"inside '{found.name}'" if found.name else "outside workspace.bounds"
     return f"{short_length(found.depth)} {where}, at {place(found.place)}"
 
 
@@ -338,15 +348,14 @@ def describe_contact(task: "SpaceTask", q: FloatArray, beyond: float = 0.0) -> s
         k = int(np.argmin(near.gap))
         if near.gap[k] < kept - ROUNDING:
             missing = short_length(kept - float(near.gap[k]))
-            return (
-                f"link {first + k + 1} and '{task.names[near.owner[k]]}' at {place(near.point[k])}, {missing} too near"
-            )
+            name = task.names[near.owner[k]]
+            return f"link {first + k + 1} is {missing} too near to '{name}' at {place(near.point[k])}"
     if arm.self_collision:
         kept = 2.0 * arm.radius + beyond
         nearest = nearest_links(arm, points[None], kept)
         if nearest.first[0] >= 0:
             missing = short_length(kept - float(nearest.distance[0]))
-            return f"link {nearest.first[0] + 1} and link {nearest.second[0] + 1}, {missing} too near"
+            return f"link {nearest.first[0] + 1} is {missing} too near to link {nearest.second[0] + 1}"
     return ""
 
 
@@ -408,7 +417,7 @@ class GapsAtSamples:
         near = gaps.walls if to_walls <= to_itself else gaps.itself
         if not near.link[0]:
             return ""
-        return f"link {near.link[0]} and {gaps.other(near, 0)}, gap {short_length(min(to_walls, to_itself))}"
+        return describe_clearance(int(near.link[0]), gaps.other(near, 0), min(to_walls, to_itself))
 
     def other(self, near: NearestOfSamples, sample: int) -> str:
         """Return the name of the body that a link is near to in a sample."""

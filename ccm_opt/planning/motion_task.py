@@ -101,7 +101,7 @@ class MotionTask(SearchTask):
     @property
     def advice(self) -> str:
         """General advice where nothing more specific is known."""
-        return "raise planner.routes"
+        return "raise planner.routes (not tried)"
 
     @cached_property
     def contact_certificate(self) -> Certificate:

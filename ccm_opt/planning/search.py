@@ -30,8 +30,8 @@ from ccm_opt.planning.via_places import passings
 from ccm_opt.problem import OptimiserName, Weights
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.configuration import Configuration
-from ccm_opt.scene.bad_pose import joints_at_limits, room_advice
-from ccm_opt.scene.contact_finder import ContactFinder
+from ccm_opt.scene.bad_pose import joints_at_limits
+from ccm_opt.scene.contact_finder import ContactFinder, describe_clearance
 
 TREES = "trees"
 """Name, among the names of candidates, of motions found by trees."""
@@ -64,8 +64,7 @@ class Failure:
         """The tightest contact, in words."""
         if self.tightest is None:
             return "nothing near"
-        link, other, gap = self.tightest
-        return f"link {link} and {other}, gap {short_length(gap)}"
+        return describe_clearance(*self.tightest)
 
 
 def tell_tried(candidate: str, failures: Sequence[Failure]) -> None:
@@ -320,49 +319,61 @@ def nothing_found(
     if tried:
         best = tried[0]
         what = "the tip" if task.goal_pose is None else "a joint"
+        count = len(tried) - len(trees)
+        candidates = f"{count} candidate{'s' * (count != 1)}"
         reason = (
-            f"no motion found in {len(tried) - len(trees)} candidates; the best ({best.candidate}) ended with "
-            f"{what} {short_length(best.remaining)} from the goal: {best.message}; tightest there: "
-            f"{best.obstacle}"
+            f"no motion found in {candidates}; the best ({best.candidate}) ended with {what} "
+            f"{short_length(best.remaining)} from the goal: {best.message}; least clearance there: {best.obstacle}"
         ) + "".join(f"; {ended}" for ended in trees if ended != best.message)
         joints, held = joints_at_limits(best.bends, task.arm.bend_limits)
         reason += f"; {joints}" if joints else ""
     else:
-        reason = "no motion found: no route to the goal was found that the arm is thin and long enough for"
+        reason = "no motion found: no route to the goal was found that is wide and short enough for the arm"
     reason += _limits_in_the_way(task.constraints, tried)
     reason += _how_far(strategies)
     figures = {**evidence(tried), "strategies": [asdict(each) for each in strategies]}
-    relaxed = ("relax the constraints, or make them soft",) if task.constraints else ()
-    what_held = (*relaxed, *held, *_way_made(tried), *room_advice(task.arm.radius, task.kept - task.arm.radius))
-    if any(not each.exhausted for each in strategies):
+    relaxed = ("relax the constraints, or make them soft (not tried)",) if task.constraints else ()
+    met = (*relaxed, *held, *_widened(task, tried))
+    left = sum(not each.exhausted for each in strategies)
+    if left:
         reason = f"{task.deadline.what_passed()}: {reason}"
-        advice = (*what_held, "raise planner.time_limit")
-        return TimeLimitReached(Diagnosis(reason, "motion", advice, figures))
-    advice = (*what_held, task.advice, *(() if held else ("raise arm.joint_limit_deg",)), "use a longer arm")
+        more = f"raise planner.time_limit: {left} of {len(strategies)} strategies were cut short or not begun"
+        return TimeLimitReached(Diagnosis(reason, "motion", (more, *met), figures))
+    # No parameter of the arm is advised without evidence: what is missing may be luck.
+    advice = ("try other seeds: planner.seed, or planner.tries for several (not tried)", *met, task.advice)
     return MotionNotFound(Diagnosis(reason, "motion", advice, figures))
 
 
-def _way_made(tried: Sequence[Failure]) -> tuple[str, ...]:
-    """Return advice to make room at the wall nearest to where the best attempt ended; empty where no wall was near."""
+_CLOSE = 0.1
+"""Clearance, as a share of the axis's distance from walls, below which a wall may have stopped an attempt. Taste."""
+
+
+def _widened(task: SearchTask, tried: Sequence[Failure]) -> tuple[str, ...]:
+    """Return advice to widen the passage where the best attempt ended close to a wall; empty where it did not."""
     if not tried or tried[0].tightest is None:
         return ()
     link, name, gap = tried[0].tightest
-    if name.startswith("link "):
+    if name.startswith("link ") or gap > _CLOSE * task.kept:
         return ()
-    return (f"make room at {name}: link {link} was {short_length(gap)} from it where the best attempt ended",)
+    thinner = " or reduce arm.radius" if task.arm.radius > 0.0 else ""
+    where = f"link {link} had a clearance of {short_length(gap)} to it where the best attempt ended"
+    return (f"widen the passage at {name}{thinner} (not tried): {where}",)
 
 
 def _how_far(strategies: Sequence[StrategyInVain]) -> str:
-    """Return, in words, which strategies were exhausted and which ran out of time."""
-    # A strategy without attempts says nothing about the problem.
-    exhausted = [f"{each.name} ({_attempts(each)})" for each in strategies if each.exhausted and each.attempts]
-    cut_short = [f"{each.name} ({_attempts(each)})" for each in strategies if not each.exhausted]
-    words = f"; exhausted: {', '.join(exhausted)}" if exhausted else ""
-    return f"{words}; cut short: {', '.join(cut_short)}" if cut_short else words
+    """Return, in words, which strategies were exhausted, which ran out of time, and which were not begun."""
+    # A strategy that was exhausted without an attempt says nothing about the problem.
+    tried = [each for each in strategies if each.attempts]
+    parts = {
+        "exhausted": [_attempts(each) for each in tried if each.exhausted],
+        "cut short": [_attempts(each) for each in tried if not each.exhausted],
+        "not begun": list(dict.fromkeys(each.name for each in strategies if not each.attempts and not each.exhausted)),
+    }
+    return "".join(f"; {what}: {', '.join(names)}" for what, names in parts.items() if names)
 
 
 def _attempts(strategy: StrategyInVain) -> str:
-    return {0: "nothing tried", 1: "1 attempt"}.get(strategy.attempts, f"{strategy.attempts} attempts")
+    return f"{strategy.name} ({strategy.attempts} attempt{'s' * (strategy.attempts != 1)})"
 
 
 def evidence(tried: Sequence[Failure]) -> Mapping[str, object]:
@@ -400,5 +411,5 @@ def _limits_in_the_way(names: Sequence[str], tried: list[Failure]) -> str:
         return ""
     met = [failure.limit for failure in tried if failure.limit]
     if met:
-        return f"; {met[0]} where candidates ended ({len(met)} of {len(tried)} at a constraint)"
-    return "; under " + ", ".join(f"constraint '{name}'" for name in names)
+        return f"; {met[0]} where the best such candidate ended ({len(met)} of {len(tried)} ended at a constraint)"
+    return "; constraints that had to hold: " + ", ".join(f"'{name}'" for name in names)

@@ -91,7 +91,7 @@ class SpaceTask(SearchTask):
     @property
     def advice(self) -> str:
         """General advice where nothing more specific is known."""
-        return "add goal.via places on the way"
+        return "add goal.via: places that the tip passes on its way (not tried)"
 
     @property
     def follows(self) -> bool:

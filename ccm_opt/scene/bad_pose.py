@@ -12,14 +12,21 @@ from ccm_opt.scene.contact_finder import DEFAULT_CERTIFICATE, WallFinder
 from ccm_opt.scene.workspace import Workspace
 
 
-def room_advice(radius: float, clearance: float) -> tuple[str, ...]:
-    """Return advice on how the arm could need less space: one line, or none for zero radius and clearance."""
+def room_advice(radius: float, clearance: float, lacking: float = 0.0) -> tuple[str, ...]:
+    """Return advice on how the arm could need less space: one line, or none where that is impossible.
+
+    Args:
+        radius: radius of the arm [m].
+        clearance: required clearance [m].
+        lacking: distance by which the two together are known to be too large [m]; 0 where that is not known.
+    """
     keys = []
-    if radius > 0.0:
+    if radius > lacking:
         keys.append("arm.radius")
-    if clearance > 0.0:
+    if clearance > lacking:
         keys.append("workspace.clearance")
-    return (f"use a smaller {' or '.join(keys)}",) if keys else ()
+    how = f" by {short_length(lacking)}" if lacking > 0.0 else " (not tried)"
+    return (f"reduce {' or '.join(keys)}{how}",) if keys else ()
 
 
 AT_LIMIT = 0.99
@@ -40,15 +47,16 @@ def joints_at_limits(bends: FloatArray, limits: FloatArray) -> tuple[str, tuple[
     held = np.flatnonzero((bent >= AT_LIMIT * allowed).any(axis=1)) + 1
     if len(held) == 0:
         return "", ()
-    named = ", ".join(str(number) for number in held[:MOST_NAMED])
-    more = f" and {len(held) - MOST_NAMED} more" if len(held) > MOST_NAMED else ""
-    which = f"joint {named}" if len(held) == 1 else f"joints {named}{more}"
+    named = [str(number) for number in held[:MOST_NAMED]]
+    rest = f"{len(held) - MOST_NAMED} more" if len(held) > MOST_NAMED else named.pop()
+    which = f"joints {', '.join(named)} and {rest}" if named else f"joint {rest}"
     limit = float(np.rad2deg(allowed[held[-1] - 1].max()))
-    words = f"{which} bent to the limit of {limit:.4g}°"
+    words = f"{which} at the limit of {limit:.4g}°"
     keys = [
         key for key, joints in (("arm.base_limit_deg", held == 1), ("arm.joint_limit_deg", held > 1)) if joints.any()
     ]
-    return words, tuple(f"raise {key}: where the best attempt ended, it holds {which}" for key in keys)
+    are = "is" if len(held) == 1 else "are"
+    return words, tuple(f"raise {key} (not tried): {which} {are} at it where the best attempt ended" for key in keys)
 
 
 def refuse_bad_pose(arm: Arm, workspace: Workspace, q: FloatArray, which: str, reach: float = 0.02) -> float:
@@ -83,10 +91,12 @@ def refuse_bad_pose(arm: Arm, workspace: Workspace, q: FloatArray, which: str, r
     inside = not touching and len(Certificate.allowing_contact(arm, workspace).failures(np.stack((q, q)))) > 0
     if touching or inside:
         if (outside := _outside(arm, workspace, points)) is not None:
-            raise UnreachableGoal(Diagnosis(f"the {which} {outside}", which, (f"move the {which} into the room",)))
+            advice = f"move the {which} inside, or widen workspace.bounds"
+            raise UnreachableGoal(Diagnosis(f"the {which} {outside}", which, (advice,)))
         # If axes meet walls, or each other, a thinner arm would not help.
-        met = crossing or inside or float(contacts.gap.min()) <= -arm.radius - workspace.clearance
-        room = () if met else room_advice(arm.radius, workspace.clearance)
+        overlap = -float(contacts.gap.min())
+        met = crossing or inside or overlap >= arm.radius + workspace.clearance
+        room = () if met else room_advice(arm.radius, workspace.clearance, overlap)
         what = "a link lies inside an obstacle" if inside else finder.describe(contacts)
         raise UnreachableGoal(_touching(which, what, room))
     return float(contacts.gap.min(initial=np.inf))
@@ -99,16 +109,18 @@ def _refuse_sharp_bends(arm: Arm, bends: FloatArray, which: str) -> None:
         return
     angle = np.rad2deg(bends[joint])
     limit = np.rad2deg(arm.bend_limits[joint])
-    reason = f"the {which} bends joint {joint + 1} by {angle:.2f}°, its limit is {limit:.2f}°"
-    raise UnreachableGoal(Diagnosis(reason, which, (f"change the {which}", "raise arm.joint_limit_deg")))
+    reason = f"the {which} bends joint {joint + 1} by {angle:.2f}°, but its limit is {limit:.2f}°"
+    key = "arm.joint_limit_deg" if joint else "arm.base_limit_deg"
+    advice = (f"change the {which}", f"raise {key} to {abs(angle):.4g} at least")
+    raise UnreachableGoal(Diagnosis(reason, which, advice))
 
 
 def _touching(which: str, contact: str, room: tuple[str, ...]) -> Diagnosis:
-    return Diagnosis(f"the {which} touches something: {contact}", which, (f"change the {which}", *room))
+    return Diagnosis(f"the {which} is in contact: {contact}", which, (f"change the {which}", *room))
 
 
 def _outside(arm: Arm, workspace: Workspace, points: FloatArray) -> str | None:
-    """Return in words where a pose leaves the room, or None if it stays inside.
+    """Return in words where a pose leaves the workspace, or None if it stays inside.
 
     ``points`` are joints and tip, shape (links + 1, 2) [m].
     """
@@ -121,6 +133,6 @@ def _outside(arm: Arm, workspace: Workspace, points: FloatArray) -> str | None:
     worst = int(np.argmax(depth))
     number = link + max(worst, 1)
     return (
-        f"leaves the room: link {number} is {short_length(depth[worst])} outside the workspace boundary at "
+        f"leaves the workspace: link {number} is {short_length(depth[worst])} outside its boundary at "
         f"{place(behind_mount[worst])}"
     )

@@ -122,8 +122,7 @@ class ContactFinder(ABC):
         tightest = self.tightest(contacts)
         if tightest is None:
             return "nothing near"
-        link, other, gap = tightest
-        return f"link {link} and {other}, gap {short_length(gap)}"
+        return describe_clearance(*tightest)
 
     def tightest(self, contacts: Contacts) -> tuple[int, str, float] | None:
         """Return the contact that violates its margin most or comes closest to it; None if there is none.
@@ -136,6 +135,13 @@ class ContactFinder(ABC):
         wall = contacts.second[k] == WALL
         other = f"'{self.names[contacts.wall[k]]}'" if wall else f"link {contacts.second[k] + 1}"
         return int(contacts.first[k]) + 1, other, float(contacts.gap[k])
+
+
+def describe_clearance(link: int, other: str, gap: float) -> str:
+    """Return in words the clearance of a link, counted from 1, to a body beyond the required one [m]."""
+    if gap < 0.0:
+        return f"link {link} is {short_length(-gap)} too near to {other}"
+    return f"link {link} to {other}, clearance {short_length(gap)}"
 
 
 class WallFinder(ContactFinder):

@@ -260,8 +260,11 @@ def help_section(diagnosis: Diagnosis) -> Markup:
     if solved:
         words = "Planned, timed and verified with any one of these changes:"
         parts += [element("p", words), element("ul", *solved, cls="helps")]
+    if diagnosis.failed_changes:
+        failed = [element("li", words) for words in diagnosis.failed_changes]
+        parts += [element("p", "With these changes no plan was found either:"), element("ul", *failed)]
     if tried:
-        parts += [element("p", "Suggestions, not tried:"), element("ul", *tried, cls="helps")]
+        parts += [element("p", "Suggestions:"), element("ul", *tried, cls="helps")]
     if not parts:
         parts = [element("p", "No single change is known to help.")]
     return element("section", element("h2", "What would help"), *parts)
