@@ -15,7 +15,6 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.deadline import Deadline
 from ccm_opt.planning import followable_ways
 from ccm_opt.planning.curve_map import CurveMap
-from ccm_opt.planning.drawn_poses import withdrawn
 from ccm_opt.planning.followable_ways import FollowableWays, FollowSearch, WayArcs, WayEnd
 from ccm_opt.planning.grid_ways import GridDistances, TipGrid, WaysBetween
 from ccm_opt.planning.guides import ArmTrack
@@ -24,6 +23,7 @@ from ccm_opt.planning.space_task import space_task, tip_box
 from ccm_opt.planning.strategies import find_by_ways
 from ccm_opt.planning.tip_ways import bend_allowances
 from ccm_opt.planning.way_strategies import SpaceRun
+from ccm_opt.planning.withdrawals import withdrawn
 from ccm_opt.robot.arm import Feed
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from tests.arms import limits_at

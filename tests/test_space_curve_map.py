@@ -7,8 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from ccm_opt.core.arrays import FloatArray
 from ccm_opt.planning.curve_map import CurveMap, feed_to_next_stop
-from ccm_opt.robot.arm import Feed
+from ccm_opt.robot.arm import Arm, Feed
 from ccm_opt.robot.biarc import bend_shares, free_before, straight_at_exit
 from tests.arms import held_bends
 from tests.oracles.chains import space_chain_by_numpy
@@ -184,6 +185,48 @@ def test_what_is_blended_in_counts_as_the_curvature_that_shows_it(seed: int, lin
     shown = np.sum((curve.change_rows @ (v - start)) ** 2)
     bends = curve.configuration(v)[: 2 * links].reshape(links, 2)
     places = curve.places(0.8)
-    blended = replace(curve, offset_at=places, offset=np.zeros((links, 2)), blend=bends)
+    blended = replace(curve, offset_at=places, offset=np.zeros((links, 2)), blends=bends[None])
     change = np.append(np.zeros(len(v)), 1.0)
     assert np.sum((blended.change_rows @ change) ** 2) == pytest.approx(shown, rel=0.25)
+
+
+@given(seeds, st.integers(8, 40))
+@settings(max_examples=30, deadline=None)
+def test_several_blends_each_reproduce_their_configuration(seed: int, links: int) -> None:
+    """A map blended to two shapes of a fed arm gives either with its own unknown at 1 and the other at 0."""
+    arm = snake(links, feed=fed)
+    shapes = [bent_configuration(arm, seed + k) for k in (0, 1)]
+    curve, _ = CurveMap.through(arm, np.zeros(2 * links + 1))
+    first, v = curve.blended_to(shapes[0])
+    both, w = first.blended_to(shapes[1])
+    assert both.dimension == curve.dimension + 2
+    np.testing.assert_allclose(both.configuration(np.append(v, 0.0)), shapes[0], atol=1e-9)
+    np.testing.assert_allclose(both.configuration(w), shapes[1], atol=1e-9)
+    np.testing.assert_allclose(both.slopes(w)[:, -1], _difference(both, w), atol=1e-6)
+
+
+@given(seeds, st.integers(8, 40))
+@settings(max_examples=30, deadline=None)
+def test_the_blends_of_two_maps_together_keep_the_configurations_of_both(seed: int, links: int) -> None:
+    """Unknowns of either map are still the same configurations in the map that has the blends of both."""
+    arm = snake(links, feed=fed)
+    curve, _ = CurveMap.through(arm, np.zeros(2 * links + 1))
+    (one, v), (other, w) = (curve.blended_to(bent_configuration(arm, seed + k)) for k in (0, 1))
+    both, own, others = one.with_blends_of(other, v[None], w[None])
+    np.testing.assert_allclose(both.configurations(own)[0], one.configuration(v), atol=1e-9)
+    np.testing.assert_allclose(both.configurations(others)[0], other.configuration(w), atol=1e-9)
+
+
+def bent_configuration(arm: Arm, seed: int) -> FloatArray:
+    """A configuration of a fed arm, bent at random where it is well outside its tube."""
+    rng = np.random.default_rng(seed)
+    feed = float(rng.uniform(0.4, 0.8))
+    bends = rng.uniform(-0.2, 0.2, (arm.links, 2))
+    bends[feed + arm.link_length * np.arange(arm.links) < arm.hole + arm.link_length] = 0.0
+    return np.append(bends.ravel(), feed)
+
+
+def _difference(curve: CurveMap, v: FloatArray) -> FloatArray:
+    """The derivative of the configuration by the last unknown, by central differences."""
+    step = np.append(np.zeros(len(v) - 1), 1e-5)
+    return (curve.configuration(v + step) - curve.configuration(v - step)) / 2e-5

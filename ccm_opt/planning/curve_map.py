@@ -10,7 +10,7 @@ Unknowns v: where the base is fixed its two turns, then the curvatures about the
 the feed. They are scaled so that each of them turns the joints by about as much.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
 
@@ -43,10 +43,10 @@ class CurveMap(CurveUnknowns):
     Attributes:
         spacing: spacing of the knots [m].
         knots: number of knots, for each of the two axes.
-        scale: turn per unit of each unknown, shape (p,), without the one that blends.
+        scale: turn per unit of each unknown, without those that blend, shape (p − b,).
         offset: turns of joints that the curve cannot reproduce, at the places ``offset_at``, shape (m, 2) [rad].
         offset_at: arc lengths of ``offset``, increasing, shape (m,) [m].
-        blend: turns of joints that one more unknown blends in, of the shape of ``offset``; None without that unknown.
+        blends: turns of joints that further unknowns blend in, each at the places ``offset_at``, shape (b, m, 2) [rad].
     """
 
     spacing: float
@@ -54,7 +54,7 @@ class CurveMap(CurveUnknowns):
     scale: FloatArray
     offset: FloatArray
     offset_at: FloatArray
-    blend: FloatArray | None = None
+    blends: FloatArray = field(default_factory=lambda: np.zeros((0, 2, 2)))
 
     @classmethod
     def through(cls, arm: Arm, q: FloatArray, knots: int = KNOTS) -> tuple["CurveMap", FloatArray]:
@@ -79,7 +79,7 @@ class CurveMap(CurveUnknowns):
     @property
     def dimension(self) -> int:
         """Number p of unknowns."""
-        return len(self.scale) + (self.blend is not None)
+        return len(self.scale) + len(self.blends)
 
     def configuration(self, v: FloatArray) -> FloatArray:
         """Return the configuration q of unknowns v, shape (p,) to (c,) [rad, m]."""
@@ -160,8 +160,8 @@ class CurveMap(CurveUnknowns):
             column = turned + 2 * k
             slopes[:, : 2 * n, column] = (turns[m : 2 * m] - turns[2 * m :]) / (2.0 * step) * self.scale[column]
             slopes[:, 2 * n, column] = self.scale[column]
-        if self.blend is not None:
-            slopes[:, : 2 * n, -1] = self._interpolated(self.blend, places[:m]).reshape(m, 2 * n)
+        for column, blend in enumerate(self.blends, start=len(self.scale)):
+            slopes[:, : 2 * n, column] = self._interpolated(blend, places[:m]).reshape(m, 2 * n)
         return np.concatenate((turns[:m], feeds), axis=1), slopes
 
     def pieces(self, before: FloatArray, after: FloatArray) -> list[FloatArray]:
@@ -219,12 +219,12 @@ class CurveMap(CurveUnknowns):
         return v
 
     def blended_to(self, q: FloatArray) -> tuple["CurveMap", FloatArray]:
-        """Return the map with one more unknown, and the unknowns of a second configuration in it.
+        """Return the map with one more unknown, and the unknowns of another configuration in it.
 
-        With the new unknown at 1 the map reproduces that configuration exactly.
+        With the new unknown at 1, and all others that blend at 0, the map reproduces that configuration exactly.
 
         Args:
-            q: the second configuration, shape (c,) [rad, m].
+            q: the other configuration, shape (c,) [rad, m].
         """
         v = self.fitted(q, SMOOTHNESS)
         left = (q - self.configuration(v))[: 2 * self.arm.links].reshape(-1, 2)
@@ -233,10 +233,32 @@ class CurveMap(CurveUnknowns):
         grid = np.union1d(self.offset_at, places) if self.arm.base_axes else places
         # Gated by the end's own joints: a joint of the start may lie between one that the tube holds and one that is
         # bent.
-        known = replace(self, offset=left, offset_at=places, blend=None)
-        at_grid = known.offsets(grid, v) * (grid <= places[-1])[:, None]
+        known = replace(self, offset=left, offset_at=places, blends=np.zeros((0, len(places), 2)))
+        at_grid = known.offsets(grid, v[: len(self.scale)]) * (grid <= places[-1])[:, None]
         own = self._interpolated(self.offset, grid) if self.arm.base_axes else offset
-        return replace(self, offset=own, offset_at=grid, blend=at_grid), np.append(v, 1.0)
+        blends = np.stack([*(self._interpolated(blend, grid) for blend in self.blends), at_grid])
+        return replace(self, offset=own, offset_at=grid, blends=blends), np.append(v, 1.0)
+
+    def with_blends_of(
+        self, other: "CurveMap", own: FloatArray, others: FloatArray
+    ) -> tuple["CurveMap", FloatArray, FloatArray]:
+        """Return the map with the blends of another map after its own, and unknowns of either map in it.
+
+        Args:
+            other: map with the same knots, for an arm that both begin with straight.
+            own: unknowns of this map, shape (m, p).
+            others: unknowns of the other map, shape (k, p').
+
+        Returns:
+            The map, and the unknowns of both, shapes (m, p + b') and (k, p + b').
+        """
+        grid = np.union1d(self.offset_at, other.offset_at)
+        blends = [each._interpolated(blend, grid) for each in (self, other) for blend in each.blends]  # noqa: SLF001 - its own kind
+        both = replace(self, offset=np.zeros((len(grid), 2)), offset_at=grid, blends=np.stack(blends))
+        shared = len(self.scale)
+        after = np.pad(own, ((0, 0), (0, len(other.blends))))
+        before = np.insert(others, np.full(len(self.blends), shared), 0.0, axis=1)
+        return both, after, before
 
     @property
     def _base_turns(self) -> int:
@@ -289,7 +311,7 @@ class CurveMap(CurveUnknowns):
 
     @property
     def of_shape(self) -> BoolArray:
-        """Which unknowns shape the curve or carry the base, shape (p,); the one that blends does not."""
+        """Which unknowns shape the curve or carry the base, shape (p,); those that blend do not."""
         return np.arange(self.dimension) < len(self.scale)
 
     @property
@@ -305,11 +327,12 @@ class CurveMap(CurveUnknowns):
         latter is weighted by its share of the knots' spacing.
         """
         rows = self.curvature_rows
-        if self.blend is None:
+        if len(self.blends) == 0:
             return rows
         length = self.arm.link_length
-        blended = np.zeros((self.blend.size, self.dimension))
-        blended[:, -1] = np.sqrt(length / self.spacing) * self.blend.ravel() / length
+        blended = np.zeros((self.blends[0].size, self.dimension))
+        turns = self.blends.reshape(len(self.blends), -1)
+        blended[:, len(self.scale) :] = np.sqrt(length / self.spacing) * turns.T / length
         return np.concatenate((rows, blended))
 
     @property
@@ -356,8 +379,8 @@ class CurveMap(CurveUnknowns):
         curvatures = (v[:, turned : turned + 2 * k] * self.scale[turned : turned + 2 * k]).reshape(len(v), 2, k)
         turns = np.matmul(shapes, np.swapaxes(curvatures, 1, 2))
         turns += self._interpolated(self.offset, places)
-        if self.blend is not None:
-            turns += v[:, -1, None, None] * self._interpolated(self.blend, places)
+        for share, blend in zip(v[:, len(self.scale) :].T, self.blends, strict=True):
+            turns += share[:, None, None] * self._interpolated(blend, places)
         if turned:
             turns[:, 0] += v[:, :2] * self._bent_by_base
         return np.asarray(turns)
@@ -365,8 +388,8 @@ class CurveMap(CurveUnknowns):
     def offsets(self, places: FloatArray, v: FloatArray) -> FloatArray:
         """Return the turns of joints at places that come on top of those of the curve, shape (places, 2) [rad]."""
         offsets = self._interpolated(self.offset, places)
-        if self.blend is not None:
-            offsets = offsets + v[-1] * self._interpolated(self.blend, places)
+        for share, blend in zip(v[len(self.scale) :], self.blends, strict=True):
+            offsets = offsets + share * self._interpolated(blend, places)
         return offsets
 
     def _interpolated(self, values: FloatArray, places: FloatArray) -> FloatArray:
@@ -398,7 +421,7 @@ class CurveMap(CurveUnknowns):
         straight again before the tube holds it, and a smooth path needs some length on which it is.
         """
         usual = free_before(self.arm)
-        first = min(self._first_bent(values) for values in (self.offset, self.blend) if values is not None)
+        first = min(self._first_bent(values) for values in (self.offset, *self.blends))
         return usual if first > usual else 0.5 * max(first, 0.0)
 
     def _shapes(self, places: FloatArray) -> FloatArray:

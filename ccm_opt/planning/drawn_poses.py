@@ -1,4 +1,4 @@
-"""Random poses at the goal, trees and swings between poses, and withdrawals.
+"""Random poses at the goal, trees and swings between poses.
 
 A curled arm sweeps its surroundings wherever its base turns it, while a straight one passes whatever it can point past.
 So trees that hardly ever meet between two curled poses meet soon between the same poses unbent.
@@ -15,7 +15,7 @@ from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.core.deadline import Deadline
 from ccm_opt.planning.continuation import Stalled, follow
 from ccm_opt.planning.goal import GoalPose, moved_onto
-from ccm_opt.planning.guides import ArmTrack, PoseLed, TrackLed
+from ccm_opt.planning.guides import PoseLed
 from ccm_opt.planning.pose import Pose
 from ccm_opt.planning.rrt_connect import ConnectSearch, PointTree
 from ccm_opt.planning.sampled_motions import SampledMotions
@@ -318,47 +318,6 @@ def swung(
 def unbending_poses(stepper: SpaceStepper, pose: Pose, deadline: Deadline) -> list[Pose]:
     """Return the poses from a given one to where its curve is straight, or as straight as obstacles permit."""
     guide = PoseLed(stepper.space, pose.v, stepper.space.unbent(pose.v))
-    try:
-        return follow(stepper, guide, pose, deadline)
-    except Stalled as stalled:
-        return stalled.poses
-
-
-def withdrawn(stepper: SpaceStepper, start: FloatArray, deadline: Deadline) -> list[Pose]:
-    """Return the poses from the given one back along the feed, as far as they are certified.
-
-    The curve is fixed in space while the arm is drawn along it. Bends that the curve cannot reproduce may prevent that;
-    then the arm is led back step by step.
-
-    Args:
-        stepper: stepper of a fed arm.
-        start: unknowns, shape (p,).
-        deadline: time limit.
-    """
-    curve = stepper.space
-    column = curve.feed_column
-    end = start.copy()
-    end[column] = curve.arm.base_range[0] / curve.scale[column]
-    back = float(start[column] - end[column]) * float(curve.scale[column])
-    # Steps as long as links, so that a failure in the last one keeps what is certified before it.
-    count = max(1, int(back / curve.arm.link_length))
-    stops = [start + (end - start) * k / count for k in range(count + 1)]
-    poses = [stepper.pose(start)]
-    for before, after in pairwise(stops):
-        for v in stepper.space.pieces(before, after)[1:]:
-            pose = stepper.pose(v)
-            if not stepper.safe(poses[-1].q, pose.q):
-                return [*poses[:-1], *_led_back(stepper, poses[-1], deadline)]
-            poses.append(pose)
-    return poses
-
-
-def _led_back(stepper: SpaceStepper, pose: Pose, deadline: Deadline) -> list[Pose]:
-    """Return the poses from the given one back along its own shape, as far as steps lead."""
-    arm = stepper.space.arm
-    left = float(pose.q[-1]) - arm.base_range[0]
-    shape = ArmTrack.behind(pose.points, np.zeros((0, 3)))
-    guide = TrackLed(stepper.space, shape, arm.length - left)
     try:
         return follow(stepper, guide, pose, deadline)
     except Stalled as stalled:

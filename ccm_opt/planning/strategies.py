@@ -379,9 +379,14 @@ def _by_stages(run: SpaceRun, failures: list[Failure]) -> SpaceMotion | None:
     return run.find_by_stages(find_by_ways, failures)
 
 
+def _by_withdrawing(run: SpaceRun, failures: list[Failure]) -> SpaceMotion | None:
+    return run.find_by_withdrawing(find_by_ways, failures)
+
+
 WAYS: tuple[Strategy[SpaceRun, SpaceMotion], ...] = (
+    Strategy("straight way of the tip", SpaceRun.find_straight, SpaceRun.is_fed_out),
+    Strategy("withdrawal", _by_withdrawing, SpaceRun.is_fed_out),
     Strategy("first ways of the tip", SpaceRun.find_along_first_ways),
-    Strategy("withdrawal", SpaceRun.find_by_withdrawing, _is_fed),
     _sampling(0),
     _poses(whole=True),
     Strategy("other ways of the tip", SpaceRun.find_along_other_ways, costly=True),

@@ -8,10 +8,10 @@ from itertools import islice
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
-from ccm_opt.core.errors import MotionNotFound
+from ccm_opt.core.errors import MotionNotFound, TimeLimitReached
 from ccm_opt.planning.continuation import Guide, Stalled, follow, settle
 from ccm_opt.planning.curve_map import KNOTS, CurveMap
-from ccm_opt.planning.drawn_poses import CurveDraws, free_goal_poses, goal_poses, swung, withdrawn
+from ccm_opt.planning.drawn_poses import CurveDraws, free_goal_poses, goal_poses, swung
 from ccm_opt.planning.followable_ways import feeds_to_end, fitted_slide, slid_along
 from ccm_opt.planning.goal import GoalPose
 from ccm_opt.planning.guides import ArmTrack, TipLed, TrackLed
@@ -24,6 +24,7 @@ from ccm_opt.planning.space_task import SpaceTask
 from ccm_opt.planning.step import SpaceStepper
 from ccm_opt.planning.tip_ways import SpaceTipWays, TipWay
 from ccm_opt.planning.via_places import passings
+from ccm_opt.planning.withdrawals import turned_over, withdrawn
 
 _WANTED_POSES = 8
 """Number of poses that are moved to in turn before sampling is tried."""
@@ -65,6 +66,8 @@ _BATCH = (8, 64)
 _SMOOTH = 0.9
 """Share of the trees' targets that are smooth shapes anywhere; with half as many, trees meet later (measured
 likewise)."""
+_WITHDRAWN_SHARE = 0.5
+"""Share of the time left that the search from the guide tube may use after a withdrawal. Taste."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,6 +95,15 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
         """Return the motion along the tip paths that are tried first; None where all fail."""
         return self.follow_ways(self.first_ways(), failures)
 
+    def is_fed_out(self) -> bool:
+        """Return whether the arm of the run begins fed out of its guide tube."""
+        arm = self.task.arm
+        return bool(arm.base_axes) and bool(self.start.q[-1] - arm.base_range[0] >= self.task.unit)
+
+    def find_straight(self, failures: list[Failure]) -> SpaceMotion | None:
+        """Return the motion that leads the tip straight to the goal; None where it fails."""
+        return self.follow_ways(islice(self.ways().first(), 1), failures)
+
     def first_ways(self) -> Iterator[TipWay]:
         """Yield the tip paths that turn off where a joint has left the guide tube, then those that turn off at once.
 
@@ -110,10 +122,30 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
         """Return the motion along tip paths through the finest grid, which are costly to find; None where all fail."""
         return self.follow_ways(self._other_ways.finest(), failures)
 
-    def find_by_withdrawing(self, failures: list[Failure]) -> SpaceMotion | None:
-        """Return the motion back along the arm's own shape into its guide tube and out again; None where it fails."""
+    def find_by_withdrawing(
+        self, find: Callable[[SpaceTask], SpaceMotion], failures: list[Failure]
+    ) -> SpaceMotion | None:
+        """Return the motion back into the guide tube and from there to the goal, by any strategy; None where it fails.
+
+        Where the arm cannot be drawn back along its own shape, the way back is one from the tube to the start, run
+        backwards. Where that fails too, the tip is led to the goal from where the withdrawal ended.
+
+        Args:
+            find: finds a motion from the tube to the goal, or to the start; raises ``NoPlanFound``.
+            failures: failures of candidates are appended here.
+        """
         task = self.task
-        if self.start.q[-1] - task.arm.base_range[0] < task.unit:
+        home = np.zeros(len(self.start.q))
+        home[-1] = task.arm.base_range[0]
+        # The stages of a longer motion are in one curve, which another search would not keep.
+        if task.stage is None and self.stepper.safe(home, home):
+            from_tube = partial(self._found_from, home, find)
+            found = from_tube(task)
+            if found is not None:
+                whole = self._drawn_back_before(found) or self._led_back_before(found, from_tube)
+                if whole is not None:
+                    return whole
+        if task.deadline.passed():
             return None
         poses = withdrawn(task.stepper(self.stepper.space, 0.0), self.start.v, task.deadline)
         if len(poses) < 2:
@@ -123,8 +155,44 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
         if found is None:
             return None
         unknowns = np.vstack(([pose.v for pose in poses[:-1]], found.unknowns))
-        configurations = np.vstack(([pose.q for pose in poses[:-1]], found.configurations))
-        return SpaceMotion(found.curve, unknowns, configurations, f"back, then {found.candidate}")
+        return replace(found.through(unknowns), candidate=f"back, then {found.candidate}")
+
+    def _found_from(
+        self, home: FloatArray, find: Callable[[SpaceTask], SpaceMotion], task: SpaceTask
+    ) -> SpaceMotion | None:
+        """Return the motion of a task that begins in the guide tube, found in a share of the time; else None."""
+        share = task.deadline.within(_WITHDRAWN_SHARE * task.deadline.left)
+        try:
+            return find(replace(task, start=home, stage=None, deadline=share))
+        except (MotionNotFound, TimeLimitReached):
+            return None
+
+    def _drawn_back_before(self, found: SpaceMotion) -> SpaceMotion | None:
+        """Return a motion from the guide tube with the way back along the arm's own shape before it, certified."""
+        curve, start = found.curve.blended_to(self.start.q)
+        stepper = self.task.stepper(curve, 0.0)
+        poses = withdrawn(stepper, start, self.task.deadline)
+        onward = found.without_blending(curve)
+        return self._turned_over(onward, np.stack([pose.v for pose in poses]))
+
+    def _led_back_before(
+        self, found: SpaceMotion, from_tube: Callable[[SpaceTask], SpaceMotion | None]
+    ) -> SpaceMotion | None:
+        """Return a motion from the guide tube with one from there to the start, run backwards, before it, certified."""
+        start = GoalPose(self.start.tip, self.start.tip_direction)
+        entered = from_tube(replace(self.task, goal=start, goal_pose=self.start.q, via=(), refuse=lambda: None))
+        if entered is None or entered.curve.knots != found.curve.knots:
+            return None
+        curve, onward, back = found.curve.with_blends_of(entered.curve, found.unknowns, entered.unknowns[::-1])
+        return self._turned_over(replace(found, curve=curve).through(onward), back)
+
+    def _turned_over(self, onward: SpaceMotion, back: FloatArray) -> SpaceMotion | None:
+        """Return the way back, unknowns of shape (K, p), and onward in one, certified; None where it is not."""
+        stepper = self.task.stepper(onward.curve, 0.0)
+        unknowns = turned_over(stepper, back, onward.unknowns, wholly=bool(self.task.via))
+        if unknowns is None:
+            return None
+        return replace(onward.through(unknowns), candidate=f"back, then {onward.candidate}")
 
     @cached_property
     def _other_ways(self) -> SpaceTipWays:
