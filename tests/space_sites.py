@@ -23,24 +23,8 @@ from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from ccm_opt.scene.workspace import Obstacle, Workspace
 from tests.arms import held_bends
 
-from .space_ducts import (
-    ORIGIN,
-    Bodies,
-    Route,
-    Site,
-    UselessDraw,
-    X,
-    bent_pipe,
-    box,
-    holed_plate,
-    other_branch,
-    ring,
-    slots,
-    straight_pipe,
-    tank,
-    tee,
-    unit,
-)
+from .space_ducts import Site, bent_pipe, other_branch, slots, tank, tee
+from .space_shapes import ORIGIN, Bodies, Route, UselessDraw, X, box, holed_plate, ring, straight_pipe, unit
 
 LENGTH = 0.9
 """Of the arms [m]."""

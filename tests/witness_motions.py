@@ -18,7 +18,7 @@ from ccm_opt.scene.distances.surface_tree import SurfaceTree
 from ccm_opt.scene.surfaces import TriangleSoup
 
 from .arms import held_bends
-from .space_ducts import STEP, Route, UselessDraw, unit
+from .space_shapes import STEP, Route, UselessDraw, unit
 
 LOOK = 0.3
 """Bodies farther from the motion than this are of no interest [m]."""
