@@ -11,6 +11,9 @@ from ccm_opt.driver.legs import plan_legs, whole_path
 from ccm_opt.io.reading import parse_problem
 from ccm_opt.problem import JointPose, Problem, Stop, Tolerances
 from ccm_opt.problem.solution import JointPath
+from ccm_opt.robot.coordinates import Limits
+from ccm_opt.scene.workspace import Workspace
+from tests.snakes_in_space import snake
 
 from .conftest import SMALL_PROBLEM
 
@@ -70,3 +73,44 @@ def test_a_goal_that_is_not_reached_is_numbered() -> None:
     assert caught.value.diagnosis.evidence["goal"] == 2
     with pytest.raises(MotionNotFound, match=r"^too far"):
         plan_legs(sequence(1.1), Straight())
+
+
+class AroundOnly(Straight):
+    """A planner of straight lines that leads from the straight arm to any bend and back, but not from bend to bend."""
+
+    def plan(self, problem: Problem) -> JointPath:
+        """A line, unless both ends are bent."""
+        self.asked.append(problem)
+        ends = [pose.whole(problem.arm) for pose in (problem.start, problem.goal)]
+        assert ends[0] is not None
+        assert ends[1] is not None
+        if all(np.any(q) for q in ends):
+            raise MotionNotFound(Diagnosis("bent at both ends", "motion", ("straighter",)))
+        control = ends[0] + np.linspace(0.0, 1.0, 5)[:, None] * (ends[1] - ends[0])
+        return JointPath(BSpline(KNOTS, control, 3), control, (), "line")
+
+
+def in_space(*bends: float) -> Problem:
+    """A straight arm in space with goals that bend every joint alike."""
+    *stops, last = (JointPose(np.full((4, 2), bend)) for bend in bends)
+    workspace = Workspace(bounds=None)
+    limits = Limits(np.ones(12), np.ones(12))
+    asked = tuple(Stop(stop, Tolerances()) for stop in stops)
+    return Problem("goals", workspace, snake(4), limits, JointPose(np.zeros((4, 2))), last, stops=asked)
+
+
+def test_a_leg_that_is_not_found_begins_anew_from_the_first_start() -> None:
+    """In space the arm goes back over the legs so far, which are known, and the record says so."""
+    problem = in_space(0.1, 0.2, 0.3)
+    planner = AroundOnly()
+    legs = plan_legs(problem, planner)
+    anew = "line, backwards; line"
+    assert [leg.path.candidate for leg in legs] == ["line", anew, anew]
+    for leg, bend in zip(legs, (0.1, 0.2, 0.3), strict=True):
+        ends = [leg.problem.start.configuration(problem.arm), np.full(8, bend)]
+        np.testing.assert_allclose(leg.path.spline([0.0, 1.0]), ends)
+    limits = [asked.planner.time_limit for asked in planner.asked]
+    assert max(limits) <= problem.planner.time_limit
+    assert limits[1] < 0.51 * problem.planner.time_limit
+    with pytest.raises(MotionNotFound, match="bent at both ends"):
+        plan_legs(problem, AroundOnly(), retrace=False)

@@ -8,13 +8,16 @@ import numpy as np
 from scipy.interpolate import BSpline
 
 from ccm_opt.core.deadline import Deadline
-from ccm_opt.core.errors import Diagnosis, NoPlanFound
+from ccm_opt.core.errors import Diagnosis, NoPlanFound, UnreachableGoal
 from ccm_opt.problem import Goal, JointPose, Problem
 from ccm_opt.problem.solution import JointPath, JointTrajectory
 
 _LEAST_TIME = 0.5
 """CPU time granted to the planner for a leg even if the earlier legs used up the limit [s]: without any, a late leg
 would fail on time although it might be easy. Taste."""
+
+_DIRECT_SHARE = 0.5
+"""Share of the time left that a leg in space may use before it is planned anew from the first start. Taste."""
 
 _SAME = 1e-9
 """Difference of coordinates up to which two configurations are the same [rad, m]: rounding of numbers in files."""
@@ -106,11 +109,14 @@ def plan_legs(
 ) -> tuple[Leg, ...]:
     """Plan the motion to every goal in turn, each from the end of the one before; without stops that is one leg.
 
+    Where an arm in space does not get from one goal to the next, it goes back to the first start, by the certified legs
+    so far run backwards, and is planned from there.
+
     Args:
         problem: with any number of stops; its time limit applies to all legs together.
         planner: plans a leg.
         recorded: known paths with their problems; new ones are appended.
-        retrace: whether an arm in space that returns to a pose from which a leg began may retrace its way.
+        retrace: whether an arm in space may run legs backwards.
 
     Raises:
         NoPlanFound: naming the goal that is not reached.
@@ -127,8 +133,9 @@ def plan_legs(
         leg = replace(problem, start=start, goal=goal, tolerances=tolerances, stops=(), planner=options)
         path = (way_back(legs, goal) if retrace else None) or recorded_path(known, leg)
         if path is None:
+            begun = legs if retrace and problem.dimension == 3 else []
             try:
-                path = planner.plan(leg)
+                path = _planned(planner, leg, begun, deadline)
             except NoPlanFound as error:
                 if len(goals) == 1:
                     raise
@@ -137,6 +144,43 @@ def plan_legs(
         legs.append(Leg(leg, path))
         start = JointPose.from_configuration(path.spline(1.0), problem.arm.coordinates)
     return tuple(legs)
+
+
+def _planned(planner: Planner, leg: Problem, legs: Sequence[Leg], deadline: Deadline) -> JointPath:
+    """Return the path of a leg or, where none is found, one back over earlier legs and from their start to the goal.
+
+    Args:
+        planner: plans a leg.
+        leg: problem of the leg.
+        legs: earlier legs that may be run backwards, or none.
+        deadline: of all legs together.
+
+    Raises:
+        NoPlanFound: neither is found; the error of the leg itself.
+    """
+    if not legs:
+        return planner.plan(leg)
+
+    def within(problem: Problem, share: float) -> Problem:
+        limit = max(share * deadline.left, _LEAST_TIME)
+        return replace(problem, planner=replace(problem.planner, time_limit=limit))
+
+    try:
+        return planner.plan(within(leg, _DIRECT_SHARE))
+    except UnreachableGoal:
+        raise
+    except NoPlanFound as error:
+        try:
+            anew = planner.plan(within(replace(leg, start=legs[0].problem.start), 1.0))
+        except NoPlanFound:
+            raise error from None
+    first = legs[0].problem.start.configuration(leg.arm)
+    back: list[JointPath] = []
+    for part in (part for each in reversed(legs) for part in reversed(each.path.parts or (each.path,))):
+        back.append(part.reversed())
+        if np.max(np.abs(part.spline(0.0) - first)) < _SAME:
+            break
+    return end_to_end([*back, anew])
 
 
 def _goal_diagnosis(found: Diagnosis, number: int, count: int) -> Diagnosis:

@@ -384,9 +384,10 @@ def _by_withdrawing(run: SpaceRun, failures: list[Failure]) -> SpaceMotion | Non
 
 
 WAYS: tuple[Strategy[SpaceRun, SpaceMotion], ...] = (
-    Strategy("straight way of the tip", SpaceRun.find_straight, SpaceRun.is_fed_out),
-    Strategy("withdrawal", _by_withdrawing, SpaceRun.is_fed_out),
+    Strategy("straight way of the tip", SpaceRun.find_straight, SpaceRun.begins_bent),
+    Strategy("withdrawal", _by_withdrawing, SpaceRun.begins_bent),
     Strategy("first ways of the tip", SpaceRun.find_along_first_ways),
+    Strategy("withdrawal", _by_withdrawing, SpaceRun.begins_straight),
     _sampling(0),
     _poses(whole=True),
     Strategy("other ways of the tip", SpaceRun.find_along_other_ways, costly=True),

@@ -95,10 +95,13 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
         """Return the motion along the tip paths that are tried first; None where all fail."""
         return self.follow_ways(self.first_ways(), failures)
 
-    def is_fed_out(self) -> bool:
-        """Return whether the arm of the run begins fed out of its guide tube."""
-        arm = self.task.arm
-        return bool(arm.base_axes) and bool(self.start.q[-1] - arm.base_range[0] >= self.task.unit)
+    def begins_bent(self) -> bool:
+        """Return whether a fed arm begins with bent joints, so that it has to leave where it lies as it came there."""
+        return bool(self.task.arm.base_axes) and bool(np.any(self.start.q[:-1]))
+
+    def begins_straight(self) -> bool:
+        """Return whether a fed arm begins straight, so that it may go on from where it stands."""
+        return bool(self.task.arm.base_axes) and not self.begins_bent()
 
     def find_straight(self, failures: list[Failure]) -> SpaceMotion | None:
         """Return the motion that leads the tip straight to the goal; None where it fails."""
@@ -137,6 +140,8 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
         task = self.task
         home = np.zeros(len(self.start.q))
         home[-1] = task.arm.base_range[0]
+        if self.start.q[-1] - home[-1] < task.unit:
+            return None
         # The stages of a longer motion are in one curve, which another search would not keep.
         if task.stage is None and self.stepper.safe(home, home):
             from_tube = partial(self._found_from, home, find)
