@@ -8,8 +8,9 @@ import pytest
 from typer.testing import CliRunner
 
 from ccm_opt.cli.commands import app
-from ccm_opt.driver.metrics import leader_deviation, leaders_path
+from ccm_opt.driver.metrics import leader_deviation
 from ccm_opt.planning.curve_map import CurveMap
+from ccm_opt.planning.limits.following import leaders_path
 from ccm_opt.robot.arm import Feed
 from tests.snakes_in_space import snake
 

@@ -10,15 +10,18 @@ from hypothesis import strategies as st
 
 import ccm_opt
 from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.errors import ProblemFileError
 from ccm_opt.driver.metrics import leader_deviation
+from ccm_opt.io.reading import parse_problem
 from ccm_opt.planning.curve_map import CurveMap
-from ccm_opt.planning.leader_motion import keyframes_behind_tip
+from ccm_opt.planning.leader_motion import keyframes_behind_tip, tube_bound
 from ccm_opt.robot.arm import Feed
 from ccm_opt.robot.biarc import straight_at_exit
 from tests.snakes_in_space import snake
 
 ARM = snake(16, length=0.8, feed=Feed(-0.8, 0.0, 0.0))
-SPACE_PROBLEMS = Path(__file__).parents[1] / "problems" / "space"
+PROBLEMS = Path(__file__).parents[1] / "problems"
+SPACE_PROBLEMS = PROBLEMS / "space"
 
 
 def pose(seed: int, feed: float) -> FloatArray:
@@ -82,3 +85,58 @@ def test_motions_among_obstacles_follow_their_tip(name: str) -> None:
     assert solution.path.candidate.endswith("on the path of the tip")
     assert solution.metrics["leader_deviation_mean_m"] < 3e-3
     assert solution.metrics["leader_deviation_worst_m"] < 10e-3
+
+
+@pytest.mark.parametrize("name", ["space/blade-row", "feed-views"])
+def test_a_bound_on_following_is_kept_and_verified(name: str) -> None:
+    """In the plane and in space, also where the arm would rather change its shape; the check tells how much is used."""
+    problem = ccm_opt.load_problem(PROBLEMS / f"{name}.toml", changes=["planner.follow_within=0.01"])
+    solution = ccm_opt.solve(problem)
+    check = next(check for check in solution.checks if check.name == "following the tip")
+    assert check.passed
+    assert check.limit == pytest.approx(0.01)
+    assert check.worst == pytest.approx(solution.metrics["leader_deviation_worst_m"], rel=0.1)
+
+
+def test_a_bound_that_cannot_be_kept_says_by_how_much() -> None:
+    """And what the straight links in the tube allow."""
+    problem = ccm_opt.load_problem(SPACE_PROBLEMS / "blade-row.toml", changes=["planner.follow_within=0.001"])
+    with pytest.raises(ccm_opt.NoPlanFound) as failure:
+        ccm_opt.solve(problem, explain=False)
+    assert "too far for planner.follow_within" in failure.value.diagnosis.reason
+    assert "the tube's straight links allow no less than" in failure.value.diagnosis.reason
+    assert "leader_deviation_m" in failure.value.diagnosis.evidence
+
+
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        ("follow_within = -1.0", r"line \d+: planner\.follow_within"),
+        ('follow_within = "near"', r"line \d+: planner\.follow_within"),
+    ],
+)
+def test_bad_bounds_are_named_by_key_and_line(line: str, words: str) -> None:
+    """As every value of a problem file."""
+    text = (SPACE_PROBLEMS / "swan-neck-in-space.toml").read_text() + f"\n[planner]\n{line}\n"
+    with pytest.raises(ProblemFileError, match=words):
+        parse_problem(text)
+
+
+def test_a_bound_needs_a_feed_axis() -> None:
+    """On a fixed base nothing leads, whether the problem comes from a file or is made in Python."""
+    problem = ccm_opt.load_problem(PROBLEMS / "open-space.toml")
+    with pytest.raises(ccm_opt.ProblemError, match=r"planner\.follow_within: only allowed together with arm\.feed"):
+        ccm_opt.solve(replace(problem, planner=replace(problem.planner, follow_within=0.01)))
+    text = (PROBLEMS / "open-space.toml").read_text() + "\n[planner]\nfollow_within = 0.01\n"
+    with pytest.raises(ProblemFileError, match=r"planner\.follow_within: only allowed together with arm\.feed"):
+        parse_problem(text)
+
+
+def test_the_links_in_the_tube_bound_the_deviation() -> None:
+    """A pose that bends where the tube ends is off the axis where its tip had to go straight on."""
+    straight = np.append(np.zeros(32), -0.4)
+    assert tube_bound(ARM, straight) == 0.0
+    bent = straight.copy()
+    bent[2 * 8] = 0.5  # the joint in the mouth of the tube
+    # At a height z above the axis the link is z / tan 0.5 beyond the hole, and 0.05 m are straight.
+    assert tube_bound(ARM, bent) == pytest.approx(0.05 * np.sin(0.5) / (np.sin(0.5) + np.cos(0.5)), rel=0.1)

@@ -60,6 +60,8 @@ def refuse_without_effect(problem: Problem) -> None:
     """
     found = options_without_effect(problem.planner, in_space=problem.dimension == 3)
     lines = [f"planner.{name}: {why}" for name, why in found]
+    if problem.planner.follow_within is not None and not problem.arm.base_axes:
+        lines.append("planner.follow_within: only allowed together with arm.feed; leave it out for a fixed base")
     if lines:
         raise ProblemError(f"problem '{problem.name}' cannot be used:\n" + "\n".join(f"  {line}" for line in lines))
 

@@ -1,21 +1,19 @@
 """Figures of merit of a plan, and the deviation of a fed arm from its leader's path."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
 from ccm_opt.core.arrays import BoolArray, FloatArray
 from ccm_opt.core.polyline import path_length, wrap
+from ccm_opt.planning.limits.following import distances_from_leader
 from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import Check, JointPath, JointStates, JointTrajectory, SimulatedMotion, goal_errors
 from ccm_opt.robot.arm import Arm
-from ccm_opt.scene.distances.surface_tree import SurfaceTree
-from ccm_opt.scene.surfaces import TriangleSoup
 from ccm_opt.verification.interpolated_message import interpolation_deviation
 
-_PLACES_PER_LINK = 8
-"""Points per link whose distance from the leader's path is measured. Taste."""
 _POSES = 400
 """Most poses of a motion that are inspected, the first and the last included. Taste."""
 _STRAIGHT_TURN = 0.008726646259971648
@@ -37,59 +35,27 @@ class LeaderDeviation:
     straight_mean: float
 
 
-def leader_deviation(arm: Arm, positions: FloatArray) -> LeaderDeviation | None:
+def leader_deviation(arm: Arm, positions: FloatArray, stops: Sequence[int] = ()) -> LeaderDeviation | None:
     """Return the deviation of a motion from the path of its leader, the tip; None for an arm without a feed axis.
 
     Args:
         arm: the arm.
         positions: configurations at samples of the motion, shape (T, c) [rad, m].
+        stops: indices of the samples at which the arm rests at goals on its way; to each goal a path of its own leads.
     """
     if not arm.base_axes:
         return None
-    numbers = np.linspace(0, len(positions) - 1, min(_POSES, len(positions)))
-    poses = positions[np.unique(numbers.astype(int))]
-    joints = arm.joint_positions_at(poses)
-    # Points on the links, shape (poses, links, places, d); those in the guide tube follow no leader.
-    shares = (np.arange(_PLACES_PER_LINK) + 0.5) / _PLACES_PER_LINK
-    places = joints[:, :-1, None] + shares[:, None] * (joints[:, 1:, None] - joints[:, :-1, None])
-    along = np.add.outer(np.arange(arm.links), shares) * arm.link_length
-    points = places[arm.coordinates.advance(poses)[:, None, None] + along > arm.hole]
-    path = leaders_path(arm, poses, joints)
-    if len(points) == 0 or len(path) < 2:
+    parts = []
+    for first, last in pairwise((0, *stops, len(positions) - 1)):
+        numbers = np.linspace(first, last, min(_POSES, last - first + 1))
+        found = distances_from_leader(arm, positions[np.unique(numbers.astype(int))])
+        if found is not None:
+            parts.append((found.distance, _straight_legs(found.path, arm.link_length)[found.leg]))
+    if not parts:
         return None
-    distance, straight = _distances(arm.embedded(points), arm.embedded(path), arm)
+    distance, straight = (np.concatenate(columns) for columns in zip(*parts, strict=True))
     mean_on_straight = float(np.mean(distance[straight])) if straight.any() else 0.0
     return LeaderDeviation(float(np.mean(distance)), float(np.max(distance)), mean_on_straight)
-
-
-def _distances(points: FloatArray, path: FloatArray, arm: Arm) -> tuple[FloatArray, BoolArray]:
-    """Return the distances of points, shape (k, 3), from a path, shape (m, 3) [m], and where the path is straight."""
-    # Each leg of the path is a triangle without area.
-    legs = np.stack((path[:-1], path[1:], path[1:]), axis=1)
-    owner = np.arange(len(legs), dtype=np.intp)
-    tree = SurfaceTree.of(TriangleSoup(legs, np.zeros(len(legs)), owner, ("",) * len(legs)))
-    near = tree.nearest(np.stack((points, points), axis=1), 2.0 * arm.length)
-    return near.gap, _straight_legs(path, arm.link_length)[near.owner]
-
-
-def leaders_path(arm: Arm, poses: FloatArray, joints: FloatArray) -> FloatArray:
-    """Return the leader's path from the hole on, shape (m, d) [m].
-
-    It is the arm as it lies at the start, then the path of its tip.
-
-    Args:
-        arm: arm with a feed axis.
-        poses: configurations in order, shape (T, c) [rad, m].
-        joints: joints and tip at these configurations, shape (T, links + 1, d) [m].
-    """
-    hole = arm.base + arm.hole * arm.direction
-    feeds = arm.coordinates.advance(poses)
-    outside = feeds[0] + arm.link_length * np.arange(arm.links + 1) > arm.hole
-    # A tip inside the tube leads nothing.
-    leading = feeds[1:] + arm.length > arm.hole
-    path = np.concatenate((hole[None], joints[0][outside], joints[1:, -1][leading]))
-    far = np.linalg.norm(np.diff(path, axis=0), axis=1) > 1e-3 * arm.link_length
-    return path[np.concatenate(([True], far))]
 
 
 def _straight_legs(path: FloatArray, reach: float) -> BoolArray:
@@ -180,7 +146,7 @@ def _in_space(problem: Problem, trajectory: JointTrajectory) -> dict[str, float]
 
 def _leader_figures(problem: Problem, trajectory: JointTrajectory) -> dict[str, float]:
     """Return how closely a fed arm follows its tip, as figures of merit."""
-    found = leader_deviation(problem.arm, trajectory.positions)
+    found = leader_deviation(problem.arm, trajectory.positions, trajectory.stops)
     if found is None:
         return {}
     return {

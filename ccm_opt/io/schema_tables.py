@@ -601,6 +601,13 @@ class PlannerTable(Table):
             "points are used in full."
         ),
     )
+    follow_within: PositiveLength | None = Field(
+        default=PlannerOptions.follow_within,
+        description=(
+            "Most that an arm on a feed axis may leave [the path of its tip](arms.md#how-well-the-arm-follows): a hard "
+            "limit on every plan, which the verifier checks. Only together with `arm.feed`. Default: no bound."
+        ),
+    )
     weights: WeightsTable = Field(
         default=WeightsTable(), description="Weights of the costs ([below](#planner-weights))."
     )

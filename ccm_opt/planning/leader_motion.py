@@ -13,9 +13,12 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from ccm_opt.core.arrays import FloatArray
+from ccm_opt.core.errors import Diagnosis
+from ccm_opt.core.length_words import file_length, short_length
 from ccm_opt.core.polyline import arc_lengths
 from ccm_opt.planning.followable_ways import slid_along
 from ccm_opt.planning.guides import ArmTrack
+from ccm_opt.planning.limits.following import FOLLOWING_SHARE, FollowingLimit
 from ccm_opt.planning.motion import SpaceMotion
 from ccm_opt.planning.smooth_path import path_near_configurations
 from ccm_opt.planning.space_task import SpaceTask
@@ -41,6 +44,13 @@ _LONGER = 1.35
 """Most time that the slowest drives may take behind the tip, as a multiple of what they take in the optimised motion.
 Taste. Measured: 1.0 to 1.1 in an elbow, a wing box, a row of blades, pipes and baffles; 1.2 to 1.5 where a tour draws
 the arm back from each goal."""
+_LONGER_WITH_ROOM = 1.75
+"""The same where that gains room, a tenth of the wanted gap or more. Taste. Measured between ribs: 1.4 times the time
+for 6 mm instead of 1."""
+_AS_FAST = 1.05
+"""The same as a multiple of the time that the feed takes, below which nothing is gained by optimisation. Taste."""
+_GAINED_ROOM = 0.1
+"""Share of the wanted gap that counts as room gained. Taste."""
 _LOST_ROOM = 0.02
 """Share of the wanted gap by which the motion behind the tip may lack more clearance. Taste."""
 _STRAIGHT = 1e-9
@@ -103,20 +113,23 @@ class OwnPath:
         return np.where(np.abs(slid) < _STRAIGHT, 0.0, slid)
 
 
-def path_behind_tip(task: SpaceTask, motion: SpaceMotion) -> JointPath | None:
+def path_behind_tip(task: SpaceTask, motion: SpaceMotion, *, optimised: bool) -> JointPath | None:
     """Return the certified path to the end of a motion on which the arm lies on the path of its tip.
 
-    None where there is none, or where it takes much longer than the motion or has less room.
+    None where there is none, or where it is not worth its time and room. Under a limit on how far the arm may leave the
+    path of its tip it is always worth them.
 
     Args:
         task: task of an arm on a feed axis.
-        motion: certified motion, optimised.
+        motion: certified motion.
+        optimised: whether the path is held against the motion; if not, it has to be as fast as the feed allows, with
+            all the room that is wanted.
     """
     keyframes = keyframes_behind_tip(task.arm, motion.configurations[0], motion.configurations[-1])
-    if keyframes is None or _time(keyframes, task) > _LONGER * _time(motion.configurations, task):
+    if keyframes is None:
         return None
-    lacking = np.max(task.room_lacking(keyframes)) - np.max(task.room_lacking(motion.configurations))
-    if lacking > _LOST_ROOM * task.wanted_gap:
+    bounded = any(isinstance(limit, FollowingLimit) for limit in task.held)
+    if not (bounded or (_worth(keyframes, motion.configurations, task) if optimised else _best(keyframes, task))):
         return None
     spline = path_near_configurations(keyframes, task)
     if spline is None or task.violated_place(spline) is not None:
@@ -124,6 +137,22 @@ def path_behind_tip(task: SpaceTask, motion: SpaceMotion) -> JointPath | None:
     keyframes, spline, curves = task.keyframes_along(keyframes, spline, legs=False)
     name = f"{motion.candidate}, on the path of the tip"
     return JointPath(spline, keyframes, curves, name, spare=certified_spare(spline, task.certificate))
+
+
+def _best(behind: FloatArray, task: SpaceTask) -> bool:
+    """Return whether no motion between the same ends, shape (K, c), can be much faster or have more room."""
+    lacking = task.room_lacking(behind)
+    fastest = abs(behind[-1, -1] - behind[0, -1]) * task.slowness[-1]
+    roomy = np.max(lacking) - np.max(lacking[[0, -1]]) <= _LOST_ROOM * task.wanted_gap
+    return bool(roomy) and _time(behind, task) <= _AS_FAST * fastest
+
+
+def _worth(behind: FloatArray, optimised: FloatArray, task: SpaceTask) -> bool:
+    """Return whether a motion behind the tip is worth its time and room against an optimised one, (K, c) each."""
+    gained = np.max(task.room_lacking(optimised)) - np.max(task.room_lacking(behind))
+    roomier = gained > _GAINED_ROOM * task.wanted_gap
+    longest = (_LONGER_WITH_ROOM if roomier else _LONGER) * _time(optimised, task)
+    return bool(gained >= -_LOST_ROOM * task.wanted_gap) and _time(behind, task) <= longest
 
 
 def _time(q: FloatArray, task: SpaceTask) -> float:
@@ -162,3 +191,55 @@ def keyframes_behind_tip(arm: Arm, start: FloatArray, end: FloatArray) -> FloatA
         return None
     whole[0], whole[-1] = start, end
     return whole
+
+
+def not_behind_tip(task: SpaceTask, limit: FollowingLimit, motion: SpaceMotion) -> Diagnosis:
+    """Return the diagnosis of a motion that leaves the path of its tip too far, with what keeps the arm off the path.
+
+    Args:
+        task: task without the limit.
+        limit: the limit that the motion violates.
+        motion: certified motion.
+    """
+    arm = task.arm
+    off = limit.worst_deviation(motion.configurations)
+    least = tube_bound(arm, motion.configurations[-1])
+    keyframes = keyframes_behind_tip(arm, motion.configurations[0], motion.configurations[-1])
+    if keyframes is None:
+        why = "the feed axis is too short to draw the arm back to where it lies on the path to the goal"
+        advice = ("a longer arm.feed.range",)
+    elif len(failing := task.certificate.failures(keyframes)):
+        points = arm.joint_positions_at(keyframes[failing[0]])
+        near = task.tree.nearest(np.stack((points[:-1], points[1:]), axis=1), 2.0 * arm.length)
+        owner = int(near.owner[np.argmin(near.gap)])
+        why = f"on the path of the pose at the goal it would touch '{task.names[owner]}'" if owner >= 0 else ""
+        why = why or "on the path of the pose at the goal its links would touch each other"
+        advice = ("move the goal, or add goal.via places on the way",)
+    else:
+        behind = limit.worst_deviation(keyframes)
+        off = min(off, behind)
+        why = f"on the path of the pose at the goal it leaves it by {short_length(behind)}"
+        advice = (f"planner.follow_within of at least {file_length(1.01 * behind / FOLLOWING_SHARE, 3)}",)
+    if least > 0.0:
+        why += f"; the tube's straight links allow no less than {short_length(least)}"
+    reason = (
+        f"a motion was found, but the arm leaves the path of its tip by {short_length(off)}, "
+        f"{short_length(off - FOLLOWING_SHARE * limit.within)} too far for planner.follow_within; {why}"
+    )
+    return Diagnosis(reason, "motion", advice, {"leader_deviation_m": off, "tube_bound_m": least})
+
+
+def tube_bound(arm: Arm, pose: FloatArray) -> float:
+    """Return how far a pose, shape (c,), leaves the path of its tip at least, since links in the tube are straight [m].
+
+    The tip goes straight on until the joint behind it has left the tube. What lies within a link of the hole and off
+    the axis is off that path, unless the tip came back there.
+    """
+    joints = arm.joint_positions_at(pose)
+    share = np.linspace(0.0, 1.0, _SAMPLES + 1)[:, None]
+    places = joints[:-1, None] + share * (joints[1:, None] - joints[:-1, None])
+    along = float(pose[-1]) + arm.link_length * np.add.outer(np.arange(arm.links), share[:, 0]) > arm.hole
+    off = places[along] - (arm.base + arm.hole * arm.direction)
+    axial = off @ arm.direction
+    aside = np.linalg.norm(off - axial[:, None] * arm.direction, axis=1)
+    return max(0.0, float(np.max(np.minimum(aside, arm.link_length - axial), initial=0.0)))

@@ -98,8 +98,9 @@ def fed_strategies(problem: Problem, change: ShapeChange) -> tuple[Strategy[Moti
                 return kept
         return None
 
+    within = problem.planner.follow_within
     return (
-        Strategy("interpolation", straight, goes_straight_to_pose),
+        Strategy("interpolation", straight, lambda task: within is None and goes_straight_to_pose(task)),
         Strategy("leaders", led),
         Strategy("changes of shape", partial(led, patient=True), costly=True),
     )

@@ -186,8 +186,8 @@ class OwnUnits:
         return replace(tolerances, position=self._length(tolerances.position))
 
     def _options(self, options: PlannerOptions) -> PlannerOptions:
-        wanted = options.wanted_gap
-        return replace(options, wanted_gap=None if wanted is None else self._length(wanted))
+        lengths = {name: getattr(options, name) for name in ("wanted_gap", "follow_within")}
+        return replace(options, **{name: self._length(value) for name, value in lengths.items() if value is not None})
 
     def _simulation(self, simulation: SimulationOptions) -> SimulationOptions:
         """Return the simulation options in units; only gravity, from which holding torques follow, affects plans."""

@@ -16,13 +16,13 @@ straight, and the arm bends beyond them.
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import TypeAlias
+from typing import Any
 
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.deadline import Deadline
-from ccm_opt.core.errors import NoPlanFound
+from ccm_opt.core.errors import MotionNotFound, NoPlanFound
 from ccm_opt.core.progress import Stages
 from ccm_opt.ik.compiled_terms import UserTerms
 from ccm_opt.planning.continuation import Stalled, settle
@@ -31,9 +31,11 @@ from ccm_opt.planning.ending import ended_by_nlp, optimised_to_end_pose
 from ccm_opt.planning.ends import Ends, clamped_arm, refuse_ends, resolve_ends
 from ccm_opt.planning.goal_pose import EndPoses
 from ccm_opt.planning.leader import travel_between_samples
-from ccm_opt.planning.leader_motion import path_behind_tip
+from ccm_opt.planning.leader_motion import not_behind_tip, path_behind_tip
 from ccm_opt.planning.leader_strategies import fed_strategies
+from ccm_opt.planning.limits.following import FollowingLimit
 from ccm_opt.planning.limits.guide_tube import GuideTubeLimit
+from ccm_opt.planning.limits.limit import LimitOf
 from ccm_opt.planning.limits.user_limit import UserLimit
 from ccm_opt.planning.link_space import FedSpace
 from ccm_opt.planning.motion import Motion, SpaceMotion
@@ -58,6 +60,7 @@ from ccm_opt.planning.strategies import STRATEGIES, find_by_ways, find_motion
 from ccm_opt.planning.tracking import Reference, follow_reference, tracked
 from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import GoalPoseRecord, JointPath
+from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
 from ccm_opt.scene.contact_finder import CertificateSettings
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
@@ -74,8 +77,20 @@ _SQUARE = 1e-6
 """Largest value of 1 - cos of the angle to a wall's normal at which the end of the mount counts as square on the
 wall."""
 
-_Planned: TypeAlias = tuple[tuple[SpaceMotion, ...], GoalPoseRecord | None]
-"""Motions in space, of which the first with a smooth path is taken, and the record of the pose they end in."""
+
+@dataclass(frozen=True)
+class _Planned:
+    """What is planned in space.
+
+    Attributes:
+        motions: certified motions, of which the first with a smooth path is taken.
+        end: record of the pose that they end in, or None.
+        behind_tip: path to that pose on which the arm follows its tip, where nothing is gained by optimisation.
+    """
+
+    motions: tuple[SpaceMotion, ...]
+    end: GoalPoseRecord | None = None
+    behind_tip: JointPath | None = None
 
 
 def resumed(known: Motion, task: MotionTask) -> Motion | None:
@@ -178,15 +193,13 @@ class MotionPlanner:
             refuse_ends(problem, task)
             task = replace(task, refuse=partial(self.refuse, problem))
         try:
-            found = ((any_motion(task),), None) if self.first_found else self._lifted(problem, task)
-            motions, end = found or self._planned(problem, task)
+            found = _Planned((any_motion(task),)) if self.first_found else self._lifted(problem, task)
+            planned = found or self._planned(problem, task)
         except NoPlanFound as none:
             raise annotate_clamped_base(none, problem) from none
         with self.stages("smooth path"):
-            legs = problem.planner.retiming == "paul"
-            follows = task.follows and not (legs or self.first_found)
-            path = (path_behind_tip(task, motions[0]) if follows else None) or joint_path(task, *motions, legs=legs)
-        return replace(path, goal_pose=end)
+            path = planned.behind_tip or _smoothed(problem, task, planned.motions)
+        return replace(path, goal_pose=planned.end)
 
     def planned(self, problem: Problem, known: Motion | None = None) -> tuple[JointPath, Motion]:
         """Plan a certified motion in the plane, and return it with the smooth path along it.
@@ -278,7 +291,7 @@ class MotionPlanner:
             slowness=slowness(problem),
             user=self.user,
             wanted_gap=problem.wanted_gap,
-            held=(GuideTubeLimit(arm, travel_between_samples(arm, problem.limits)),) if arm.base_axes else (),
+            held=_limits_of_feed(arm, problem),
             # In this space, travel of the base is weighted by the time that it takes.
             fed_space=FedSpace.of_arm(arm, turn_per_link(problem)) if arm.base_axes else None,
             settings=replace(settings.motion, certificate=certificate_settings(problem, settings.motion.certificate)),
@@ -303,7 +316,7 @@ class MotionPlanner:
 
     # ------------------------------------------------------------ in space
     def _planned(self, problem: Problem, task: SpaceTask) -> _Planned:
-        """Return the optimised motion and the found one, with the NLP's record of their end pose or None.
+        """Return the optimised motion, then the one found, with the record of their end pose or None.
 
         The found motion is kept because its path may have clearance where the shorter, optimised one has none.
         """
@@ -312,12 +325,17 @@ class MotionPlanner:
         with self.stages("configuration"):
             ending = ended_by_nlp(problem, task, found)
             motion = tracked(task, ending.motion)
+        if task.follows:
+            with self.stages("smooth path"):
+                path = path_behind_tip(_bounded(problem, task), motion, optimised=False)
+            if path is not None:
+                return _Planned((motion,), ending.record, path)
         with self.stages("optimisation"):
             motions = (
                 with_more_room(optimise(motion, ending.task), motion, ending.task),
                 found if motion.u is None else motion,
             )
-        return motions, ending.record
+        return _Planned(motions, ending.record)
 
     def _lifted(self, problem: Problem, task: SpaceTask) -> _Planned | None:
         """Return the motion of an arm with many links, planned for an arm with few links and then refined.
@@ -328,12 +346,44 @@ class MotionPlanner:
         if few is None:
             return None
         try:
-            motions, end = self._planned(coarse_problem(problem, few), replace(few, refuse=lambda: None))
+            planned = self._planned(coarse_problem(problem, few), replace(few, refuse=lambda: None, follows=False))
         except NoPlanFound:
             return None
         with self.stages("lifting"):
-            lifted = lifted_motion(task, motions[0])
-        return None if lifted is None else ((lifted,), end)
+            lifted = lifted_motion(task, planned.motions[0])
+        return None if lifted is None else replace(planned, motions=(lifted,))
+
+
+def _bounded(problem: Problem, task: SpaceTask) -> SpaceTask:
+    """Return the task with the limit on how far the arm may leave the path of its tip, where there is one."""
+    within = problem.planner.follow_within
+    return task if within is None else replace(task, held=(*task.held, FollowingLimit(task.arm, within)))
+
+
+def _smoothed(problem: Problem, task: SpaceTask, motions: tuple[SpaceMotion, ...]) -> JointPath:
+    """Return the path along the first of some motions that has one, or that of the arm behind its tip.
+
+    Raises:
+        MotionNotFound: no path can be certified.
+    """
+    bounded = _bounded(problem, task)
+    behind = path_behind_tip(bounded, motions[0], optimised=True) if task.follows else None
+    if behind is not None:
+        return behind
+    limits = [limit for limit in bounded.held if isinstance(limit, FollowingLimit)]
+    kept = [motion for motion in motions if not any(len(limit.failures(motion.configurations)) for limit in limits)]
+    if not kept:
+        raise MotionNotFound(not_behind_tip(task, limits[0], motions[0]))
+    return joint_path(bounded, *kept, legs=problem.planner.retiming == "paul")
+
+
+def _limits_of_feed(arm: Arm, problem: Problem) -> tuple[LimitOf[Any], ...]:
+    """Return the limits of a motion in the plane on a feed axis; none where the base is fixed."""
+    if not arm.base_axes:
+        return ()
+    tube = GuideTubeLimit(arm, travel_between_samples(arm, problem.limits))
+    within = problem.planner.follow_within
+    return (tube,) if within is None else (tube, FollowingLimit(arm, within))
 
 
 def _nothing_proved() -> None:

@@ -69,6 +69,7 @@ class SpaceTask(SearchTask):
         scene: extent of all surfaces, lower and upper corner, shape (2, 3) [m]; empty where there are none.
         names: names of the owners of surfaces.
         slowness: cost of a unit of each coordinate, from the speed that it allows, shape (c,); about 1 for bends.
+        follows: whether the arm may be led along the path of its tip, whatever motion is found to the goal.
         settings: settings of the search.
         stage: curve and unknowns, shape (p,), that a longer motion has reached; None where it begins at the start.
     """
@@ -80,6 +81,7 @@ class SpaceTask(SearchTask):
     scene: FloatArray
     names: tuple[str, ...]
     slowness: FloatArray
+    follows: bool = False
     settings: SpaceMotionSettings = field(default_factory=SpaceMotionSettings)
     stage: tuple[CurveMap, FloatArray] | None = None
 
@@ -92,11 +94,6 @@ class SpaceTask(SearchTask):
     def advice(self) -> str:
         """General advice where nothing more specific is known."""
         return "add goal.via: places that the tip passes on its way (not tried)"
-
-    @property
-    def follows(self) -> bool:
-        """Whether the arm may be led along the path of its tip, whatever motion is found to the goal."""
-        return bool(self.arm.base_axes) and self.user is None and self.optimiser != "none"
 
     @property
     def unit(self) -> float:
@@ -281,6 +278,7 @@ def space_task(
     """
     arm = problem.arm
     goal = problem.goal
+    options = problem.planner
     goal_pose = goal.whole(arm)
     if goal_pose is not None:
         tip = GoalPose(arm.joint_positions_at(goal_pose)[-1], arm.link_rotations(goal_pose)[-1][:, 0])
@@ -302,6 +300,7 @@ def space_task(
         scene=problem.workspace.extent if len(problem.workspace.soup) else np.zeros((0, 3)),
         names=problem.workspace.soup.names,
         slowness=slowness(problem),
+        follows=bool(arm.base_axes) and terms is None and options.optimiser != "none" and options.retiming != "paul",
         deadline=deadline,
         seed=problem.planner.seed,
         settings=settings,

@@ -173,13 +173,17 @@ def drive_defects(arm: Arm, limits: Limits, planner: PlannerOptions, simulation:
         )
     )
     yield from _point_defects(arm, limits)
-    share = planner.effort_share
+    share, within = planner.effort_share, planner.follow_within
     smooth = limits.jerk is not None or limits.feed_jerk is not None
     yield from _broken(
         (0.0 < share <= 1.0, f"planner.effort_share must be above 0 and at most 1, got {share}"),
         (
             planner.retiming != "paul" or not smooth,
             'limits.jerk and limits.feed_jerk need planner.retiming = "toppra", got "paul"',
+        ),
+        (
+            within is None or (is_number(within) and within > 0.0),
+            f"planner.follow_within must be positive or None, got {within}",
         ),
     )
 

@@ -61,6 +61,8 @@ class PlannerOptions:
             allows it [m]; 0 asks for none, None for ``Problem.default_gap``.
         effort_share: share of every drive's limits on velocity, acceleration, jerk and effort that plans may use, above
             0 and at most 1, so that feedback has a reserve; larger where gravity alone takes nearly that share.
+        follow_within: most that an arm on a feed axis may leave the path of its tip [m], kept by every plan; None for
+            no bound.
     """
 
     method: MethodName = "nlp"
@@ -74,6 +76,7 @@ class PlannerOptions:
     weights: Weights = field(default_factory=Weights)
     wanted_gap: float | None = None
     effort_share: float = 0.9
+    follow_within: float | None = None
 
 
 _OF_THE_PAPER = "is the paper's method, for the plane only; leave it out in space"
@@ -90,7 +93,7 @@ _WITHOUT_EFFECT: tuple[tuple[str, object, Collection[str], str], ...] = (
     ("seed", None, ("hill-climbing",), '"hill-climbing" samples nothing; leave it out'),
     *(
         (name, None, ("hill-climbing",), '"hill-climbing" does not use it; leave it out')
-        for name in ("optimiser", "weights", "wanted_gap")
+        for name in ("optimiser", "weights", "wanted_gap", "follow_within")
     ),
 )
 """Options without effect for a kind of problem: (option, value without effect, kinds of problem, reason). None as the

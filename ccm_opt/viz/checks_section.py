@@ -17,6 +17,7 @@ _WORDS = {
     "joint torque": "Joint torques",
     "feed range": "Feed beyond its range",
     "joints inside the guide": "Bends inside the guide",
+    "following the tip": "Deviation from the path of the tip",
     "goal position": "Tip error at the goal",
     "goal heading": "Heading error at the goal",
     "goal direction": "Direction error at the goal",
@@ -33,7 +34,19 @@ _WORDS = {
     "message limits": "Limits between message points",
     "message deviation": "Message deviation, of its margin",
 }
-_ORDER = ("wall clearance", "self-collision", "goal", "stop", "constraint", "soft constraint", "joint", "feed", "tip")
+_ORDER = (
+    "wall clearance",
+    "self-collision",
+    "goal",
+    "stop",
+    "constraint",
+    "soft constraint",
+    "joint",
+    "feed",
+    "following",
+    "following",
+    "tip",
+)
 """Prefixes of the checks that matter to a user, the most important first."""
 _OF_ITSELF = re.compile(
     r"samples|joint names|free side|start .*|rest|.* at rest|.* against .*|share of .*|.* of the samples"

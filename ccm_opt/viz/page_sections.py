@@ -172,6 +172,8 @@ def _limit_rows(problem: Problem, units: PageUnits) -> Iterable[Row]:
     for point in limits.points:
         bounds = ((point.velocity, "m/s"), (point.acceleration, "m/s²"))
         yield point.name, ", ".join(units.given(value, unit) for value, unit in bounds if np.isfinite(value))
+    if problem.planner.follow_within is not None:
+        yield "deviation from the path of the tip", f"at most {units.given(problem.planner.follow_within, 'm')}"
     yield "share of limits that plans use", f"{100.0 * problem.planner.effort_share:g} %"
 
 

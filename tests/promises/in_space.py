@@ -7,6 +7,7 @@ from functools import cache
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
+from ccm_opt.driver.metrics import leader_deviation
 from ccm_opt.problem import JointPose, PlannerOptions, Problem, SimulationOptions, Stop, TipGoal, Tolerances
 from ccm_opt.problem.solution import JointStates, JointTrajectory
 from ccm_opt.robot.arm import Arm, Feed
@@ -118,6 +119,13 @@ def in_room(plan: SpacePlan, **changes: object) -> SpacePlan:
 def told(plan: SpacePlan, **changes: object) -> SpacePlan:
     """With another report of the drives."""
     return replace(plan, joints=replace(plan.joints, **changes))  # type: ignore[arg-type]
+
+
+def led_closely() -> SpacePlan:
+    """The arm may leave the path of its tip by a little less than it does."""
+    found = leader_deviation(fed().problem.arm, fed().trajectory.positions)
+    assert found is not None
+    return fed().asking(planner=replace(FULL, follow_within=0.9 * found.worst))
 
 
 def shared(plan: SpacePlan) -> SpacePlan:
@@ -278,6 +286,7 @@ SPACE_MUTATIONS: dict[str, tuple[Mutation, ...]] = {
         lambda: built(fixed(), inertia_axial=np.full(LINKS, 1.0)),
     ),
     "feed range": (beyond_the_axis,),
+    "following the tip": (led_closely,),
     "joints inside the guide": (lambda: built(fed(), feed=Feed(0.0, 0.3, 0.15)),),
     "feed velocity": (lambda: limited(fed(), feed_velocity=of_axis(fed(), "velocities")),),
     "feed acceleration": (lambda: limited(fed(), feed_acceleration=of_axis(fed(), "accelerations")),),

@@ -6,6 +6,7 @@ import numpy as np
 import shapely
 
 from ccm_opt.core.arrays import FloatArray
+from ccm_opt.driver.metrics import leader_deviation
 from ccm_opt.problem import JointPose, PlannerOptions, PointLimit, Stop, TipGoal, Tolerances
 from ccm_opt.robot.arm import Arm, Feed
 from ccm_opt.robot.configuration import Configuration
@@ -199,6 +200,13 @@ def beyond_the_axis() -> Case:
     return case.asked(goal=TipGoal(tip_of(case, -1)[0])).built(feed=Feed(0.0, 0.19, 0.0))
 
 
+def led_closely() -> Case:
+    """The arm may leave the path of its tip by a little less than it does."""
+    found = leader_deviation(fed().problem.arm, fed().trajectory.positions)
+    assert found is not None
+    return fed().asked(planner=replace(FULL, follow_within=0.9 * found.worst))
+
+
 def shared(case: Case) -> Case:
     """Plans may use a share of the limits alone."""
     return case.asked(planner=PlannerOptions(effort_share=SHARE))
@@ -252,6 +260,7 @@ MUTATIONS: dict[str, Mutation] = {
     "revolutes against bends": lambda: fixed().told(angles=fixed().states.angles + 1e-6 * np.eye(3 * LINKS)[0]),
     "torques against dynamics": lambda: fixed().told(torques=1.001 * fixed().states.torques),
     "feed range": beyond_the_axis,
+    "following the tip": led_closely,
     "joints inside the guide": lambda: fed().built(feed=Feed(0.0, 0.3, 0.15)),
     "feed velocity": lambda: fed().limited(feed_velocity=of_axis(fed(), "velocities")),
     "feed acceleration": lambda: fed().limited(feed_acceleration=of_axis(fed(), "accelerations")),

@@ -1,0 +1,119 @@
+"""How far a fed arm leaves the path of its leader, the tip, as figures and as a limit on the motion.
+
+The path of the leader is the arm as it lies when the motion begins, from the hole on, and then the path of the tip. The
+arm leaves it by the distance of its centre line beyond the hole.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ccm_opt.core.arrays import FloatArray, IntArray
+from ccm_opt.planning.limits.limit import LimitOf
+from ccm_opt.planning.pose import CurveUnknowns
+from ccm_opt.robot.arm import Arm
+from ccm_opt.scene.distances.surface_tree import SurfaceTree
+from ccm_opt.scene.surfaces import TriangleSoup
+
+_PLACES_PER_LINK = 8
+"""Points per link whose distance from the leader's path is measured. Taste."""
+_POSES = 600
+"""Poses at which a motion is looked at, at least where it has fewer keyframes. Taste."""
+FOLLOWING_SHARE = 0.97
+"""Share of the bound that planning uses; the rest is for timing, and for what lies between poses. Taste."""
+
+
+@dataclass(frozen=True)
+class LeaderDistances:
+    """Distances of an arm's centre line beyond the hole from the path of its leader.
+
+    Attributes:
+        distance: of every point, shape (k,) [m].
+        pose: index of the pose that the point belongs to, shape (k,).
+        leg: leg of the path that is nearest, shape (k,).
+        path: corners of the path, shape (m, 3) [m].
+    """
+
+    distance: FloatArray
+    pose: IntArray
+    leg: IntArray
+    path: FloatArray
+
+
+def distances_from_leader(arm: Arm, poses: FloatArray) -> LeaderDistances | None:
+    """Return the distances of a motion from the path of its leader; None where nothing leaves the guide tube.
+
+    Args:
+        arm: arm with a feed axis.
+        poses: configurations in order, shape (T, c) [rad, m].
+    """
+    joints = arm.joint_positions_at(poses)
+    # Points on the links, shape (poses, links, places, d); those in the guide tube follow no leader.
+    shares = (np.arange(_PLACES_PER_LINK) + 0.5) / _PLACES_PER_LINK
+    places = joints[:, :-1, None] + shares[:, None] * (joints[:, 1:, None] - joints[:, :-1, None])
+    along = np.add.outer(np.arange(arm.links), shares) * arm.link_length
+    outside = arm.coordinates.advance(poses)[:, None, None] + along > arm.hole
+    points = arm.embedded(places[outside])
+    path = arm.embedded(leaders_path(arm, poses, joints))
+    if len(points) == 0 or len(path) < 2:
+        return None
+    # Each leg of the path is a triangle without area.
+    legs = np.stack((path[:-1], path[1:], path[1:]), axis=1)
+    owner = np.arange(len(legs), dtype=np.intp)
+    tree = SurfaceTree.of(TriangleSoup(legs, np.zeros(len(legs)), owner, ("",) * len(legs)))
+    near = tree.nearest(np.stack((points, points), axis=1), 2.0 * arm.length)
+    return LeaderDistances(near.gap, np.nonzero(outside)[0], near.owner, path)
+
+
+def leaders_path(arm: Arm, poses: FloatArray, joints: FloatArray) -> FloatArray:
+    """Return the leader's path from the hole on, shape (m, d) [m].
+
+    It is the arm as it lies at the start, then the path of its tip.
+
+    Args:
+        arm: arm with a feed axis.
+        poses: configurations in order, shape (T, c) [rad, m].
+        joints: joints and tip at these configurations, shape (T, links + 1, d) [m].
+    """
+    hole = arm.base + arm.hole * arm.direction
+    feeds = arm.coordinates.advance(poses)
+    outside = feeds[0] + arm.link_length * np.arange(arm.links + 1) > arm.hole
+    # A tip inside the tube leads nothing.
+    leading = feeds[1:] + arm.length > arm.hole
+    path = np.concatenate((hole[None], joints[0][outside], joints[1:, -1][leading]))
+    far = np.linalg.norm(np.diff(path, axis=0), axis=1) > 1e-3 * arm.link_length
+    return path[np.concatenate(([True], far))]
+
+
+@dataclass(frozen=True)
+class FollowingLimit(LimitOf[CurveUnknowns]):
+    """Bounds how far a fed arm leaves the path of its leader.
+
+    Attributes:
+        arm: arm with a feed axis.
+        within: the bound [m].
+    """
+
+    arm: Arm
+    within: float
+
+    def failures(self, q: FloatArray, depth: int | None = None) -> IntArray:
+        """Return the intervals in which the arm leaves the path by more, at samples; the motion begins at the first."""
+        del depth
+        away, owner = self._away(q)
+        return np.unique(np.minimum(owner[away > FOLLOWING_SHARE * self.within], len(q) - 2))
+
+    def worst_deviation(self, q: FloatArray) -> float:
+        """Return how far a motion, shape (K, c), leaves the path at most [m]."""
+        return float(np.max(self._away(q)[0]))
+
+    def _away(self, q: FloatArray) -> tuple[FloatArray, IntArray]:
+        """Return the distance at samples of a motion, shape (m,) [m], and the interval that each lies in."""
+        per = max(1, -(-_POSES // max(len(q) - 1, 1)))
+        along = np.linspace(0.0, len(q) - 1.0, per * (len(q) - 1) + 1)
+        samples = np.column_stack([np.interp(along, np.arange(len(q)), column) for column in q.T])
+        away = np.zeros(len(samples))
+        found = distances_from_leader(self.arm, samples)
+        if found is not None:
+            np.maximum.at(away, found.pose, found.distance)
+        return away, along.astype(np.intp)
