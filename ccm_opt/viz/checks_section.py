@@ -44,7 +44,6 @@ _ORDER = (
     "joint",
     "feed",
     "following",
-    "following",
     "tip",
 )
 """Prefixes of the checks that matter to a user, the most important first."""
