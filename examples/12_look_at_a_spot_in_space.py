@@ -22,7 +22,7 @@ import numpy as np
 
 import ccm_opt
 from ccm_opt.problem import TipGoal
-from ccm_opt.viz.arm_drawing import DrawnPlan
+from ccm_opt.viz.arm_drawing import PlanDrawing
 from ccm_opt.viz.plan import plan_picture
 
 ROOM = Path(__file__).parent.parent / "problems" / "space" / "swan-neck-in-space.toml"
@@ -69,7 +69,7 @@ def main() -> None:
     for check in solution.checks[-len(CONSTRAINTS) :]:
         print(f"  {check.name}: residual {check.worst:.2g} at most, allowed {check.limit:g}")
     if len(sys.argv) > 1:
-        Path(sys.argv[1]).write_bytes(plan_picture(DrawnPlan.from_solution(solution)))
+        Path(sys.argv[1]).write_bytes(plan_picture(PlanDrawing.from_solution(solution)))
 
 
 if __name__ == "__main__":

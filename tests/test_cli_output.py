@@ -8,7 +8,7 @@ from typer.testing import CliRunner, Result
 
 from ccm_opt.cli import stage_clock
 from ccm_opt.cli.commands import app
-from ccm_opt.cli.outcome import tell_reason
+from ccm_opt.cli.outcome import report_reason
 from ccm_opt.cli.output import Output, printing
 from ccm_opt.cli.stage_clock import stage_display
 from ccm_opt.core.errors import Diagnosis, Finding, Relaxation
@@ -133,8 +133,8 @@ def test_every_line_of_a_reason_is_printed_once(capsys: pytest.CaptureFixture[st
     with printing(way):
         way.begin("small.toml")
         for each in news:
-            tell_reason(each)
-        tell_reason(news[-1], last=True)
+            report_reason(each)
+        report_reason(news[-1], last=True)
     assert capsys.readouterr().err.splitlines() == [
         "error: small.toml: out of reach",
         "    it is 2 m away",

@@ -18,7 +18,7 @@ from ccm_opt.io import folder as folder_module
 from ccm_opt.io.folder import check_target, solution_files, write_folder, write_solution
 from ccm_opt.io.reading import problem_from_mapping
 from ccm_opt.io.reading_back import SHAPES, load_motion, load_problem_data
-from ccm_opt.io.result_folders import FAILED, UNFINISHED, place_beside, write_failure
+from ccm_opt.io.result_folders import FAILED, UNFINISHED, sibling_folder, write_failure
 from ccm_opt.problem import Problem, TipGoal
 from ccm_opt.problem.solution import Solution
 
@@ -143,12 +143,12 @@ def test_a_failure_replaces_the_record_of_an_earlier_one(small_problem: Problem,
 
 def test_nothing_beside_an_earlier_plan_is_replaced(written: Path, small_solution: Solution) -> None:
     """Plans that were cut short are numbered, and a folder of the user that has the name of the next one is passed."""
-    places = [place_beside(written, UNFINISHED)]
+    places = [sibling_folder(written, UNFINISHED)]
     write_folder(places[0], solution_files(small_solution))
     written.with_name("small.unfinished-2").mkdir()
-    places.append(place_beside(written, UNFINISHED))
+    places.append(sibling_folder(written, UNFINISHED))
     written.with_name("small.failed").write_text("mine")
-    places.append(place_beside(written, FAILED))
+    places.append(sibling_folder(written, FAILED))
     assert [place.name for place in places] == ["small.unfinished", "small.unfinished-3", "small.failed-2"]
 
 

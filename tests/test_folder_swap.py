@@ -18,7 +18,7 @@ from ccm_opt.core.errors import ProblemError
 from ccm_opt.core.files import put_file
 from ccm_opt.io import folder as folder_swap
 from ccm_opt.io.folder import ARRAYS, RECORD, WORKSHOP, write_folder
-from ccm_opt.io.result_folders import FAILED, place_beside
+from ccm_opt.io.result_folders import FAILED, sibling_folder
 
 OWN = "notes.txt"
 """A file of the user's in a folder of results."""
@@ -95,7 +95,7 @@ def test_a_failure_that_races_a_plan_leaves_the_plan(tmp_path: Path) -> None:
     target = tmp_path / "plan"
 
     def beside(wanted: Path) -> Path:
-        return place_beside(wanted, FAILED)
+        return sibling_folder(wanted, FAILED)
 
     fails = [
         threading.Thread(target=write_folder, args=(target, {RECORD: b"{}"}), kwargs={"beside": beside})

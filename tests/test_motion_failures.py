@@ -11,7 +11,7 @@ from ccm_opt.core.errors import MotionNotFound, TimeLimitReached
 from ccm_opt.planning.search import Failure, StrategyInVain, evidence, nothing_found
 from ccm_opt.planning.strategies import find_motion
 from ccm_opt.viz.document import PageUnits
-from ccm_opt.viz.failure_page import drawn_findings
+from ccm_opt.viz.failure_page import finding_marks
 from tests.scenes import clutter, motion_task
 
 
@@ -45,7 +45,7 @@ def test_what_held_the_best_attempt_is_told_and_drawn(left: float) -> None:
     assert "joints 3 and 5 at the limit of" in diagnosis.reason
     assert any(line.startswith("raise arm.joint_limit_deg (not tried): ") for line in diagnosis.advice)
     assert any("'door'" in line and "link 3" in line for line in diagnosis.advice)
-    marks = drawn_findings(problem, diagnosis, PageUnits.of_page(problem))
+    marks = finding_marks(problem, diagnosis, PageUnits.of_page(problem))
     (arm,) = [mark["points"] for mark in marks if mark["kind"] == "arm"]
     assert np.array(arm) == pytest.approx(problem.arm.joint_positions_at(best.pose), abs=1e-5)
 

@@ -18,8 +18,8 @@ from ccm_opt import load_problem, pareto
 from ccm_opt.cli.commands import app
 from ccm_opt.core.errors import ProblemError, UnreachableGoal
 from ccm_opt.diagnosis.possible_gap import possible_gap
+from ccm_opt.driver.clearance_over_time import clearance_over_time
 from ccm_opt.driver.pareto import DEFAULT_PARETO, Judgement, ParetoSettings
-from ccm_opt.driver.room_over_time import room_over_time
 from ccm_opt.io.reading import parse_problem
 from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import ParetoPlan, ParetoPlans, Solution
@@ -35,7 +35,7 @@ def made_up(problem: Problem, duration: float, gap: float) -> ParetoPlan:
     """A plan of which only the duration and the least gap count."""
     solution = make_solution(problem, np.full(problem.arm.links, 0.3))
     trajectory = replace(solution.trajectory, time=duration * solution.trajectory.time)
-    room = room_over_time(problem, trajectory, 0.0)
+    room = clearance_over_time(problem, trajectory, 0.0)
     room = replace(room, nearest=replace(room.nearest, gap=gap, link=1, obstacle="post"))
     return ParetoPlan(gap, replace(solution, trajectory=trajectory, room=room))
 
@@ -146,7 +146,7 @@ def test_no_motion_in_space_has_more_room_than_its_bound(aside: float, height: f
     top = 4.0 * problem.default_gap
     for plan in found.plans:
         assert plan.solution is not None
-        room = room_over_time(problem, plan.solution.trajectory, top)
+        room = clearance_over_time(problem, plan.solution.trajectory, top)
         bound = possible_gap(problem, room)
         assert bound is not None
         assert min(room.nearest.gap, top) <= bound.value + problem.tolerances.position

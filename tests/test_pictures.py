@@ -11,16 +11,16 @@ from PIL import Image
 from typer.testing import CliRunner
 
 from ccm_opt.cli.commands import app
-from ccm_opt.cli.drawing import STILL_FIGURES, drawn_files
+from ccm_opt.cli.drawing import STILL_FIGURES, draw_figures
 from ccm_opt.cli.output import FigureName
 from ccm_opt.core.errors import ProblemError
-from ccm_opt.driver.room_over_time import room_over_time
+from ccm_opt.driver.clearance_over_time import clearance_over_time
 from ccm_opt.io.folder import WRITTEN_FILES, write_solution
 from ccm_opt.io.reading import parse_problem
 from ccm_opt.io.reading_back import load_motion, recorded_curves, recorded_nearest
 from ccm_opt.problem.solution import Solution
 from ccm_opt.viz import films as video
-from ccm_opt.viz.arm_drawing import DrawnPlan
+from ccm_opt.viz.arm_drawing import PlanDrawing
 from ccm_opt.viz.films import make_film, motion_gif, motion_mp4
 from ccm_opt.viz.plan import even_steps, plan_figure, plan_picture
 from ccm_opt.viz.settings import FILM
@@ -34,14 +34,14 @@ BEGINNINGS = {"png": b"\x89PNG", "svg": b"<?xml", "pdf": b"%PDF"}
 @pytest.fixture
 def measured(small_solution: Solution) -> Solution:
     """The made-up plan with the record of its room, which a wanted gap of 0.2 m makes large enough to see the post."""
-    room = room_over_time(small_solution.problem, small_solution.trajectory, 0.2)
+    room = clearance_over_time(small_solution.problem, small_solution.trajectory, 0.2)
     return replace(small_solution, room=room)
 
 
 @pytest.fixture
-def plan(measured: Solution) -> DrawnPlan:
+def plan(measured: Solution) -> PlanDrawing:
     """What pictures show of it."""
-    return DrawnPlan.from_solution(measured)
+    return PlanDrawing.from_solution(measured)
 
 
 @pytest.fixture
@@ -52,14 +52,14 @@ def folder(measured: Solution, tmp_path: Path) -> Path:
 
 @pytest.mark.planning
 @pytest.mark.parametrize("kind", ["png", "svg", "pdf"])
-def test_the_picture_has_every_format_and_is_always_the_same(plan: DrawnPlan, kind: str) -> None:
+def test_the_picture_has_every_format_and_is_always_the_same(plan: PlanDrawing, kind: str) -> None:
     """Files begin as their format does, and drawing again gives the same bytes."""
     first = plan_picture(plan, kind)  # type: ignore[arg-type]
     assert first.startswith(BEGINNINGS[kind])
     assert plan_picture(plan, kind) == first  # type: ignore[arg-type]
 
 
-def test_the_picture_is_fitted_to_the_action(plan: DrawnPlan) -> None:
+def test_the_picture_is_fitted_to_the_action(plan: PlanDrawing) -> None:
     """All of the arm at all times is in it, little else is, and nothing that is far out of the room."""
     xmin, ymin, xmax, ymax = action_window(plan.problem, plan.points).ravel()
     radius = plan.problem.arm.radius
@@ -75,13 +75,13 @@ def test_axes_are_in_the_unit_of_the_file() -> None:
     problem = parse_problem(SMALL_PROBLEM.replace('name = "small"', 'name = "small"\nunits = "in"'))
     points = problem.arm.joint_positions(np.zeros((3, 4)))
     trajectory = _still(problem.arm.links)
-    figure = plan_figure(DrawnPlan(problem, trajectory, points))
+    figure = plan_figure(PlanDrawing(problem, trajectory, points))
     (axes,) = figure.axes
     assert axes.get_xlabel() == "x [in]"
     ticks = np.array(axes.get_xticks()) / 0.0254
     steps = np.diff(ticks)
     np.testing.assert_allclose(steps, steps[0], rtol=1e-9)
-    (in_metres,) = plan_figure(DrawnPlan(replace(problem, length_unit="m"), trajectory, points)).axes
+    (in_metres,) = plan_figure(PlanDrawing(replace(problem, length_unit="m"), trajectory, points)).axes
     assert in_metres.get_xlabel() == "x [m]"
     np.testing.assert_allclose(ticks, np.round(ticks, 3), atol=1e-9)
 
@@ -94,7 +94,7 @@ def _still(links: int):  # noqa: ANN202 - a trajectory of three samples
     return JointTrajectory(np.array([0.0, 0.5, 1.0]), rest, rest, rest)
 
 
-def test_the_least_gap_is_marked_where_it_is(plan: DrawnPlan) -> None:
+def test_the_least_gap_is_marked_where_it_is(plan: PlanDrawing) -> None:
     """The mark stands as far from the link as from the post, and its words name gap and time."""
     near = plan.nearest
     assert near is not None
@@ -110,7 +110,7 @@ def test_the_least_gap_is_marked_where_it_is(plan: DrawnPlan) -> None:
     assert label in [text.get_text() for text in figure.legends[0].get_texts()]
 
 
-def test_poses_are_equally_far_apart(plan: DrawnPlan) -> None:
+def test_poses_are_equally_far_apart(plan: PlanDrawing) -> None:
     """Between poses that are drawn all joints together travel about equally far."""
     samples = even_steps(plan.points, 5, ends=True)
     assert (samples[0], samples[-1]) == (0, len(plan.points) - 1)
@@ -119,7 +119,7 @@ def test_poses_are_equally_far_apart(plan: DrawnPlan) -> None:
     np.testing.assert_allclose(np.diff(travelled), travelled[-1] / 6.0, atol=2.0 * moved.max())
 
 
-def test_the_film_lasts_as_long_as_the_motion(plan: DrawnPlan) -> None:
+def test_the_film_lasts_as_long_as_the_motion(plan: PlanDrawing) -> None:
     """Its frames end when the motion does, to a hundredth of a second, and the first and last differ."""
     film = Image.open(BytesIO(motion_gif(plan)))
     shown = 0.0
@@ -133,7 +133,7 @@ def test_the_film_lasts_as_long_as_the_motion(plan: DrawnPlan) -> None:
     assert np.any(pictures[0] != pictures[-1])
 
 
-def test_long_films_are_faster_than_the_motion(plan: DrawnPlan) -> None:
+def test_long_films_are_faster_than_the_motion(plan: PlanDrawing) -> None:
     """A motion of a minute has no more frames than a film may have, and its samples are evenly spread in time."""
     slow = replace(plan, trajectory=replace(plan.trajectory, time=60.0 * plan.trajectory.time))
     film = make_film(slow)
@@ -143,7 +143,7 @@ def test_long_films_are_faster_than_the_motion(plan: DrawnPlan) -> None:
     assert np.ptp(spread) <= 2.0 * np.max(np.diff(slow.trajectory.time)) + 1e-9
 
 
-def test_a_video_needs_its_encoder(plan: DrawnPlan, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_video_needs_its_encoder(plan: PlanDrawing, monkeypatch: pytest.MonkeyPatch) -> None:
     """With ffmpeg there is an MP4 file; without it the message says what is missing."""
     if video.encoder() is not None:
         content = motion_mp4(plan, replace(FILM, video_side=120, video_frames_a_second=10))
@@ -168,7 +168,7 @@ def test_a_folder_has_all_that_pictures_show(measured: Solution, folder: Path) -
 
 
 @pytest.mark.planning
-def test_draw_makes_all_figures_of_a_folder(folder: Path, plan: DrawnPlan, tmp_path: Path) -> None:
+def test_draw_makes_all_figures_of_a_folder(folder: Path, plan: PlanDrawing, tmp_path: Path) -> None:
     """Every still figure is written, that of the motion the same as from the solution; --out gathers them by plan."""
     result = CliRunner().invoke(app, ["draw", str(folder)])
     assert result.exit_code == 0, result.output
@@ -191,4 +191,4 @@ def test_draw_says_what_it_cannot_draw(folder: Path, tmp_path: Path) -> None:
         kept = {name: arrays[name] for name in arrays.files if not name.startswith("segment")}
     np.savez(folder / "solution.npz", **kept)
     with pytest.raises(ProblemError):
-        drawn_files(folder, [FigureName.CURVES])
+        draw_figures(folder, [FigureName.CURVES])

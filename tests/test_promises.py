@@ -10,7 +10,7 @@ from pydantic import BaseModel
 from ccm_opt.cli import written_plans as checking
 from ccm_opt.cli.outcome import NO_PLAN
 from ccm_opt.io import schema
-from ccm_opt.io.reading_back import FEED_SHAPES, ROOM_SHAPES, SHAPES
+from ccm_opt.io.reading_back import CLEARANCE_SHAPES, FEED_SHAPES, SHAPES
 from ccm_opt.io.text_agreement import NAMES
 
 from .corruption.plans import Folder, write_plans
@@ -117,7 +117,7 @@ def test_a_broken_promise_in_space_is_caught_by_its_check_alone(name: str) -> No
 
 def test_every_array_has_a_row() -> None:
     """So has every array of ``solution.npz``."""
-    assert set(rows("Arrays")) == {*SHAPES, *FEED_SHAPES, *ROOM_SHAPES}
+    assert set(rows("Arrays")) == {*SHAPES, *FEED_SHAPES, *CLEARANCE_SHAPES}
 
 
 def test_every_key_of_the_record_has_a_row(written: Folder, written_in_space: Folder) -> None:

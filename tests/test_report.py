@@ -18,7 +18,7 @@ from ccm_opt.cli.outcome import NO_PLAN
 from ccm_opt.cli.solving import solve_files
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.errors import Diagnosis, Finding, Relaxation
-from ccm_opt.driver.room_over_time import room_over_time
+from ccm_opt.driver.clearance_over_time import clearance_over_time
 from ccm_opt.io.reading import parse_problem
 from ccm_opt.problem import Problem, Stop
 from ccm_opt.problem.solution import Check, GoalPoseRecord, Solution, SurvivedError
@@ -122,7 +122,7 @@ def test_the_arm_of_the_page_is_that_of_the_plan(small_solution: Solution) -> No
 def test_the_page_shows_the_room_over_time(small_solution: Solution) -> None:
     """Gaps, wanted gap, clearance and least gap of the chart are those of the record; lacks stand in words."""
     plan = beside_a_post(small_solution)
-    room = room_over_time(plan.problem, plan.trajectory, 0.03)
+    room = clearance_over_time(plan.problem, plan.trajectory, 0.03)
     page = report_html(replace(plan, room=room))
     gaps = page_data(page).gaps
     np.testing.assert_allclose(decoded(gaps["time"]), room.time, atol=1e-5)

@@ -13,7 +13,7 @@ import pytest
 from PIL import Image, ImageSequence
 
 import ccm_opt
-from ccm_opt.cli.drawing import drawn_files, plan_pictures
+from ccm_opt.cli.drawing import draw_figures, plan_pictures
 from ccm_opt.cli.output import FigureName
 from ccm_opt.cli.written_plans import check_folders, exported_files
 from ccm_opt.core.errors import ProblemError, UnreachableGoal
@@ -109,10 +109,10 @@ def test_a_folder_is_read_back_as_it_was(folder: Path) -> None:
 
 def test_the_figure_in_space_is_drawn(folder: Path) -> None:
     """It is the plan's own picture under the name that was asked for; figures of the plane are refused by name."""
-    (name,) = drawn_files(folder, [FigureName.SPACE], "svg")
+    (name,) = draw_figures(folder, [FigureName.SPACE], "svg")
     assert name == "space.svg"
     with pytest.raises(ProblemError, match="curves: available in the plane only"):
-        drawn_files(folder, [FigureName.CURVES])
+        draw_figures(folder, [FigureName.CURVES])
 
 
 def test_check_accepts_a_folder_and_refuses_a_changed_one(

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from ccm_opt.problem import JointPose, Limits, Problem, Stop, TipGoal, Tolerances
 from ccm_opt.scene.bodies import Body, BoxBody, CapsuleBody
 from ccm_opt.scene.workspace import Obstacle, Workspace
-from ccm_opt.viz.arm_drawing import SIDES, DrawnPlan
+from ccm_opt.viz.arm_drawing import SIDES, PlanDrawing
 from ccm_opt.viz.arm_section import ArmSection, section_along
 from ccm_opt.viz.plan import draw_goals
 
@@ -69,7 +69,7 @@ def test_goals_of_a_tour_are_numbered_in_every_view() -> None:
     )
     for shown, numbers in ((plan, []), (tour, ["1", "2"])):
         axes = Figure().add_subplot()
-        draw_goals(axes, DrawnPlan.from_solution(shown), SIDES[0])
+        draw_goals(axes, PlanDrawing.from_solution(shown), SIDES[0])
         assert [text.get_text() for text in axes.texts if text.get_text()] == numbers
 
 
@@ -80,5 +80,5 @@ def test_places_to_pass_are_named_in_the_legend() -> None:
     for via, named in (((), 0), ((points[1, -1], points[2, -1]), 1)):
         problem = replace(plan.problem, goal=TipGoal(points[-1, -1], via=via))
         axes = Figure().add_subplot()
-        draw_goals(axes, DrawnPlan.from_solution(replace(plan, problem=problem)), SIDES[0])
+        draw_goals(axes, PlanDrawing.from_solution(replace(plan, problem=problem)), SIDES[0])
         assert axes.get_legend_handles_labels()[1].count("via point") == named

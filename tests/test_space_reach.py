@@ -16,7 +16,7 @@ from ccm_opt.planning.tip_reach import REACH, ReachQuestion, TipFlood, look_at_c
 from ccm_opt.problem import TipGoal
 from ccm_opt.problem.solution import ReachMap
 from ccm_opt.viz.arm_drawing import SIDES
-from ccm_opt.viz.views import SeenScene
+from ccm_opt.viz.views import SceneViews
 
 from .command_runs import CommandLine, brightness
 from .conftest import PROBLEMS
@@ -159,7 +159,7 @@ def test_maps_are_the_same_whatever_the_workers(tmp_path: Path, run: CommandLine
 def test_slices_show_the_bodies_that_they_cut(at: float, length: float) -> None:
     """A box leaves the outline of its section, and nothing in planes that pass it."""
     axes = Figure().add_subplot()
-    SeenScene(mapped().problem).draw_cut(axes, SIDES[0], 2, at)
+    SceneViews(mapped().problem).draw_cut(axes, SIDES[0], 2, at)
     drawn = [line for each in axes.collections if isinstance(each, LineCollection) for line in each.get_segments()]
     assert sum(float(np.linalg.norm(np.subtract(line[1], line[0]))) for line in drawn) == pytest.approx(length)
 

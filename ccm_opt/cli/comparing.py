@@ -187,11 +187,11 @@ def _run(
             runs = "1 run" if count == 1 else f"{count} runs"
             warn(f"{runs} of {method} in {place} come from other code and are repeated")
         return compare(
-            cases, methods, workers, journal, time_limit=time_limit, progress=_telling(len(cases) * len(methods))
+            cases, methods, workers, journal, time_limit=time_limit, progress=_run_reporter(len(cases) * len(methods))
         )
 
 
-def _telling(count: int) -> Callable[[Run], None]:
+def _run_reporter(count: int) -> Callable[[Run], None]:
     """Return a function that prints a numbered line for each run on stderr."""
     numbers = itertools.count(1)
 

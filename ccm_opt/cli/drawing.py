@@ -23,7 +23,7 @@ from ccm_opt.viz.saved_plans import drawn, load
 
 if TYPE_CHECKING:
     from ccm_opt.cli.view.app import ViewerApp
-    from ccm_opt.viz.arm_drawing import DrawnPlan
+    from ccm_opt.viz.arm_drawing import PlanDrawing
     from ccm_opt.viz.page_sections import PlanPages
 
 STILL_FIGURES = tuple(name for name in FigureName if name not in {FigureName.GIF, FigureName.MP4})
@@ -41,23 +41,23 @@ def plan_pictures(
         plans: all plans of the problem if there are several.
     """
     with no_search_for_cycles():
-        from ccm_opt.viz.arm_drawing import DrawnPlan  # noqa: PLC0415 - loads matplotlib
+        from ccm_opt.viz.arm_drawing import PlanDrawing  # noqa: PLC0415 - loads matplotlib
         from ccm_opt.viz.films import motion_gif  # noqa: PLC0415
         from ccm_opt.viz.page import report_html  # noqa: PLC0415
         from ccm_opt.viz.plan import plan_picture  # noqa: PLC0415
-        from ccm_opt.viz.views import SeenScene  # noqa: PLC0415
+        from ccm_opt.viz.views import SceneViews  # noqa: PLC0415
 
     still = f"plan.{kind}"
     report = report_html(solution, pictures=(still, "motion.gif"), plans=plans).encode()
-    plan = DrawnPlan.from_solution(solution)
+    plan = PlanDrawing.from_solution(solution)
     # The picture and the film show the same bodies, which are prepared once.
-    scene = SeenScene(plan.problem) if plan.problem.dimension == 3 else None
+    scene = SceneViews(plan.problem) if plan.problem.dimension == 3 else None
     return {still: plan_picture(plan, kind, scene), "motion.gif": motion_gif(plan, scene), "report.html": report}
 
 
 def pareto_pictures(found: ParetoPlans, kind: FigureKind = "png") -> Mapping[str, bytes]:
     """Return the pictures of several plans: all of the recommended one, picture and page of each, and the trade-off."""
-    from ccm_opt.viz.arm_drawing import DrawnPlan  # noqa: PLC0415 - loads matplotlib
+    from ccm_opt.viz.arm_drawing import PlanDrawing  # noqa: PLC0415 - loads matplotlib
     from ccm_opt.viz.page import report_html  # noqa: PLC0415
     from ccm_opt.viz.page_sections import PlanPages  # noqa: PLC0415
     from ccm_opt.viz.paper_figures import pareto_png  # noqa: PLC0415
@@ -74,7 +74,7 @@ def pareto_pictures(found: ParetoPlans, kind: FigureKind = "png") -> Mapping[str
         still = f"plan.{kind}"
         beside = tuple(f"../{other}/{page}" if other != number else "" for other in numbers)
         report = report_html(plan.solution, pictures=(still,), plans=PlanPages(found, beside))
-        pictures[f"{folder_of(number)}/{still}"] = plan_picture(DrawnPlan.from_solution(plan.solution), kind)
+        pictures[f"{folder_of(number)}/{still}"] = plan_picture(PlanDrawing.from_solution(plan.solution), kind)
         pictures[f"{folder_of(number)}/{page}"] = report.encode()
     return pictures
 
@@ -97,7 +97,7 @@ def draw_folders(
     def draw(folder: Path) -> int:
         # Pictures of several plans in one folder would overwrite each other, so each plan gets a folder of its own.
         place = folder if out is None else out / folder.resolve().name
-        pictures = drawn_files(folder, figures or STILL_FIGURES, kind)
+        pictures = draw_figures(folder, figures or STILL_FIGURES, kind)
         for name, content in pictures.items():
             put_file_or_refuse(place / name, content, "choose another --out")
         written = [str(place / name) for name in pictures]
@@ -107,7 +107,7 @@ def draw_folders(
     return run_all(folders, draw)
 
 
-def drawn_files(folder: Path, figures: Sequence[FigureName], kind: FigureKind = "png") -> dict[str, bytes]:
+def draw_figures(folder: Path, figures: Sequence[FigureName], kind: FigureKind = "png") -> dict[str, bytes]:
     """Return the pictures of a plan in a folder, by file name.
 
     Args:
@@ -124,7 +124,7 @@ def drawn_files(folder: Path, figures: Sequence[FigureName], kind: FigureKind = 
     from ccm_opt.viz.films import motion_gif, motion_mp4  # noqa: PLC0415
     from ccm_opt.viz.plan import plan_picture  # noqa: PLC0415
 
-    stills: dict[FigureName, Callable[[DrawnPlan, FigureKind], bytes]] = {
+    stills: dict[FigureName, Callable[[PlanDrawing, FigureKind], bytes]] = {
         FigureName.PLAN: plan_picture,
         FigureName.SPACE: plan_picture,
     }
@@ -138,7 +138,7 @@ def drawn_files(folder: Path, figures: Sequence[FigureName], kind: FigureKind = 
             FigureName.LINKS: paper_figures.links_picture,
             FigureName.SPACE: paper_figures.space_picture,
         }
-    films: dict[FigureName, Callable[[DrawnPlan], bytes]] = {FigureName.GIF: motion_gif, FigureName.MP4: motion_mp4}
+    films: dict[FigureName, Callable[[PlanDrawing], bytes]] = {FigureName.GIF: motion_gif, FigureName.MP4: motion_mp4}
     if unknown := [str(name) for name in figures if name not in stills and name not in films]:
         raise ProblemError(f"{', '.join(unknown)}: available in the plane only; '{plan.problem.name}' is in space")
     files = {f"{name}.{kind}": stills[name](plan, kind) for name in figures if name in stills}

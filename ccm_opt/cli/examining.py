@@ -9,7 +9,7 @@ import numpy as np
 from rich.markup import escape
 from rich.table import Table
 
-from ccm_opt.cli.loading import tell_of_scene
+from ccm_opt.cli.loading import report_scene
 from ccm_opt.cli.outcome import SOLVED, print_result, run_all, simulation_exit_code
 from ccm_opt.cli.output import output
 from ccm_opt.cli.tables import columned_table, peak_torque, report_console, result_units, value_table, verdict_cells
@@ -28,7 +28,7 @@ from ccm_opt.problem.solution import SimulatedMotion, SurvivedError
 from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.frames import dh_table, joint_names
 from ccm_opt.verification.verifier import verify
-from ccm_opt.viz.room_section import survived_in_words
+from ccm_opt.viz.clearance_section import survived_in_words
 
 _DRIVE = ("velocity [rad/s]", "acceleration [rad/s²]", "torque [N m]", "rotor [kg m²]", "friction [N m s/rad]")
 """Column headings for a revolute's drive."""
@@ -52,7 +52,7 @@ def describe_files(files: Sequence[Path], changes: Sequence[str] = ()) -> int:
 
 
 def _describe(problem: Problem) -> int:
-    tell_of_scene(problem)
+    report_scene(problem)
 
     def show() -> None:
         console = report_console()

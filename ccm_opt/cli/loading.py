@@ -29,7 +29,7 @@ _MOST_LEFT_OUT = 10
 TIMES = "\N{MULTIPLICATION SIGN}"
 
 
-def tell_of_scene(problem: Problem) -> None:
+def report_scene(problem: Problem) -> None:
     """Report a problem's drawing or meshes, and warn of obstacles outside its workspace and of unlikely rates."""
     tell = report_meshes if problem.dimension == 3 else report_drawing
     tell(problem)
@@ -39,7 +39,7 @@ def tell_of_scene(problem: Problem) -> None:
 def report_drawing(problem: Problem) -> None:
     """Print a summary of a problem's drawing, and warn if its size does not suit the arm or obstacles lie outside."""
     if problem.drawing is not None:
-        _tell_of(problem.drawing, problem)
+        _report_drawing(problem.drawing, problem)
     boundary = problem.workspace.boundary
     warn_outside(
         problem.name,
@@ -47,7 +47,7 @@ def report_drawing(problem: Problem) -> None:
     )
 
 
-def _tell_of(drawing: ImportedDrawing, problem: Problem) -> None:
+def _report_drawing(drawing: ImportedDrawing, problem: Problem) -> None:
     if output().as_json:
         output().note({"drawing": asdict(drawing)})
     if output().tables:
@@ -256,7 +256,7 @@ class NamedProblems:
             raise ProblemError(
                 f"{file} has the same name '{problem.name}' as {first} and would share its folder; rename one"
             )
-        tell_of_scene(problem)
+        report_scene(problem)
         return problem
 
 

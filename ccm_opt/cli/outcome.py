@@ -116,7 +116,7 @@ def complain(message: str) -> None:
     _print_on_stderr("error:", "red", message)
 
 
-def tell_reason(diagnosis: Diagnosis, *, last: bool = False) -> None:
+def report_reason(diagnosis: Diagnosis, *, last: bool = False) -> None:
     """Print why the current item has no plan, on stderr: once as soon as it is known, later only what is new.
 
     Args:
@@ -219,7 +219,7 @@ def _guarded(run: Callable[[Item], int], item: Item, name: str) -> int:
         return BAD_INPUT
     except NoPlanFound as error:
         output().note({"status": error.status})
-        tell_reason(error.diagnosis, last=True)
+        report_reason(error.diagnosis, last=True)
         return NO_PLAN
     except VerificationError as error:
         output().note({"status": "refused"})

@@ -21,7 +21,7 @@ from ccm_opt.cli.surroundings import MORE_MEMORY, is_out_of_memory, no_search_fo
 from ccm_opt.cli.tables import print_pareto, print_solution
 from ccm_opt.core.errors import CancelledWithPlan, Diagnosis, NoPlanFound, VerificationError
 from ccm_opt.io.folder import PARETO_RECORD, RECORD, check_target, solution_files, write_folder
-from ccm_opt.io.result_folders import UNFINISHED, pareto_files, place_beside, write_failure
+from ccm_opt.io.result_folders import UNFINISHED, pareto_files, sibling_folder, write_failure
 from ccm_opt.problem import Problem
 
 
@@ -47,7 +47,7 @@ def failure_recorder(
 
             page = failure_html(problem, status, diagnosis, clock.timings)
             folder = write_failure(problem, status, diagnosis, out, clock.timings, {"report.html": page.encode()})
-        tell_where(folder, out / problem.name, "the reason why there is no new one is")
+        report_folder(folder, out / problem.name, "the reason why there is no new one is")
 
     return record
 
@@ -116,11 +116,11 @@ def write_unfinished(target: Path, files: Mapping[str, bytes]) -> None:
         target: the folder of the plan.
         files: contents of the plan's files, by file name.
     """
-    folder = write_folder(target, files, beside=partial(place_beside, ending=UNFINISHED))
-    tell_where(folder, target, "the new one, verified but unfinished, is")
+    folder = write_folder(target, files, beside=partial(sibling_folder, ending=UNFINISHED))
+    report_folder(folder, target, "the new one, verified but unfinished, is")
 
 
-def tell_where(folder: Path, target: Path, what: str) -> None:
+def report_folder(folder: Path, target: Path, what: str) -> None:
     """Warn that an earlier result is kept, and where the new one was written instead.
 
     Args:

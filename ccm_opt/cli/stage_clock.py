@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, NoReturn
 from rich.console import Console
 from rich.markup import escape
 
-from ccm_opt.cli.outcome import tell_reason
+from ccm_opt.cli.outcome import report_reason
 from ccm_opt.cli.output import output
 from ccm_opt.cli.surroundings import MORE_MEMORY, address_space
 from ccm_opt.core.errors import Diagnosis, NoPlanFound, TimeLimitReached
@@ -74,7 +74,7 @@ class StageClock:
             self.current = stage
         if progress.known is not None:
             self.known = progress.known
-            tell_reason(progress.known)
+            report_reason(progress.known)
         elif self._show is not None:
             self._show(progress)
 

@@ -12,10 +12,10 @@ from ccm_opt.cli.output import output
 from ccm_opt.cli.stage_clock import StageClock
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.problem import Problem
-from ccm_opt.problem.solution import NearPlace, ParetoPlan, ParetoPlans, RoomRecord, SimulationVerdict, Solution
+from ccm_opt.problem.solution import ClearanceRecord, NearPlace, ParetoPlan, ParetoPlans, SimulationVerdict, Solution
 from ccm_opt.viz.checks_section import CheckWords, checks_in_words, joint_in_words
+from ccm_opt.viz.clearance_section import clearance_sentences
 from ccm_opt.viz.document import PageUnits
-from ccm_opt.viz.room_section import room_sentences
 
 _PIPED_WIDTH = 200
 """Width of output to a file or another program [columns]."""
@@ -56,7 +56,7 @@ def print_solution(solution: Solution, clock: StageClock, folder: str) -> None:
         table.add_row("Tracking error", error, "", "", "in the simulation")
     console = report_console()
     console.print(table)
-    print_room(console, solution.room, units)
+    print_clearance(console, solution.room, units)
     print_not_checked(console, solution.not_checked)
     of_itself = sum(check.of_itself for check in words)
     console.print(f"all {len(words)} checks passed, {of_itself} of them on the plan's consistency")
@@ -69,10 +69,10 @@ def result_units(problem: Problem) -> PageUnits:
     return PageUnits.of_file(problem.length_unit, problem.arm.length)
 
 
-def print_room(console: Console, room: RoomRecord | None, units: PageUnits) -> None:
+def print_clearance(console: Console, room: ClearanceRecord | None, units: PageUnits) -> None:
     """Print the clearance of a motion, one sentence per line; nothing if it was not measured."""
     if room is not None:
-        for sentence in room_sentences(room, units):
+        for sentence in clearance_sentences(room, units):
             console.print(escape(sentence), soft_wrap=True)
 
 
@@ -182,7 +182,7 @@ def print_pareto(found: ParetoPlans, clock: StageClock, folder: str) -> None:
     console = report_console()
     console.print(table)
     console.print(f"plan {found.recommended}, recommended:")
-    print_room(console, found.best.room, units)
+    print_clearance(console, found.best.room, units)
     console.print(f"all {len(found.best.checks)} checks passed")
     console.print(escape(stage_line(clock)), soft_wrap=True)
     console.print(escape(f"written to {folder}, each plan to a folder in {folder}/pareto"), soft_wrap=True)
@@ -203,7 +203,7 @@ def _cells(plan: ParetoPlan, units: PageUnits) -> tuple[str, ...]:
     )
 
 
-def _gap(room: RoomRecord | None, at: Callable[[RoomRecord], NearPlace], units: PageUnits) -> str:
+def _gap(room: ClearanceRecord | None, at: Callable[[ClearanceRecord], NearPlace], units: PageUnits) -> str:
     """Return a gap in words, with ">" if nothing is within the search distance."""
     if room is None:
         return ""

@@ -10,10 +10,10 @@ import numpy as np
 
 from ccm_opt.cli.outcome import NO_PLAN, SOLVED, print_result, run_all, warn
 from ccm_opt.cli.output import ExportFormat, output
-from ccm_opt.cli.tables import checks_table, print_not_checked, print_room, report_console, result_units
+from ccm_opt.cli.tables import checks_table, print_clearance, print_not_checked, report_console, result_units
 from ccm_opt.core.errors import ProblemError
 from ccm_opt.core.files import put_file_or_refuse
-from ccm_opt.driver.room_over_time import room_over_time
+from ccm_opt.driver.clearance_over_time import clearance_over_time
 from ccm_opt.ik.terms import Constraint, load_terms
 from ccm_opt.io.controller_points import controller_points, trajectory_texts
 from ccm_opt.io.folder import ARRAYS, model_meshes, model_texts
@@ -25,7 +25,7 @@ from ccm_opt.io.reading_back import (
     read_arrays,
     recorded_results,
 )
-from ccm_opt.io.records import arrays_npz, bend_arrays, room_data
+from ccm_opt.io.records import arrays_npz, bend_arrays, clearance_data
 from ccm_opt.io.robot_models import MESHES, URDF_MESHES
 from ccm_opt.io.text_agreement import record_data_check, text_checks
 from ccm_opt.problem import Problem
@@ -59,7 +59,7 @@ def _check(folder: Path, constraints: tuple[str, ...]) -> int:
     of_terms = _constraint_checks(problem, motion, constraints) if constraints else ()
     # For a malformed motion the verifier stops after these checks, and nothing else can be checked either.
     whole = len(own) > len(MALFORMED)
-    room = room_over_time(problem, motion.trajectory, problem.wanted_gap, own) if whole else None
+    room = clearance_over_time(problem, motion.trajectory, problem.wanted_gap, own) if whole else None
     left_out = left_unchecked(problem, motion.trajectory) if room is not None else ()
     checks = (*own, *of_terms)
     if room is not None:
@@ -91,7 +91,7 @@ def _check(folder: Path, constraints: tuple[str, ...]) -> int:
         console.print(checks_table(f"{problem.name}: {verdict}", told))
         if len(told) < len(words):
             console.print(f"and {len(words) - len(told)} checks of the plan's consistency passed")
-        print_room(console, room, result_units(problem))
+        print_clearance(console, room, result_units(problem))
         print_not_checked(console, left_out)
 
     def data() -> dict[str, object]:
@@ -101,7 +101,7 @@ def _check(folder: Path, constraints: tuple[str, ...]) -> int:
             "checks": [{name: value for name, value in asdict(check).items() if name != "place"} for check in checks],
             "unchecked_constraints": unchecked,
             "not_checked": list(left_out),
-            "room": None if room is None else room_data(room),
+            "room": None if room is None else clearance_data(room),
         }
 
     return print_result(show, SOLVED if passed else NO_PLAN, data)

@@ -121,7 +121,7 @@ class Stages:
             elapsed = time.process_time() - self._beginning
             self.progress(replace(Progress(self._running[-1], elapsed, self.limit, unit=said_unit()), **news))
 
-    def tell_change(self, words: str, spent: float, most: float) -> None:
+    def report_change(self, words: str, spent: float, most: float) -> None:
         """Report which change is being tried on a problem without a plan.
 
         Args:

@@ -31,7 +31,7 @@ _THICK = (1.0, 1000.0)
 
 Derived: arms are about ten to a thousand times as long as either.
 """
-_SMALL_ROOM = 0.01
+_SMALL_WORKSPACE = 0.01
 """Size of the room, as a share of the arm's length, below which the room looks wrong. Taste."""
 _GUESSED = ("too stiff",)
 """Kinds of findings that, where they are not proved, rest on one way that was found, and on no bound of all ways."""
@@ -104,7 +104,7 @@ def _hints(problem: Problem) -> Iterator[str]:
         # Suspicious rooms are far larger than the arm, too small to hold it, or far from its base.
         share = float(np.ptp(bounds, axis=0).max()) / arm.length
         beyond = np.maximum(np.maximum(bounds[0] - arm.base, arm.base - bounds[1]), 0.0)
-        if max(share, float(np.linalg.norm(beyond)) / arm.length) > _THOUSAND[0] or share < _SMALL_ROOM:
+        if max(share, float(np.linalg.norm(beyond)) / arm.length) > _THOUSAND[0] or share < _SMALL_WORKSPACE:
             yield f"workspace.bounds is {share:.3g} times as large as the arm is long"
     # A joint limit in degrees whose number would be plausible in radians, and with which the arm can hardly bend.
     degrees = float(np.rad2deg(arm.joint_limit))
@@ -148,7 +148,7 @@ def explained(problem: Problem, error: NoPlanFound, trials: Trials, stages: Stag
     stages.tell(known=_diagnosis(old, ranked(known), (), (*hints, *(() if binding(known) else old.advice))))
     solved: tuple[Relaxation, ...] = ()
     with stages("changes that would help"):
-        telling = replace(trials, tell=stages.tell_change)
+        telling = replace(trials, tell=stages.report_change)
         for relaxation in relaxations(problem, known, telling):
             solved = tuple(sorted((*solved, relaxation), key=lambda each: each.change))
             stages.tell(known=_diagnosis(old, ranked(known, solved), solved, hints))

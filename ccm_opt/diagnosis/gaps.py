@@ -29,7 +29,7 @@ _MOST_BESIDE = 3
 _FIRST_STEP = 0.1
 """First step of an axis away from a position, as a share of the distance that it must keep. Taste."""
 
-ROOM_NAMES = frozenset((BOUNDARY_NAME, ROOM_NAME))
+WORKSPACE_NAMES = frozenset((BOUNDARY_NAME, ROOM_NAME))
 """Names of the walls of the room, which cannot be removed."""
 
 
@@ -137,24 +137,24 @@ class WallGaps:
     def _from_wall(self, wall: Obstacle, lines: Any) -> ObstacleGap:
         """Return the gaps to one wall, which are negative depths inside a polygon and outside the room."""
         gaps = shapely.distance(lines, wall.core) - wall.rounding
-        of_room = wall.name == BOUNDARY_NAME
+        of_clearance = wall.name == BOUNDARY_NAME
         room = self.workspace.boundary
         places = shapely.get_coordinates([shapely.get_point(shapely.shortest_line(lines, wall.core), 0)])
         hidden = np.zeros(len(lines), dtype=bool)
-        if of_room:
+        if of_clearance:
             hidden = ~shapely.covers(room, lines)
         elif isinstance(wall.core, shapely.Polygon):
             hidden = gaps <= 0.0
         for k in np.flatnonzero(hidden):
-            part = shapely.difference(lines[k], room) if of_room else shapely.intersection(lines[k], wall.core)
+            part = shapely.difference(lines[k], room) if of_clearance else shapely.intersection(lines[k], wall.core)
             # For segments inside, the distance is zero, so the depth of the axis is computed.
             points = shapely.get_coordinates(shapely.segmentize(part, _STEP))
-            edge = room.exterior if of_room else shapely.boundary(wall.core)
+            edge = room.exterior if of_clearance else shapely.boundary(wall.core)
             depths = np.atleast_1d(shapely.distance(shapely.points(points), edge))
             if len(depths) and depths.max() > 0.0:
                 gaps[k] = -depths.max()
                 places[k] = points[np.argmax(depths)]
-        return ObstacleGap(wall.name, gaps, places, outside=bool(of_room and gaps.min() < 0.0))
+        return ObstacleGap(wall.name, gaps, places, outside=bool(of_clearance and gaps.min() < 0.0))
 
 
 def _lines(segments: FloatArray) -> Any:
@@ -204,7 +204,7 @@ class SurfaceGaps:
                 if float(found.gaps.min()) < reach:
                     yield found
         if self.workspace.bounds is not None:
-            found = _from_room(self.workspace.bounds, segments)
+            found = _from_bounds(self.workspace.bounds, segments)
             if float(found.gaps.min()) < reach:
                 yield found
 
@@ -235,7 +235,7 @@ def _from_obstacle(obstacle: Obstacle, segments: FloatArray, reach: float) -> Ob
     return ObstacleGap(obstacle.name, gaps, places, body.error)
 
 
-def _from_room(bounds: FloatArray, segments: FloatArray) -> ObstacleGap:
+def _from_bounds(bounds: FloatArray, segments: FloatArray) -> ObstacleGap:
     """Return the gaps to the sides of the room, negative for segments that reach out of it.
 
     The distance from a side is linear along a segment, so its minimum is at an end.

@@ -268,7 +268,7 @@ def _in_file(place: FloatArray, unit: LengthUnit) -> str:
 def _near_places(problem: Any, goal: Any) -> Iterator[tuple[FloatArray, bool]]:
     """Yield positions (d,) for the tip near the goal, and whether each is well inside the admissible region."""
     if problem.dimension == 3:
-        yield from ((place, True) for place in _roomy_places(problem, goal))
+        yield from ((place, True) for place in _clear_places(problem, goal))
         return
     asked = TipPlace("goal", "goal.position", goal, problem.tolerances)
     fixed = beyond_hole(problem, asked) if problem.arm.base_axes else problem
@@ -324,7 +324,7 @@ def _free_polygon(problem: Problem, goal: TipGoal) -> shapely.Geometry:
     return left
 
 
-def _roomy_places(problem: Problem, goal: TipGoal) -> Iterator[FloatArray]:
+def _clear_places(problem: Problem, goal: TipGoal) -> Iterator[FloatArray]:
     """Yield grid positions in space with clearance for the tip, the nearest to the goal first, well apart."""
     arm = problem.arm
     need = arm.radius + problem.workspace.clearance
@@ -334,7 +334,7 @@ def _roomy_places(problem: Problem, goal: TipGoal) -> Iterator[FloatArray]:
     near = np.clip(near, far[0], far[1])
     # A goal out of reach has an empty grid around it.
     boxes = (near, far) if np.all(near[1] > near[0]) else (far,)
-    places = np.concatenate([_roomy(gaps, box, need) for box in boxes])
+    places = np.concatenate([_clear_of_walls(gaps, box, need) for box in boxes])
     # For a goal out of reach, the nearest position is that of the arm stretched out towards it.
     base = nearest_base(arm, goal.position)
     away = goal.position - base
@@ -356,7 +356,7 @@ def _roomy_places(problem: Problem, goal: TipGoal) -> Iterator[FloatArray]:
             yield place
 
 
-def _roomy(gaps: SurfaceGaps, box: FloatArray, need: float) -> FloatArray:
+def _clear_of_walls(gaps: SurfaceGaps, box: FloatArray, need: float) -> FloatArray:
     """Return the centres of the grid cells in a box that keep a distance from all surfaces, shape (k, 3) [m]."""
     sides = box[1] - box[0]
     # The sides of a flat box are enlarged, so that it has few cells rather than tiny ones.

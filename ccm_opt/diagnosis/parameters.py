@@ -9,7 +9,7 @@ import numpy as np
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.errors import Finding, Relaxation
 from ccm_opt.core.length_words import METRES, file_length, in_unit
-from ccm_opt.diagnosis.gaps import ROOM_NAMES
+from ccm_opt.diagnosis.gaps import WORKSPACE_NAMES
 from ccm_opt.diagnosis.keyed_poses import tip_places, whole_poses
 from ccm_opt.problem import Problem
 from ccm_opt.robot.arm import Arm
@@ -22,7 +22,7 @@ Write = Callable[[Any, float], Any]
 
 _FIGURES = 4
 """Significant digits of a reported value, which is rounded to the easier side before it is solved. Taste."""
-_ROOM_SPARE = 0.02
+_BOUNDS_MARGIN = 0.02
 """Margin beyond radius and clearance when bounds are widened, as a share of the arm's length. Taste."""
 _FAR = 0.05
 """Relative distance from its bound above which a value is reported with the bound: more than the first step."""
@@ -279,7 +279,7 @@ def without_term(name: str, kind: str) -> WholeChange:
     return WholeChange(f"{kind} '{name}' dropped", f"{kind}s", name, lambda problem: problem, name)
 
 
-def wider_room(problem: Problem, findings: tuple[Finding, ...]) -> WholeChange | None:
+def larger_bounds(problem: Problem, findings: tuple[Finding, ...]) -> WholeChange | None:
     """Return the change that widens the room's bounds to hold the start and the goals.
 
     None is returned unless all findings are contacts with the sides of a box-shaped room.
@@ -289,11 +289,13 @@ def wider_room(problem: Problem, findings: tuple[Finding, ...]) -> WholeChange |
         findings: the proved findings.
     """
     bounds = problem.workspace.box
-    of_room = all(finding.kind == "contact" and ROOM_NAMES.intersection(finding.obstacles) for finding in findings)
-    if not findings or not of_room or bounds is None or not problem.workspace.is_box:
+    of_clearance = all(
+        finding.kind == "contact" and WORKSPACE_NAMES.intersection(finding.obstacles) for finding in findings
+    )
+    if not findings or not of_clearance or bounds is None or not problem.workspace.is_box:
         return None
     arm = problem.arm
-    need = arm.radius + problem.workspace.clearance + _ROOM_SPARE * arm.length
+    need = arm.radius + problem.workspace.clearance + _BOUNDS_MARGIN * arm.length
     places = [arm.joint_positions_at(pose.q) for pose in whole_poses(problem)]
     points = np.concatenate([*places, *(place.goal.position[None] for place in tip_places(problem))])
     step = 10.0 ** np.floor(np.log10(arm.length) - 3.0)

@@ -11,10 +11,10 @@ from ccm_opt.diagnosis.gaps import gaps_of
 from ccm_opt.diagnosis.keyed_poses import keyed_goals, tip_places
 from ccm_opt.diagnosis.ways import tip_ways
 from ccm_opt.problem import Problem
-from ccm_opt.problem.solution import PossibleGap, RoomRecord
+from ccm_opt.problem.solution import ClearanceRecord, PossibleGap
 
 
-def possible_gap(problem: Problem, room: RoomRecord) -> PossibleGap | None:
+def possible_gap(problem: Problem, room: ClearanceRecord) -> PossibleGap | None:
     """Return an upper bound on the least gap of every motion that ends exactly at its goals.
 
     The gap of a motion is at most that of its start, that of a whole-arm goal, and, for a goal of the tip, that of the
@@ -50,7 +50,7 @@ def possible_gap(problem: Problem, room: RoomRecord) -> PossibleGap | None:
     return least
 
 
-def _goal_gaps(problem: Problem, room: RoomRecord) -> Iterator[float]:
+def _goal_gaps(problem: Problem, room: ClearanceRecord) -> Iterator[float]:
     """Yield the gap at every goal [m].
 
     The gap is that of the whole arm or, for a goal of the tip, of the last link if there is a direction, or of the tip.

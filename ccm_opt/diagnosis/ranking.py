@@ -23,7 +23,7 @@ KINDS = (
     "curve",
 )
 """Kinds of findings, the most elementary first; later kinds may be consequences of earlier ones."""
-MENDS = {
+REPAIRED_KINDS = {
     "arm.radius": ("too thick", "hemmed in", "contact"),
     "workspace.clearance": ("too thick", "hemmed in", "contact"),
     "arm.link_length": ("too short",),
@@ -47,7 +47,7 @@ def ranked(
         relaxations: relaxations with which the problem was solved, the smallest first.
         most: largest number of findings returned.
     """
-    mended = [kind for relaxed in relaxations for kind in MENDS.get(relaxed.key, ())]
+    mended = [kind for relaxed in relaxations for kind in REPAIRED_KINDS.get(relaxed.key, ())]
 
     def place(finding: Finding) -> tuple[bool, int, int, float]:
         by_change = len(mended)

@@ -12,9 +12,16 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.deadline import Deadline
 from ccm_opt.core.errors import Finding, NoPlanFound, ProblemError, Relaxation, VerificationError
 from ccm_opt.diagnosis.diagnosis_settings import TrialSettings
-from ccm_opt.diagnosis.gaps import ROOM_NAMES
+from ccm_opt.diagnosis.gaps import WORKSPACE_NAMES
 from ccm_opt.diagnosis.moved_goal import left_out, moved_goals
-from ccm_opt.diagnosis.parameters import PARAMETERS, Parameter, WholeChange, wider_room, without_obstacle, without_term
+from ccm_opt.diagnosis.parameters import (
+    PARAMETERS,
+    Parameter,
+    WholeChange,
+    larger_bounds,
+    without_obstacle,
+    without_term,
+)
 from ccm_opt.problem import Problem
 
 _STEPS = (0.045, 0.1, 0.2, 0.4)
@@ -196,7 +203,7 @@ def candidates(
     mends = {key for key in keys if not proved or all(key in finding.bounds for finding in proved)}
     fitting = [each for each in PARAMETERS if each.key in mends and each.fits(problem)]
     yield from sorted(fitting, key=lambda each: keys.index(each.key))
-    room = wider_room(problem, proved)
+    room = larger_bounds(problem, proved)
     if room is not None:
         yield room
     removable = _removable(proved, findings)
@@ -212,9 +219,9 @@ def candidates(
 
 def _removable(proved: tuple[Finding, ...], findings: tuple[Finding, ...]) -> list[str]:
     """Return the obstacles, other than the room, whose removal may resolve all proved findings, or else likely ones."""
-    names = [name for finding in proved or findings for name in finding.obstacles if name not in ROOM_NAMES]
-    mending = [name for name in names if all(name in finding.obstacles for finding in proved)]
-    return list(dict.fromkeys(mending))
+    names = [name for finding in proved or findings for name in finding.obstacles if name not in WORKSPACE_NAMES]
+    restoration = [name for name in names if all(name in finding.obstacles for finding in proved)]
+    return list(dict.fromkeys(restoration))
 
 
 def hardest_bound(parameter: Parameter, findings: tuple[Finding, ...]) -> float | None:

@@ -9,8 +9,8 @@ from ccm_opt.core.length_words import words_in
 from ccm_opt.core.progress import Progress
 from ccm_opt.diagnosis.possible_gap import possible_gap
 from ccm_opt.driver.arguments import expect_arguments
+from ccm_opt.driver.clearance_over_time import clearance_over_time
 from ccm_opt.driver.pipeline import solve
-from ccm_opt.driver.room_over_time import room_over_time
 from ccm_opt.driver.settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.ik.terms import Constraint, Cost
 from ccm_opt.problem import Problem
@@ -118,7 +118,7 @@ def pareto(
         first = solved(0.0, 1, explain=explain)
         plans: list[ParetoPlan] = [ParetoPlan(0.0, first, cpu=_planning_time(first))]
         try:
-            roomiest = _roomiest(first, tried, numbers, trade_off)
+            roomiest = _largest_gap_try(first, tried, numbers, trade_off)
             # Gaps that the fastest plan keeps anyway need not be asked for.
             low = plans[0].gap if 0.0 < plans[0].gap < roomiest.wanted_gap else 0.0
             for number, share in enumerate(trade_off.shares[:-1], start=2):
@@ -131,7 +131,7 @@ def pareto(
     return ParetoPlans(problem, judged, judgement.recommended(), trade_off.most_time)
 
 
-def _roomiest(
+def _largest_gap_try(
     fastest: Solution, tried: Callable[[float, int], ParetoPlan], settings: Settings, trade_off: ParetoSettings
 ) -> ParetoPlan:
     """Return the plan for the largest preferred clearance of the scene.
@@ -141,7 +141,7 @@ def _roomiest(
     problem = fastest.problem
     usual = problem.default_gap
     top = trade_off.most * usual
-    room = room_over_time(problem, fastest.trajectory, top, fastest.checks, settings.room, settings.verification)
+    room = clearance_over_time(problem, fastest.trajectory, top, fastest.checks, settings.room, settings.verification)
     bound = possible_gap(problem, room)
     if bound is not None and bound.value >= trade_off.least_top * usual:
         top = min(top, bound.value)
@@ -180,7 +180,7 @@ def _priced(plan: ParetoPlan, fastest: float) -> ParetoPlan:
     if solution is None or solution.room is None or plan.wanted_gap == 0.0:
         return plan
     room = replace(solution.room, price=solution.trajectory.duration - fastest)
-    return replace(plan, solution=solution.with_room(room))
+    return replace(plan, solution=solution.with_clearance_record(room))
 
 
 @dataclass(frozen=True)

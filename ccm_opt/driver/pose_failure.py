@@ -95,7 +95,7 @@ def no_pose(asked: GoalPoses, tries: Sequence[PoseTry]) -> ConfigurationNotFound
     """
     problem = asked.problem
     findings = ranked(failed(problem))
-    missed = {} if findings else least_misses(tries)
+    missed = {} if findings else least_violations(tries)
     evidence: dict[str, object] = {
         "tried": [f"{each.beginning.name}: {each.reason}" for each in tries],
         "missed_constraints": missed,
@@ -105,7 +105,7 @@ def no_pose(asked: GoalPoses, tries: Sequence[PoseTry]) -> ConfigurationNotFound
     if missed:
         softer = ("change the bounds or the goal", "make the constraint soft")
         return ConfigurationNotFound(Diagnosis(describe_violations(missed), "configuration", softer, evidence))
-    nearest = min((each for each in tries if each.poses), key=_miss, default=None)
+    nearest = min((each for each in tries if each.poses), key=_violation, default=None)
     missing = next((each.beginning.missing for each in tries if each.beginning.missing is not None), None)
     reason = f"no goal pose was found from {len(tries)} starting poses"
     advice = _advice(problem)
@@ -146,7 +146,7 @@ def with_constraint_first(
     ends = resolve_ends(scaled)
     asked = poses_at_goal(scaled, ends, ends.start, terms, settings.curve.goal_pose)
     tries = [improved_poses(asked, each) for each in along_routes(scaled, ends)]
-    missed = {} if any(each.best is not None for each in tries) else least_misses(tries)
+    missed = {} if any(each.best is not None for each in tries) else least_violations(tries)
     if not missed:
         return failure
     old = failure.diagnosis
@@ -162,7 +162,7 @@ def describe_violations(missed: dict[str, float]) -> str:
     return f"no goal pose was found that satisfies {first} (not proved: another pose may)"
 
 
-def least_misses(tries: Sequence[PoseTry]) -> dict[str, float]:
+def least_violations(tries: Sequence[PoseTry]) -> dict[str, float]:
     """Return the hard constraints violated by the pose that violates them least, and by how much, the worst first.
 
     The initial poses are improved again with softened constraints. The result is empty if that yields no pose either:
@@ -190,11 +190,11 @@ def _goal_violations(each: PoseTry) -> dict[str, float] | None:
         if pose is None:
             break
         q = pose.q
-        found = _worst_misses(terms, softened, q)
+        found = _worst_violations(terms, softened, q)
     return found
 
 
-def _worst_misses(terms: UserTerms, softened: UserTerms, q: FloatArray) -> dict[str, float]:
+def _worst_violations(terms: UserTerms, softened: UserTerms, q: FloatArray) -> dict[str, float]:
     """Return the hard constraints that a pose violates, except those whose violation is small next to the worst."""
     misses = terms.residuals_at_goal(q)
     weights = {item.constraint.name: item.constraint.weight for item in softened.constraints}
@@ -210,7 +210,7 @@ def _worst_misses(terms: UserTerms, softened: UserTerms, q: FloatArray) -> dict[
     return {name: miss for name, miss in missed.items() if not turns[name] < least}
 
 
-def _miss(each: PoseTry) -> float:
+def _violation(each: PoseTry) -> float:
     return min((pose.answer.violation for pose in each.poses), default=np.inf)
 
 

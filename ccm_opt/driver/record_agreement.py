@@ -13,8 +13,8 @@ from ccm_opt.planning.link_space import nearest_curves
 from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import (
     Check,
+    ClearanceRecord,
     JointTrajectory,
-    RoomRecord,
     SimulatedMotion,
     SimulationVerdict,
     SurvivedError,
@@ -48,7 +48,7 @@ def record_checks(
     motion: SavedMotion,
     record: RecordedResults,
     checks: tuple[Check, ...],
-    room: RoomRecord,
+    room: ClearanceRecord,
     settings: VerificationSettings = DEFAULT_VERIFICATION,
 ) -> list[Check]:
     """Check everything that a folder records about a motion against the motion.
@@ -80,8 +80,8 @@ def record_checks(
         figures |= of_simulation
     found.append(_figures(record.figures, figures, settings))
     found.append(_checks(record.checks, checks, settings))
-    if motion.room_arrays:
-        found.append(_room(motion.room_arrays, room, settings))
+    if motion.clearance_arrays:
+        found.append(_room(motion.clearance_arrays, room, settings))
     if record.tolerance:
         found.append(_survived(problem, trajectory, record.tolerance))
     return found
@@ -205,7 +205,7 @@ def _survived(problem: Problem, trajectory: JointTrajectory, recorded: Sequence[
     return _listed("survived errors against motion", wrong, len(recorded))
 
 
-def _room(recorded: Mapping[str, FloatArray], room: RoomRecord, settings: VerificationSettings) -> Check:
+def _room(recorded: Mapping[str, FloatArray], room: ClearanceRecord, settings: VerificationSettings) -> Check:
     """Check the recorded gaps over time against recomputed ones."""
     wanted = {"room_time": room.time, "wall_gaps": room.wall_gaps, "self_gaps": room.self_gaps}
     wrong = [

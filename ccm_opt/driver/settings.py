@@ -4,7 +4,7 @@ from dataclasses import dataclass, field, fields
 
 from ccm_opt.core.arguments import expect
 from ccm_opt.diagnosis.diagnosis_settings import DiagnosisSettings
-from ccm_opt.driver.room_over_time import RoomSettings
+from ccm_opt.driver.clearance_over_time import ClearanceSettings
 from ccm_opt.dynamics.retiming.timing_settings import TimingSettings
 from ccm_opt.planning.pose_beginnings import PoseSearchSettings
 from ccm_opt.planning.settings import CurvePlannerSettings, SpaceMotionSettings
@@ -38,7 +38,7 @@ class Settings:
     reach: ReachSettings = field(default_factory=ReachSettings)
     timing: TimingSettings = field(default_factory=TimingSettings)
     verification: VerificationSettings = field(default_factory=VerificationSettings)
-    room: RoomSettings = field(default_factory=RoomSettings)
+    room: ClearanceSettings = field(default_factory=ClearanceSettings)
     tolerance: ToleranceSettings = field(default_factory=ToleranceSettings)
     diagnosis: DiagnosisSettings = field(default_factory=DiagnosisSettings)
 

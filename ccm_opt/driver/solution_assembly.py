@@ -21,18 +21,18 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.errors import CancelledWithPlan
 from ccm_opt.core.progress import Stages
 from ccm_opt.diagnosis.possible_gap import possible_gap
+from ccm_opt.driver.clearance_over_time import clearance_over_time
 from ccm_opt.driver.closed_loop import not_simulated, simulate_and_check
 from ccm_opt.driver.metrics import metrics
 from ccm_opt.driver.robustness import tolerance_at_once
-from ccm_opt.driver.room_over_time import room_over_time
 from ccm_opt.driver.settings import DEFAULT_SETTINGS, Settings
 from ccm_opt.driver.verified_plan import VerifiedPlan
 from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import (
     Check,
+    ClearanceRecord,
     JointTrajectory,
     PossibleGap,
-    RoomRecord,
     SimulatedMotion,
     Solution,
     SurvivedError,
@@ -88,7 +88,7 @@ def clearance_record(
     trajectory: JointTrajectory,
     checks: Sequence[Check],
     settings: Settings = DEFAULT_SETTINGS,
-) -> RoomRecord:
+) -> ClearanceRecord:
     """Return the record of the clearance that a verified motion keeps.
 
     Args:
@@ -97,7 +97,7 @@ def clearance_record(
         checks: checks of the verifier, which hold the least gaps.
         settings: of all stages.
     """
-    room = room_over_time(problem, trajectory, problem.wanted_gap, checks, settings.room, settings.verification)
+    room = clearance_over_time(problem, trajectory, problem.wanted_gap, checks, settings.room, settings.verification)
     if room.wanted == 0.0:
         return room
     if not room.short:
@@ -113,7 +113,7 @@ def clearance_record(
     return replace(room, possible=min(bounds, key=lambda bound: bound.value, default=None))
 
 
-def _passage_bounds(problem: Problem, trajectory: JointTrajectory, room: RoomRecord) -> Iterator[PossibleGap]:
+def _passage_bounds(problem: Problem, trajectory: JointTrajectory, room: ClearanceRecord) -> Iterator[PossibleGap]:
     """Yield an upper bound of the wall gap at each passage with less than the preferred clearance."""
     for part in room.short:
         if part.cause != "passage":
@@ -140,7 +140,7 @@ def draft_solution(
     stages: Stages,
     simulated: SimulatedMotion | None = None,
     figures: Mapping[str, float] = MappingProxyType({}),
-    room: RoomRecord | None = None,
+    room: ClearanceRecord | None = None,
     tolerance: tuple[SurvivedError, ...] = (),
 ) -> Solution:
     """Return the solution for a verified plan, from the results known so far.
@@ -193,7 +193,7 @@ def described(
     Raises:
         CancelledWithPlan: on Ctrl-C, with the solution as far as it is known.
     """
-    room: RoomRecord | None = None
+    room: ClearanceRecord | None = None
     tolerance: tuple[SurvivedError, ...] = ()
     simulated: SimulatedMotion | None = None
     of_simulation: Mapping[str, float] = {}
@@ -204,8 +204,8 @@ def described(
 
     try:
         with stages("room"):
-            of_room = partial(clearance_record, problem, plan.trajectory, plan.checks, settings)
-            room = kept(of_room, "the clearance of the motion was not measured", lambda _: None)
+            of_clearance = partial(clearance_record, problem, plan.trajectory, plan.checks, settings)
+            room = kept(of_clearance, "the clearance of the motion was not measured", lambda _: None)
         with stages("tolerance"):
             of_errors = partial(tolerance_at_once, problem, plan.trajectory, settings)
             tolerance = kept(of_errors, "the tolerance of the motion was not certified", lambda _: ())

@@ -283,7 +283,7 @@ def _proved_violation(item: CompiledConstraint, function: ca.Function, goal: Goa
     for _ in range(_BISECTIONS if len(pointing) == 1 else 1):
         places = [_about(coordinate, goal.around, pointing[0]) for coordinate in goal.position.tolist()]
         try:
-            misses = least_misses(item, interval_values(function, [*places, *pointing]))
+            misses = least_violations(item, interval_values(function, [*places, *pointing]))
         except NotBounded:
             return 0.0
         if np.all(misses > TERM_TOLERANCE):
@@ -296,7 +296,7 @@ def _about(centre: float, around: float, like: Intervals) -> Intervals:
     return Intervals(np.full_like(like.low, centre - around), np.full_like(like.low, centre + around))
 
 
-def least_misses(item: CompiledConstraint, values: list[Intervals]) -> FloatArray:
+def least_violations(item: CompiledConstraint, values: list[Intervals]) -> FloatArray:
     """Return a lower bound on the violation of the worst entry, for every box."""
     above = np.stack([value.low - high for value, high in zip(values, item.upper, strict=True)])
     below = np.stack([low - value.high for value, low in zip(values, item.lower, strict=True)])

@@ -71,7 +71,7 @@ class GoalPoses:
         near: configuration to stay near, shape (c,) [rad, m]; None for the pose that is improved.
         terms: compiled constraints and costs of the user, or None.
         settings: settings of the NLP.
-        room_share: multiple of the problem's wanted clearance beyond which more clearance is worth nothing.
+        wanted_share: multiple of the preferred clearance beyond which more clearance is worth nothing.
         aim: goal to use instead of the problem's goal, or None.
         room: tolerances of the tip position [m] and of the last link's direction [rad]; all poses within them are
             equally good.
@@ -83,7 +83,7 @@ class GoalPoses:
     near: FloatArray | None = None
     terms: UserTerms | None = None
     settings: PoseSettings = DEFAULT_POSES
-    room_share: float = 1.0
+    wanted_share: float = 1.0
     aim: TipGoal | None = None
     room: tuple[float, float] = (0.0, 0.0)
     clamped: bool = False
@@ -111,7 +111,7 @@ class GoalPoses:
 
         That of the problem; if its motion wants none, the clearance that a pose would keep by default.
         """
-        return self.room_share * (self.problem.wanted_gap or self.problem.default_gap)
+        return self.wanted_share * (self.problem.wanted_gap or self.problem.default_gap)
 
     def gap(self, q: FloatArray) -> float:
         """Return the least clearance of a pose beyond radius and required clearance [m].

@@ -53,14 +53,14 @@ def shortfalls(nlp: ConfigurationNLP, configuration: Configuration) -> tuple[Sho
     tip, heading = configuration.tip
     goal = heading if task.goal_heading is None else task.goal_heading
     low, high = task.base_heading_range
-    base_miss = max(low - configuration.base_heading, configuration.base_heading - high, 0.0)
+    base_violation = max(low - configuration.base_heading, configuration.base_heading - high, 0.0)
     arc = np.linspace(0.0, configuration.length, _CHECK_SAMPLES * len(configuration.segments))
     curvature = float(np.abs(configuration.curvature_at(arc)).max())
     outside = _outside(nlp, configuration)
     figures = (
         Shortfall("tip position", float(np.hypot(*(tip - task.goal))), _TIP_TOLERANCE, "m"),
         Shortfall("tip heading", abs(wrap(heading - goal)), _TIP_HEADING_TOLERANCE, "rad"),
-        Shortfall("base heading", base_miss, 1e-12, "rad"),
+        Shortfall("base heading", base_violation, 1e-12, "rad"),
         Shortfall("length", abs(configuration.length - task.length), 1e-9 * task.length, "m"),
         Shortfall("curvature", curvature, task.curvature_limit, "1/m"),
         Shortfall("distance outside the corridor", outside, _CONTAINMENT_TOLERANCE, "m"),

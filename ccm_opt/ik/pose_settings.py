@@ -12,7 +12,7 @@ from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
 
 TORQUE_SHARE = 0.9
 """Share of a torque limit that holding the pose may take, leaving the rest for motion and feedback (taste)."""
-_ROOM_WEIGHT = 10.0
+_CLEARANCE_WEIGHT = 10.0
 """Cost of having none of the wanted clearance; bending costs little next to it (taste)."""
 _KNOT_WEIGHT = 4.0
 """Weight of uneven knots; leaves no direction of the variables without curvature (as the configuration NLP; measured:
@@ -88,7 +88,7 @@ class PoseSettings:
     def objective_weights(self, parts: tuple[str, ...], given: Weights, bends_a_joint: int) -> FloatArray:
         """Return the weights of the named parts of the objective, scaled by those of the problem."""
         weights = {
-            "room": _ROOM_WEIGHT,
+            "room": _CLEARANCE_WEIGHT,
             "bending": self.bending_weight * given.bending,
             "distance": self.distance_weight / bends_a_joint * given.path_length,
             "torque": _TORQUE_WEIGHT,

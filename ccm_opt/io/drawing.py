@@ -26,7 +26,7 @@ from ccm_opt.core.polygons import mitred
 from ccm_opt.io.dxf import read_dxf
 from ccm_opt.io.geojson import read_geojson, read_wkt
 from ccm_opt.io.issues import Issues, KeyPath
-from ccm_opt.io.outlines import as_walls, filled, polygon_parts, split_off_room, with_holes
+from ccm_opt.io.outlines import as_walls, filled, polygon_parts, split_off_boundary, with_holes
 from ccm_opt.io.schema import CircleTable, ObstacleTable, SceneTable, WallTable
 from ccm_opt.io.shapes import IMPORT, DrawingContent, Reader, Shape
 from ccm_opt.io.svg import read_svg
@@ -203,7 +203,7 @@ def import_scene(path: Path, options: ImportOptions, taken: Collection[str] = ()
             found = _placed(READERS[path.suffix.lower()](content, distance / options.scale), options)
             shapes: Sequence[Shape] = found.shapes
             if options.closed == "room":
-                room, shapes = split_off_room(shapes, growth, distance)
+                room, shapes = split_off_boundary(shapes, growth, distance)
             walls = options.closed == "walls"
             shapes = as_walls(shapes, distance) if walls else with_holes(shapes, distance)
             obstacles = _of_each(shapes, lambda shape: obstacles_of(shape, growth, options.wall_thickness))
@@ -314,7 +314,7 @@ def read_drawing(path: Path, kinds: Collection[str], what: str, most_bytes: int,
     return content
 
 
-def place_beside(
+def resolve_file(
     name: str, folder: Path | None, path: KeyPath, kind: str, issues: Issues, *, allow_outside: bool
 ) -> Path | None:
     """Return the path of a file to which a problem file refers, if it may be read.
@@ -384,14 +384,14 @@ def with_scene(
         if imported is not None:
             rest["obstacles"] = [*listed, *(obstacle_table(obstacle) for obstacle in imported.obstacles)]
             if imported.room is not None:
-                _set_room(rest, imported.room, issues)
+                _set_boundary(rest, imported.room, issues)
             xmin, ymin, xmax, ymax = imported.drawing.box
             box = (xmin * metres, ymin * metres, xmax * metres, ymax * metres)
             drawing = replace(imported.drawing, box=box)
     return {**data, "workspace": rest}, drawing
 
 
-def _set_room(workspace: dict[str, object], room: shapely.Polygon, issues: Issues) -> None:
+def _set_boundary(workspace: dict[str, object], room: shapely.Polygon, issues: Issues) -> None:
     """Set the boundary of a workspace to an outline of the drawing, reporting other keys that contradict it.
 
     Args:
@@ -428,7 +428,7 @@ def _imported(
         return None
     path: KeyPath = ("workspace", "file")
     kind = "a drawing, for example 'scene.svg'"
-    place = place_beside(scene.file, folder, path, kind, issues, allow_outside=allow_outside)
+    place = resolve_file(scene.file, folder, path, kind, issues, allow_outside=allow_outside)
     if place is None:
         return None
     x, y = scene.offset

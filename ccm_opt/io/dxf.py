@@ -302,8 +302,8 @@ def _parts(inserted: _Placed, found: _Findings) -> list[_Placed]:
     parts = []
     for copy in entity.multi_insert() if entity.mcount > 1 else [entity]:
         for part in copy.virtual_entities(skipped_entity_callback=skipped):
-            drawn_on = str(part.dxf.get("layer", "0"))
-            layer = inserted.layer if drawn_on == "0" else drawn_on
+            own_layer = str(part.dxf.get("layer", "0"))
+            layer = inserted.layer if own_layer == "0" else own_layer
             name = block if layer == "0" else layer
             parts.append(_Placed(part, layer, name, inserted.depth + 1))
     return parts

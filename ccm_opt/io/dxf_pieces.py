@@ -54,7 +54,7 @@ def joined_pieces(pieces: Sequence[Piece], gap: float) -> list[Piece]:
     Raises:
         ProblemError: ends lie so densely that it cannot be told which of them meet.
     """
-    pieces = _drawn_once(pieces, gap)
+    pieces = _without_duplicates(pieces, gap)
     if not pieces:
         return []
     # Ends that meet are led to one of them, so that GEOS sees them meet.
@@ -76,7 +76,7 @@ def _chain(line: shapely.LineString, members: Sequence[Piece]) -> Piece:
     return Piece(points[:-1] if closed else points, closed, curved, half_width, members[0].name)
 
 
-def _drawn_once(pieces: Sequence[Piece], gap: float) -> list[Piece]:
+def _without_duplicates(pieces: Sequence[Piece], gap: float) -> list[Piece]:
     """Return the pieces that do not lie on a longer one, and of equal pieces the first."""
     lines = np.array([shapely.LineString(piece.points) for piece in pieces])
     tree = shapely.STRtree(lines)

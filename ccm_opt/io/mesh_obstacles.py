@@ -12,7 +12,7 @@ from ccm_opt.core.arrays import BoolArray, FloatArray, IntArray
 from ccm_opt.core.errors import ProblemError
 from ccm_opt.core.length_words import METRES
 from ccm_opt.io.build import build_placement
-from ccm_opt.io.drawing import place_beside, read_drawing
+from ccm_opt.io.drawing import read_drawing, resolve_file
 from ccm_opt.io.glb import read_glb
 from ccm_opt.io.issues import Issues, KeyPath
 from ccm_opt.io.raw_mesh import MESHES, MeshSettings, RawMesh, counted
@@ -50,7 +50,7 @@ def mesh_bodies(
     for number, table in listed:
         path: KeyPath = ("workspace", "obstacles", number)
         file = table.mesh or ""
-        place = file and place_beside(file, folder, (*path, "mesh"), EXPECTED, issues, allow_outside=allow_outside)
+        place = file and resolve_file(file, folder, (*path, "mesh"), EXPECTED, issues, allow_outside=allow_outside)
         if not place:
             continue
         try:

@@ -68,14 +68,14 @@ def with_holes(shapes: Sequence[Shape], distance: float) -> list[Shape]:
     return [shape for group in found for shape in group]
 
 
-def split_off_room(shapes: Sequence[Shape], growth: float, distance: float) -> tuple[shapely.Polygon, list[Shape]]:
+def split_off_boundary(shapes: Sequence[Shape], growth: float, distance: float) -> tuple[shapely.Polygon, list[Shape]]:
     """Return the largest outline as the room, shrunk by its line width and chord deviation, and the other shapes.
 
     Raises:
         ProblemError: there is no closed outline, or the largest is no simple polygon.
     """
     parts = [part for shape in shapes if shape.drawn not in {"line", "area"} for part in _apart(shape, distance)]
-    parts = [parts[k] for k in _drawn_once(np.array([_simple(part.rings[0]) for part in parts]))]
+    parts = [parts[k] for k in _without_duplicates(np.array([_simple(part.rings[0]) for part in parts]))]
     areas = [abs(shapely.Polygon(part.rings[0]).area) if len(part.rings[0]) > 2 else 0.0 for part in parts]
     if not areas or max(areas) == 0.0:
         raise ProblemError('it has no closed outline that can bound the workspace; give bounds, and closed = "solid"')
@@ -104,7 +104,7 @@ def _apart(shape: Shape, distance: float) -> list[Shape]:
 def _nested(parts: Sequence[tuple[int, Shape]]) -> list[tuple[int, Shape]]:
     """Return the solids among outlines, each with its holes and the index that its outline was given with."""
     polygons = np.array([_simple(part.rings[0]) for _, part in parts])
-    once = _drawn_once(polygons)
+    once = _without_duplicates(polygons)
     parts = [parts[k] for k in once]
     polygons = polygons[once]
     outer, inner = _within(polygons)
@@ -128,7 +128,7 @@ def _simple(ring: FloatArray) -> shapely.Polygon:
     return polygon if polygon.is_valid and polygon.area > 0.0 else shapely.Polygon()
 
 
-def _drawn_once(polygons: np.ndarray) -> list[int]:
+def _without_duplicates(polygons: np.ndarray) -> list[int]:
     """Return the indices of the polygons that do not repeat an earlier one."""
     boxes = shapely.bounds(polygons)
     whole = np.flatnonzero(np.isfinite(boxes).all(axis=1))

@@ -295,7 +295,7 @@ FEED_SHAPES: Shapes = {
     "keyframe_feeds": ("keyframes",),
 }
 """Additional arrays for an arm with a feed axis."""
-ROOM_SHAPES: Shapes = {"room_time": ("looks",), "wall_gaps": ("looks",), "self_gaps": ("looks",)}
+CLEARANCE_SHAPES: Shapes = {"room_time": ("looks",), "wall_gaps": ("looks",), "self_gaps": ("looks",)}
 """Additional arrays where the clearance of the motion was measured."""
 
 
@@ -322,9 +322,9 @@ class SavedMotion:
     arrays: Mapping[str, FloatArray]
 
     @property
-    def room_arrays(self) -> Mapping[str, FloatArray]:
+    def clearance_arrays(self) -> Mapping[str, FloatArray]:
         """Gaps over time by name, each of shape (N,); empty where they were not measured."""
-        return {name: self.arrays[name] for name in ROOM_SHAPES if name in self.arrays}
+        return {name: self.arrays[name] for name in CLEARANCE_SHAPES if name in self.arrays}
 
 
 def load_problem_data(folder: Path) -> Mapping[str, object]:
@@ -389,7 +389,7 @@ def load_motion(folder: Path, arm: Arm) -> SavedMotion:
     shapes = {
         **(SPACE_SHAPES if arm.dimension == 3 else SHAPES),
         **(FEED_SHAPES if arm.base_axes else {}),
-        **(ROOM_SHAPES if ROOM_SHAPES.keys() & arrays.keys() else {}),
+        **(CLEARANCE_SHAPES if CLEARANCE_SHAPES.keys() & arrays.keys() else {}),
     }
     _check_shapes(arrays, path, arm.links, shapes)
     names = tuple(arrays["joint_names"].tolist())
@@ -449,7 +449,7 @@ def read_arrays(path: Path) -> dict[str, npt.NDArray[np.generic]]:
     Raises:
         ProblemError: the file cannot be read.
     """
-    return read_archive(path, (*SHAPES, *FEED_SHAPES, *ROOM_SHAPES))
+    return read_archive(path, (*SHAPES, *FEED_SHAPES, *CLEARANCE_SHAPES))
 
 
 MOST_BYTES_OF_ARRAYS = 2**29

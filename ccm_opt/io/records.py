@@ -16,10 +16,10 @@ from ccm_opt.io.problem_data import mesh_data, recorded_data
 from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import (
     Check,
+    ClearanceRecord,
     GoalErrors,
     GoalPoseRecord,
     NearPlace,
-    RoomRecord,
     Solution,
     StaticPose,
     SurvivedError,
@@ -112,7 +112,7 @@ def goal_pose_data(record: GoalPoseRecord) -> Mapping[str, object]:
     }
 
 
-def room_data(room: RoomRecord) -> Mapping[str, object]:
+def clearance_data(room: ClearanceRecord) -> Mapping[str, object]:
     """Return the record of a motion's clearance without the arrays, which are in ``solution.npz``; [m], [s]."""
     possible = room.possible
     return {
@@ -182,7 +182,7 @@ def solution_json(solution: Solution) -> str:
         record["goal"] = goal_data(solution.goal_errors)
         record["meshes"] = mesh_data(solution.problem)
     if solution.room is not None:
-        record["room"] = room_data(solution.room)
+        record["room"] = clearance_data(solution.room)
     if solution.tolerance:
         record["tolerance"] = tolerance_data(solution.tolerance)
     if solution.tries:

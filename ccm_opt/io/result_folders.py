@@ -107,7 +107,7 @@ UNFINISHED = ".unfinished"
 """Suffix, likewise, for a verified plan whose simulation or pictures were interrupted."""
 
 
-def place_beside(target: Path, ending: str) -> Path:
+def sibling_folder(target: Path, ending: str) -> Path:
     """Return the folder itself or, where it holds an earlier result, a folder next to it with a suffix.
 
     Args:
@@ -187,7 +187,7 @@ def write_pose_failure(
     return write_folder(out / problem.name, files, POSE_RECORD, beside=_FAILED_PLACE)
 
 
-_FAILED_PLACE = partial(place_beside, ending=FAILED)
+_FAILED_PLACE = partial(sibling_folder, ending=FAILED)
 
 
 def pareto_files(found: ParetoPlans) -> dict[str, bytes]:

@@ -46,7 +46,7 @@ _DEPTH = 4.0
 """Depth of extruded obstacles to either side of the plane, in radii of the arm, as in the viewer. Taste."""
 _LEAST_DEPTH = 0.02
 """Least depth of extruded obstacles, as a share of the arm's length, for arms of zero radius. Taste."""
-_ROOM_WALL = 0.05
+_BOUNDS_THICKNESS = 0.05
 """Thickness of the walls around the room, as a share of the arm's length. Taste."""
 _THIN_WALL = 1e-6
 """Thickness given to walls without thickness, which engines cannot handle, as a share of the arm's length. Derived: the
@@ -92,7 +92,7 @@ def solid_scene(workspace: Workspace, arm: Arm) -> SolidScene:
         workspace: the obstacles and the room.
         arm: the arm, whose size sets the depth of extruded solids and the thickness of walls without thickness.
     """
-    thickness = _ROOM_WALL * arm.length
+    thickness = _BOUNDS_THICKNESS * arm.length
     thinnest = _THIN_WALL * arm.length
     depth = max(_DEPTH * arm.radius, _LEAST_DEPTH * arm.length)
     everything: list[tuple[str, tuple[Body, ...]]]

@@ -586,7 +586,7 @@ class PlannerTable(Table):
         description=(
             "Preferred clearance, beyond radius and `workspace.clearance`, of [the goal "
             "pose](how-a-motion-is-found.md) and the motion; a passage that allows less gets as much as it allows. "
-            "With 0, only `workspace.clearance` is kept. What the motion keeps is [in its record](room.md), and "
+            "With 0, only `workspace.clearance` is kept. What the motion keeps is [in its record](clearance.md), and "
             "`solve --pareto` shows what other values cost. Planar motions that follow a leader on a feed axis keep "
             "the clearance of its path; `hill-climbing` ignores it. Default: 1.5 % of the arm's length or half "
             "its radius, whichever is less."

@@ -74,7 +74,7 @@ def check_data(
     listed = found["obstacles"] if in_space else ()
     found["meshes"] = mesh_bodies(listed, folder, METRES[unit], issues, allow_outside=allow_outside)
     with words_in(unit):
-        _check_rooms(found, drawing, data, issues)
+        _check_drawing_places(found, drawing, data, issues)
         if found["arm"] is not None:
             _check_between(found, issues, drawing)
         if issues.found or any(table is None for table in found.values()):
@@ -152,7 +152,7 @@ def _is_flat_bar(table: Table, path: KeyPath, issues: Issues) -> bool:
     return True
 
 
-def _check_rooms(
+def _check_drawing_places(
     found: Mapping[str, Any], drawing: ImportedDrawing | None, data: Mapping[str, object], issues: Issues
 ) -> None:
     """Report a drawing or meshes that lie wholly outside the room, where the room has bounds."""

@@ -27,11 +27,11 @@ from ccm_opt.io.controller_points import (
 )
 from ccm_opt.io.folder import model_texts
 from ccm_opt.io.problem_data import mesh_data
-from ccm_opt.io.records import goal_data, room_data
+from ccm_opt.io.records import clearance_data, goal_data
 from ccm_opt.io.robot_models import URDF_MESHES, mesh_file
 from ccm_opt.io.scene_solids import solid_scene
 from ccm_opt.problem import Problem
-from ccm_opt.problem.solution import Check, JointStates, JointTrajectory, RoomRecord, goal_errors
+from ccm_opt.problem.solution import Check, ClearanceRecord, JointStates, JointTrajectory, goal_errors
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION
 
 HEAD = 84
@@ -308,7 +308,7 @@ def record_data_check(
     record: Mapping[str, object],
     problem: Problem,
     trajectory: JointTrajectory,
-    room: RoomRecord,
+    room: ClearanceRecord,
     left_out: Sequence[str],
 ) -> Check:
     """Return the check that a record agrees with its motion; a missing entry is no defect, since it misleads nobody.
@@ -324,7 +324,7 @@ def record_data_check(
         "method": problem.planner.method,
         "seed": problem.planner.seed,
         "not_checked": list(left_out),
-        "room": {name: _of_places(value) for name, value in room_data(room).items() if name in _OF_MOTION},
+        "room": {name: _of_places(value) for name, value in clearance_data(room).items() if name in _OF_MOTION},
     }
     if problem.dimension == 3:
         wanted["goal"] = goal_data(goal_errors(problem, trajectory.positions[-1]))

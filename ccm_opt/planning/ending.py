@@ -266,7 +266,7 @@ def ended_by_nlp(problem: Problem, task: SpaceTask, motion: SpaceMotion) -> Endi
     if task.goal_pose is not None or task.deadline.passed():
         return Ending(task, motion)
     terms = None if task.user is None else task.user.terms
-    asked = GoalPoses(problem, task.tree, terms=terms, room_share=_ROOM_SHARE)
+    asked = GoalPoses(problem, task.tree, terms=terms, wanted_share=_ROOM_SHARE)
     ending = _solve_goal_pose(asked, task, goal, motion)
     room = asked.gap(ending.motion.configurations[-1])
     if room >= _ENOUGH * task.wanted_gap:

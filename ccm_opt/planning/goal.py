@@ -131,7 +131,7 @@ class GoalPose:
             step = asked / max(size, TINY) * turn
             terms.append(Term(pose.tip_turning, step, settings.heading_weight * weight))
         for limit in self.limits:
-            rows, wanted = limit.mending(pose, settings.turn_step)
+            rows, wanted = limit.restoration(pose, settings.turn_step)
             terms.append(Term(rows, wanted, settings.heading_weight * weight * space.arm.links))
         return terms
 

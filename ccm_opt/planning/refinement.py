@@ -44,7 +44,7 @@ _DESIGN_LINKS = 24
 motions found in clutter with this many links, 34 were certified on finer arms unchanged."""
 _MANY_LINKS = 1.5
 """Multiple of that number of links above which refinement pays. Taste."""
-LIFT_MARGIN = 3e-3
+REFINEMENT_MARGIN = 3e-3
 """Gap that an optimised motion keeps when it is to be refined, as a share of the arm's length. Taste: about the
 distance of an arm of 24 links from its curve."""
 _REPAIR_MARGIN = 1.5e-3
@@ -224,7 +224,7 @@ def _lifted(found: Motion, coarse: MotionTask, task: MotionTask) -> Motion | Non
     """
     # An optimised motion hugs the walls, and the links of the finer arm lie elsewhere; hence the wider margin. Where
     # its refinement still fails, the motion as found has more clearance.
-    optimised = optimised_to_end_pose(straightened(found, coarse), coarse, LIFT_MARGIN)
+    optimised = optimised_to_end_pose(straightened(found, coarse), coarse, REFINEMENT_MARGIN)
     lifted = lift(optimised, task)
     if lifted is not None or optimised is found:
         return lifted

@@ -76,7 +76,7 @@ class AnyStepSettings:
             with its feed. Taste.
         firm_share: share of a gap's shortfall from the planning margin that rows enforce, where such a step exists;
             usually none. Taste.
-        mending_share: share of that shortfall that the step is drawn to restore. Taste.
+        restoration_share: share of that shortfall that the step is drawn to restore. Taste.
         push_weight: weight on that restoration, relative to the distance of a nominal link. Taste.
         keep_share: share of the planning margin that every accepted pose keeps, where steps are not proved. Taste.
         travel: largest travel of a joint in a step, and the same where walls or links are within reach [u].
@@ -91,7 +91,7 @@ class AnyStepSettings:
     blend_ridge: float = 1e-8
     limit_share: float = 0.995
     firm_share: float = 0.0
-    mending_share: float = 1.0
+    restoration_share: float = 1.0
     push_weight: float = 30.0
     keep_share: float = 0.0
     travel: tuple[float, float] = (1.5, 0.8)
@@ -128,7 +128,7 @@ class StepSettings(AnyStepSettings):
     proof_depth: int | None = None
     full_limit_share: float = 0.9995
     keep_share: float = 0.4
-    mending_share: float = 0.5
+    restoration_share: float = 0.5
     travel: tuple[float, float] = (np.inf, np.inf)
     narrow_firm_share: float = 0.5
     ridge: float = 1e-9

@@ -203,10 +203,12 @@ def proof_rounding(arm: Arm, workspace: Workspace, depth: int) -> float:
     along = (depth + links + 2) * UNIT * headings + 8.0 * UNIT + 1.01 * (links + 2) * UNIT
     # The chord deviation is a sum as well; the turns of one interval are below a whole one, and an eighth of its square
     # is below five.
-    of_sag = 1.01 * (links + 4) * UNIT * 5.0
+    of_chord_deviation = 1.01 * (links + 4) * UNIT * 5.0
     reach = float(np.max(np.abs(arm.base))) + arm.length
     size = max(2.0 * reach, float(np.max(np.abs(workspace.boundary.bounds))))
-    return float(np.sqrt(2.0) * arm.length * along + arm.length * of_sag + 4.0 * UNIT * reach + 64.0 * UNIT * size)
+    return float(
+        np.sqrt(2.0) * arm.length * along + arm.length * of_chord_deviation + 4.0 * UNIT * reach + 64.0 * UNIT * size
+    )
 
 
 @dataclass(frozen=True)

@@ -177,7 +177,7 @@ class WallFinder(ContactFinder):
             points=self._points,
         )  # fmt: skip
         self._latest: tuple[FloatArray, Contacts] | None = None
-        self._make_room(64)
+        self._grow_capacity(64)
 
     def find(self, points: FloatArray) -> Contacts:
         """Return the contacts of a pose with a gap below the reach; points have shape (links + 1, 2) [m]."""
@@ -189,7 +189,7 @@ class WallFinder(ContactFinder):
         self._call()
         m = self._call.fields.count
         if m > self._call.fields.capacity:
-            self._make_room(2 * m)
+            self._grow_capacity(2 * m)
             self._call()
         contacts = Contacts(*(getattr(self._room, each.name)[:m].copy() for each in fields(Contacts)))
         self._latest = (points, contacts)
@@ -200,7 +200,7 @@ class WallFinder(ContactFinder):
         self.find(points)
         return bool(self._call.fields.crosses)
 
-    def _make_room(self, capacity: int) -> None:
+    def _grow_capacity(self, capacity: int) -> None:
         """Allocate arrays for a number of results."""
         first, second, wall = np.empty((3, capacity), dtype=np.int64)
         first_at, second_at, gap, margin = np.empty((4, capacity))
@@ -232,7 +232,7 @@ class SurfaceFinder(ContactFinder):
         self.kept = arm.radius + clearance
         self._first_pair = arm.first_self_pair if arm.self_collision else arm.links
         self._pairs = NativeCall("near_links", links=arm.links, first_pair=self._first_pair)
-        self._make_room(256)
+        self._grow_capacity(256)
 
     def find(self, points: FloatArray) -> Contacts:
         """Return the contacts of a pose with a gap below the reach; points have shape (links + 1, 3) [m].
@@ -262,7 +262,7 @@ class SurfaceFinder(ContactFinder):
         self._pairs.set(points=checked_joints(self.arm, points[None])[0], reach=2.0 * self.arm.radius + reach)
         self._pairs()
         if self._pairs.fields.count > self._pairs.fields.capacity:
-            self._make_room(2 * self._pairs.fields.count)
+            self._grow_capacity(2 * self._pairs.fields.count)
             self._pairs()
         k = self._pairs.fields.count
         first, second = self._numbers[:, :k].copy()
@@ -272,7 +272,7 @@ class SurfaceFinder(ContactFinder):
         gap = distance - 2.0 * self.arm.radius
         return Contacts(first, first_at, second, second_at, normal, gap, margin, np.full(k, len(self.names)))
 
-    def _make_room(self, capacity: int) -> None:
+    def _grow_capacity(self, capacity: int) -> None:
         """Allocate arrays for a number of pairs."""
         self._numbers = np.zeros((2, capacity), dtype=np.int64)
         self._reals = np.zeros((3, capacity))

@@ -368,9 +368,9 @@ def _touching_half_plane(cell: FloatArray, wall: FloatArray, region: FloatArray)
         np.max(normals @ cell.T - offsets[:, None], axis=1), np.max(offsets[:, None] - normals @ wall.T, axis=1)
     )
     valid = np.flatnonzero(overlap <= max(ROUNDING, 1.01 * float(overlap.min())))
-    room_left = [_area(clip(region, normals[i], float(offsets[i]))) for i in valid]
+    area_left = [_area(clip(region, normals[i], float(offsets[i]))) for i in valid]
     one_sided = [bool(np.all(cell @ normals[i] >= offsets[i] - ROUNDING)) for i in valid]
-    best = valid[max(range(len(valid)), key=lambda k: (not one_sided[k], room_left[k]))]
+    best = valid[max(range(len(valid)), key=lambda k: (not one_sided[k], area_left[k]))]
     return normals[best], float(offsets[best])
 
 

@@ -4,7 +4,7 @@ Users import it as ``ccm_opt.plotting``. The names in ``__all__`` are public; ea
 
     from ccm_opt import plotting
 
-    figure = plotting.plan_figure(plotting.DrawnPlan.from_solution(solution))
+    figure = plotting.plan_figure(plotting.PlanDrawing.from_solution(solution))
     plotting.draw_poses(figure.axes[0], solution.problem.arm.joint_positions_at(solution.trajectory.positions[::50]))
     figure.savefig("plan.pdf")
 
@@ -16,7 +16,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from ccm_opt.viz.arm_drawing import DrawnPlan, draw_body, draw_poses, draw_tip_path, draw_workspace
+    from ccm_opt.viz.arm_drawing import PlanDrawing, draw_body, draw_poses, draw_tip_path, draw_workspace
     from ccm_opt.viz.figure_files import label_axes
     from ccm_opt.viz.films import motion_gif, motion_mp4
     from ccm_opt.viz.paper_figures import curves_picture, links_picture, pareto_figure, space_picture, steps_picture
@@ -25,8 +25,8 @@ if TYPE_CHECKING:
     from ccm_opt.viz.settings import FilmSettings
 
 __all__ = [
-    "DrawnPlan",
     "FilmSettings",
+    "PlanDrawing",
     "curves_picture",
     "draw_body",
     "draw_goals",
@@ -46,7 +46,7 @@ __all__ = [
 ]
 
 _NAMES = {
-    "arm_drawing": ("DrawnPlan", "draw_body", "draw_poses", "draw_tip_path", "draw_workspace"),
+    "arm_drawing": ("PlanDrawing", "draw_body", "draw_poses", "draw_tip_path", "draw_workspace"),
     "figure_files": ("label_axes",),
     "films": ("motion_gif", "motion_mp4"),
     "paper_figures": ("curves_picture", "links_picture", "pareto_figure", "space_picture", "steps_picture"),

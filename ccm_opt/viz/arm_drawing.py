@@ -34,7 +34,7 @@ def draw_workspace(axes: Axes, workspace: Workspace, window: FloatArray | None =
         workspace: workspace to draw.
         window: lower left and upper right corner of the visible part, shape (2, 2) [m]; the whole workspace when None.
     """
-    low, high = whole_room(workspace) if window is None else window
+    low, high = whole_workspace(workspace) if window is None else window
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
     look = {"facecolor": "white", "edgecolor": style.BOUNDARY, "linewidth": 1.6, "zorder": 0}
     axes.add_patch(polygon_patch(workspace.boundary, **look))
@@ -45,10 +45,10 @@ def draw_workspace(axes: Axes, workspace: Workspace, window: FloatArray | None =
             _name(axes, obstacle)
 
 
-def whole_room(workspace: Workspace) -> FloatArray:
+def whole_workspace(workspace: Workspace) -> FloatArray:
     """Return lower left and upper right corner of a planar workspace with a margin, shape (2, 2) [m]."""
     bounds = np.reshape(workspace.boundary.bounds, (2, 2))
-    return np.asarray(bounds + PICTURES.beside_room * np.ptp(bounds, axis=0).max() * np.array([[-1.0], [1.0]]))
+    return np.asarray(bounds + PICTURES.workspace_margin * np.ptp(bounds, axis=0).max() * np.array([[-1.0], [1.0]]))
 
 
 def draw_obstacle(axes: Axes, obstacle: Obstacle) -> None:
@@ -182,7 +182,7 @@ SLANTED = Side(
 
 
 @dataclass(frozen=True)
-class DrawnPlan:
+class PlanDrawing:
     """The data that pictures show of a plan.
 
     Attributes:
@@ -203,7 +203,7 @@ class DrawnPlan:
     simulated: FloatArray | None = None
 
     @classmethod
-    def from_solution(cls, solution: Solution) -> "DrawnPlan":
+    def from_solution(cls, solution: Solution) -> "PlanDrawing":
         """Return the drawing data of a solution."""
         near = None if solution.room is None or not solution.room.nearest.link else solution.room.nearest
         return cls(solution.problem, solution.trajectory, solution.joint_positions, solution.path.curves, near)

@@ -29,7 +29,7 @@ _IN_A_WORD = {"contact": "in contact", "blocked": "no passage", "hemmed in": "he
 """Short labels for kinds of findings that need no more than a name and a place."""
 
 
-def drawn_findings(problem: Problem, diagnosis: Diagnosis, units: PageUnits) -> list[Mark]:
+def finding_marks(problem: Problem, diagnosis: Diagnosis, units: PageUnits) -> list[Mark]:
     """Return the scene marks of all findings; the first has its words in the scene, the others in tooltips.
 
     Args:
@@ -212,7 +212,7 @@ def failure_data(problem: Problem, diagnosis: Diagnosis, units: PageUnits) -> di
         "unit": units.data(),
         "blocking": blocking,
         "scene": scene_data(problem, first_look(problem, diagnosis)),
-        "marks": drawn_findings(problem, diagnosis, units),
+        "marks": finding_marks(problem, diagnosis, units),
     }
 
 

@@ -20,10 +20,10 @@ from PIL import Image
 from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.core.errors import ProblemError
 from ccm_opt.viz import figure_files as style
-from ccm_opt.viz.arm_drawing import PLANE, SLANTED, DrawnPlan, draw_tip_path
+from ccm_opt.viz.arm_drawing import PLANE, SLANTED, PlanDrawing, draw_tip_path
 from ccm_opt.viz.plan import draw_goals
 from ccm_opt.viz.settings import FILM, SPACE_FILM, FilmSettings
-from ccm_opt.viz.views import SeenScene, draw_base, view_box, view_window
+from ccm_opt.viz.views import SceneViews, draw_base, view_box, view_window
 
 _TOLD_FACTOR = 1.05
 """Films that run faster than the motion by more than this factor say so."""
@@ -116,7 +116,7 @@ def _arm(axes: Axes, points: FloatArray, radius: float, colours: tuple[str, str]
     return [body, axis]
 
 
-def make_film(plan: DrawnPlan, settings: FilmSettings | None = None, scene: SeenScene | None = None) -> Film:
+def make_film(plan: PlanDrawing, settings: FilmSettings | None = None, scene: SceneViews | None = None) -> Film:
     """Return the film of a plan's motion, in real time unless that takes too many frames.
 
     Args:
@@ -138,7 +138,7 @@ def make_film(plan: DrawnPlan, settings: FilmSettings | None = None, scene: Seen
         figure = Figure(figsize=tuple(whole / dots), dpi=dots)
         axes = figure.add_axes((0.0, 1.0 - height / whole[1], width / whole[0], height / whole[1]))
         axes.set_axis_off()
-        (scene or SeenScene(problem)).begin_view(axes, side, window)
+        (scene or SceneViews(problem)).begin_view(axes, side, window)
         draw_tip_path(axes, side(points[:, -1]))
         draw_goals(axes, plan, side, poses=False)
         draw_base(axes, side(points[0, 0]), 5.0)
@@ -152,7 +152,7 @@ def make_film(plan: DrawnPlan, settings: FilmSettings | None = None, scene: Seen
     return Film(figure, axes, side(points), time, problem.arm.radius, settings, shown, seconds)
 
 
-def _usual_settings(plan: DrawnPlan) -> FilmSettings:
+def _usual_settings(plan: PlanDrawing) -> FilmSettings:
     """Return the default film settings of the plane or of space."""
     return SPACE_FILM if plan.problem.dimension == 3 else FILM
 
@@ -165,12 +165,12 @@ def encoder() -> str | None:
     return shutil.which("ffmpeg")
 
 
-def motion_gif(plan: DrawnPlan, scene: SeenScene | None = None) -> bytes:
+def motion_gif(plan: PlanDrawing, scene: SceneViews | None = None) -> bytes:
     """Return an animated GIF of a plan's motion, in real time unless too long: the content of a file."""
     return make_film(plan, scene=scene).gif()
 
 
-def motion_mp4(plan: DrawnPlan, settings: FilmSettings | None = None) -> bytes:
+def motion_mp4(plan: PlanDrawing, settings: FilmSettings | None = None) -> bytes:
     """Return a video of a plan's motion, in real time unless too long: the content of an MP4 file.
 
     Args:

@@ -11,6 +11,7 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.problem.solution import GoalPoseRecord, Solution, SurvivedError
 from ccm_opt.robot.segment import segment_words
 from ccm_opt.viz.checks_section import checks_section
+from ccm_opt.viz.clearance_section import clearance_section, gap_data, nearest_mark, survived_in_words
 from ccm_opt.viz.document import (
     Markup,
     PageUnits,
@@ -34,7 +35,6 @@ from ccm_opt.viz.page_sections import (
     problem_section,
     stage_section,
 )
-from ccm_opt.viz.room_section import gap_data, nearest_mark, room_section, survived_in_words
 from ccm_opt.viz.scene_data import route_layers, scene_data
 from ccm_opt.viz.time_series import phase_data, series_data
 
@@ -322,7 +322,7 @@ def report_html(
     keys = {str(group["key"]) for group in data["groups"]}  # type: ignore[attr-defined]
     facts = (
         plans_section(plans, units),
-        room_section(solution.room, units),
+        clearance_section(solution.room, units),
         timing_section(),
         joints_section(keys, curvature=not in_space),
         simulation_section(keys),

@@ -128,7 +128,7 @@ def problem_section(problem: Problem, units: PageUnits) -> Markup:
     rows = [
         *_arm_rows(problem, units),
         *_limit_rows(problem, units),
-        *_room_rows(problem, units),
+        *_workspace_rows(problem, units),
         *_goal_rows(problem, units),
         ("gravity", f"({', '.join(f'{value:g}' for value in problem.simulation.gravity)}) m/s²"),
     ]
@@ -183,7 +183,7 @@ def _bounds(values: FloatArray, unit: str) -> str:
     return f"{low:g} {unit}" if low == high else f"{low:g} to {high:g} {unit}"
 
 
-def _room_rows(problem: Problem, units: PageUnits) -> Iterable[Row]:
+def _workspace_rows(problem: Problem, units: PageUnits) -> Iterable[Row]:
     workspace = problem.workspace
     count, sides, meshes = len(workspace.obstacles), None, ""
     if workspace.dimension == 2:

@@ -26,18 +26,18 @@ from ccm_opt.viz import figure_files as style
 from ccm_opt.viz.arm_drawing import (
     PLANE,
     SLANTED,
-    DrawnPlan,
+    PlanDrawing,
     Side,
     draw_body,
     draw_obstacle,
     draw_tip_path,
     draw_workspace,
-    whole_room,
+    whole_workspace,
 )
 from ccm_opt.viz.figure_files import FigureFormat, figure_file, label_axes, label_axis
 from ccm_opt.viz.plan import draw_goals, even_steps
 from ccm_opt.viz.settings import PICTURES
-from ccm_opt.viz.views import SeenScene, action_window, draw_pose, view_box, view_window
+from ccm_opt.viz.views import SceneViews, action_window, draw_pose, view_box, view_window
 
 _CURVES_SIDE = 3.6
 """Side of the square drawings of curves and of curvatures [inch]."""
@@ -68,7 +68,7 @@ _MOST_CURVES = 14
 """Most curves drawn of a plan, evenly chosen, the first and the last included."""
 
 
-def curves_picture(plan: DrawnPlan, kind: FigureFormat = "png") -> bytes:
+def curves_picture(plan: PlanDrawing, kind: FigureFormat = "png") -> bytes:
     """Draw the curves behind the keyframes next to their curvatures, early to late.
 
     Args:
@@ -83,7 +83,7 @@ def curves_picture(plan: DrawnPlan, kind: FigureFormat = "png") -> bytes:
     return figure_file(lambda: _curves_figure(plan), kind)
 
 
-def _curves_figure(plan: DrawnPlan) -> Figure:
+def _curves_figure(plan: PlanDrawing) -> Figure:
     problem, curves = plan.planar_problem, plan.curves
     size = (2.0 * _CURVES_SIDE, _CURVES_SIDE)
     figure = Figure(figsize=size, dpi=PICTURES.dots_per_inch, layout="constrained")
@@ -183,7 +183,7 @@ def _draw_panel(room: Axes, along: Axes, panel: SchemaPanel) -> None:
     label_axis(along.xaxis, "arc length", panel.unit)
 
 
-def steps_picture(plan: DrawnPlan, kind: FigureFormat = "png") -> bytes:
+def steps_picture(plan: PlanDrawing, kind: FigureFormat = "png") -> bytes:
     """Draw the motion in numbered steps: start and goals, each stretch in turn, and the whole motion.
 
     Args:
@@ -193,7 +193,7 @@ def steps_picture(plan: DrawnPlan, kind: FigureFormat = "png") -> bytes:
     return figure_file(lambda: _steps_figure(plan), kind)
 
 
-def _steps_figure(plan: DrawnPlan) -> Figure:
+def _steps_figure(plan: PlanDrawing) -> Figure:
     ends = _step_boundaries(plan, _STEPS)
     columns = min(3, len(ends) + 1)
     rows = -(-(len(ends) + 1) // columns)
@@ -215,7 +215,7 @@ def _steps_figure(plan: DrawnPlan) -> Figure:
     return figure
 
 
-def _step_boundaries(plan: DrawnPlan, count: int) -> IntArray:
+def _step_boundaries(plan: PlanDrawing, count: int) -> IntArray:
     """Return the samples that bound the steps: the stops of a tour, else so that all steps travel equally far."""
     stops = plan.trajectory.stops
     last = len(plan.points) - 1
@@ -224,7 +224,7 @@ def _step_boundaries(plan: DrawnPlan, count: int) -> IntArray:
     return np.unique(np.concatenate(([0], even_steps(plan.points, count - 1), [last])))
 
 
-def _draw_step(axes: Axes, plan: DrawnPlan, samples: IntArray, title: str) -> None:
+def _draw_step(axes: Axes, plan: PlanDrawing, samples: IntArray, title: str) -> None:
     """Draw the poses of one step, the first in grey, the last in colour."""
     problem = plan.planar_problem
     draw_workspace(axes, problem.workspace, action_window(problem, plan.points))
@@ -242,7 +242,7 @@ def _draw_step(axes: Axes, plan: DrawnPlan, samples: IntArray, title: str) -> No
     axes.set_yticks([])
 
 
-def links_picture(plan: DrawnPlan, kind: FigureFormat = "png") -> bytes:
+def links_picture(plan: PlanDrawing, kind: FigureFormat = "png") -> bytes:
     """Draw the jointed arm, link by link, in equally spaced poses.
 
     Args:
@@ -252,7 +252,7 @@ def links_picture(plan: DrawnPlan, kind: FigureFormat = "png") -> bytes:
     return figure_file(lambda: _links_figure(plan), kind)
 
 
-def _links_figure(plan: DrawnPlan) -> Figure:
+def _links_figure(plan: PlanDrawing) -> Figure:
     problem = plan.planar_problem
     window = action_window(problem, plan.points)
     across, up = np.ptp(window, axis=0)
@@ -273,7 +273,7 @@ def _links_figure(plan: DrawnPlan) -> Figure:
     return figure
 
 
-def space_picture(plan: DrawnPlan, kind: FigureFormat = "png") -> bytes:
+def space_picture(plan: PlanDrawing, kind: FigureFormat = "png") -> bytes:
     """Draw the simulated arm in space, a third of the time in each of three pictures.
 
     The planned arm is drawn if it was not simulated.
@@ -285,7 +285,7 @@ def space_picture(plan: DrawnPlan, kind: FigureFormat = "png") -> bytes:
     return figure_file(lambda: _space_figure(plan), kind)
 
 
-def _space_figure(plan: DrawnPlan) -> Figure:
+def _space_figure(plan: PlanDrawing) -> Figure:
     points = plan.simulated
     if points is None:
         flat = plan.points
@@ -304,7 +304,7 @@ def _space_figure(plan: DrawnPlan) -> Figure:
     return figure
 
 
-def _draw_poses_in_space(axes: Any, plan: DrawnPlan, poses: FloatArray) -> None:
+def _draw_poses_in_space(axes: Any, plan: PlanDrawing, poses: FloatArray) -> None:
     """Draw poses early to late, the last at full width, with the outlines of nearby obstacles in the arm's plane."""
     window = action_window(plan.planar_problem, plan.points)
     seen = shapely.box(*window.ravel())
@@ -359,10 +359,10 @@ def pareto_figure(found: ParetoPlans) -> Figure:
     problem, count = found.problem, len(found.plans)
     side = SLANTED if problem.dimension == 3 else PLANE
     ends = [plan.solution.joint_positions for plan in found.plans if plan.solution is not None]
-    window = view_box(problem, np.concatenate(ends)) if side is SLANTED else whole_room(problem.workspace)
+    window = view_box(problem, np.concatenate(ends)) if side is SLANTED else whole_workspace(problem.workspace)
     wide, high = np.ptp(view_window(side, window), axis=0)
     thumbnail = min(_PARETO_WIDTH / count * high / wide, _MOST_THUMBNAIL)
-    scene = SeenScene(problem)
+    scene = SceneViews(problem)
     rows = (_CHART_HEIGHT, thumbnail)
     figure = Figure(figsize=(_PARETO_WIDTH, sum(rows) + _PARETO_MARGINS), dpi=PICTURES.dots_per_inch)
     grid = figure.add_gridspec(
@@ -451,4 +451,4 @@ def _draw_plan(axes: Axes, side: Side, solution: Solution | None) -> None:
     draw_pose(axes, side, points[0], radius, "start", "")
     draw_pose(axes, side, points[-1], radius, "end", "")
     draw_tip_path(axes, side(points[:, -1]))
-    draw_goals(axes, DrawnPlan.from_solution(solution), side, poses=False)
+    draw_goals(axes, PlanDrawing.from_solution(solution), side, poses=False)

@@ -9,11 +9,11 @@ from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.core.length_words import short_length, words_in
 from ccm_opt.problem import Goal, Tolerances
 from ccm_opt.viz import figure_files as style
-from ccm_opt.viz.arm_drawing import PLANE, DrawnPlan, Side, draw_body, draw_poses, draw_tip_path
+from ccm_opt.viz.arm_drawing import PLANE, PlanDrawing, Side, draw_body, draw_poses, draw_tip_path
 from ccm_opt.viz.arm_section import draw_section
+from ccm_opt.viz.clearance_section import least_gap_place
 from ccm_opt.viz.figure_files import FigureFormat, figure_file
-from ccm_opt.viz.room_section import least_gap_place
-from ccm_opt.viz.views import ARROW_SHARE, SeenScene, Sheet, draw_base, draw_pose, view_box
+from ccm_opt.viz.views import ARROW_SHARE, SceneViews, Sheet, draw_base, draw_pose, view_box
 
 ARROW_IN_LINKS = 3.0
 """Length of a goal's arrow in space, in links, since the views differ in scale."""
@@ -40,7 +40,7 @@ def number_goal(axes: Axes, place: FloatArray, heading: float | None, number: in
     )  # fmt: skip
 
 
-def plan_picture(plan: DrawnPlan, kind: FigureFormat = "png", scene: SeenScene | None = None) -> bytes:
+def plan_picture(plan: PlanDrawing, kind: FigureFormat = "png", scene: SceneViews | None = None) -> bytes:
     """Return the picture of a plan: workspace, start, poses on the way, goals, path of the tip, least gap.
 
     Args:
@@ -54,7 +54,7 @@ def plan_picture(plan: DrawnPlan, kind: FigureFormat = "png", scene: SeenScene |
     return figure_file(lambda: plan_figure(plan, scene), kind)
 
 
-def plan_figure(plan: DrawnPlan, scene: SeenScene | None = None) -> Figure:
+def plan_figure(plan: PlanDrawing, scene: SceneViews | None = None) -> Figure:
     """Return the picture of a plan as a matplotlib figure, made without pyplot; see ``plan_picture``.
 
     Args:
@@ -91,7 +91,7 @@ def plan_figure(plan: DrawnPlan, scene: SeenScene | None = None) -> Figure:
     return sheet.figure
 
 
-def draw_goals(axes: Axes, plan: DrawnPlan, side: Side = PLANE, *, poses: bool = True) -> None:
+def draw_goals(axes: Axes, plan: PlanDrawing, side: Side = PLANE, *, poses: bool = True) -> None:
     """Draw all goals, numbered where there are several, and optionally the arm at the intermediate ones.
 
     Args:

@@ -13,14 +13,14 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.length_words import METRES, short_length, words_in
 from ccm_opt.problem.solution import BindingSide, ReachMap, StaticPose
 from ccm_opt.viz import figure_files as style
-from ccm_opt.viz.arm_drawing import PLANE, SLANTED, Side, draw_workspace, polygon_patch, whole_room
+from ccm_opt.viz.arm_drawing import PLANE, SLANTED, Side, draw_workspace, polygon_patch, whole_workspace
 from ccm_opt.viz.arm_section import draw_section
 from ccm_opt.viz.figure_files import figure_file
 from ccm_opt.viz.plan import ARROW_IN_LINKS, draw_goal
 from ccm_opt.viz.settings import PICTURES
-from ccm_opt.viz.views import SeenScene, Sheet, draw_base, draw_pose, dress_view, figure_layout, view_box
+from ccm_opt.viz.views import SceneViews, Sheet, draw_base, draw_pose, dress_view, figure_layout, view_box
 
-_SCALE_ROOM = 0.9
+_SCALE_WIDTH = 0.9
 """Width of the colour scale at the right [inch]."""
 _CURVE_PLACES = 401
 """Points at which a curve is sampled for drawing."""
@@ -37,7 +37,7 @@ def pose_figure(found: StaticPose) -> Figure:
     """Return the picture of a pose as a matplotlib figure, made without pyplot."""
     problem, points, curve = found.problem, found.joint_positions, found.curve
     in_space = problem.dimension == 3
-    sheet = Sheet.of(problem, view_box(problem, points) if in_space else whole_room(problem.workspace))
+    sheet = Sheet.of(problem, view_box(problem, points) if in_space else whole_workspace(problem.workspace))
     line = curve.positions_at(np.linspace(0.0, curve.length, _CURVE_PLACES))
     ends = curve.positions_at(curve.boundaries[1:-1])
     reach = ARROW_IN_LINKS * problem.arm.link_length if in_space else 0.0
@@ -102,9 +102,9 @@ def reach_figure(found: ReachMap) -> Figure:
 
 def _reach_in_plane(found: ReachMap) -> Figure:
     workspace = found.problem.workspace
-    (across, up), (left, bottom, width, height) = figure_layout(whole_room(workspace))
+    (across, up), (left, bottom, width, height) = figure_layout(whole_workspace(workspace))
     # The colour scale takes up the space at the right.
-    wider = across + _SCALE_ROOM
+    wider = across + _SCALE_WIDTH
     figure = Figure(figsize=(wider, up), dpi=PICTURES.dots_per_inch)
     axes = figure.add_axes((left * across / wider, bottom, width * across / wider, height))
     draw_workspace(axes, workspace)
@@ -166,7 +166,7 @@ def _reach_in_space(found: ReachMap) -> Figure:
     # The slices go through the goal.
     place = problem.goal.tip(problem.arm)
     sheet = Sheet.of_box(problem, window)
-    scene = SeenScene(problem)
+    scene = SceneViews(problem)
     colours = _colours(found)
     for (axes, side), across in zip(sheet.views, _ACROSS, strict=True):
         low, high = side(window)
@@ -176,7 +176,7 @@ def _reach_in_space(found: ReachMap) -> Figure:
         extent = (low[0], high[0], low[1], high[1])
         axes.imshow(slice_, origin="lower", extent=extent, interpolation="nearest", aspect="auto", zorder=0.4)
         scene.draw_cut(axes, side, across, float(axes_of_cells[across][number]))
-        scene.draw_room(axes, side)
+        scene.draw_bounds(axes, side)
         axes.set_aspect("equal", adjustable="box", anchor="NW")
         draw_base(axes, side(problem.arm.base), 5.0)
         dress_view(axes, side, problem)
@@ -221,7 +221,7 @@ def _colours(found: ReachMap) -> FloatArray:
     return colours
 
 
-def _draw_cloud(axes: Axes, found: ReachMap, scene: SeenScene) -> None:
+def _draw_cloud(axes: Axes, found: ReachMap, scene: SceneViews) -> None:
     """Draw all reachable places from back to front, among the bodies near them."""
     side: Side = SLANTED
     places = found.places[found.reachable]

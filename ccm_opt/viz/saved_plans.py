@@ -18,7 +18,7 @@ from ccm_opt.robot.frames import joint_positions_3d
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from ccm_opt.viz.arm_drawing import DrawnPlan
+    from ccm_opt.viz.arm_drawing import PlanDrawing
 
 
 @dataclass(frozen=True, repr=False)
@@ -118,16 +118,16 @@ def animate(plan: Solution | SavedPlan, file: str | Path) -> Path:
     return place
 
 
-def drawn(plan: Solution | SavedPlan) -> "DrawnPlan":
+def drawn(plan: Solution | SavedPlan) -> "PlanDrawing":
     """Return the data that pictures show of a plan; a loaded planar plan includes the simulated arm."""
-    from ccm_opt.viz.arm_drawing import DrawnPlan  # noqa: PLC0415 - loads matplotlib
+    from ccm_opt.viz.arm_drawing import PlanDrawing  # noqa: PLC0415 - loads matplotlib
 
     expect(plan, (Solution, SavedPlan), "a plan", "ccm_opt.solve makes one and ccm_opt.load reads one")
     if not isinstance(plan, SavedPlan):
-        return DrawnPlan.from_solution(plan)
+        return PlanDrawing.from_solution(plan)
     arm, motion = plan.problem.arm, plan.motion
     simulated = joint_positions_3d(arm, motion.simulated_angles, motion.simulated_base.sum(axis=1))
-    return DrawnPlan(
+    return PlanDrawing(
         problem=plan.problem,
         trajectory=plan.trajectory,
         points=arm.joint_positions_at(plan.trajectory.positions),

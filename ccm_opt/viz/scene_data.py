@@ -46,7 +46,7 @@ def scene_data(problem: Problem, shown: FloatArray) -> SceneData:
         shown: points that the initial view has to show, shape (m, d) [m].
     """
     arm = problem.arm
-    room = _room_in_space if problem.dimension == 3 else _room_in_plane
+    room = _draw_spatial_workspace if problem.dimension == 3 else _draw_planar_workspace
     return {
         "arm": {
             "links": arm.links,
@@ -77,7 +77,7 @@ def _goal_data(number: int, stop: Stop, arm: Arm) -> SceneData:
     }
 
 
-def _room_in_plane(problem: Problem, low: FloatArray, high: FloatArray) -> SceneData:
+def _draw_planar_workspace(problem: Problem, low: FloatArray, high: FloatArray) -> SceneData:
     workspace = problem.workspace
     bounds = np.reshape(workspace.boundary.bounds, (2, 2))
     # Obstacles may stick far out of the workspace and points may lie outside it; the initial view is cropped to it.
@@ -91,7 +91,7 @@ def _room_in_plane(problem: Problem, low: FloatArray, high: FloatArray) -> Scene
     }
 
 
-def _room_in_space(problem: Problem, low: FloatArray, high: FloatArray) -> SceneData:
+def _draw_spatial_workspace(problem: Problem, low: FloatArray, high: FloatArray) -> SceneData:
     arm, workspace = problem.arm, problem.workspace
     share = _MOST_TRIANGLES // max(len(workspace.obstacles), 1)
     margin = 2.0 * max(arm.radius, 0.5 * arm.link_length)

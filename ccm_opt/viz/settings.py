@@ -15,7 +15,7 @@ class PictureSettings:
         right: margin [inch].
         top: margin for the title [inch].
         bottom: margin for axis labels and legend [inch].
-        beside_room: margin around the whole workspace, as a share of its longest side.
+        workspace_margin: margin around the whole workspace, as a share of its longest side.
         most_named_obstacles: with more obstacles than this, names are left out, since they would hide the picture.
         least_error: smaller tracking errors are drawn as this one on their logarithmic scale [rad] or [m].
     """
@@ -27,7 +27,7 @@ class PictureSettings:
     right: float = 0.2
     top: float = 0.45
     bottom: float = 1.05
-    beside_room: float = 0.03
+    workspace_margin: float = 0.03
     most_named_obstacles: int = 12
     least_error: float = 1e-7
 

@@ -15,14 +15,14 @@ from ccm_opt.problem.solution import JointStates, JointTrajectory, SimulatedMoti
 from ccm_opt.robot.frames import joint_positions_3d
 from ccm_opt.verification.tolerance.error_model import moved_by_joint_errors
 from ccm_opt.viz import figure_files as style
-from ccm_opt.viz.arm_drawing import PLANE, SIDES, Side, whole_room
+from ccm_opt.viz.arm_drawing import PLANE, SIDES, Side, whole_workspace
 from ccm_opt.viz.arm_section import draw_section
 from ccm_opt.viz.figure_files import figure_file
 from ccm_opt.viz.settings import PICTURES
 from ccm_opt.viz.views import (
     SPACE_DOTS_PER_INCH,
     VIEW_SIDE,
-    SeenScene,
+    SceneViews,
     Sheet,
     draw_pose,
     dress_view,
@@ -89,13 +89,13 @@ def _simulation_figure(
     planned = arm.joint_positions_at(trajectory.positions)
     if problem.dimension == 2:
         points = points[..., [0, 2]]
-        window = whole_room(problem.workspace)
+        window = whole_workspace(problem.workspace)
         sides: tuple[Side, ...] = (PLANE,)
     else:
         window = view_box(problem, np.concatenate((planned, points)))
         sides = SIDES[:2]
     figure, grid = _sheet_with_errors([np.ptp(side(window), axis=0) for side in sides])
-    scene = SeenScene(problem)
+    scene = SceneViews(problem)
     time = trajectory.time[:reached]
     between = points[np.searchsorted(time, np.array(_SIMULATED_POSES) * time[-1])]
     for row, side in enumerate(sides):

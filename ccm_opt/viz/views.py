@@ -14,7 +14,7 @@ from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.problem import Problem
 from ccm_opt.scene.surfaces import all_within, sharp_edges
 from ccm_opt.viz import figure_files as style
-from ccm_opt.viz.arm_drawing import PLANE, SIDES, Side, draw_body, draw_workspace, whole_room
+from ccm_opt.viz.arm_drawing import PLANE, SIDES, Side, draw_body, draw_workspace, whole_workspace
 from ccm_opt.viz.figure_files import label_axis
 from ccm_opt.viz.settings import PICTURES
 
@@ -46,7 +46,7 @@ _BESIDE_ACTION = 0.07
 """Margin around everything that moves, as a share of its longest side."""
 _LEAST_ASPECT = 0.5
 """Least ratio of the shorter side of the window to the longer one."""
-_MOST_OF_ROOM = 0.85
+_MOST_OF_WORKSPACE = 0.85
 """Share of both sides of the workspace above which the whole workspace is shown."""
 ARROW_SHARE = 0.09
 """Length of a goal's arrow, as a share of the width of the axes."""
@@ -73,10 +73,10 @@ def action_window(problem: Problem, points: FloatArray) -> FloatArray:
     spans = spans + 2.0 * margin
     # A long and narrow strip would show nothing of the surroundings.
     margin = margin + 0.5 * np.maximum(_LEAST_ASPECT * spans.max() - spans, 0.0)
-    room = whole_room(problem.workspace)
+    room = whole_workspace(problem.workspace)
     window = np.clip(np.stack((shown.min(axis=0) - margin, shown.max(axis=0) + margin)), *room)
     bounds = np.reshape(problem.workspace.boundary.bounds, (2, 2))
-    most = np.all(np.ptp(window, axis=0) > _MOST_OF_ROOM * np.ptp(bounds, axis=0))
+    most = np.all(np.ptp(window, axis=0) > _MOST_OF_WORKSPACE * np.ptp(bounds, axis=0))
     return room if most else window
 
 
@@ -99,7 +99,7 @@ def figure_layout(window: FloatArray) -> tuple[tuple[float, float], tuple[float,
 
 
 @dataclass(frozen=True)
-class SeenScene:
+class SceneViews:
     """The bodies of a problem as triangles, few enough to be drawn.
 
     Attributes:
@@ -131,7 +131,7 @@ class SeenScene:
             return
         low, high = view_window(side, window)
         axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
-        self.draw_room(axes, side)
+        self.draw_bounds(axes, side)
         self.draw(axes, side)
         axes.set_aspect("equal", adjustable="box", anchor="NW")
 
@@ -174,7 +174,7 @@ class SeenScene:
             ends = (cut[through] + share * (following - cut)[through]).reshape(-1, 2, 3)
             axes.add_collection(LineCollection(list(side(ends)), colors=style.WALL_EDGE, linewidths=0.9, zorder=1.5))
 
-    def draw_room(self, axes: Axes, side: Side) -> None:
+    def draw_bounds(self, axes: Axes, side: Side) -> None:
         """Draw the outline of the workspace if it is bounded."""
         bounds = self.problem.workspace.bounds
         if bounds is None:
@@ -262,7 +262,7 @@ class Sheet:
     section: Axes | None = None
 
     @classmethod
-    def of(cls, problem: Problem, window: FloatArray, scene: "SeenScene | None" = None) -> "Sheet":
+    def of(cls, problem: Problem, window: FloatArray, scene: "SceneViews | None" = None) -> "Sheet":
         """Return a sheet with workspace and obstacles drawn.
 
         Args:
@@ -276,7 +276,7 @@ class Sheet:
             sheet = cls(problem, figure, ((figure.add_axes(place), PLANE),))
         else:
             sheet = cls.of_box(problem, window)
-        bodies = scene or SeenScene(problem)
+        bodies = scene or SceneViews(problem)
         for axes, side in sheet.views:
             bodies.begin_view(axes, side, window)
         return sheet

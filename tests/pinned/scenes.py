@@ -14,7 +14,7 @@ import shapely
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.errors import CcmError
-from ccm_opt.driver.room_over_time import room_over_time
+from ccm_opt.driver.clearance_over_time import clearance_over_time
 from ccm_opt.planning.link_space import nearest_curves
 from ccm_opt.problem import (
     JointPose,
@@ -170,8 +170,8 @@ def checked(*, fed: bool, strict: bool) -> Scene:
     def scene(scale: float) -> None:
         problem, trajectory = plan_of(scale, fed=fed, strict=strict)
         checks = verify(problem, trajectory, states_of(problem, trajectory))
-        room_over_time(problem, trajectory, 0.02, checks)
-        room_over_time(problem, trajectory, 0.11)
+        clearance_over_time(problem, trajectory, 0.02, checks)
+        clearance_over_time(problem, trajectory, 0.11)
         left_unchecked(problem, trajectory)
         interpolation_deviation(problem.arm, trajectory)
 
@@ -232,7 +232,7 @@ def unlimited(scale: float) -> None:
         )
         moving = replace(trajectory, stops=())
         checks = verify(asked, moving, states_of(asked, moving))
-        room_over_time(asked, moving, 0.0, checks)
+        clearance_over_time(asked, moving, 0.0, checks)
         left_unchecked(asked, moving)
 
 

@@ -45,7 +45,7 @@ class Replanner:
 
     def __init__(self, live: LivePlan, told: Callable[[LiveAnswer | str], None], settings: ViewSettings = VIEW) -> None:
         self._live, self._told, self._settings = live, told, settings
-        self._asked: SimpleQueue[Callable[[], LiveAnswer] | None] = SimpleQueue()
+        self._requested: SimpleQueue[Callable[[], LiveAnswer] | None] = SimpleQueue()
 
     def start(self) -> None:
         """Start the planning thread."""
@@ -53,20 +53,20 @@ class Replanner:
 
     def ask(self, change: Callable[[], LiveAnswer]) -> None:
         """Request a change; earlier changes that have not begun are dropped."""
-        self._asked.put(change)
+        self._requested.put(change)
 
     def end(self) -> None:
         """Stop planning."""
-        self._asked.put(None)
+        self._requested.put(None)
 
     def _run(self) -> None:
         """Make the latest requested change; after some quiet, plan from scratch."""
         quiet = None
         while True:
             try:
-                change = self._asked.get(timeout=quiet)
-                while not self._asked.empty():
-                    change = self._asked.get()
+                change = self._requested.get(timeout=quiet)
+                while not self._requested.empty():
+                    change = self._requested.get()
                 quiet = self._settings.quiet
             except Empty:
                 change, quiet = partial(self._live.plan_anew, self._settings.anew), None
@@ -373,7 +373,7 @@ class ViewerApp:
     def _planned(self, live: LivePlan, answer: LiveAnswer | str) -> None:
         """Show the result of a change: the new plan, or the last one and why there is no new one."""
         with self._lock:
-            self.scene.draw_room(live.problem)
+            self.scene.draw_bounds(live.problem)
             if isinstance(answer, str):
                 self._status.content = f"**Not planned.** {answer}"
                 return

@@ -94,10 +94,10 @@ class Scene:
     def draw(self) -> None:
         """Draw everything."""
         self.server.scene.set_up_direction("+z")
-        self.draw_room(self.frames.problem)
+        self.draw_bounds(self.frames.problem)
         self.draw_motion()
 
-    def draw_room(self, problem: Problem) -> None:
+    def draw_bounds(self, problem: Problem) -> None:
         """Draw obstacles and goals of a problem, which may be newer than the motion."""
         self._draw_walls(problem)
         workspace = problem.workspace
@@ -209,7 +209,7 @@ class Scene:
         self.shown.add(layer) if on else self.shown.discard(layer)
         if layer == "names":
             self._standing = {}
-            self.draw_room(self.frames.problem)
+            self.draw_bounds(self.frames.problem)
         elif on:
             self.draw_motion()
         else:

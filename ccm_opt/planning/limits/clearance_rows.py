@@ -138,8 +138,8 @@ def motion_rows(sweep: PlanarSweep, contact: ContactLimit, workspace: Workspace)
         if most is not None:
             # A link that is asked for less than the margin is asked for nothing beyond contact.
             more[most[walls.interval, walls.high - 1] < margin] = -np.inf
-        walls = asking_for_room(walls, more, sweep, smooth)
-        links = asking_for_room(links, between, sweep, smooth)
+        walls = clearance_reward(walls, more, sweep, smooth)
+        links = clearance_reward(links, between, sweep, smooth)
     rows = joined_rows([walls, links])
 
     # The start is given and may be closer than the margin; a margin there could make rows infeasible for good.
@@ -160,7 +160,7 @@ def _most_in_gates(sweep: PlanarSweep, contact: ContactLimit) -> FloatArray | No
     return np.where(inside[:-1] | inside[1:], contact.certificate.spare, np.inf)
 
 
-def asking_for_room(rows: IntervalRows, more: FloatArray, sweep: PlanarSweep, smooth: PlanarSweep) -> IntervalRows:
+def clearance_reward(rows: IntervalRows, more: FloatArray, sweep: PlanarSweep, smooth: PlanarSweep) -> IntervalRows:
     """Return rows that ask for a larger gap of the smooth path rather than of its control polygon.
 
     A row for contact subtracts the chord deviation, which bounds the motion between two keyframes however the links

@@ -7,7 +7,7 @@ contributes nothing, so a new limit overrides only the methods it needs:
 where               methods
 ==================  =====================================================================================
 single step         ``linearised`` (rows, pulls, and the exact check afterwards), ``restored``
-at the goal         ``miss``, ``mending``, ``missed``, ``keeps_at_goal``
+at the goal         ``miss``, ``restoration``, ``missed``, ``keeps_at_goal``
 optimisation        ``interval_rows``, ``keyframe_rows``, ``keyframe_equations``, ``costs``, ``restored_keyframes``,
                     ``holds``
 between keyframes   ``failures``
@@ -184,7 +184,7 @@ class LimitOf(Generic[AnyUnknowns_contra]):
         del q
         return 0.0
 
-    def mending(self, pose: Pose, most: float) -> tuple[FloatArray, FloatArray]:
+    def restoration(self, pose: Pose, most: float) -> tuple[FloatArray, FloatArray]:
         """Return the rows of violated requirements, per radian, shape (k, p), and their wanted change [rad].
 
         The wanted change, shape (k,), is at most ``most`` [rad].

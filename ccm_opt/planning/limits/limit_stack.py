@@ -185,7 +185,7 @@ class ContactLimit(LimitOf[CurveUnknowns]):
         lower = np.where(beyond >= 0.0, -_CLOSING_SHARE * beyond, -settings.firm_share * beyond)
         # In nominal links, so that one weight suits an arm of any size.
         near = beyond < 0.0
-        push = Term(rows[near] / unit, -settings.mending_share * beyond[near] / unit, settings.push_weight)
+        push = Term(rows[near] / unit, -settings.restoration_share * beyond[near] / unit, settings.push_weight)
         farthest = unit * settings.travel[1 if len(contacts) else 0]
 
         def excess(delta: FloatArray) -> float:

@@ -267,7 +267,7 @@ class UserLimit(LimitOf[CurveUnknowns]):
         miss = self.values(q).violation
         return 0.0 if miss <= _MET_AT_GOAL else miss
 
-    def mending(self, pose: Pose, most: float) -> tuple[FloatArray, FloatArray]:
+    def restoration(self, pose: Pose, most: float) -> tuple[FloatArray, FloatArray]:
         """Return the rows of equations and of gaps inside their margin, per radian, and their wanted change.
 
         Args:

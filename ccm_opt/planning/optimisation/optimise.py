@@ -21,7 +21,7 @@ from ccm_opt.planning.search import SearchTask
 from ccm_opt.planning.spline_path import at_least_four, clamped_spline, places_along
 from ccm_opt.problem import Weights
 
-_ROOM_SAMPLES = 5
+_CLEARANCE_SAMPLES = 5
 """Samples per leg between keyframes at which the clearance of a smooth path is measured. Taste."""
 
 _GATE_INTERVALS = (40, 60, 90, 135)
@@ -253,6 +253,6 @@ def with_more_room(
 def _lacking(motion: CurveMotion[Any], task: SearchTask) -> float:
     """Return how much more of the wanted gap the smooth path along a motion lacks on its way than at its ends [m]."""
     control = at_least_four(motion.unknowns)
-    unknowns = clamped_spline(control)(places_along(len(control), _ROOM_SAMPLES))
+    unknowns = clamped_spline(control)(places_along(len(control), _CLEARANCE_SAMPLES))
     lacking = task.room_lacking(motion.curve.configurations(unknowns))
     return float(np.max(lacking) - np.max(lacking[[0, -1]]))

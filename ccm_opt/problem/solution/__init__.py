@@ -1,10 +1,10 @@
 """Frozen results of every planning stage, from the curve's keyframes to the simulated arm."""
 
 from ccm_opt.problem.solution.records import (
+    ClearanceRecord,
     GoalPoseRecord,
     NearPlace,
     PossibleGap,
-    RoomRecord,
     ShortStretch,
     SimulationOutcome,
     SimulationVerdict,
@@ -27,6 +27,7 @@ from ccm_opt.problem.solution.stage_results import Check, JointPath, JointStates
 __all__ = [
     "BindingSide",
     "Check",
+    "ClearanceRecord",
     "GoalErrors",
     "GoalPoseRecord",
     "JointPath",
@@ -38,7 +39,6 @@ __all__ = [
     "PoseOutcome",
     "PossibleGap",
     "ReachMap",
-    "RoomRecord",
     "ShortStretch",
     "SimulatedMotion",
     "SimulationOutcome",

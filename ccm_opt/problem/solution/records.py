@@ -209,8 +209,8 @@ class PossibleGap:
 
 
 @dataclass(frozen=True, eq=False)
-class RoomRecord:
-    """The clearance of a timed motion over time, computed by ``driver.room_over_time``.
+class ClearanceRecord:
+    """The clearance of a timed motion over time, computed by ``driver.clearance_over_time``.
 
     Attributes:
         time: times of the samples, the motion's ends and stops among them, shape (N,) [s].

@@ -12,7 +12,7 @@ import numpy as np
 from ccm_opt.core.arrays import BoolArray, FloatArray
 from ccm_opt.core.length_words import short_length, words_in
 from ccm_opt.problem import JointPose, Problem
-from ccm_opt.problem.solution.records import GoalPoseRecord, RoomRecord, SurvivedError, TryRecord
+from ccm_opt.problem.solution.records import ClearanceRecord, GoalPoseRecord, SurvivedError, TryRecord
 from ccm_opt.problem.solution.stage_results import Check, JointPath, JointStates, JointTrajectory, SimulatedMotion
 from ccm_opt.robot.configuration import Curve
 
@@ -98,7 +98,7 @@ class Solution:
     metrics: Mapping[str, float]
     timings: Mapping[str, float]
     versions: Mapping[str, str] = field(default_factory=dict)
-    room: RoomRecord | None = None
+    room: ClearanceRecord | None = None
     tolerance: tuple[SurvivedError, ...] = ()
     tries: tuple[TryRecord, ...] = ()
     not_checked: tuple[str, ...] = ()
@@ -135,7 +135,7 @@ class Solution:
         """Deviation of the last link from its goal at the end of a motion in space."""
         return goal_errors(self.problem, self.trajectory.positions[-1])
 
-    def with_room(self, room: RoomRecord) -> Self:
+    def with_clearance_record(self, room: ClearanceRecord) -> Self:
         """Return a copy of this plan with ``room`` as the record of its clearance."""
         return replace(self, room=room)
 

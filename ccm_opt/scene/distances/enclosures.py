@@ -116,10 +116,10 @@ def _enclosures(workspace: Workspace, places: FloatArray, entering: float = math
                 depth = depth_inside(body, places[number], closed_only=closed_only)
                 if depth > 0.0:
                     yield Enclosure(obstacle.name, int(number), places[number], depth)
-    yield from _outside_room(workspace, places)
+    yield from _outside_workspace(workspace, places)
 
 
-def _outside_room(workspace: Workspace, places: FloatArray) -> Iterator[Enclosure]:
+def _outside_workspace(workspace: Workspace, places: FloatArray) -> Iterator[Enclosure]:
     if workspace.bounds is None:
         return
     beyond = np.maximum(np.maximum(workspace.bounds[0] - places, places - workspace.bounds[1]), 0.0)

@@ -14,7 +14,7 @@ import numpy.typing as npt
 from ccm_opt.core.arrays import BoolArray, FloatArray, IntArray
 from ccm_opt.planning.ends import GapsAtSamples
 from ccm_opt.problem import Problem
-from ccm_opt.problem.solution import Check, JointTrajectory, NearPlace, RoomRecord, ShortStretch
+from ccm_opt.problem.solution import Check, ClearanceRecord, JointTrajectory, NearPlace, ShortStretch
 from ccm_opt.problem.solution.records import ShortCause
 from ccm_opt.robot.arm import Arm
 from ccm_opt.verification.chain_motion import ChainMotion
@@ -24,7 +24,7 @@ from ccm_opt.verification.wall_clearance import check_walls
 
 
 @dataclass(frozen=True)
-class RoomSettings:
+class ClearanceSettings:
     """Settings of the clearance record; no check depends on them.
 
     Attributes:
@@ -43,7 +43,7 @@ class RoomSettings:
     reach_wanted: float = 4.0
 
 
-DEFAULT_ROOM = RoomSettings()
+DEFAULT_CLEARANCE = ClearanceSettings()
 """Default settings of the clearance record."""
 
 
@@ -81,14 +81,14 @@ def _columns(gaps: _GapsAtSamples) -> tuple[np.ndarray, ...]:
     return gaps.gap, gaps.wanted, gaps.link, gaps.second_link, gaps.obstacle
 
 
-def room_over_time(
+def clearance_over_time(
     problem: Problem,
     trajectory: JointTrajectory,
     wanted: float,
     checks: Sequence[Check] | None = None,
-    settings: RoomSettings = DEFAULT_ROOM,
+    settings: ClearanceSettings = DEFAULT_CLEARANCE,
     verification: VerificationSettings = DEFAULT_VERIFICATION,
-) -> RoomRecord:
+) -> ClearanceRecord:
     """Return the record of the clearance that a motion keeps.
 
     Args:
@@ -114,13 +114,13 @@ def room_over_time(
 
 @dataclass(frozen=True)
 class _Room:
-    """One motion in one room; attributes as for ``room_over_time``."""
+    """One motion in one room; attributes as for ``clearance_over_time``."""
 
     problem: Problem
     trajectory: JointTrajectory
     wanted: float
     checks: tuple[Check, ...]
-    settings: RoomSettings
+    settings: ClearanceSettings
     verification: VerificationSettings
 
     @property
@@ -138,7 +138,7 @@ class _Room:
     def _reach(self) -> float:
         return max(self.settings.reach * self.problem.arm.length, self.settings.reach_wanted * self.wanted)
 
-    def record(self) -> RoomRecord:
+    def record(self) -> ClearanceRecord:
         """Return the record of the motion."""
         motion = self._motion
         samples = self._samples
@@ -150,7 +150,7 @@ class _Room:
         nearest = to_walls.where(to_walls.gap <= to_itself.gap, to_itself)
         lacking = to_walls.where(to_walls.lack >= itself_lacks.lack, itself_lacks)
         rests = np.searchsorted(samples, [0, *self.trajectory.stops, len(motion.time) - 1]).tolist()
-        return RoomRecord(
+        return ClearanceRecord(
             time=self.trajectory.time[samples],
             wanted=self.wanted,
             clearance=self.problem.workspace.clearance,

@@ -9,10 +9,10 @@ import shapely
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import (
+    ClearanceRecord,
     JointTrajectory,
     NearPlace,
     PossibleGap,
-    RoomRecord,
     ShortStretch,
     Solution,
     SurvivedError,
@@ -20,7 +20,7 @@ from ccm_opt.problem.solution import (
 from ccm_opt.viz.checks_section import joint_in_words
 from ccm_opt.viz.document import Markup, PageUnits, coded, element, step_for
 
-_WANTED_GAPS_SHOWN = 4.0
+_PREFERRED_CLEARANCES_SHOWN = 4.0
 """Range of the chart of gaps, in multiples of the preferred clearance."""
 
 _BOUNDS = {
@@ -36,7 +36,7 @@ _CAUSES = {
 }
 
 
-def room_sentences(room: RoomRecord, units: PageUnits, most: int = 3) -> Iterator[str]:
+def clearance_sentences(room: ClearanceRecord, units: PageUnits, most: int = 3) -> Iterator[str]:
     """Yield sentences on the clearance of a motion, the most important first.
 
     Args:
@@ -59,7 +59,7 @@ def room_sentences(room: RoomRecord, units: PageUnits, most: int = 3) -> Iterato
         yield f"the preferred clearance costs {room.price:.3g} s"
 
 
-def _least_gap(room: RoomRecord, units: PageUnits) -> str:
+def _least_gap(room: ClearanceRecord, units: PageUnits) -> str:
     """Return the least gap of the motion, and where it is."""
     near = room.nearest
     if not near.link:
@@ -88,7 +88,7 @@ def _bound(possible: PossibleGap, units: PageUnits) -> str:
     return f"no motion can keep more than {most}: {_BOUNDS.get(possible.by, 'no more is preferred')}"
 
 
-def room_section(room: RoomRecord | None, units: PageUnits) -> Markup | None:
+def clearance_section(room: ClearanceRecord | None, units: PageUnits) -> Markup | None:
     """Return the section on clearance; None if it was not measured.
 
     Args:
@@ -97,7 +97,7 @@ def room_section(room: RoomRecord | None, units: PageUnits) -> Markup | None:
     """
     if room is None:
         return None
-    first, *others = room_sentences(room, units)
+    first, *others = clearance_sentences(room, units)
     sentences = [element("li", f"{_capitalised(sentence)}.") for sentence in others]
     return element(
         "section",
@@ -114,7 +114,7 @@ def nearest_mark(solution: Solution, units: PageUnits) -> dict[str, object] | No
     if room is None or not room.nearest.link:
         return None
     place = least_gap_place(solution.problem, solution.trajectory, room.nearest)
-    return {"place": [float(value) for value in place], "words": next(room_sentences(room, units))}
+    return {"place": [float(value) for value in place], "words": next(clearance_sentences(room, units))}
 
 
 def least_gap_place(problem: Problem, trajectory: JointTrajectory, near: NearPlace) -> FloatArray:
@@ -163,7 +163,7 @@ def survived_in_words(error: SurvivedError, units: PageUnits, *, in_space: bool)
     )
 
 
-def gap_data(room: RoomRecord) -> dict[str, object]:
+def gap_data(room: ClearanceRecord) -> dict[str, object]:
     """Return the record of a motion's clearance as the page's script reads it; lengths [m], times [s].
 
     Args:
@@ -186,9 +186,9 @@ def gap_data(room: RoomRecord) -> dict[str, object]:
     }
 
 
-def chart_top(room: RoomRecord) -> float:
+def chart_top(room: ClearanceRecord) -> float:
     """Return the gap at the top of the chart [m]: a multiple of the wanted or least gap, at most the largest."""
     # The record caps gaps at its search distance; capped values are not shown as if they were gaps.
     largest = 1.1 * float(room.gaps.max())
-    shown = max(_WANTED_GAPS_SHOWN * room.wanted, 2.0 * float(room.gaps.min())) if room.wanted else room.reach
+    shown = max(_PREFERRED_CLEARANCES_SHOWN * room.wanted, 2.0 * float(room.gaps.min())) if room.wanted else room.reach
     return max(min(shown, largest, 0.98 * room.reach), 1.5 * room.wanted, 1e-3 * room.reach)

@@ -1,7 +1,7 @@
 """The room that motions keep, and what it costs; prints Markdown tables.
 
-    python -m tests.benchmarks.bench_room problems
-    python -m tests.benchmarks.bench_room clutter --polygons 20 40 80 --seeds 95000 95034
+    python -m tests.benchmarks.bench_clearance problems
+    python -m tests.benchmarks.bench_clearance clutter --polygons 20 40 80 --seeds 95000 95034
 
 Every problem is planned, timed and verified twice in the same run, with its wanted gap (or the default share of the
 arm's length) and without one. Gaps are those of shapely between poses no farther than a millimetre apart, and owe

@@ -15,16 +15,16 @@ from typer.testing import CliRunner
 from ccm_opt.cli.commands import app
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.diagnosis.possible_gap import possible_gap
-from ccm_opt.driver.room_over_time import RoomSettings, room_over_time
+from ccm_opt.driver.clearance_over_time import ClearanceSettings, clearance_over_time
 from ccm_opt.driver.solution_assembly import gap_between_walls
 from ccm_opt.problem import JointPose, Limits, Problem, Stop, TipGoal, Tolerances
-from ccm_opt.problem.solution import JointTrajectory, PossibleGap, RoomRecord
+from ccm_opt.problem.solution import ClearanceRecord, JointTrajectory, PossibleGap
 from ccm_opt.scene.bodies import SphereBody
 from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
 from ccm_opt.verification.selfcollision import segment_distances
 from ccm_opt.verification.verification_settings import DEFAULT_VERIFICATION
+from ccm_opt.viz.clearance_section import clearance_sentences
 from ccm_opt.viz.document import PageUnits
-from ccm_opt.viz.room_section import room_sentences
 
 from .arms import plain_arm
 from .conftest import PROBLEMS
@@ -55,10 +55,10 @@ def swept_gap(problem: Problem, time: FloatArray, bends: FloatArray, poses: int 
     return least
 
 
-def room_of_motion(problem: Problem, time: FloatArray, bends: FloatArray, wanted: float = 0.0) -> RoomRecord:
+def room_of_motion(problem: Problem, time: FloatArray, bends: FloatArray, wanted: float = 0.0) -> ClearanceRecord:
     """The record of a motion of which only the poses matter."""
     still = np.zeros_like(bends)
-    return room_over_time(problem, JointTrajectory(time, bends, still, still), wanted)
+    return clearance_over_time(problem, JointTrajectory(time, bends, still, still), wanted)
 
 
 @pytest.mark.planning
@@ -104,7 +104,7 @@ def test_the_least_gap_in_space_is_that_of_a_dense_sweep(seed: int, clearance: f
     one = np.ones(18)
     start, goal = (JointPose(pose.reshape(6, 2)) for pose in poses[[0, -1]])
     problem = Problem("space", Workspace(obstacles=balls, clearance=clearance), arm, Limits(one, one), start, goal)
-    room = room_over_time(problem, trajectory, 0.0)
+    room = clearance_over_time(problem, trajectory, 0.0)
 
     def gaps(positions: FloatArray) -> FloatArray:
         points = arm.joint_positions_at(positions)
@@ -131,7 +131,7 @@ def test_the_least_gap_in_space_is_that_of_a_dense_sweep(seed: int, clearance: f
 def test_the_ends_and_the_pair_are_named() -> None:
     """The gap of both ends is that of their poses, and the nearest pair is the link and the wall that it is near to."""
     problem, trajectory, _ = make_case(plain_arm(6, 0.1, 0.02), [POST], end=np.array([0.25, 0, 0, 0, 0, 0]))
-    room = room_over_time(problem, trajectory, 0.01)
+    room = clearance_over_time(problem, trajectory, 0.01)
     for end, sample in ((room.at_start, 0), (room.at_goal, -1)):
         pose = trajectory.bend_angles[[sample, sample]]
         assert end.gap == pytest.approx(min(swept_gap(problem, np.array([0.0, 1.0]), pose, 2), room.reach), abs=1e-9)
@@ -140,7 +140,7 @@ def test_the_ends_and_the_pair_are_named() -> None:
     assert room.nearest.link in {3, 4}
     assert room.nearest.pair == f"link {room.nearest.link} to 'post'"
     assert (room.time[0], room.time[-1]) == (0.0, trajectory.duration)
-    assert len(room.time) == len(room.wall_gaps) == len(room.self_gaps) <= RoomSettings().samples + 2
+    assert len(room.time) == len(room.wall_gaps) == len(room.self_gaps) <= ClearanceSettings().samples + 2
 
 
 @pytest.mark.parametrize("self_collision", [True, False])
@@ -148,12 +148,12 @@ def test_an_arm_that_may_cross_itself_has_no_gap_to_itself(*, self_collision: bo
     """The record of an arm that curls up asks for the gap between its links where they have to keep apart alone."""
     arm = replace(plain_arm(6, 0.1, 0.02), self_collision=self_collision)
     problem, trajectory, _ = make_case(arm, end=np.full(6, 1.3))
-    room = room_over_time(problem, trajectory, 0.01)
+    room = clearance_over_time(problem, trajectory, 0.01)
     assert (room.nearest.second_link > 0) is self_collision
     assert bool(np.all(room.self_gaps == room.reach)) is not self_collision
 
 
-def turned_about_its_base(turns: tuple[float, ...], pin: Obstacle) -> RoomRecord:
+def turned_about_its_base(turns: tuple[float, ...], pin: Obstacle) -> ClearanceRecord:
     """The room of a straight arm of 0.6 m that turns about its base to some angles in turn, resting at each."""
     arm = plain_arm(6, 0.1, 0.02)
     poses = [turn * np.eye(arm.links)[0] for turn in turns]
@@ -165,7 +165,7 @@ def turned_about_its_base(turns: tuple[float, ...], pin: Obstacle) -> RoomRecord
     trajectory = JointTrajectory(parts[0].time[1] * np.arange(len(bends)), bends, still, still, stops=stops)
     on_the_way = tuple(Stop(JointPose(pose), Tolerances()) for pose in poses[1:-1])
     problem, _, _ = make_case(arm, [pin], start=poses[0], end=poses[-1], stops=on_the_way)
-    return room_over_time(problem, trajectory, 0.01)
+    return clearance_over_time(problem, trajectory, 0.01)
 
 
 @pytest.mark.parametrize(
@@ -191,7 +191,7 @@ def test_a_narrow_place_on_the_way_is_a_passage() -> None:
     assert part.nearest.link == 6
     assert part.nearest.gap == pytest.approx(0.005, abs=1e-4)
     assert part.begin < 1.0 < part.end
-    sentences = list(room_sentences(room, PageUnits.of_arm(1.0)))
+    sentences = list(clearance_sentences(room, PageUnits.of_arm(1.0)))
     assert sentences[0].startswith("least gap 5.00 mm of the preferred 10 mm, at 1.00 s, link 6 to 'pin'")
     assert "clearance 5" in sentences[1]
 
@@ -229,7 +229,7 @@ def test_the_room_is_printed_written_and_printed_again(tmp_path: Path) -> None:
 def bounded(goal: TipGoal, walls: list[Obstacle], wanted: float = 0.05) -> PossibleGap:
     """The bound for an arm of 0.6 m and a radius of 20 mm that starts along x."""
     problem, trajectory, _ = make_case(plain_arm(6, 0.1, 0.02), walls)
-    room = room_over_time(problem, trajectory, wanted)
+    room = clearance_over_time(problem, trajectory, wanted)
     found = possible_gap(replace(problem, goal=goal), room)
     assert found is not None
     return found
