@@ -41,7 +41,7 @@ def test_nothing_is_said_where_everything_is_checked() -> None:
 
 @pytest.mark.parametrize(
     ("mount", "said"),
-    [(0.6, "the whole arm counts as its mount"), (9.0, "the whole arm"), (0.25, "links 1 to 2 were not kept")],
+    [(0.6, "the whole arm counts as its mount"), (9.0, "the whole arm"), (0.25, "not checked for links 1 to 2")],
 )
 def test_a_mount_that_covers_links_is_named(mount: float, said: str) -> None:
     """A mount as long as the arm leaves nothing to be held against walls, and that is said."""
@@ -55,7 +55,7 @@ def test_links_that_are_not_kept_apart_are_named() -> None:
     (remark,) = remarks(replace(arm, self_collision=False), np.zeros((2, 6)))
     assert "self_collision is false" in remark
     (remark,) = remarks(plain_arm(2), np.zeros((2, 2)))
-    assert "all are near each other" in remark
+    assert "all are close to each other" in remark
 
 
 def test_links_that_cross_though_they_are_near_are_named() -> None:
@@ -73,10 +73,10 @@ def test_links_that_cross_though_they_are_near_are_named() -> None:
     [
         ({}, ()),
         ({"mount_length": 0.6}, ("the whole arm counts as its mount",)),
-        ({"mount_length": 0.25}, ("links 1 to 2 were not kept",)),
+        ({"mount_length": 0.25}, ("not checked for links 1 to 2",)),
         ({"self_collision": False}, ("self_collision is false",)),
-        ({"links": 2}, ("all are near each other",)),
-        ({"links": 2, "mount_length": 0.2}, ("the whole arm counts", "all are near each other")),
+        ({"links": 2}, ("all are close to each other",)),
+        ({"links": 2, "mount_length": 0.2}, ("the whole arm counts", "all are close to each other")),
     ],
 )
 def test_arms_in_space_say_the_same(changes: dict[str, Any], said: tuple[str, ...]) -> None:
@@ -94,7 +94,7 @@ def test_the_record_of_a_plan_in_space_says_it() -> None:
     rest, bent = (JointPose(np.full((2, 2), bend)) for bend in (0.0, 0.2))
     problem = Problem("two links", Workspace(bounds=None, obstacles=()), arm, Limits(ones, ones), rest, bent)
     (remark,) = ccm_opt.solve(problem).not_checked
-    assert "all are near each other" in remark
+    assert "all are close to each other" in remark
 
 
 @given(st.integers(0, 2**32 - 1))

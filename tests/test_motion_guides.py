@@ -241,7 +241,7 @@ def test_settling_behind_an_obstacle_stalls() -> None:
     goal = tip + np.array([-0.05, 0.08])
     post = Workspace(scene.workspace.boundary, (Obstacle("post", PlaneShape(shapely.Point(goal), 0.03)),))
     stepper, pose = make_stepper(Scene(scene.arm, post, np.zeros(24), np.zeros(24)))
-    with pytest.raises(Stalled, match=r"settling ended \d+\.\d mm and \d+\.\d° off the goal") as caught:
+    with pytest.raises(Stalled, match=r"corrections at the goal ended \d+\.\d mm and \d+\.\d° away") as caught:
         settle(stepper, GoalPose(goal, None), pose, later())
     gaps = wall_gaps(scene.arm, post, np.array([p.points for p in caught.value.poses]))
     assert gaps.min() > 0.0

@@ -166,7 +166,7 @@ def test_a_row_of_no_segment_is_put_into_words() -> None:
     (broken,) = broken_rows(FailedAttempt(nlp, replace(result, broken={"base: y": 0.01})))
     assert (broken.constraint, broken.row, broken.segment) == ("length", "base: y", -1)
     assert broken.arc_length == pytest.approx(0.0, abs=1e-6)
-    assert f"misses the base by {10.0 * task.length:.3g} mm" in broken.words
+    assert f"begins {10.0 * task.length:.3g} mm away from the base" in broken.words
 
 
 def test_goal_beyond_the_arm_is_said_at_once() -> None:

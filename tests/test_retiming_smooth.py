@@ -136,4 +136,4 @@ def test_where_a_path_spares_no_gap_steps_are_cut_so_far_and_no_further(caplog: 
     plain = run(path, even_limits(3, 50.0, 900.0))
     trajectory = run(path, even_limits(3, 50.0, 900.0), link_length=10.0)
     assert len(plain.time) < len(trajectory.time) <= DEFAULT_TIMING.sampling.most_pieces * len(plain.time) + 1
-    assert "not cut further" in caplog.text
+    assert "chord deviation" in caplog.text

@@ -196,7 +196,7 @@ def test_constraints_at_the_start_are_checked_before_planning() -> None:
     """A start that breaks a constraint of the motion, or at which it is not finite, is refused by name."""
     problem = ccm_opt.load_problem(OPEN_SPACE)
     broken = Constraint("tip far left", lambda q: q.tip[0], upper=-5.0)
-    with pytest.raises(ProblemError, match=r"'tip far left' contradicts the start: it is missed by 5\.\d+"):
+    with pytest.raises(ProblemError, match=r"'tip far left' contradicts the start: it is violated by 5\.\d+"):
         ccm_opt.solve(problem, constraints=[broken])
     endless = Constraint("endless", lambda q: 1.0 / (q.link_headings[0] - q.link_headings[0]), lower=0.0)
     with pytest.raises(ProblemError, match="'endless' is not finite at the start"):

@@ -181,7 +181,7 @@ def test_what_contradicts_the_start_or_stands_in_the_way_is_named() -> None:
         # Of the last joint as well, so that nothing is proved before the search.
         return q.tip[0] + 1e-9 * q.joint_positions[0, 11]
 
-    with pytest.raises(ProblemError, match=r"'right' contradicts the start: it is missed by 0\.1"):
+    with pytest.raises(ProblemError, match=r"'right' contradicts the start: it is violated by 0\.1"):
         ccm_opt.solve(post(), constraints=[Constraint("right", lambda q: q.tip[1], upper=-0.1)])
     with pytest.raises(
         UnreachableGoal, match=r"'far' cannot hold at the goal: violated by 0\.1 with the tip at the goal"

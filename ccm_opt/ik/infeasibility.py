@@ -83,7 +83,7 @@ def _outside(nlp: ConfigurationNLP, configuration: Configuration) -> float:
 _ADVICE = {
     "gap": ("take a wider corridor or a smaller margin", "allow a tighter bend (joint limit) or another goal heading"),
     "curvature": ("allow a tighter bend: raise the joint limit or use shorter links", "free the goal heading"),
-    "side": ("take another route", "reduce the clearance", "use a longer arm"),
+    "side": ("take another route", "reduce the clearance"),
     "spacing": ("use more segments per region",),
     "base": ("free the base heading",),
 }
@@ -158,9 +158,9 @@ def beyond_reach(task: ConfigurationTask) -> Diagnosis | None:
     distance = float(np.hypot(*(task.goal - task.base)))
     if distance > task.length:
         return Diagnosis(
-            f"the goal is {long_length(distance)} from the base, the arm is only {long_length(task.length)} long",
+            f"the goal is {long_length(distance)} from the base, but the arm is only {long_length(task.length)} long",
             "configuration",
-            ("use a longer arm", "move the goal nearer"),
+            (f"lengthen the arm by {long_length(distance - task.length)} at least", "move the goal nearer"),
             {"distance": distance, "arm_length": task.length, "worst_row": "length", "solver_status": "not started"},
         )
     ends = (
@@ -171,10 +171,10 @@ def beyond_reach(task: ConfigurationTask) -> Diagnosis | None:
         outside = float((region.normals @ point - region.offsets).max())
         if outside > allowed + END_TOLERANCE:
             return Diagnosis(
-                f"the {name} is {short_length(outside)} outside its region of the corridor, allowed "
-                f"{short_length(allowed)}",
+                f"the {name} is {short_length(outside)} outside its region of the corridor, of "
+                f"{short_length(allowed)} allowed",
                 "configuration",
-                (f"move the {name} away from the wall", "reduce the clearance", "use a longer mount_length"),
+                (f"move the {name} away from the wall", "reduce the clearance", "raise arm.mount_length"),
                 {
                     "outside": outside,
                     "allowed": allowed,
@@ -213,14 +213,14 @@ def _meaning(name: str, violation: float, length: float) -> tuple[str, str]:
     if "side" in name:
         return "region", f"it leaves its region by {short_length(violation * length)}"
     if "gap in heading" in name:
-        return "heading", f"it cannot turn enough, {np.rad2deg(violation):.3g}° are missing"
+        return "heading", f"it turns {np.rad2deg(violation):.3g}° too little"
     if "curvature" in name:
-        return "curvature", f"it bends by {curvature(violation / length)} more than allowed"
+        return "curvature", f"its curvature exceeds the limit by {curvature(violation / length)}"
     if "spacing" in name:
-        return "spacing", "its knots come too close"
+        return "spacing", "its knots are too close together"
     if name.startswith("base"):
-        return "length", f"it misses the base by {short_length(violation * length)}"
-    return "length", f"it cannot join its neighbours, {short_length(violation * length)} are missing"
+        return "length", f"it begins {short_length(violation * length)} away from the base"
+    return "length", f"it ends {short_length(violation * length)} away from the next segment"
 
 
 def _where(attempt: FailedAttempt, segment: int, piece: int) -> tuple[float, tuple[float, float]]:

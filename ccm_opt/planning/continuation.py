@@ -144,7 +144,9 @@ def settle(stepper: StepperOf[AnyUnknowns], goal: GoalPose, pose: Pose, deadline
         return poses
 
     distance, turn = goal.errors(pose)
-    raise Stalled(f"settling ended {short_length(distance)} and {np.rad2deg(turn):.1f}° off the goal", poses)
+    raise Stalled(
+        f"the corrections at the goal ended {short_length(distance)} and {np.rad2deg(turn):.1f}° away from it", poses
+    )
 
 
 def polished(stepper: StepperOf[AnyUnknowns], goal: GoalPose, pose: Pose) -> Pose | None:

@@ -288,7 +288,7 @@ def _solve_goal_pose(asked: GoalPoses, task: SpaceTask, goal: GoalPose, motion: 
     feasible = [pose for pose in answers if asked.feasible(pose)]
     if not feasible:
         worst = answers[-1]
-        reason = f"the program found none; of its rows '{worst.answer.worst_row}' is missed most"
+        reason = f"the goal-pose NLP found none; its most violated row is '{worst.answer.worst_row}'"
         return Ending(task, motion, pose_record(wanted, worst, len(answers), reason))
     best = min(feasible, key=lambda pose: pose.answer.cost)
     refused = partial(pose_record, wanted, best, len(answers))
@@ -299,13 +299,13 @@ def _solve_goal_pose(asked: GoalPoses, task: SpaceTask, goal: GoalPose, motion: 
     stepper = task.stepper(curve, 0.0)
     last = moved_onto(stepper.space, goal, stepper.pose(end))
     if not goal.on_goal(last) or not goal.limits_met(last):
-        return Ending(task, motion, refused("the curve of the motion cannot take it at the goal"))
+        return Ending(task, motion, refused("the curve of the motion cannot take this pose at the goal"))
     enough = _ENOUGH * task.wanted_gap
     if asked.gap(last.q) < min(asked.gap(motion.configurations[-1]), enough):
-        return Ending(task, motion, refused("there is more room where the motion ends"))
+        return Ending(task, motion, refused("the pose where the motion ends has more clearance"))
     whole = led_to(begun, last.v, task, (0.0,))
     if whole is None:
-        return Ending(task, motion, refused("the arm cannot be moved there from where the motion ends"))
+        return Ending(task, motion, refused("no certified motion leads to this pose from where the motion ends"))
     whole = replace(whole, candidate=f"{motion.candidate}, {IN_NLP_POSE}")
     return Ending(replace(task, goal_pose=last.q), whole, pose_record(wanted, best, len(answers)))
 

@@ -96,7 +96,7 @@ def _why_not(asked: GoalPoses, pose: ArmPose) -> str:
     """Return in words why a motion does not end in the pose of the NLP's last answer."""
     if not asked.feasible(pose):
         return (
-            f"the nonlinear program ended with {pose.answer.status}, its row '{pose.answer.worst_row}' off by "
+            f"the nonlinear program ended with {pose.answer.status}, its row '{pose.answer.worst_row}' violated by "
             f"{pose.answer.violation:.2g}; the motion ends where the search arrived"
         )
     return "no certified way leads from where the search arrived to this pose, so the motion ends where it arrived"

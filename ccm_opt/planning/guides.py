@@ -283,7 +283,7 @@ class TipLed:
         """Return in words how far the tip has come."""
         lag = short_length(self._lag(pose))
         done, way = (long_length(abs(arc - self._first)) for arc in (self.arc, self._end))
-        return f"the tip stopped {lag} short of {done} on a path of {way}"
+        return f"the tip stopped {lag} short of {done} along its path of {way}"
 
     def _keeps_up(self, pose: Pose) -> bool:
         """Return whether the tip lags behind the target by less than its leash."""

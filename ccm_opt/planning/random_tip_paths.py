@@ -130,7 +130,7 @@ class TipWays:
         return np.asarray(places[free[0] if len(free) else 0])
 
 
-WALKS = "walks of the tip"
+WALKS = "random tip paths"
 """Name, among the names of candidates, of motions found by walks."""
 
 
@@ -218,7 +218,9 @@ class TipWalks:
                 except Stalled:
                     continue  # this motion can hardly be certified; another may have more clearance
         nearest = min(self.reached.poses, key=lambda pose: run.goal.errors(pose)[0])
-        failures.append(run.failure(WALKS, Stalled(f"{walks} walks of the tip did not arrive", [nearest])))
+        failures.append(
+            run.failure(WALKS, Stalled(f"{walks} random paths of the tip did not reach the goal", [nearest]))
+        )
         return None
 
     def _walk(self) -> list[Pose] | None:

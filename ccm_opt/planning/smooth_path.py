@@ -84,9 +84,11 @@ def _no_path(task: SearchTask) -> Diagnosis:
     """Return the diagnosis where a motion was found, but no path along it."""
     advice = room_advice(task.arm.radius, task.kept - task.arm.radius)
     if not task.constraints:
-        return Diagnosis("a motion was found, but it leaves no room for a smooth path", "motion", advice)
+        return Diagnosis(
+            "a motion was found, but no smooth path along it keeps the required clearance", "motion", advice
+        )
     names = " and ".join(map(repr, task.constraints))
-    reason = f"a motion was found, but no smooth path near it that keeps constraint {names} between its keyframes"
+    reason = f"a motion was found, but no smooth path near it keeps constraint {names} between its keyframes"
     fed = "leave arm.feed out: equations that are not linear hold for arms with a fixed base"
     equations = task.arm.base_axes and any(limit.has_equations for limit in task.user_limits)
     width = "give the constraint some width between its bounds, or make it soft"

@@ -222,8 +222,8 @@ class SpaceTask(SearchTask):
             return None
         number, away = missed
         reason = (
-            f"the tip comes within {short_length(away)} of goal.via {number + 1}, "
-            f"{short_length(away - self.via_reach)} too far off to pass it"
+            f"the tip passes goal.via {number + 1} at a distance of {short_length(away)}, of "
+            f"{short_length(self.via_reach)} allowed"
         )
         return Diagnosis(reason, "motion", ("move the place to where an arm as long and stiff as this can pass it",))
 

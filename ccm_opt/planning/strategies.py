@@ -105,7 +105,7 @@ def connected(task: MotionTask, failures: list[Failure], turn: Turn = Turn.EARLY
     search = Connecting(run.task, run.stepper.space, run.start, run.goal, run.goal_poses)
     motion = search.find(budgets, (task.seed, turn))
     if motion is None:
-        ended = Stalled(f"{len(budgets)} searches of up to {max(budgets)} extensions did not meet", [run.start])
+        ended = Stalled(f"{len(budgets)} searches of up to {max(budgets)} extensions found no connection", [run.start])
         failures.append(run.failure(CONNECT, ended))
     return motion
 

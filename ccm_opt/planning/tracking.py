@@ -169,8 +169,8 @@ def describe_violation(stepper: StepperOf[AnyUnknowns], pose: Pose, u: float) ->
     """Return, in words, which constraint could not be met at u."""
     name, miss = max((limit.worst(pose.q) for limit in stepper.limits), key=lambda worst: worst[1])
     if miss == 0.0:
-        return f"at u = {u:.3f} the motion that was found cannot be bent to the constraints"
-    return f"at u = {u:.3f} constraint '{name}' could not be met: missed by {miss:.3g}"
+        return f"at u = {u:.3f} the motion that was found cannot be deformed to meet the constraints"
+    return f"at u = {u:.3f} constraint '{name}' could not be met: it is violated by {miss:.3g}"
 
 
 _PRICE = 10000.0

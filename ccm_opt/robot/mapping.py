@@ -92,7 +92,7 @@ def least_squares_directions(points: FloatArray, means: FloatArray, link_length:
             return directions
         before = longest
     raise ProblemError(
-        f"the least-squares mapping did not settle in {_MOST_STEPS} steps, the tip is still {miss:.3g} m off; "
+        f"the least-squares mapping did not converge in {_MOST_STEPS} steps: the tip is still {miss:.3g} m off; "
         "use more links or a curve that bends less per link"
     )
 

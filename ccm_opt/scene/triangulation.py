@@ -107,7 +107,7 @@ class Triangulation:
             ValueError: there is no free space at all.
         """
         if len(self) == 0:
-            raise ValueError("free space is empty: its inflation leaves the arm no room")
+            raise ValueError("free space is empty: radius and clearance fill the whole workspace")
         triangles = self.locate(points)
         free = np.array(points, dtype=np.float64)
         outside = np.flatnonzero(triangles < 0)

@@ -316,7 +316,7 @@ def check_message_deviation(
     missed = [f"{check.name}: {check.where}" for check in gaps(found) if not check.passed]
     if missed:
         return Check("message deviation", worst, spare, "m", "; ".join(missed), passed=False)
-    return Check("message deviation", worst, worst, "m", f"spared link by link at {when}", passed=True)
+    return Check("message deviation", worst, worst, "m", f"within the gap of each link, {when}", passed=True)
 
 
 def _deviation(arm: Arm, proved: JointTrajectory, message: Message, factor: float, pieces: int) -> FloatArray:

@@ -178,7 +178,7 @@ def prove_stretches(
             return Verdict(proved=False, nearest=nearest, remark="touches within the resolution of the proof")
         # Halving doubles the pairs; a motion that would exceed the allowed memory is rejected, never accepted unproved.
         if 2 * np.count_nonzero(undecided) > settings.most_pairs:
-            return Verdict(proved=False, nearest=nearest, remark="so close for so long that the proof was given up")
+            return Verdict(proved=False, nearest=nearest, remark="too close for too long for the proof to finish")
 
         # Pairs that are proved may still contain the least gap, which the report needs more precisely.
         ceiling = min(ceiling, nearest.gap, float(np.min(known.most)))

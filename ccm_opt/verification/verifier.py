@@ -103,16 +103,18 @@ def left_unchecked(
     arm = problem.arm
     remarks = [_mount_note(arm)]
     if not arm.self_collision:
-        remarks.append("links were not kept apart from each other, since arm.self_collision is false")
+        remarks.append("clearance between links was not checked, since arm.self_collision is false")
     elif first_distant(arm) >= arm.links:
-        remarks.append("no links were kept apart from each other: all are near each other along the arm")
+        remarks.append("clearance between links was not checked: all are close to each other along the arm")
     # In space, crossing links are rejected however close they are along the arm, so only the plane needs a remark.
     if arm.self_collision and arm.dimension == 2:
         motion = ChainMotion(arm, trajectory.time, trajectory.positions)
         crossing = crossing_near_links(motion, settings.for_problem(problem))
         if crossing:
             apart = first_distant(arm)
-            remarks.append(f"{crossing}: links less than {apart} apart along the arm are not kept apart")
+            remarks.append(
+                f"{crossing}: links less than {apart} apart along the arm are not checked against each other"
+            )
     return tuple(remark for remark in remarks if remark)
 
 
@@ -120,5 +122,5 @@ def _mount_note(arm: Arm) -> str:
     # A link that the mount covers up to rounding is checked against walls at its end only, so it counts as covered.
     whole = int((exposed_starts(arm) >= 1.0 - 1e-9).sum())
     if whole == arm.links:
-        return "nothing was kept away from walls: the whole arm counts as its mount"
-    return f"links 1 to {whole} were not kept away from walls: they belong to the mount" if whole else ""
+        return "clearance to walls was not checked: the whole arm counts as its mount"
+    return f"clearance to walls was not checked for links 1 to {whole}, which belong to the mount" if whole else ""

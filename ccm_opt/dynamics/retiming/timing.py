@@ -202,8 +202,8 @@ def _report(left: FloatArray, chords: Chords, count: int) -> None:
     worst = float(np.max(left, initial=0.0))
     if worst > 1.1 * chords.sag:
         logger.warning(
-            "%d samples; steps are not cut further, though chords between them may leave the path by %.3g m, more than "
-            "the %.3g m asked for",
+            "%d samples: steps are not refined further, though the chord deviation may be %.3g m, more than the %.3g m "
+            "asked for",
             count,
             worst,
             chords.sag,

@@ -91,7 +91,10 @@ def steps_before(steps: SimulatedSteps, fault: RunFault) -> SimulatedSteps:
     )
 
 
-SATURATED_ADVICE = ("a smaller planner.effort_share, which leaves the controller more", "smaller disturbances")
+SATURATED_ADVICE = (
+    "a smaller planner.effort_share, which leaves the controller more of the limits",
+    "smaller disturbances",
+)
 CONTROL_ADVICE = (
     "a smaller simulation.step",
     "another simulation.bandwidth, or other simulation.gains",
@@ -168,7 +171,7 @@ def _describe_limit(full: RunFault, record: SimulationRecord, names: tuple[str, 
     axis = full.column == len(names)
     limit = float(record.limit[full.column])
     kind = f"force limit of {limit:.4g} N" if axis else f"torque limit of {limit:.4g} N m"
-    met = f"the drive of {(*names, 'the feed axis')[full.column]} meets its {kind} at {full.step * record.step:.4g} s"
+    met = f"the drive of {(*names, 'the feed axis')[full.column]} reaches its {kind} at {full.step * record.step:.4g} s"
     return f"{met}; in all, drives are at limits for {record.full_steps * record.step:.3g} s"
 
 

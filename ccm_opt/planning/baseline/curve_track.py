@@ -132,8 +132,8 @@ def _spiral(heading: float, turn: float, reach: float, sharpest: float, corner: 
     length = 2.0 * reach * np.cos(0.5 * turn) / chord_ratio(turn)
     if length <= 0.0 or 1.5 * abs(turn) > sharpest * length:
         raise ProblemError(
-            f"the turn by {np.rad2deg(turn):.0f}° at {place(corner)} has {long_length(reach)} of room on "
-            f"either side; that is too sharp for a curvature of {curvature(sharpest)}"
+            f"the turn by {np.rad2deg(turn):.0f}° at {place(corner)} has {long_length(reach)} of track on either side; "
+            f"that takes a curvature above the limit of {curvature(sharpest)}"
         )
     bend = -12.0 * turn / length**3
     return CurvatureSegment(

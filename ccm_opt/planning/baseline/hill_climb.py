@@ -40,8 +40,8 @@ class Ending(StrEnum):
     ARRIVED = "arrived"
     LOCAL_MINIMUM = "local minimum"
     BLOCKED = "blocked"
-    STALLED = "no headway"
-    STEPS = "out of steps"
+    STALLED = "no progress"
+    STEPS = "step limit reached"
 
 
 @dataclass(frozen=True)
@@ -189,7 +189,7 @@ class SchemaStopped(MotionNotFound):
         self.schema = schema
         self.configuration = configuration
         self.reason = reason
-        advice = ("use planner.method nlp", "give the arm more room near its base")
+        advice = ('use planner.method = "nlp"', "move obstacles away from the base")
         super().__init__(Diagnosis(f"{schema} stopped: {reason}", schema, advice, {"schema": schema}))
 
 

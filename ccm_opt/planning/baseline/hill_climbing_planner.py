@@ -171,7 +171,7 @@ def _track(
     if len(way) == 2:
         found = room.routes(entry, last, 1)
         if not found:
-            raise ProblemError("no route leads from the first subgoal to the goal; choose another subgoal")
+            raise ProblemError("no route leads from the first subgoal to the goal: choose another subgoal")
         way = found[0].taut
     taut = room.taut_path(np.array([entry, *way[1:-1], last]), shrink)
     corners = [first.position, *taut]
@@ -203,7 +203,7 @@ class HillClimbingPlanner:
             NoPlanFound: no plan arrived; names the schema at which each plan stopped.
         """
         if problem.arm.feed is not None:
-            raise ProblemError("hill climbing moves no feed axis; use planner.method nlp, or leave arm.feed out")
+            raise ProblemError('hill climbing moves no feed axis; use planner.method = "nlp", or leave arm.feed out')
         with planning_units(problem) as units:
             with self.stages("mapping"):
                 follower = Follower.from_problem(units.scaled(problem))
@@ -318,7 +318,7 @@ def followed_joint_path(follower: Follower, name: str, steps: tuple[SchemaStep, 
     keyframes[0] = follower.ends.start  # equal except for rounding
     spline = certified_spline(keyframes, follower.certificate)
     if spline is None:
-        reason = "the motion leaves no room for a smooth path"
+        reason = "a motion was found, but no smooth path along it keeps the required clearance"
         raise MotionNotFound(Diagnosis(reason, "motion", room_advice(arm.radius, follower.problem.workspace.clearance)))
     spare = certified_spare(spline, follower.certificate)
     return JointPath(spline, keyframes, curves, name, spare=spare)
@@ -327,4 +327,4 @@ def followed_joint_path(follower: Follower, name: str, steps: tuple[SchemaStep, 
 def _diagnosis(what: str, stops: list[_Stop]) -> Diagnosis:
     reasons = "; ".join(f"{plan}: {reason}" for plan, _, reason in stops)
     evidence = {"stopped_at": {plan: schema for plan, schema, _ in stops}}
-    return Diagnosis(f"{what}: {reasons}", "motion", ("use planner.method nlp",), evidence)
+    return Diagnosis(f"{what}: {reasons}", "motion", ('use planner.method = "nlp"',), evidence)

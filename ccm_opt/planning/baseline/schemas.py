@@ -394,7 +394,7 @@ def scm_4(world: World, start: Configuration, goal: TipPose, longest: float = np
     alone = Shapes.from_configurations([Configuration(position, (segment,))])
     least = float(world.gap(alone.points(CROWDING_POINTS)).min())
     if least < 0.0:
-        raise SchemaStopped("SCM-4", start, f"the segment to the goal would be {short_length(-least)} deep in a wall")
+        raise SchemaStopped("SCM-4", start, f"the segment to the goal would be {short_length(-least)} inside a wall")
     return Selection(kind, segment)
 
 
@@ -417,7 +417,9 @@ def _met(
     )
     here, ending = end_of(replace(world, passes=World().passes), here, task)
     if ending is not Ending.ARRIVED:
-        raise SchemaStopped("SCM-4", start, f"no segment of {long_length(guess.length)} to the goal is found: {ending}")
+        raise SchemaStopped(
+            "SCM-4", start, f"no segment of {long_length(guess.length)} to the goal was found: {ending}"
+        )
     return here.segments[0]
 
 

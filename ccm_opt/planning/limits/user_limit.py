@@ -445,7 +445,7 @@ class UserLimit(LimitOf[CurveUnknowns]):
         """Return in words which constraint is violated, or else at its bound; empty when none is."""
         name, miss = self.worst(q)
         if miss > _MET_AT_GOAL:
-            return f"constraint '{name}' is missed by {miss:.3g}"
+            return f"constraint '{name}' is violated by {miss:.3g}"
         rows = self.rows
         turns = rows.table(q[None], self.u)[0] / self._slope_norms(q)
         near = ~rows.equal & (turns < 2.0 * _MARGIN)

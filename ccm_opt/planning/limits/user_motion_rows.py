@@ -107,7 +107,7 @@ def refuse_broken_goal(terms: "UserTerms", goal: "FloatArray", allowed: float) -
         # Not "miss > allowed": NaN has to be refused as well.
         if applies and not miss <= allowed:
             name = compiled.constraint.name
-            reason = f"constraint '{name}' is missed by {miss:.6g} at the goal, allowed {allowed:g}"
+            reason = f"constraint '{name}' is violated by {miss:.6g} at the goal, of {allowed:g} allowed"
             advice = ("give the goal for the tip alone", "change the bounds, or make the constraint soft")
             raise UnreachableGoal(Diagnosis(reason, "goal", advice))
 
@@ -125,7 +125,7 @@ def _refuse_at_start(compiled: "CompiledConstraint", start: "FloatArray", allowe
     applies = where.first == 0.0 if isinstance(where, Interval) else where != "goal"
     if applies and not compiled.constraint.soft and miss > allowed:
         raise ProblemError(
-            f"constraint '{name}' contradicts the start: it is missed by {miss:.6g} there, allowed {allowed:g}; "
+            f"constraint '{name}' contradicts the start: it is violated by {miss:.6g} there, of {allowed:g} allowed; "
             "change the start, the bounds, or where the constraint applies, or make it soft"
         )
 

@@ -92,7 +92,7 @@ def survived_error(
         kept = min(kept, verdict.kept)
     size = kept / levers.greatest
     if limiting is None or size >= largest:
-        return SurvivedError(model.name, largest, model.unit, "nothing; larger errors are not tried", limited=False)
+        return SurvivedError(model.name, largest, model.unit, "nothing; larger errors are not examined", limited=False)
     return _named(model, size, limiting, nearest)
 
 

@@ -116,7 +116,7 @@ def prove_apart(
             return Verdict(proved=False, nearest=nearest, remark="touches within the resolution of the proof")
         # Halving doubles the pairs; a motion that would need more memory than that is refused, never waved through.
         if 2 * np.count_nonzero(undecided) > settings.most_pairs:
-            return Verdict(proved=False, nearest=nearest, remark="so close for so long that the proof was given up")
+            return Verdict(proved=False, nearest=nearest, remark="too close for too long for the proof to finish")
 
         # What is proved may still hold the least gap, which the report wants more exactly.
         vague = gap - travel < nearest.gap - settings.report_resolution
