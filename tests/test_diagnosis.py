@@ -408,7 +408,7 @@ def test_what_was_tried_and_did_not_help_is_no_advice() -> None:
     advice = ("reduce arm.radius (not tried)", "raise planner.routes (not tried)")
     told = explained(problem, MotionNotFound(Diagnosis("no motion", "motion", advice)), Trials(hopeless, later(900.0)))
     assert "not solved with arm.radius = " in str(told)
-    assert "(within 2.5 s)" in told.diagnosis.failed_changes[0]
+    assert ", within 2.5 s" in told.diagnosis.failed_changes[0]
     assert told.diagnosis.advice == ("raise planner.routes (not tried)",)
     assert "too thick" in [finding.kind for finding in told.diagnosis.findings]
 

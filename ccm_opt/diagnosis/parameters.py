@@ -193,7 +193,7 @@ LENGTH = Parameter(
     +1,
     lambda p: p.arm.link_length,
     lambda p, v: replace(p, arm=_as_cylinders(p.arm, replace(p.arm, link_length=v))),
-    lambda p, v: f"an arm length ? {file_length(p.arm.links * v)} (arm.link_length = {file_length(v, 6)})",
+    lambda p, v: f"arm length ? {file_length(p.arm.links * v)} (arm.link_length = {file_length(v, 6)})",
     lambda p: p.arm.links * _per_file_unit(p),
     _no_curves,
     paths_stay=False,

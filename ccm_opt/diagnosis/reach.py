@@ -152,7 +152,7 @@ def _turned_far_enough(arm: Arm, place: TipPlace) -> Iterator[Finding]:
     yield from _insufficient_turn(arm, place, "from the base's direction towards the goal", turn, base)
     if tip is not None:
         turn = angle_between(towards, tip) - aside - place.tolerances.heading
-        yield from _insufficient_turn(arm, place, "from the way to the goal to the direction at the goal", turn, 0.0)
+        yield from _insufficient_turn(arm, place, "from the line to the goal to the direction at the goal", turn, 0.0)
 
 
 def angle_between(one: FloatArray, other: FloatArray) -> float:
@@ -180,7 +180,7 @@ def _insufficient_turn(arm: Arm, place: TipPlace, what: str, turn: float, base: 
         bounds["arm.base_limit_deg"] = least_limit(arm, min(base + turn - most, np.pi))
     yield Finding(
         "too stiff",
-        f"{place.key}: the arm cannot turn enough: {degrees(turn)} {what}, but all joints together turn by "
+        f"{place.key}: the arm cannot turn enough: it takes {degrees(turn)} {what}, but all joints together turn by "
         f"{degrees(most)} at most",
         key=place.key,
         place=point(place.goal.position),

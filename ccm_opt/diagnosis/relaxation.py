@@ -116,7 +116,7 @@ class Trials:
         try:
             plan = self.solve(limited, dropped) if dropped else self.solve(limited)
         except (NoPlanFound, VerificationError, ProblemError):
-            self.failed[key or words] = f"{words.partition(';')[0]} (within {limit:.2g} s)"
+            self.failed[key or words] = f"{words.partition(';')[0]}, within {limit:.2g} s"
             return False
         self.plans.append(plan)
         return True

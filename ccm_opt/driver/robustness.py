@@ -124,7 +124,7 @@ def _survived_load(
         low = high
         high *= 2.0
     else:
-        return SurvivedError(name, low, unit, "nothing; larger errors are not tried", limited=False)
+        return SurvivedError(name, low, unit, "nothing; larger errors are not examined", limited=False)
     # Geometric bisection: the ends may differ by orders of magnitude.
     for _ in range(_LOAD_STEPS):
         middle = np.sqrt(low * high) if low > 0.0 else _SMALL_LOAD * high

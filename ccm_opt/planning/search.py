@@ -323,7 +323,7 @@ def nothing_found(
         candidates = f"{count} candidate{'s' * (count != 1)}"
         reason = (
             f"no motion found in {candidates}; the best ({best.candidate}) ended with {what} "
-            f"{short_length(best.remaining)} from the goal: {best.message}; least clearance there: {best.obstacle}"
+            f"{short_length(best.remaining)} from the goal: {best.message}; nearest there: {best.obstacle}"
         ) + "".join(f"; {ended}" for ended in trees if ended != best.message)
         joints, held = joints_at_limits(best.bends, task.arm.bend_limits)
         reason += f"; {joints}" if joints else ""
