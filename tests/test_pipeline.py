@@ -34,7 +34,7 @@ pause = 0.2
 [[goal]]
 position = [0.32, -0.12]
 """
-STAGES = ["dynamics model", "retiming", "verification", "room", "tolerance", "simulation"]
+STAGES = ["dynamics model", "retiming", "verification", "clearance", "tolerance", "simulation"]
 """Of the driver itself; the planner's come before."""
 
 
@@ -258,7 +258,7 @@ def test_a_start_beyond_a_joint_limit_is_refused() -> None:
     arm = make_arm(joint_limit=np.deg2rad(20.0))
     bends = np.where(np.arange(24) == 6, np.deg2rad(25.0), 0.0)
     problem = replace(Scene(arm, open_scene(0).workspace, np.zeros(24), np.zeros(24)).problem(), start=JointPose(bends))
-    with pytest.raises(UnreachableGoal, match=r"bends joint 7 by 25\.00°, its limit is 20\.00°"):
+    with pytest.raises(UnreachableGoal, match=r"bends joint 7 by 25\.00°, but its limit is 20\.00°"):
         solve(replace(problem, goal=TipGoal(np.array([0.5, 0.5]))))
 
 

@@ -48,7 +48,7 @@ def print_solution(solution: Solution, clock: StageClock, folder: str) -> None:
     if "leader_deviation_worst_m" in solution.metrics:
         worst = units.length(solution.metrics["leader_deviation_worst_m"])
         mean = units.length(solution.metrics["leader_deviation_mean_m"])
-        table.add_row("Deviation from the leader's path", worst, "", "", f"{mean} on average")
+        table.add_row("Leader path deviation", worst, "", "", f"{mean} on average")
     verdict = solution.simulation.verdict
     table.add_row("Simulated arm", *verdict_cells(verdict))
     if verdict.followed:

@@ -203,7 +203,7 @@ def described(
         return draft_solution(problem, plan, stages, simulated, known, room, tolerance)
 
     try:
-        with stages("room"):
+        with stages("clearance"):
             of_clearance = partial(clearance_record, problem, plan.trajectory, plan.checks, settings)
             room = kept(of_clearance, "the clearance of the motion was not measured", lambda _: None)
         with stages("tolerance"):

@@ -42,7 +42,7 @@ def stage_section(label: str, *, moves: bool, in_space: bool = False) -> Markup:
     readout = None
     if moves:
         heads = "direction" if in_space else "heading"
-        words = (("time", "time"), ("tip", "tip"), ("heading", heads), ("gap", "least gap"))
+        words = (("time", "time"), ("tip", "tip"), ("heading", heads), ("gap", "gap"))
         pairs = [element("div", element("dt", word), element("dd", data_now=key)) for key, word in words]
         readout = element("dl", *pairs, cls="readout places" if in_space else "readout")
     zoom = "Ctrl + wheel, pinch or double-click"

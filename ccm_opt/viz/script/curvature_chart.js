@@ -1,4 +1,4 @@
-// The curvature along the arm at the time that is looked at, between the least and the greatest of the whole motion.
+// The curvature along the arm at the current time, between the least and the greatest of the whole motion.
 
 function curvatureChart(host, timeline, motion, unit) {
   const { link, links } = motion.arm;
@@ -29,7 +29,7 @@ function curvatureChart(host, timeline, motion, unit) {
     note: time => `at ${inSeconds(time)}`,
   });
   host.append(html("p", { class: "legend" }, html("span", { class: "soft" },
-    "Line: at the time that is looked at; band: all values of the motion. Counter-clockwise bends are positive.")));
+    "Line: at the current time; band: range over the motion. Counter-clockwise bends are positive.")));
   timeline.follow(() => chart.redraw());
   return chart;
 }

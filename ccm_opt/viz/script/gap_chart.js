@@ -1,4 +1,4 @@
-// The gaps to walls and to itself over time, with the wanted gap and the clearance.
+// the gaps to walls and between links over time, with the preferred clearance and the clearance.
 
 function gapChart(host, timeline, data, unit, marks) {
   const time = decoded(data.time);
@@ -14,7 +14,7 @@ function gapChart(host, timeline, data, unit, marks) {
   const reach = data.reach / unit.metres;
   const shown = value => (value >= 0.999 * reach ? `more than ${text(reach)}` : text(value));
   const curves = [
-    { name: "to itself", x: time, y: itself, colour: "var(--self)", width: 1.5, dotted: true },
+    { name: "between links", x: time, y: itself, colour: "var(--self)", width: 1.5, dotted: true },
     { name: "to walls", x: time, y: walls, colour: "var(--arm)", width: 2.2, dotted: true },
   ];
   const lack = walls.map(value => Math.min(value, wanted));
@@ -38,6 +38,6 @@ function gapChart(host, timeline, data, unit, marks) {
       x, y: { low, high }, curves, bands, levels, marks, dotted,
       words: moment => [inSeconds(moment), `to walls: ${shown(at(walls, moment))}`, `between links: ${shown(at(itself, moment))}`],
     }),
-    note: moment => `to walls ${shown(at(walls, moment))}, to itself ${shown(at(itself, moment))}`,
+    note: moment => `to walls ${shown(at(walls, moment))}, between links ${shown(at(itself, moment))}`,
   });
 }

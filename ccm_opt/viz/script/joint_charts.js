@@ -53,7 +53,7 @@ class JointChart {
 
   note(time) {
     const k = this.leader(time);
-    const most = this.chosen === null && this.group.names.length > 1 ? "greatest " : "";
+    const most = this.chosen === null && this.group.names.length > 1 ? "largest " : "";
     return `${most}${this.text(this.value(k, time))}, ${this.group.names[k]}`;
   }
 
@@ -84,7 +84,7 @@ class JointChart {
     }
     const y = this.range(only);
     const bounds = this.bounds(only);
-    const most = only === null && new Set(group.limits).size > 1 ? ", of some joints more" : "";
+    const most = only === null && new Set(group.limits).size > 1 ? ", higher for some joints" : "";
     const levels = bounds.flatMap(bound => [
       { value: bound, words: `limit ${this.given(bound)}${most}` },
       { value: -bound },

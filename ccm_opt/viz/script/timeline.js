@@ -1,4 +1,4 @@
-// The time that is looked at: everything on the page follows it.
+// The current time: everything on the page follows it.
 
 class Timeline {
   constructor(duration) {
