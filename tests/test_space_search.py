@@ -7,7 +7,6 @@ import networkx as nx
 import numpy as np
 import pytest
 
-from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.deadline import Deadline
 from ccm_opt.core.errors import NoPlanFound
 from ccm_opt.planning.curve_map import CurveMap
@@ -83,16 +82,16 @@ def test_weights_count_in_space_too() -> None:
     motion = find_by_ways(task)
     assert optimise(motion, replace(task, optimiser="none")) is motion
 
-    def unevenness(q: FloatArray) -> float:
-        return float((np.diff(q, 2, axis=0) ** 2).sum()) * len(q) ** 3
+    def unevenness(of: SpaceMotion) -> float:
+        return float((np.diff(of.configurations, 2, axis=0) ** 2).sum()) * len(of.configurations) ** 3
 
-    def bending(q: FloatArray) -> float:
-        return float((q**2).mean())
+    def bending(of: SpaceMotion) -> float:
+        return float(((of.unknowns @ of.curve.curvature_rows.T) ** 2).mean())
 
-    def nearness(q: FloatArray) -> float:
-        return -least_gaps(task.arm, BALLS, q)[0]
+    def nearness(of: SpaceMotion) -> float:
+        return -least_gaps(task.arm, BALLS, of.configurations)[0]
 
-    plain = optimise(motion, task).configurations
+    plain = optimise(motion, task)
     for weights, measure in (
         (Weights(smoothness=100.0), unevenness),
         (Weights(bending=1e4), bending),
@@ -100,7 +99,7 @@ def test_weights_count_in_space_too() -> None:
     ):
         weighed = optimise(motion, replace(task, weights=weights))
         judged(task, BALLS, weighed)
-        assert measure(weighed.configurations) < measure(plain), weights
+        assert measure(weighed) < measure(plain), weights
 
 
 def test_a_motion_to_a_pose_of_the_whole_arm() -> None:

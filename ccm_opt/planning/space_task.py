@@ -188,7 +188,8 @@ class SpaceTask(SearchTask):
 
     def _lack(self, sweep: Sweep) -> float:
         """Return the clearance that a motion lacks over all its intervals, in nominal links."""
-        return float(np.sum(room_lacking(sweep, self.finder(0.0, 0.0), self.wanted_gap))) / self.unit
+        lacking = room_lacking(sweep, self.finder(0.0, 0.0), self.wanted_gap)
+        return float(np.sum(lacking)) / (self.unit * sweep.parts)
 
     def room_lacking(self, q: FloatArray) -> FloatArray:
         """Return how far the gap of each configuration, shape (k, c), falls short of the wanted gap, shape (k,) [m]."""

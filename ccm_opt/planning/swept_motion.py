@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 
@@ -21,6 +22,8 @@ class PlanarSweep(Sweep):
 
     space: LinkSpace
     unknowns: FloatArray
+
+    parts: ClassVar[int] = 1
 
     @cached_property
     def headings(self) -> FloatArray:

@@ -4,13 +4,13 @@ Every row has the same form, for walls and for pairs of links, with points at on
 
     n·(P_a − P_b) + deviation + c ≤ 0.
 
-At an end of the interval a point has its position in that keyframe; in between it has the mean of both ends, weighted
-by the time. A wall has no moving P_b. The deviation is a bound, from the sweep, on how far the points may leave the
-chord.
+A point has its position at that time. A wall has no moving P_b. The deviation is a bound, from the sweep, on how far
+the points may leave the chord; 0 where there are rows at times in between too.
 """
 
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 
@@ -48,6 +48,9 @@ class Sweep:
 
     space: CurveUnknowns
     unknowns: FloatArray
+
+    parts: ClassVar[int] = 4
+    """Parts m of an interval: rows belong to the times between them, and have slack of their own in each."""
 
     @property
     def intervals(self) -> int:
@@ -90,18 +93,49 @@ class Sweep:
         """Derivatives of the points by the unknowns, shape (K + 1, n + 3, d, p) [m]."""
         return self._with_marks(np.stack([pose.moving for pose in self.poses]))
 
-    def points_at(self, share: float) -> FloatArray:
-        """Return the joints and tip when a share of each interval has passed, shape (K, n + 1, d) [m]."""
-        if share == 1.0:
-            return self.joints[1:]
-        # From the mean bends, not the mean of the positions: links keep their length during the motion.
-        between = (1.0 - share) * self.unknowns[:-1] + share * self.unknowns[1:]
-        return self.space.arm.joint_positions_at(self.space.configurations(between))
+    def unknowns_at(self, share: float) -> FloatArray:
+        """Return the unknowns when a share of each interval has passed, shape (K, p)."""
+        return np.asarray((1.0 - share) * self.unknowns[:-1] + share * self.unknowns[1:])
 
     @cached_property
     def middles(self) -> FloatArray:
         """Joints and tip half-way through the intervals, shape (K, n + 1, d) [m]."""
-        return self.points_at(0.5)
+        # From the mean bends, not the mean of the positions: links keep their length during the motion.
+        return self.space.arm.joint_positions_at(self.space.configurations(self.unknowns_at(0.5)))
+
+    # ------------------------------------------------------------ at the times of rows
+    @property
+    def _between(self) -> FloatArray:
+        """Unknowns at the times between keyframes, shape (K, m − 1, p)."""
+        return np.stack([self.unknowns_at(part / self.parts) for part in range(1, self.parts)], axis=1)
+
+    def _interleaved(self, at_keyframes: FloatArray, between: FloatArray) -> FloatArray:
+        """Return values at the times of rows from those at keyframes, (K + 1, ...), and between, (K (m − 1), ...)."""
+        inner = between.reshape(self.intervals, self.parts - 1, *at_keyframes.shape[1:])
+        parts = np.concatenate((at_keyframes[:-1, None], inner), axis=1)
+        return np.concatenate((parts.reshape(-1, *at_keyframes.shape[1:]), at_keyframes[-1:]))
+
+    @cached_property
+    def timed_joints(self) -> FloatArray:
+        """Joints and tip at the times of rows, shape (K m + 1, n + 1, d) [m]."""
+        if self.parts == 1:
+            return self.joints
+        between = self._between.reshape(-1, self.unknowns.shape[1])
+        return self._interleaved(self.joints, self.space.arm.joint_positions_at(self.space.configurations(between)))
+
+    @cached_property
+    def timed_points(self) -> FloatArray:
+        """All points at the times of rows, shape (K m + 1, n + 3, d) [m]."""
+        return self.points if self.parts == 1 else self._with_marks(self.timed_joints)
+
+    @cached_property
+    def timed_moving(self) -> FloatArray:
+        """Derivatives of these points by the unknowns at their time, shape (K m + 1, n + 3, d, p) [m]."""
+        if self.parts == 1:
+            return self.moving
+        between = self.space.poses(self._between.reshape(-1, self.unknowns.shape[1]))
+        moving = np.stack([pose.moving for pose in between])
+        return self._interleaved(self.moving, self._with_marks(moving))
 
     @property
     def half_way(self) -> FloatArray:
@@ -183,6 +217,10 @@ class IntervalRows:
         """Return the rows selected by a mask or by their numbers."""
         return IntervalRows(*(getattr(self, each.name)[chosen] for each in fields(self)))
 
+    def part(self, sweep: Sweep) -> IntArray:
+        """Return the part of the motion that each row's time ends, or begins where it is a start, shape (m,)."""
+        return np.asarray(np.maximum(self._time(sweep) - 1, sweep.parts * self.interval))
+
     @property
     def against_walls(self) -> BoolArray:
         """Mask of the rows against walls, shape (m,)."""
@@ -190,35 +228,26 @@ class IntervalRows:
 
     def values(self, sweep: Sweep) -> FloatArray:
         """Return the value of every row, shape (m,) [m]."""
-        apart = (1.0 - self.share) * self._apart(sweep, 0) + self.share * self._apart(sweep, 1)
-        return np.asarray(apart + sweep.deviation(self) + self.constant)
+        time = self._time(sweep)
+        apart = sweep.timed_points[time, self.plus] - sweep.timed_points[time, self.minus]
+        return np.asarray(np.einsum("md,md->m", self.normal, apart) + sweep.deviation(self) + self.constant)
 
-    def _apart(self, sweep: Sweep, side: int) -> FloatArray:
-        """Return n·(P_a − P_b) at the start (0) or end (1) of the interval, shape (m,) [m]."""
-        keyframe = self.interval + side
-        apart = sweep.points[keyframe, self.plus] - sweep.points[keyframe, self.minus]
-        return np.asarray(np.einsum("md,md->m", self.normal, apart))
+    def _time(self, sweep: Sweep) -> IntArray:
+        """Return the index of each row's time, shape (m,)."""
+        return np.asarray(sweep.parts * self.interval + np.rint(sweep.parts * self.share).astype(np.intp))
 
     def slopes(self, sweep: Sweep) -> tuple[FloatArray, FloatArray]:
         """Return the derivatives by the unknowns at the start and at the end of the row's interval, each (m, p)."""
-        # A change at a keyframe moves the points there; a change at either end alters the change over the interval, and
-        # so the deviation, with opposite signs.
-        start = self._moved(sweep, 0)
-        end = self._moved(sweep, 1)
+        # A change at either keyframe moves the points by its share, and alters the change over the interval, and so the
+        # deviation, with opposite signs.
+        time = self._time(sweep)
+        apart = sweep.timed_moving[time, self.plus]
+        pairs = np.flatnonzero(self.minus != STILL)
+        apart[pairs] -= sweep.timed_moving[time[pairs], self.minus[pairs]]
+        moved = np.einsum("md,mdp->mp", self.normal, apart)
         deviation = sweep.deviation_slopes(self)
-        return np.asarray(start - deviation), np.asarray(end + deviation)
-
-    def _moved(self, sweep: Sweep, side: int) -> FloatArray:
-        """Return the share-weighted derivatives of n·(P_a − P_b) at the interval's start (0) or end (1), (m, p)."""
-        weight = self.share if side else 1.0 - self.share
-        some = np.flatnonzero(weight)
-        keyframe = self.interval[some] + side
-        apart = sweep.moving[keyframe, self.plus[some]]
-        pairs = np.flatnonzero(self.minus[some] != STILL)
-        apart[pairs] -= sweep.moving[keyframe[pairs], self.minus[some][pairs]]
-        moved = np.zeros((len(self), sweep.unknowns.shape[1]))
-        moved[some] = weight[some, None] * np.einsum("md,mdp->mp", self.normal[some], apart)
-        return moved
+        share = self.share[:, None]
+        return np.asarray((1.0 - share) * moved - deviation), np.asarray(share * moved + deviation)
 
 
 def joined_rows(parts: list[IntervalRows]) -> IntervalRows:

@@ -247,7 +247,7 @@ class _Iterate(Generic[SweepType]):
 
     Attributes:
         motion: motion from which the next step begins.
-        prices: prices of slack in each interval, shape (K,).
+        prices: prices of slack in each part of an interval, shape (K m,).
         damping: weight on the squared turns of the next step.
         curvature: curvature of the rows, by the last multipliers; None at first.
         gained: decrease of the merit in the last step.
@@ -285,7 +285,7 @@ def sequential_convex(
     settings = program.steps
     sweep = program.sweep(unknowns)
     objective = program.objective(sweep.intervals)
-    prices = np.full(sweep.intervals, settings.price)
+    prices = np.full(sweep.intervals * sweep.parts, settings.price / sweep.parts)
     iterate = _Iterate(_Certified(program, sweep), prices)
     idle = 0
     worth_afresh = (1.0 - _WORTH_AFRESH) * objective.value(sweep)
@@ -303,12 +303,10 @@ def sequential_convex(
             continue
         # One poor round often comes before good ones, while damping or prices adapt.
         idle = idle + 1 if following.gained < settings.worth * before else 0
-        if following.gained > 0.0 or not settings.counts_room:
-            iterate = following
-        else:
-            # The rows did not predict the outcome of the step: try a shorter one.
-            iterate = iterate.refused(following.damping, following.prices)
-        patience = settings.patience if iterate.motion.lack <= 0.0 else settings.patience_in_want
+        better = following.gained > 0.0 or not settings.counts_room
+        # Where the rows did not predict the outcome of the step, try a shorter one.
+        iterate = following if better else iterate.refused(following.damping, following.prices)
+        patience = settings.patience if better and iterate.motion.lack <= 0.0 else settings.patience_in_want
         done = idle >= patience if enough is None else enough(iterate.motion.sweep)
         if done or program.deadline.passed():
             break
@@ -330,9 +328,7 @@ def _round(iterate: _Iterate[SweepType]) -> _Iterate[SweepType] | None:
 
         # A price for each interval: one for all would either leave a bottleneck uncertified or freeze the rest of the
         # motion.
-        prices = iterate.prices.copy()
-        prices[failing] *= _PRICE_RISE
-        iterate = iterate.refused(iterate.damping, prices)
+        iterate = iterate.refused(iterate.damping, _raised(iterate.prices, failing, iterate.motion.sweep))
     return None
 
 
@@ -380,17 +376,23 @@ def _part_taken(iterate: _Iterate[SweepType], step: QuadraticStep) -> tuple[_Ite
             # steps reach a small part of what they promise.
             curvature = sweep.curvature(motion.active, step.multipliers, step.pull)
             # Where longer steps failed, slack was too cheap, even though this shorter one passes.
-            prices = iterate.prices.copy()
-            prices[failed] *= _PRICE_RISE
+            prices = _raised(iterate.prices, failed, sweep)
             lacking = worst > _LACK * program.wanted_gap
             if program.wanted_gap > 0.0:
-                prices[lacking] = np.minimum(_LACK_RISE * prices[lacking], settings.highest_price)
+                prices[lacking] = np.minimum(_LACK_RISE * prices[lacking], settings.highest_price / sweep.parts)
             found = _Certified(program, sweep)
             gained = cost - after + settings.price * (iterate.motion.lack - found.lack)
             damping = _damping(iterate.damping, share, gain)
             return _Iterate(found, prices, damping, curvature, gained), failed
         failed = failing
     return None, failed
+
+
+def _raised(prices: FloatArray, failing: IntArray, sweep: Sweep) -> FloatArray:
+    """Return the prices of slack, shape (K m,), raised in some intervals of a motion."""
+    raised = prices.reshape(sweep.intervals, -1).copy()
+    raised[failing] *= _PRICE_RISE
+    return raised.ravel()
 
 
 def _yielding_shares(program: MotionProgram[SweepType], start: SweepType, change: FloatArray) -> FloatArray:
