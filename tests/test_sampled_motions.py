@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import ccm_opt
+from ccm_opt.planning.rrt_connect import PointTree
 from ccm_opt.planning.sampled_motions import SampledMotions
 from ccm_opt.problem import Problem
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
@@ -81,3 +82,31 @@ def test_a_bend_beyond_its_limit_ends_a_motion() -> None:
     end[0, 5] = 1.1 * arm.joint_limit
     assert motions.free_shares(np.zeros_like(end), end) == pytest.approx(0.0)
     assert motions.free_shares(np.zeros_like(end), 0.5 * end) == pytest.approx(1.0)
+
+
+@settings(max_examples=10, deadline=None)
+@given(seed=st.integers(0, 10_000))
+def test_trees_grow_from_their_nearest_nodes_until_they_meet(seed: int) -> None:
+    """Where nothing is in the way, an extension hangs on the nearest node, no longer than asked, and the trees meet."""
+    problem = replace(scene(0), workspace=replace(scene(0).workspace, obstacles=()))
+    arm = replace(problem.arm, self_collision=False)
+    motions = SampledMotions(arm, SurfaceTree.of(problem.workspace.soup), arm.radius, np.zeros((0, 3)))
+    size = 2 * arm.links
+    rng = np.random.default_rng(seed)
+    own, other = PointTree.empty(size), PointTree.empty(size)
+    own.add(rng.uniform(-0.5, 0.5, (5, size)), np.full(5, -1))
+    other.add(rng.uniform(-0.5, 0.5, (3, size)), np.full(3, -1))
+    target = rng.uniform(-0.5, 0.5, (1, size))
+    nearest = int(np.argmin(np.linalg.norm(own.nodes - target, axis=1)))
+    for tree in (own, other):
+        tree.reserve(4)
+    call = motions.connection(np.zeros(size), np.eye(size), {
+        "size": size, "longest": 0.1, "end": np.empty(size), "own": own.for_c, "other": other.for_c,
+        "targets": 1, "target": target, "fresh": 5,
+    })  # fmt: skip
+    call()
+    assert call.fields.growth.own.count == 6
+    assert own.parents[5] == nearest
+    step = own.points[5] - own.points[nearest]
+    assert np.linalg.norm(step) == pytest.approx(min(0.1, np.linalg.norm(target - own.points[nearest])))
+    assert list(call.fields.growth.met) == [5, int(np.argmin(np.linalg.norm(other.nodes - own.points[5], axis=1)))]

@@ -10,7 +10,7 @@ import pytest
 from ccm_opt.core.deadline import Deadline
 from ccm_opt.core.errors import NoPlanFound
 from ccm_opt.planning.curve_map import CurveMap
-from ccm_opt.planning.drawn_poses import CurveDraws, goal_poses
+from ccm_opt.planning.drawn_poses import CurveDraws, CurvePoints, goal_poses
 from ccm_opt.planning.goal import GoalPose
 from ccm_opt.planning.grid_ways import shortened
 from ccm_opt.planning.motion import SpaceMotion
@@ -18,7 +18,7 @@ from ccm_opt.planning.optimisation.interval_rows import Sweep
 from ccm_opt.planning.optimisation.objective import Objective
 from ccm_opt.planning.optimisation.optimise import optimise
 from ccm_opt.planning.refinement import lifted_motion, nominal_task
-from ccm_opt.planning.rrt_connect import PointTree
+from ccm_opt.planning.sampled_motions import SampledMotions
 from ccm_opt.planning.smooth_path import smooth_path
 from ccm_opt.planning.space_task import SpaceTask
 from ccm_opt.planning.strategies import find_by_ways
@@ -277,22 +277,10 @@ def test_poses_at_the_goal_are_free_and_the_sampler_connects_them() -> None:
         if len(goals) == 3:
             break
     assert goals
-    poses = CurveDraws(stepper, stepper.pose(v), goals).way(rng, 8000, task.deadline)
+    motions = SampledMotions(arm, task.tree, task.kept, np.zeros((0, 3)))
+    poses = CurveDraws(CurvePoints(stepper, stepper.pose(v)), motions, goals).way(rng, 8000, task.deadline)
     assert poses is not None
     judged(task, BALLS, SpaceMotion.of(curve, poses, "a sampler"))
-
-
-def test_the_sampler_draws_for_arms_on_a_feed_axis() -> None:
-    """Trees of an arm on a feed axis, whose base does not turn, have targets too."""
-    arm = replace(snake(8), feed=Feed(0.0, 0.8, 0.5))
-    task = task_of(arm, BALLS, GOAL)
-    curve, v = CurveMap.through(arm, np.zeros(17))
-    stepper = task.stepper(curve)
-    draws = CurveDraws(stepper, stepper.pose(v), [stepper.pose(v + 0.1)])
-    tree = PointTree.empty(len(v))
-    targets = draws.draw(np.random.default_rng(0), 5, tree, tree)
-    assert targets.shape == (5, len(v))
-    assert np.all(np.isfinite(targets))
 
 
 @pytest.mark.planning

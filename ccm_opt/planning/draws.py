@@ -5,6 +5,7 @@ A straight motion in the coordinates of the curve is also one in the link headin
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -35,8 +36,8 @@ _APART = 0.1
 Taste."""
 
 _RANGE = 1.5
-"""Longest extension of arms of few links, as the mean turn of the links [rad]. Measured: on scenes of 4 to 8 links half
-as much takes half as long again."""
+"""Longest extension of arms of few links, as the root mean square turn of the links [rad]. Measured: on scenes of 4 to
+8 links half as much takes half as long again."""
 _WINDING = 2.0 * np.pi
 """How far the base may turn beyond its directions at the ends [rad]. Taste: a whole turn leaves both ways round."""
 _KNOTS = 12
@@ -49,9 +50,9 @@ _BUMP_WIDTHS = (0.05, 0.3)
 """Least and greatest width of a bump, a stretch that is turned aside, as shares of the arm's length. Taste."""
 
 _SMOOTH_RANGE = 0.4
-"""Longest extension of arms of more links, as the mean turn of the links [rad]. Measured on four hard scenes of 24
-links among 30 polygons: 0.4 solves them in 16 of 16 searches, by 1000 to 60 000 extensions each; 1.5 finds nothing in
-two of them by 60 000."""
+"""Longest extension of arms of more links, as the root mean square turn of the links [rad]. Measured on four hard
+scenes of 24 links among 30 polygons: 0.4 solves them in 16 of 16 searches, by 1000 to 60 000 extensions each; 1.5 finds
+nothing in two of them by 60 000."""
 _BUMPED = 0.2
 """Share of targets that are poses of the tree with part of the arm turned aside. Taste."""
 _ATTRACTED = 0.1
@@ -94,9 +95,9 @@ class TargetDraws:
 
     @property
     def longest(self) -> float:
-        """Longest extension, as the mean turn of the links [rad]."""
+        """Longest extension, as the norm of the turns of the links [rad]."""
         few = self.arm.links <= FEW_LINKS
-        return _RANGE if few else _SMOOTH_RANGE
+        return float(np.sqrt(self.arm.links)) * (_RANGE if few else _SMOOTH_RANGE)
 
     @classmethod
     def within(cls, space: LinkSpace, ends: list[FloatArray], curve_columns: int, share: float) -> "TargetDraws":
@@ -134,21 +135,6 @@ class TargetDraws:
             attracted = np.flatnonzero(kind > 1.0 - _ATTRACTED)
             targets[attracted] = other.nodes[rng.integers(len(other), size=len(attracted))]
         return targets
-
-    def travel(self, start: FloatArray, end: FloatArray) -> FloatArray:
-        """Return a bound on how far the tip moves along each edge, in arm lengths, shape (m,)."""
-        travel: FloatArray = np.abs(end - start).mean(axis=-1)
-        return travel
-
-    def within_limits(self, start: FloatArray, end: FloatArray) -> FloatArray:
-        """Return how far straight motions keep the limits of the bends, as shares of the whole, shape (m,)."""
-        bends = self.arm.bends(start)
-        change = self.arm.bends(end) - bends
-        bound = np.where(change > 0.0, self.limits, -self.limits)
-        moving = np.abs(change) > 0.0
-        share = np.where(moving, (bound - bends) / np.where(moving, change, 1.0), 1.0)
-        within: FloatArray = np.clip(share.min(axis=1), 0.0, 1.0)
-        return within
 
     def shapes(self, rng: np.random.Generator, count: int) -> FloatArray:
         """Return the link headings of random shapes, shape (count, links) [rad]."""
@@ -340,7 +326,9 @@ class Connecting:
         trees[0].add(task.arm.headings(self.start.q)[None], np.array([-1]))
         goals = self._goals(draws, check, rng)
         unproved = task.certificate.heading_failures
-        return ConnectSearch(check.free_shares, draws, unproved, goals, task.deadline.passed, rng, trees)
+        return ConnectSearch(
+            partial(check.connection, draws.limits), draws, unproved, goals, task.deadline.passed, rng, trees
+        )
 
     def _goals(self, draws: TargetDraws, check: SampledCheck, rng: np.random.Generator) -> Iterator[FloatArray]:
         """Yield link headings at the goal, shape (m, links) [rad]: of a whole-arm goal, or with the tip at the goal."""

@@ -3,7 +3,7 @@
    Between poses that are looked at in a row every link turns by the same angle, so that cosines and sines follow by
    complex products. */
 
-#include "native.h"
+#include "rrt_connect.h"
 
 #define MOST_POSES (INT64_C(1) << 31) /* on a motion */
 
@@ -120,21 +120,51 @@ static int64_t first_refuted(const Shares *s, const double *start, const double 
     return last + 1;
 }
 
+/* How far a motion comes before a pose that is refuted. */
+static double free_share(const Shares *s, const double *start, const double *end, int end_first)
+{
+    double travel = 0.0;
+    for (int64_t j = 0; j < s->links; ++j) travel += fabs(end[j] - start[j]);
+    int64_t count = whole_within(ceil(s->link_length * travel / s->spacing), 1, MOST_POSES);
+    if (!(travel < INFINITY) || count == MOST_POSES) return 0.0; /* no motion of an arm */
+    if (end_first && first_refuted(s, start, end, count, count, 1, count, 0) <= count) return 0.0;
+    /* Few poses on the way first: most motions that touch do so in a wide stretch. Then what lies before. */
+    int64_t last = first_refuted(s, start, end, count, s->stride, s->stride, count, 0);
+    if (last > count) last = count + 1;
+    int64_t first = first_refuted(s, start, end, count, 1, 1, last - 1, s->stride);
+    return (double)(first - 1) / (double)count;
+}
+
 PUBLIC void free_shares(Shares *s)
 {
-    for (int64_t m = 0; m < s->motions; ++m) {
-        const double *start = s->start + m * s->links, *end = s->end + m * s->links;
-        double travel = 0.0;
-        for (int64_t j = 0; j < s->links; ++j) travel += fabs(end[j] - start[j]);
-        int64_t count = whole_within(ceil(s->link_length * travel / s->spacing), 1, MOST_POSES);
-        if (!(travel < INFINITY) || count == MOST_POSES) { /* no motion of an arm */
-            s->share[m] = 0.0;
-            continue;
-        }
-        /* Few poses on the way first: most motions that touch do so in a wide stretch. Then what lies before. */
-        int64_t last = first_refuted(s, start, end, count, s->stride, s->stride, count, 0);
-        if (last > count) last = count + 1;
-        int64_t first = first_refuted(s, start, end, count, 1, 1, last - 1, s->stride);
-        s->share[m] = (double)(first - 1) / (double)count;
-    }
+    for (int64_t m = 0; m < s->motions; ++m)
+        s->share[m] = free_share(s, s->start + m * s->links, s->end + m * s->links, 0);
 }
+
+typedef struct {
+    Growth growth; /* of link headings */
+    Shares shares;
+    double heading;      /* of the base */
+    const double *limit; /* of the bends, (links,) */
+} Connection;
+
+static double free_share_of_headings(void *check, const double *from, const double *to, int end_first)
+{
+    return free_share(&((const Connection *)check)->shares, from, to, end_first);
+}
+
+static double within_limits(const void *check, const double *from, const double *to)
+{
+    const Connection *one = check;
+    double share = 1.0, before = one->heading, after = one->heading;
+    for (int64_t j = 0; j < one->growth.size; ++j) {
+        double bend = from[j] - before, change = to[j] - after - bend;
+        double room = one->limit[j] - (change < 0.0 ? -bend : bend);
+        before = from[j];
+        after = to[j];
+        if (share * fabs(change) > room) share = room > 0.0 ? room / fabs(change) : 0.0;
+    }
+    return share;
+}
+
+PUBLIC void connect_in_plane(Connection *one) { grow(&one->growth, one, free_share_of_headings, within_limits); }

@@ -2,41 +2,75 @@
    other that no link passes through anything unseen. */
 
 #include "link_places.h"
+#include "rrt_connect.h"
 #include "surface_walk.h"
 
 #define MOST_POSES 100000 /* on a motion */
-#define NEAR 0.4          /* cells within which of the gap that the grid tells the tree is asked: its values are no more
-                             than that off between the places, but beside edges */
+#define NEAR 0.4          /* cells within which of what the grid tells the tree is asked: its values are no more than
+                             that off between the places, but beside edges */
 #define TOLD 0.01         /* share of what is kept by which the tree may tell less */
+#define SLACK 0.1         /* cells by which values of the grid may be too small */
 #define STRIDE 0.5        /* share of what is kept by which a link may move unseen */
+#define FASTER 1.1        /* by which a link may become faster while no link turns by more than this: */
+#define TURN 0.2          /* [rad] */
+
+/* Distances at the places of a grid, (nx, ny, nz), up to the reach; 0 where nobody has asked yet. */
+typedef struct {
+    int64_t counts[3];
+    double low[3], cell, reach;
+    float *values;
+} Grid;
 
 typedef struct {
-    int64_t links, first_link, first_pair, counts[3];
-    double length, mount, wall, pair, low[3], cell; /* wall, pair: that axes keep from surfaces and from each other */
+    int64_t links, first_link, first_pair;
+    double length, mount, wall, pair; /* wall, pair: that axes keep from surfaces, each other */
     const double *place, *base;
-    const double *grid; /* distances at the places of a grid, (nx, ny, nz) */
+    const double *limit; /* of the bends, (c,) */
+    Grid wide, fine;     /* the latter tells just what is near to the gap that is kept */
     Surfaces surfaces;
-    double *work; /* 16 numbers a link, and 4 more */
+    double *work; /* 19 numbers a link, and 6 more */
 
     int64_t motions;
     const double *start, *end; /* (motions, c) */
     double *share;             /* (motions,) */
 } Motions;
 
-/* Distance at a place, between the eight of the grid about it; of places beyond the grid that of its border. */
-static double grid_distance(const Motions *m, const double *place)
+static double grid_value(const Motions *m, const Grid *grid, int64_t at, const int64_t *index)
 {
-    int64_t next[3], stride[3] = {m->counts[1] * m->counts[2], m->counts[2], 1}, from = 0;
+    float known = grid->values[at];
+    if (known != 0.0f) return (double)known;
+    double least = grid->reach;
+    if (m->surfaces.nodes != NULL) {
+        Segment point = {{0.0, 0.0, 0.0}, {0.0, 0.0, 0.0}, 0.0};
+        for (int d = 0; d < 3; d++) point.start[d] = grid->low[d] + (double)index[d] * grid->cell;
+        nearest_face(&m->surfaces, &point, grid->reach, SLACK * grid->cell, &least);
+    }
+    known = (float)least;
+    grid->values[at] = known != 0.0f ? known : 1e-30f;
+    return (double)grid->values[at];
+}
+
+/* Distance at a place, between the eight of the grid about it; of places beyond the grid that of its border. */
+static double grid_distance(const Motions *m, const Grid *grid, const double *place)
+{
+    int64_t first[3], step[3], stride[3] = {grid->counts[1] * grid->counts[2], grid->counts[2], 1}, from = 0;
     double share[3], value[8];
     for (int d = 0; d < 3; d++) {
-        double at = larger((place[d] - m->low[d]) / m->cell, 0.0);
-        int64_t k = whole_within(at, 0, m->counts[d] - 1);
-        next[d] = k + 1 < m->counts[d] ? stride[d] : 0;
-        share[d] = smaller(at - (double)k, 1.0);
-        from += k * stride[d];
+        double at = larger((place[d] - grid->low[d]) / grid->cell, 0.0);
+        first[d] = whole_within(at, 0, grid->counts[d] - 1);
+        step[d] = first[d] + 1 < grid->counts[d];
+        share[d] = smaller(at - (double)first[d], 1.0);
+        from += first[d] * stride[d];
     }
-    for (int k = 0; k < 8; k++)
-        value[k] = m->grid[from + (k & 1 ? next[0] : 0) + (k & 2 ? next[1] : 0) + (k & 4 ? next[2] : 0)];
+    for (int k = 0; k < 8; k++) {
+        int64_t at[3], place_of = from;
+        for (int d = 0; d < 3; d++) {
+            int64_t by = (k >> d & 1) * step[d];
+            at[d] = first[d] + by;
+            place_of += by * stride[d];
+        }
+        value[k] = grid_value(m, grid, place_of, at);
+    }
     for (int d = 2, half = 4; d >= 0; d--, half /= 2)
         for (int k = 0; k < half; k++) value[k] += share[d] * (value[k + half] - value[k]);
     return value[0];
@@ -45,20 +79,27 @@ static double grid_distance(const Motions *m, const double *place)
 /* Gap of a link beyond what is kept, or less; negative where it touches. */
 static double link_room(const Motions *m, const double *joint, double from)
 {
-    int64_t parts = whole_within(ceil((1.0 - from) * m->length / m->cell), 1, 1000);
-    double step = (1.0 - from) / (double)parts, least = INFINITY, place[3], line[3];
+    double place[3], line[3], size = (1.0 - from) * m->length, near = NEAR * m->fine.cell;
     minus(joint + 3, joint, line);
+    along(joint, 0.5 * (1.0 + from), line, place);
+    double least = grid_distance(m, &m->wide, place) - m->wall, wide = NEAR * m->wide.cell;
+    if (least - 0.5 * size >= wide) return least - 0.5 * size;
+    if (least < -wide) return least;
+    least = INFINITY;
+    int64_t parts = whole_within(ceil(size / m->fine.cell), 1, 1000);
+    double step = (1.0 - from) / (double)parts;
     for (int64_t k = 0; k < parts; k++) {
         along(joint, from + ((double)k + 0.5) * step, line, place);
-        least = smaller(least, grid_distance(m, place));
+        least = smaller(least, grid_distance(m, &m->fine, place) - m->wall);
+        if (least < -near) return least;
     }
-    least -= 0.5 * step * m->length + m->wall;
-    if (least >= NEAR * m->cell || m->surfaces.nodes == NULL) return least;
+    least -= 0.5 * size / (double)parts;
+    if (least >= near || m->surfaces.nodes == NULL) return least;
     Segment segment = {{0.0, 0.0, 0.0}, {0.0, 0.0, 0.0}, 0.0};
     along(joint, from, line, segment.start);
     for (int d = 0; d < 3; d++) segment.line[d] = (1.0 - from) * line[d];
     segment.square = dot(segment.line, segment.line);
-    nearest_face(&m->surfaces, &segment, m->wall + NEAR * m->cell, TOLD * m->wall, &least);
+    nearest_face(&m->surfaces, &segment, m->wall + near, TOLD * m->wall, &least);
     return least - m->wall;
 }
 
@@ -79,30 +120,82 @@ static int pose_room(const Motions *m, const double *q, double *points, double *
     return 1;
 }
 
-PUBLIC void free_shares_in_space(Motions *m)
+/* The share of a motion after which a pose has to be looked at again, from its rooms and how fast its links are. */
+static double next_step(const Motions *m, const double *moved, const double *points, const double *room)
+{
+    const double *rotations = points + 3 * (m->links + 1);
+    double rate[3] = {0.0, 0.0, 0.0}, velocity[3] = {0.0, 0.0, 0.0}, before = 0.0, step = 1.0, swing[3];
+    for (int64_t j = 0; j < m->links; j++) {
+        const double *frame = j ? rotations + 9 * (j - 1) : m->base, *after = rotations + 9 * j;
+        for (int d = 0; d < 3; d++)
+            rate[d] += moved[2 * j] * frame[3 * d + 2] + moved[2 * j + 1] * after[3 * d + 1];
+        double ahead[3] = {after[0], after[3], after[6]};
+        cross(rate, ahead, swing);
+        along(velocity, m->length, swing, velocity);
+        double speed = sqrt(dot(velocity, velocity)), turning = sqrt(dot(rate, rate));
+        double most = FASTER * larger(speed, before);
+        if (j >= m->first_link && most * step > room[j] + STRIDE * m->wall) step = (room[j] + STRIDE * m->wall) / most;
+        if (turning * step > TURN) step = TURN / turning;
+        before = speed;
+    }
+    return step;
+}
+
+static double free_share(const Motions *m, const double *from, const double *to, int end_first)
 {
     int64_t n = m->links, c = 2 * n;
-    double *moved = m->work, *room = moved + n, *points = room + n; /* and rotations behind them */
-    double *q = points + 12 * n + 3;
-    for (int64_t k = 0; k < m->motions; k++) {
-        const double *from = m->start + k * c, *to = m->end + k * c;
-        double turn = 0.0, sum = 0.0, share = 0.0, reached = 0.0;
-        for (int64_t j = 0; j < n; j++) {
-            turn += hypot(to[2 * j] - from[2 * j], to[2 * j + 1] - from[2 * j + 1]);
-            sum += turn * m->length;
-            moved[j] = sum;
-            room[j] = INFINITY;
-        }
-        for (int64_t pose = 0; pose < MOST_POSES; pose++) {
-            for (int64_t i = 0; i < c; i++) q[i] = from[i] + share * (to[i] - from[i]);
-            if (!pose_room(m, q, points, room)) break;
-            reached = share;
-            if (share >= 1.0) break;
-            double step = 1.0;
-            for (int64_t j = m->first_link; j < n; j++)
-                if (moved[j] > 0.0) step = smaller(step, (room[j] + STRIDE * m->wall) / moved[j]);
-            share = smaller(share + step, 1.0);
-        }
-        m->share[k] = reached;
+    double *moved = m->work, *room = moved + c, *q = room + n, *points = q + c; /* and rotations behind them */
+    for (int64_t i = 0; i < c; i++) {
+        if (fabs(to[i]) > m->limit[i]) return 0.0;
+        moved[i] = to[i] - from[i];
     }
+    if (end_first && !pose_room(m, to, points, room)) return 0.0;
+    double share = 0.0, reached = 0.0;
+    for (int64_t pose = 0; pose < MOST_POSES; pose++) {
+        for (int64_t i = 0; i < c; i++) q[i] = from[i] + share * moved[i];
+        if (!pose_room(m, q, points, room)) break;
+        reached = share;
+        if (share >= 1.0) break;
+        share = smaller(share + next_step(m, moved, points, room), 1.0);
+        if (share >= 1.0 && end_first) return 1.0;
+    }
+    return reached;
 }
+
+PUBLIC void free_shares_in_space(Motions *m)
+{
+    int64_t c = 2 * m->links;
+    for (int64_t k = 0; k < m->motions; k++) m->share[k] = free_share(m, m->start + k * c, m->end + k * c, 0);
+}
+
+typedef struct {
+    Growth growth;
+    Motions motions;
+    const double *offset, *slopes; /* of the configuration, (c,), and its derivatives by the points, (size, c) */
+    double *ends;                  /* configurations, (2, c) */
+} Connection;
+
+static double free_share_of_points(void *check, const double *from, const double *to, int end_first)
+{
+    const Connection *one = check;
+    int64_t c = 2 * one->motions.links;
+    const double *point[2] = {from, to};
+    for (int k = 0; k < 2; k++) {
+        double *end = one->ends + k * c;
+        memcpy(end, one->offset, (size_t)c * sizeof(double));
+        for (int64_t d = 0; d < one->growth.size; d++) {
+            const double *slope = one->slopes + d * c;
+            for (int64_t i = 0; i < c; i++) end[i] += point[k][d] * slope[i];
+        }
+    }
+    return free_share(&one->motions, one->ends, one->ends + c, end_first);
+}
+
+/* Ends beyond the limits are not free. */
+static double anywhere(const void *check, const double *from, const double *to)
+{
+    (void)check, (void)from, (void)to;
+    return 1.0;
+}
+
+PUBLIC void connect_in_space(Connection *one) { grow(&one->growth, one, free_share_of_points, anywhere); }

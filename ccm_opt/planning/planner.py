@@ -47,6 +47,7 @@ from ccm_opt.planning.own_units import planning_units
 from ccm_opt.planning.passage_widths import MARGINS
 from ccm_opt.planning.pose_beginnings import any_motion
 from ccm_opt.planning.refinement import lifted_motion, nominal_task
+from ccm_opt.planning.search import Strategy
 from ccm_opt.planning.settings import (
     DEFAULT_CURVE_PLANNER,
     CurvePlannerSettings,
@@ -56,8 +57,9 @@ from ccm_opt.planning.settings import (
 from ccm_opt.planning.smooth_path import joint_path
 from ccm_opt.planning.space_task import SpaceTask, coarse_problem, space_task
 from ccm_opt.planning.step import Stepper
-from ccm_opt.planning.strategies import STRATEGIES, find_by_ways, find_motion
+from ccm_opt.planning.strategies import SAMPLED_WAYS, SAMPLERS, STRATEGIES, WAYS, find_by_ways, find_motion
 from ccm_opt.planning.tracking import Reference, follow_reference, tracked
+from ccm_opt.planning.way_strategies import SpaceRun
 from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import GoalPoseRecord, JointPath
 from ccm_opt.robot.arm import Arm
@@ -160,6 +162,7 @@ class MotionPlanner:
         plane: settings of every stage in the plane.
         space: settings of every stage in space.
         first_found: whether, in space, the first motion found is returned without optimisation.
+        sampled: whether RRT-Connect is all that looks for a motion.
     """
 
     stages: Stages = field(default_factory=Stages)
@@ -168,6 +171,7 @@ class MotionPlanner:
     plane: CurvePlannerSettings = DEFAULT_CURVE_PLANNER
     space: SpaceMotionSettings = field(default_factory=SpaceMotionSettings)
     first_found: bool = False
+    sampled: bool = False
 
     @property
     def user(self) -> UserLimit | None:
@@ -231,11 +235,11 @@ class MotionPlanner:
                 if motion is not None:
                     path = joint_path(task, motion)
                     return replace(path, goal_pose=end_poses.record(motion.end_pose)), motion
-        strategies = STRATEGIES
+        strategies = SAMPLERS if self.sampled else STRATEGIES
         if problem.arm.base_axes:
             task = self.task_without_routes(problem, ends, deadline)
             task = replace(task, refuse=partial(self.refuse, problem))
-            strategies = fed_strategies(problem, self.shape_change)
+            strategies = () if self.sampled else fed_strategies(problem, self.shape_change)
         else:
             task = replace(self.motion_task(near, ends, deadline, problem), end_poses=end_poses)
         with self.stages("motion"):
@@ -315,13 +319,17 @@ class MotionPlanner:
             yield found
 
     # ------------------------------------------------------------ in space
+    @property
+    def _ways(self) -> tuple[Strategy[SpaceRun, SpaceMotion], ...]:
+        return SAMPLED_WAYS if self.sampled else WAYS
+
     def _planned(self, problem: Problem, task: SpaceTask) -> _Planned:
         """Return the optimised motion, then the one found, with the record of their end pose or None.
 
         The found motion is kept because its path may have clearance where the shorter, optimised one has none.
         """
         with self.stages("motion"):
-            found = find_by_ways(task)
+            found = find_by_ways(task, self._ways)
         with self.stages("configuration"):
             ending = ended_by_nlp(problem, task, found)
             motion = tracked(task, ending.motion)

@@ -4,16 +4,16 @@ Where edges are rejected by samples, the motion from start to goal is certified 
 cannot be proved is cut off.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Protocol
+from functools import cached_property
+from typing import Any, Protocol
 
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray, IntArray
+from ccm_opt.core.native import NativeCall
 
-_LEAST = 0.01
-"""Shortest extension that makes a node [rad]. Taste."""
 _GOAL_ROUNDS = 10
 """Rounds between two searches for more poses at the goal. Taste."""
 _MOST_GOALS = 40
@@ -21,6 +21,8 @@ _MOST_GOALS = 40
 
 _DOUBLINGS = 16
 """Bound on the doublings of a batch, never reached."""
+_SPACE = 16
+"""Nodes that there is space for, at least, for each target of a batch; a tree takes no more. Taste."""
 
 FEW_LINKS = 10
 """Most links of an arm that is planned in all of its bends. Taste: with more, random shapes in the bends crumple,
@@ -28,8 +30,8 @@ and smooth ones are sampled."""
 CONNECT = "RRT-Connect"
 """Name, among the names of candidates, of motions found by RRT-Connect."""
 
-FreeShares = Callable[[FloatArray, FloatArray], FloatArray]
-"""Returns the free shares of straight motions, shapes (m, n) each, before an obstruction, (m,)."""
+Connection = Callable[[Mapping[str, Any]], NativeCall]
+"""Returns the call that grows two trees, given as the fields of ``Growth`` in rrt_connect.h, by checked motions."""
 Unproved = Callable[[FloatArray], IntArray]
 """Returns the sorted intervals of a motion through points, shape (K, n), that are not certified."""
 
@@ -69,19 +71,16 @@ class PointTree:
             parents: number of each one's parent or -1, shape (m,).
         """
         numbers = np.arange(self.count, self.count + len(points))
-        if self.count + len(points) > len(self.points):
-            self._grow(len(points))
+        self.reserve(len(points))
         self.points[numbers] = points
         self.parents[numbers] = parents
         self.count += len(points)
         return numbers
 
-    def nearest(self, targets: FloatArray) -> IntArray:
-        """Return the number of the node nearest to each target, (m, n) to (m,)."""
-        # |a − b|² without the part that is the same for all nodes.
-        nodes = self.nodes
-        squares = np.einsum("kn,kn->k", nodes, nodes)
-        return np.asarray(np.argmin(squares - 2.0 * (targets @ nodes.T), axis=1))
+    @property
+    def for_c(self) -> Mapping[str, Any]:
+        """The tree as the fields of ``Tree`` in rrt_connect.h."""
+        return {"count": self.count, "capacity": len(self.points), "points": self.points, "parents": self.parents}
 
     def way_to(self, node: int) -> list[int]:
         """Return the numbers of the nodes from the root to a node."""
@@ -105,8 +104,10 @@ class PointTree:
         self.parents[: len(kept)] = number[self.parents[kept]]
         self.count = len(kept)
 
-    def _grow(self, least: int) -> None:
-        """Double the capacity, so that adding nodes seldom copies all of them."""
+    def reserve(self, least: int) -> None:
+        """Make space for at least some more nodes; the capacity doubles, so that nodes are seldom copied."""
+        if self.count + least <= len(self.points):
+            return
         capacity = max(256, 2 * (self.count + least))
         points = np.zeros((capacity, self.points.shape[1]))
         parents = np.full(capacity, -1, dtype=np.intp)
@@ -117,7 +118,7 @@ class PointTree:
 
 
 class Draws(Protocol):
-    """Samples targets, and measures motions to them."""
+    """Samples targets."""
 
     @property
     def batch(self) -> tuple[int, int]:
@@ -126,15 +127,7 @@ class Draws(Protocol):
 
     @property
     def longest(self) -> float:
-        """Longest extension, as measured by ``travel``."""
-        ...
-
-    def travel(self, start: FloatArray, end: FloatArray) -> FloatArray:
-        """Return the lengths of straight motions, shapes (m, n) to (m,) [rad]."""
-        ...
-
-    def within_limits(self, start: FloatArray, end: FloatArray) -> FloatArray:
-        """Return the shares of straight motions that lie within the limits of the joints, shape (m,)."""
+        """Longest extension, as the norm of the change of a point."""
         ...
 
     def draw(self, rng: np.random.Generator, count: int, tree: PointTree, other: PointTree) -> FloatArray:
@@ -147,28 +140,25 @@ class ConnectSearch:
     """State of a search with two trees.
 
     Attributes:
-        free_shares: free shares of motions, perhaps by samples.
+        connection: makes the call that grows the trees by sampled motions.
         draws: sampler of targets.
         unproved: certificate of a whole motion.
         goals: poses at the goal, shape (m, n) at a time; may end.
         over: whether the time is up.
         rng: source of every random choice.
         trees: trees from the start, and from poses at the goal.
-        ends_first: whether ends of extensions are checked before the motions to them: worth it where one pose costs far
-            less than a motion, and most ends touch something.
         extensions: number of extensions so far.
         rounds: number of rounds of extensions.
         found: points of a certified motion, shape (K, n); None as long as there is none.
     """
 
-    free_shares: FreeShares
+    connection: Connection
     draws: Draws
     unproved: Unproved
     goals: Iterator[FloatArray]
     over: Callable[[], bool]
     rng: np.random.Generator
     trees: tuple[PointTree, PointTree]
-    ends_first: bool = False
     extensions: int = 0
     rounds: int = 0
     found: FloatArray | None = None
@@ -197,54 +187,55 @@ class ConnectSearch:
         poses = next(self.goals, None)
         if poses is None or len(poses) == 0:
             return
-        self._connect(1, tree.add(poses, np.full(len(poses), -1)))
+        first = len(tree)
+        tree.add(poses, np.full(len(poses), -1))
+        self._grow(1, self.trees[1].points[:0], first)
 
     def _extend(self, side: int) -> None:
         """Extend a tree towards random targets, and the other tree towards the new nodes."""
         low, high = self.draws.batch
         count = min(high, low << min(self.rounds, _DOUBLINGS))
         tree = self.trees[side]
-        targets = self.draws.draw(self.rng, count, tree, self.trees[1 - side])
-        parents = tree.nearest(targets)
-        start = tree.nodes[parents]
-        end = self._shortened(start, targets)
+        self._grow(side, self.draws.draw(self.rng, count, tree, self.trees[1 - side]), len(tree))
         self.extensions += count
 
-        # All or nothing: nodes where an extension was stopped would all lie in contact, where little can follow.
-        free = self.draws.travel(start, end) > _LEAST
-        if self.ends_first:
-            free[free] = self.free_shares(end[free], end[free]) >= 1.0
-        free[free] = self.free_shares(start[free], end[free]) >= 1.0
-        added = tree.add(end[free], parents[free])
-        if len(added) and len(self.trees[1 - side]):
-            self._connect(side, added)
+    def _grow(self, side: int, targets: FloatArray, fresh: int) -> None:
+        """Connect a tree's nodes from ``fresh`` on, extend it towards targets, and certify the motion where they meet.
 
-    def _connect(self, side: int, nodes: IntArray) -> None:
-        """Extend the other tree as far as possible towards new nodes; certify the motion where it arrives."""
-        other = self.trees[1 - side]
-        targets = self.trees[side].nodes[nodes]
-        nearest = other.nearest(targets)
-        share = self.free_shares(other.nodes[nearest], targets)
-        self.extensions += len(nodes)
+        Args:
+            side: number of the tree.
+            targets: targets, shape (m, n).
+            fresh: number of the first node that the other tree is extended towards.
+        """
+        own, other = self.trees[side], self.trees[1 - side]
+        for tree in (own, other):
+            tree.reserve(_SPACE * (len(targets) + 1))
+        call = self._call
+        growth = call.fields.growth
+        call.set(
+            growth={
+                **self._fixed,
+                "own": own.for_c,
+                "other": other.for_c,
+                "targets": len(targets),
+                "target": targets,
+                "fresh": fresh,
+            }
+        )
+        call()
+        own.count, other.count = growth.own.count, growth.other.count
+        if growth.met[0] >= 0:
+            self._settle(side, growth.met[0], growth.met[1])
 
-        arrived = np.flatnonzero(share >= 1.0)
-        for k in np.flatnonzero(share < 1.0):
-            self._add_steps(other, int(nearest[k]), targets[k], float(share[k]))
-        if len(arrived) == 0:
-            return
-        # Take the shortest of the motions that join the trees.
-        ways = [self._joined(side, int(nodes[k]), int(nearest[k]))[0] for k in arrived]
-        best = arrived[int(np.argmin([self.draws.travel(way[:-1], way[1:]).sum() for way in ways]))]
-        self._settle(side, int(nodes[best]), int(nearest[best]))
+    @cached_property
+    def _call(self) -> NativeCall:
+        return self.connection(self._fixed)
 
-    def _add_steps(self, tree: PointTree, node: int, target: FloatArray, share: float) -> None:
-        """Add nodes at whole steps towards a target, within the free share of the motion."""
-        start = tree.nodes[node].copy()
-        longest = self.draws.longest
-        step = longest / max(float(self.draws.travel(start, target)), longest)
-        for k in range(1, int(share / step) + 1):
-            added = tree.add((start + k * step * (target - start))[None], np.array([node]))
-            node = int(added[0])
+    @cached_property
+    def _fixed(self) -> Mapping[str, Any]:
+        """The fields of ``Growth`` that stay."""
+        size = self.trees[0].points.shape[1]
+        return {"size": size, "longest": self.draws.longest, "end": np.empty(size)}
 
     def _settle(self, side: int, node: int, meeting: int) -> None:
         """Certify the motion through a node and a node of the other tree; cut off the part that cannot be proved."""
@@ -269,10 +260,3 @@ class ConnectSearch:
         second = self.trees[1].way_to(int(ends[1]))[::-1]
         way = np.vstack((self.trees[0].nodes[first], self.trees[1].nodes[second]))
         return way, first, second
-
-    def _shortened(self, start: FloatArray, end: FloatArray) -> FloatArray:
-        """Return the ends of straight motions, shortened to the longest extension and to the limits of the bends."""
-        longest = self.draws.longest
-        share = longest / np.maximum(self.draws.travel(start, end), longest)
-        share = np.minimum(share, self.draws.within_limits(start, end))
-        return start + share[:, None] * (end - start)

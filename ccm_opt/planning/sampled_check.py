@@ -3,7 +3,10 @@
 A pose that passes is not proved to be free; that is left to the certificate.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -193,22 +196,37 @@ class SampledCheck:
         Raises:
             ValueError: the headings have the wrong shape.
         """
-        arm = self.arm
-        raster = self.raster
-        link, at = arm.mount_end
-        if start.shape[1:] != (arm.links,) or end.shape != start.shape:
-            raise ValueError(f"motions have the shapes {start.shape} and {end.shape}; expected (m, {arm.links})")
+        if start.shape[1:] != (self.arm.links,) or end.shape != start.shape:
+            raise ValueError(f"motions have the shapes {start.shape} and {end.shape}; expected (m, {self.arm.links})")
         shares = np.empty(len(start))
-        NativeCall(
-            "free_shares",
-            links=arm.links, mount_link=link, mount_at=at, parts=self.parts, stride=_STRIDE,
-            first_self_pair=arm.first_self_pair if arm.self_collision else 0,
-            link_length=arm.link_length, radius=arm.radius, base_x=arm.base[0], base_y=arm.base[1],
-            side=raster.blocked.shape[0], cell=raster.cell, corner_x=raster.corner[0], corner_y=raster.corner[1],
-            blocked=np.ascontiguousarray(raster.blocked, dtype=np.bool_), spacing=self.spacing,
-            work=np.empty(8 * arm.links + 2), motions=len(start), start=start, end=end, share=shares,
-        )()  # fmt: skip
+        NativeCall("free_shares", **self.for_c, motions=len(start), start=start, end=end, share=shares)()
         return shares
+
+    @cached_property
+    def for_c(self) -> Mapping[str, Any]:
+        """The check as the fields of ``Shares`` in free_shares.c."""
+        arm, raster = self.arm, self.raster
+        link, at = arm.mount_end
+        return {
+            "links": arm.links, "mount_link": link, "mount_at": at, "parts": self.parts, "stride": _STRIDE,
+            "first_self_pair": arm.first_self_pair if arm.self_collision else 0,
+            "link_length": arm.link_length, "radius": arm.radius, "base_x": arm.base[0], "base_y": arm.base[1],
+            "side": raster.blocked.shape[0], "cell": raster.cell,
+            "corner_x": raster.corner[0], "corner_y": raster.corner[1],
+            "blocked": np.ascontiguousarray(raster.blocked, dtype=np.bool_), "spacing": self.spacing,
+            "work": np.empty(8 * arm.links + 2),
+        }  # fmt: skip
+
+    def connection(self, limits: FloatArray, growth: Mapping[str, Any]) -> NativeCall:
+        """Return the call that grows trees of link headings.
+
+        Args:
+            limits: bounds of the bends, shape (links,) [rad].
+            growth: fields of ``Growth`` in rrt_connect.h.
+        """
+        return NativeCall(
+            "connect_in_plane", growth=growth, shares=self.for_c, heading=self.arm.base_heading, limit=limits
+        )
 
     def _on_itself(self, headings: FloatArray) -> BoolArray:
         """Return which poses have distant links that meet, shape (m, links) to (m,)."""

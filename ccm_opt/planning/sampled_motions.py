@@ -3,26 +3,36 @@
 A motion that passes is not proved to be free; that is left to the certificate.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.native import NativeCall
-from ccm_opt.planning.grid_ways import GridDistances
 from ccm_opt.robot.arm import Arm
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 
-_CELLS = 300_000
-"""Number of cells of the grid. Measured in confined scenes: filled in 10 to 60 ms, a cell is a fiftieth of the
-reach."""
-_TOLD = 0.1
-"""Range of distances that the grid resolves, beyond the gap that is kept [arm lengths]. Taste."""
+_CELLS = 16_000_000
+"""Most cells of the fine grid, of which only those that are asked about take memory and time. Taste: a cell is then a
+hundredth of the arm's length."""
+_FINE = 0.25
+"""Least size of these cells, as a share of the gap that is kept. Taste."""
+_NEAR = 3.0
+"""Range of distances that the fine grid resolves beyond the gap that is kept, in its cells."""
+_WIDE = 3.0
+"""Size of the cells of the wide grid, in those of the fine one. Measured among bars: 2 and 4 take a third longer until
+random poses are checked, one grid of 1 twice as long."""
+_TOLD = 0.07
+"""Range of distances that the wide grid resolves beyond the gap that is kept [arm lengths]. Taste."""
 _BEYOND = 0.02
 """Distance that the grid extends beyond the arm's reach [arm lengths]; places outside count as its border."""
 _SPARED = 1e-4
 """Gap that samples keep beyond contact [arm lengths]: most motions that pass are then certified."""
+_ROUNDING = 1e-9
+"""Bend beyond the joint limits that counts as rounding [rad]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,15 +52,34 @@ class SampledMotions:
     box: FloatArray
 
     @cached_property
-    def grid(self) -> GridDistances:
-        """Distances from the surfaces within the arm's reach."""
+    def for_c(self) -> Mapping[str, Any]:
+        """The check as the fields of ``Motions`` in C, with grids that are filled as they are asked."""
         arm = self.arm
+        reach = self.kept + _TOLD * arm.length
         margin = (1.0 + _BEYOND) * arm.length
         low, high = arm.base - margin, arm.base + margin
         if len(self.box):
-            beside = self.kept + _TOLD * arm.length
-            low, high = np.maximum(low, self.box[0] - beside), np.minimum(high, self.box[1] + beside)
-        return GridDistances.over(self.tree, (low, np.maximum(high, low)), _CELLS, self.kept + _TOLD * arm.length)
+            low, high = np.maximum(low, self.box[0] - reach), np.minimum(high, self.box[1] + reach)
+        size = np.maximum(high - low, 1e-9)
+        cell = max(float((np.prod(size) / _CELLS) ** (1.0 / 3.0)), _FINE * self.kept)
+        grids = {"fine": (cell, self.kept + _NEAR * cell), "wide": (_WIDE * cell, reach)}
+        counts = {name: np.ceil(size / each).astype(np.intp) + 1 for name, (each, _) in grids.items()}
+        link, share = arm.mount_end
+        spared = _SPARED * arm.length
+        return {
+            "links": arm.links, "first_link": link,
+            "first_pair": arm.first_self_pair if arm.self_collision else arm.links,
+            "length": arm.link_length, "mount": (link + share) * arm.link_length,
+            "wall": self.kept + spared, "pair": 2.0 * arm.radius + spared,
+            "place": arm.base, "base": arm.base_rotation, "limit": arm.upper_limits + _ROUNDING,
+            **{
+                name: {"counts": counts[name].tolist(), "low": low, "cell": each, "reach": far,
+                       "values": np.zeros(counts[name], dtype=np.float32)}
+                for name, (each, far) in grids.items()
+            },
+            **({} if self.tree.search is None else {"surfaces": self.tree.search.for_c}),
+            "work": np.empty(19 * arm.links + 6),
+        }  # fmt: skip
 
     def free_shares(self, start: FloatArray, end: FloatArray) -> FloatArray:
         """Return the free shares of motions that are straight in the bends, up to the first pose in contact.
@@ -62,21 +91,21 @@ class SampledMotions:
         Returns:
             Shape (m,): 1 where nothing was touched, 0 where the end bends a joint beyond its limit.
         """
-        arm, grid = self.arm, self.grid
-        link, share = arm.mount_end
-        mount = (link + share) * arm.link_length
-        spared = _SPARED * arm.length
         shares = np.empty(len(start))
-        NativeCall(
-            "free_shares_in_space",
-            links=arm.links, first_link=link, counts=grid.values.shape,
-            first_pair=arm.first_self_pair if arm.self_collision else arm.links,
-            length=arm.link_length, mount=mount, wall=self.kept + spared, pair=2.0 * arm.radius + spared,
-            low=grid.low, cell=grid.cell, place=arm.base, base=arm.base_rotation,
-            grid=np.ascontiguousarray(grid.values),
-            **({} if self.tree.search is None else {"surfaces": self.tree.search.for_c}),
-            work=np.empty(16 * arm.links + 4),
-            motions=len(start), start=np.ascontiguousarray(start), end=np.ascontiguousarray(end), share=shares,
-        )()  # fmt: skip
-        shares[np.any(np.abs(end) > arm.upper_limits, axis=1)] = 0.0
+        motions = {"motions": len(start), "start": start, "end": end, "share": shares}
+        NativeCall("free_shares_in_space", **self.for_c, **motions)()
         return shares
+
+    def connection(self, offset: FloatArray, slopes: FloatArray, growth: Mapping[str, Any]) -> NativeCall:
+        """Return the call that grows trees of points, in which configurations are affine.
+
+        Args:
+            offset: configuration of the point at zero, shape (c,) [rad].
+            slopes: derivatives of configurations by points, shape (n, c).
+            growth: fields of ``Growth`` in rrt_connect.h.
+        """
+        return NativeCall(
+            "connect_in_space",
+            growth=growth, motions=self.for_c, offset=offset, slopes=slopes,
+            ends=np.empty((2, len(offset))),
+        )  # fmt: skip

@@ -26,7 +26,7 @@ from ccm_opt.planning.shortcuts import straightened
 from ccm_opt.planning.smooth_path import smooth_path
 from ccm_opt.planning.space_task import SpaceTask
 from ccm_opt.planning.tree_search import search_by_trees
-from ccm_opt.planning.way_strategies import SpaceRun
+from ccm_opt.planning.way_strategies import SAMPLED_ROUNDS, SpaceRun
 from ccm_opt.problem import Weights
 from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
 
@@ -275,6 +275,8 @@ STRATEGIES: tuple[Strategy[MotionTask, Motion], ...] = (
     _connecting(f"{CONNECT} again", Turn.LAST),
 )
 """Strategies tried in order in the plane where the base is fixed."""
+SAMPLERS = tuple(_connecting(f"{CONNECT}, turn {turn.name.lower()}", turn) for turn in Turn)
+"""RRT-Connect alone."""
 
 
 def find_motion(task: MotionTask, strategies: tuple[Strategy[MotionTask, Motion], ...] = STRATEGIES) -> Motion:
@@ -358,20 +360,22 @@ def _poses(*, whole: bool) -> Strategy[SpaceRun, SpaceMotion]:
     )
 
 
-def _drawing(number: int) -> Strategy[SpaceRun, SpaceMotion]:
-    return Strategy(CONNECT, lambda run, failed: run.find_by_connecting(number, failed), _passes_none, costly=True)
-
-
-def _sampling(number: int) -> Strategy[SpaceRun, SpaceMotion]:
-    """Return the strategy of sampled trees, for arms on a fixed base.
+def _sampling(number: int, *, whole: bool | None = None) -> Strategy[SpaceRun, SpaceMotion]:
+    """Return a round of sampled trees, for arms on a fixed base.
 
     The joints of a fed arm leave the guide tube one by one, which no straight edge describes.
+
+    Args:
+        number: number of the round.
+        whole: only for tasks with a goal pose of the whole arm, or only without one; for all when None.
     """
+
+    def applies(run: SpaceRun) -> bool:
+        fits = whole is None or (run.task.goal_pose is not None) == whole
+        return fits and _passes_none(run) and not _is_fed(run)
+
     return Strategy(
-        f"sampled {CONNECT}",
-        lambda run, failed: run.by_sampling(number, failed),
-        lambda run: _passes_none(run) and not _is_fed(run) and run.task.user is None,
-        costly=number > 0,
+        f"sampled {CONNECT}", lambda run, failed: run.by_sampling(number, failed), applies, costly=number > 1
     )
 
 
@@ -384,27 +388,34 @@ def _by_withdrawing(run: SpaceRun, failures: list[Failure]) -> SpaceMotion | Non
 
 
 WAYS: tuple[Strategy[SpaceRun, SpaceMotion], ...] = (
+    _sampling(0, whole=True),
     Strategy("straight way of the tip", SpaceRun.find_straight, SpaceRun.begins_bent),
     Strategy("withdrawal", _by_withdrawing, SpaceRun.begins_bent),
     Strategy("first ways of the tip", SpaceRun.find_along_first_ways),
     Strategy("withdrawal", _by_withdrawing, SpaceRun.begins_straight),
-    _sampling(0),
+    _sampling(0, whole=False),
     _poses(whole=True),
-    Strategy("other ways of the tip", SpaceRun.find_along_other_ways, costly=True),
     _sampling(1),
+    _sampling(2),
+    Strategy("other ways of the tip", SpaceRun.find_along_other_ways, costly=True),
+    _sampling(3),
     _poses(whole=False),
-    _drawing(0),
-    _drawing(1),
+    _sampling(4),
     Strategy("ways of the tip through the finest grid", SpaceRun.find_along_finest_ways, costly=True),
-    _drawing(2),
-    _drawing(3),
+    _sampling(5),
     Strategy("from place to place", _by_stages, _passes_places, costly=True),
 )
-"""Strategies tried in order in space. How often trees restart with other samples was measured among 320 bodies."""
+"""Strategies tried in order in space."""
+SAMPLED_WAYS = tuple(_sampling(number) for number in range(SAMPLED_ROUNDS))
+"""RRT-Connect alone, for arms on a fixed base."""
 
 
-def find_by_ways(task: SpaceTask) -> SpaceMotion:
+def find_by_ways(task: SpaceTask, ways: tuple[Strategy[SpaceRun, SpaceMotion], ...] = WAYS) -> SpaceMotion:
     """Find a certified motion in space with the first strategy that succeeds.
+
+    Args:
+        task: arm, surfaces, ends and limits.
+        ways: strategies tried in order, where they apply.
 
     Raises:
         MotionNotFound: no strategy reached the goal; says how far the best came, and which obstruction was in its way.
@@ -412,5 +423,5 @@ def find_by_ways(task: SpaceTask) -> SpaceMotion:
         TimeLimitReached: the deadline passed first.
     """
     run = SpaceRun.from_task(task)
-    applicable = (strategy for strategy in WAYS if strategy.applies(run))
+    applicable = (strategy for strategy in ways if strategy.applies(run))
     return first_found(applicable, task, lambda strategy, failures: strategy.find(run, failures))

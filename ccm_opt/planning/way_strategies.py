@@ -11,7 +11,7 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.errors import MotionNotFound, TimeLimitReached
 from ccm_opt.planning.continuation import Guide, Stalled, follow, settle
 from ccm_opt.planning.curve_map import KNOTS, CurveMap
-from ccm_opt.planning.drawn_poses import CurveDraws, free_goal_poses, goal_poses, swung
+from ccm_opt.planning.drawn_poses import CurveDraws, CurvePoints, free_goal_poses, goal_poses, swung
 from ccm_opt.planning.followable_ways import feeds_to_end, fitted_slide, slid_along
 from ccm_opt.planning.goal import GoalPose
 from ccm_opt.planning.guides import ArmTrack, TipLed, TrackLed
@@ -42,30 +42,20 @@ longer (measured in pipes: with 8 to 16 links 16 knots represent what chords lea
 _GRAZING = 0.1
 """Share of the wanted gap below which a motion led by the tip is replaced by a slide, if possible: the optimisation
 seldom restores the clearance of such a motion."""
-_EXTENSIONS = 8000
-"""Most extensions of the last-resort trees per restart."""
 _TURNS_OFF = 1.5
 """Number of links that leave the guide tube before the tip turns off its straight path. With a single one the joint
 in the mouth would have to bend as it comes out (measured between ribs)."""
 _TURN = 1.0
 """Largest turn of a link onto the tip's track that is asked for in one step [rad]. Taste."""
-_GOALS = 8
-"""Number of goal poses that the second tree grows from."""
-_DRAWN = "a sampler"
-"""Name of candidates found by trees."""
 _SAMPLED = 100
 """First seed number of the sampled trees, among those of a task."""
-_SAMPLED_ROUNDS = ((3, 2000), (6, 30_000))
-"""Number of goal poses that sampled trees grow from, and extensions: in the first round, and after other strategies.
-Taste: an extension takes some 50 µs."""
-_SAMPLED_EDGE = 1.0
-"""Longest extension of sampled trees, in the norm of turns of the links [rad]. Measured on two confined scenes: with
-2 and 4 a motion is found later."""
-_BATCH = (8, 64)
-"""Numbers of extensions of sampled trees that are checked together."""
-_SMOOTH = 0.9
-"""Share of the trees' targets that are smooth shapes anywhere; with half as many, trees meet later (measured
-likewise)."""
+_SAMPLED_ROUNDS = ((1, 1000), (3, 10_000), (3, 20_000), (4, 30_000), (6, 60_000), (8, 60_000))
+"""Most searches for poses at the goal of the tip, and extensions of the sampled trees, in one round after another.
+Taste: such a search, and 1000 extensions, take a twentieth of a second."""
+SAMPLED_ROUNDS = len(_SAMPLED_ROUNDS)
+"""Number of these rounds."""
+_SAMPLED_GOALS = 6
+"""Number of poses at the goal that are enough. Taste."""
 _WITHDRAWN_SHARE = 0.5
 """Share of the time left that the search from the guide tube may use after a withdrawal. Taste."""
 
@@ -328,27 +318,8 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
         # A fed arm is instead drawn back into its guide tube.
         if task.arm.base_axes or not goals:
             return None
-        ways = partial(swung, self.stepper, self.start, goals, self._draws(), task.deadline)
+        ways = partial(swung, self.stepper, self._motions, self.start, goals, self._draws(), task.deadline)
         return self.attempt("unbent and swung", partial(self._met, ways), failures)
-
-    def find_by_connecting(self, number: int, failures: list[Failure]) -> SpaceMotion | None:
-        """Return the motion found by trees that grow from the start and from poses at the goal; else None.
-
-        Args:
-            number: number of earlier tries; each uses other samples and other goal poses.
-            failures: a failure is appended here.
-        """
-        # Where no goal pose was sampled at the first try, none will be.
-        if number and not any(failure.candidate == _DRAWN for failure in failures):
-            return None
-        rng = self._draws(number)
-        goals = list(islice(self._goals(rng), _GOALS))
-        if not goals:
-            return None
-        draws = CurveDraws(self.stepper, self.start, goals)
-        return self.attempt(
-            _DRAWN, partial(self._met, partial(draws.way, rng, _EXTENSIONS, self.task.deadline)), failures
-        )
 
     def by_sampling(self, number: int, failures: list[Failure]) -> SpaceMotion | None:
         """Return the motion of trees with edges checked by samples, certified where they meet; else None.
@@ -357,19 +328,24 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
             number: number of the round.
             failures: a failure is appended here.
         """
-        most, extensions = _SAMPLED_ROUNDS[number]
+        searches, extensions = _SAMPLED_ROUNDS[number]
         rng = self._draws(_SAMPLED + number)
-        if self.goal.coordinates is not None:
-            goals = [self.stepper.pose(self.goal.coordinates)]
-        else:
-            goals = list(islice(free_goal_poses(self.task, self.stepper, self._motions, rng), most))
+        points = CurvePoints(self.stepper, self.start)
+        goals = self._free_goals
+        for _ in range(searches):
+            if len(goals) >= _SAMPLED_GOALS or self.goal.coordinates is not None or self.task.deadline.passed():
+                break
+            goals += free_goal_poses(self.task, points, self._motions, rng)
         if not goals:
             return None
-        draws = CurveDraws(
-            self.stepper, self.start, goals, batch=_BATCH, longest=_SAMPLED_EDGE, motions=self._motions, smooth=_SMOOTH
-        )
+        draws = CurveDraws(points, self._motions, goals)
         way = partial(draws.way, rng, extensions, self.task.deadline)
         return self.attempt("a quick sampler", partial(self._met, way), failures)
+
+    @cached_property
+    def _free_goals(self) -> list[Pose]:
+        """Free poses at the goal that are known so far; the one of the whole arm is the only one."""
+        return [] if self.goal.coordinates is None else [self.stepper.pose(self.goal.coordinates)]
 
     @cached_property
     def _motions(self) -> SampledMotions:

@@ -64,6 +64,12 @@ def _ompl() -> Planner:
     return OmplPlanner()
 
 
+def _rrt_connect() -> Planner:
+    from ccm_opt.planning.planner import MotionPlanner  # noqa: PLC0415 - loads casadi
+
+    return MotionPlanner(sampled=True)
+
+
 _OF_THE_PAPER: Mapping[str, object] = {
     **{name: getattr(PlannerOptions(), name) for name in ("optimiser", "seed", "tries", "wanted_gap", "weights")},
     "method": "hill-climbing",
@@ -77,6 +83,7 @@ METHODS: Mapping[str, Method] = {
         Method("nlp-as-found", "curve planner, motion as found", {"method": "nlp", "optimiser": "none"}),
         Method("nlp-paul", "curve planner, timed by Paul's transitions", {"method": "nlp", "retiming": "paul"}),
         Method("hill-climbing", "planner of the paper", _OF_THE_PAPER),
+        Method("rrt-connect", "our RRT-Connect alone, its way as found", {"optimiser": "none"}, _rrt_connect),
         Method("ompl", "RRT-Connect of OMPL, with this package's certificate (extra 'ompl')", make=_ompl),
         Method("hill-climbing-paul", "planner and timing of the paper", {**_OF_THE_PAPER, "retiming": "paul"}),
     )

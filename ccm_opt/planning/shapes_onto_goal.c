@@ -1,0 +1,126 @@
+/* Shapes of an arm in space, moved onto a goal of its tip by Newton's method with the least change of points in which
+   its configurations are affine, and towards the joint limits from beyond them. Obstacles play no part. */
+
+#include "link_places.h"
+
+#define ROWS 6       /* of the tip's place and direction */
+#define RIDGE 1e-9   /* of the equations, whose rows for a direction are one too many */
+#define ARRIVED 1e-7 /* error that counts as none */
+#define BACK 1.3     /* of what joints are bent beyond their limits, by how much they are bent back */
+
+typedef struct {
+    int64_t links, size, shapes, directed, steps; /* whether the goal has a direction; most steps */
+    double length, largest;                       /* of a link; largest step */
+    const double *place, *base, *offset, *slopes; /* the last two: (c,) and (size, c) */
+    const double *limit, *inverse;                /* of the bends, (c,); of the slopes, (c, size) */
+    double position[3], direction[3];
+    double *work;   /* 26 numbers a link, 7 a coordinate of points, and 12 more */
+    double *points; /* (shapes, size), moved */
+    double *missed; /* (shapes,): errors that are left, in arm lengths and radians */
+} GoalShapes;
+
+/* Solve six equations with a symmetric positive definite matrix, in place. */
+static void solve_six(double matrix[ROWS][ROWS], double *value)
+{
+    for (int i = 0; i < ROWS; i++)
+        for (int j = 0; j <= i; j++) {
+            double sum = matrix[i][j];
+            for (int k = 0; k < j; k++) sum -= matrix[i][k] * matrix[j][k];
+            matrix[i][j] = i == j ? sqrt(sum) : sum / matrix[j][j];
+        }
+    for (int i = 0; i < ROWS; i++) {
+        for (int k = 0; k < i; k++) value[i] -= matrix[i][k] * value[k];
+        value[i] /= matrix[i][i];
+    }
+    for (int i = ROWS; i-- > 0;) {
+        for (int k = i + 1; k < ROWS; k++) value[i] -= matrix[k][i] * value[k];
+        value[i] /= matrix[i][i];
+    }
+}
+
+/* Errors of the tip, (6,), and their derivatives by the bends, (c, 6); returns the largest error. */
+static double tip_errors(const GoalShapes *g, const double *q, double *frames, double *error, double *by_bends)
+{
+    int64_t n = g->links;
+    double *rotations = frames + 3 * (n + 1), size = (double)n * g->length, most = 0.0;
+    place_links(n, g->length, 0, g->place, g->base, q, frames, rotations);
+    const double *tip = frames + 3 * n, *last = rotations + 9 * (n - 1);
+    double ahead[3] = {last[0], last[3], last[6]};
+    for (int d = 0; d < 3; d++) {
+        error[d] = (g->position[d] - tip[d]) / size;
+        error[3 + d] = g->directed ? g->direction[d] - ahead[d] : 0.0;
+    }
+    for (int d = 0; d < ROWS; d++) most = larger(most, fabs(error[d]));
+    for (int64_t i = 0; i < 2 * n; i++) {
+        /* Axes of a joint: z of the link before it, then y of the link after it. */
+        int64_t j = i / 2;
+        const double *frame = i % 2 ? rotations + 9 * j : j ? rotations + 9 * (j - 1) : g->base;
+        int64_t column = i % 2 ? 1 : 2;
+        double axis[3] = {frame[column], frame[3 + column], frame[6 + column]}, arm[3];
+        minus(tip, frames + 3 * j, arm);
+        cross(axis, arm, by_bends + ROWS * i);
+        cross(axis, ahead, by_bends + ROWS * i + 3);
+        for (int d = 0; d < 3; d++) {
+            by_bends[ROWS * i + d] /= size;
+            if (!g->directed) by_bends[ROWS * i + 3 + d] = 0.0;
+        }
+    }
+    return most;
+}
+
+/* The change of the point that bends joints back which are beyond their limits; returns whether there are any. */
+static int bend_back(const GoalShapes *g, const double *q, double *back)
+{
+    int bent = 0;
+    for (int64_t d = 0; d < g->size; d++) back[d] = 0.0;
+    for (int64_t i = 0; i < 2 * g->links; i++) {
+        double beyond = q[i] > g->limit[i] ? q[i] - g->limit[i] : q[i] < -g->limit[i] ? q[i] + g->limit[i] : 0.0;
+        if (beyond == 0.0) continue;
+        bent = 1;
+        for (int64_t d = 0; d < g->size; d++) back[d] -= BACK * beyond * g->inverse[i * g->size + d];
+    }
+    return bent;
+}
+
+static double move_onto_goal(const GoalShapes *g, double *point)
+{
+    int64_t c = 2 * g->links;
+    double *q = g->work, *by_bends = q + c, *rows = by_bends + ROWS * c, *back = rows + ROWS * g->size;
+    double *frames = back + g->size;
+    for (int64_t step = 0;; step++) {
+        double error[ROWS], matrix[ROWS][ROWS], norm = 0.0;
+        memcpy(q, g->offset, (size_t)c * sizeof(double));
+        for (int64_t d = 0; d < g->size; d++)
+            for (int64_t i = 0; i < c; i++) q[i] += point[d] * g->slopes[d * c + i];
+        double most = tip_errors(g, q, frames, error, by_bends);
+        int bent = bend_back(g, q, back);
+        if (!(most > ARRIVED || bent) || step == g->steps) return most;
+        for (int64_t d = 0; d < g->size; d++) {
+            double *row = rows + ROWS * d;
+            for (int r = 0; r < ROWS; r++) row[r] = 0.0;
+            for (int64_t i = 0; i < c; i++)
+                for (int r = 0; r < ROWS; r++) row[r] += g->slopes[d * c + i] * by_bends[ROWS * i + r];
+        }
+        for (int i = 0; i < ROWS; i++)
+            for (int j = 0; j < ROWS; j++) {
+                matrix[i][j] = i == j ? RIDGE : 0.0;
+                for (int64_t d = 0; d < g->size; d++) matrix[i][j] += rows[ROWS * d + i] * rows[ROWS * d + j];
+            }
+        for (int64_t d = 0; d < g->size; d++)
+            for (int r = 0; r < ROWS; r++) error[r] -= rows[ROWS * d + r] * back[d];
+        solve_six(matrix, error);
+        for (int64_t d = 0; d < g->size; d++) {
+            double change = back[d];
+            for (int r = 0; r < ROWS; r++) change += rows[ROWS * d + r] * error[r];
+            rows[ROWS * d] = change;
+            norm += change * change;
+        }
+        double share = norm > g->largest * g->largest ? g->largest / sqrt(norm) : 1.0;
+        for (int64_t d = 0; d < g->size; d++) point[d] += share * rows[ROWS * d];
+    }
+}
+
+PUBLIC void shapes_onto_goal(GoalShapes *g)
+{
+    for (int64_t k = 0; k < g->shapes; k++) g->missed[k] = move_onto_goal(g, g->points + k * g->size);
+}
