@@ -247,7 +247,6 @@ def test_long_links_that_bend_far_go_round_gentle_bends_too() -> None:
     assert max(radii) > 1.5 * through_joints
     motion = find_by_ways(task)
     assert min(least_gaps(task.arm, soup, motion.configurations, 10)) > 0.0
-    assert motion.candidate.endswith("behind the tip")
 
 
 @pytest.mark.parametrize("family", ["pipe-two-bends", "tank", "tee"])

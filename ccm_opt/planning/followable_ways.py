@@ -24,7 +24,7 @@ import numpy.typing as npt
 import scipy.sparse as sp
 from scipy.sparse.linalg import spsolve
 
-from ccm_opt.core.arrays import FloatArray, IntArray
+from ccm_opt.core.arrays import TINY, FloatArray, IntArray
 from ccm_opt.core.deadline import Deadline
 from ccm_opt.core.native import NativeCall, element_type
 from ccm_opt.planning.curve_map import SETTLING, CurveMap
@@ -303,12 +303,12 @@ def slid_along(
     track: ArmTrack,
     feeds: FloatArray,
     shares: Callable[[FloatArray], FloatArray] | None = None,
-    most: float = np.pi,
+    most: float | None = None,
 ) -> FloatArray:
     """Return the configurations of an arm that is fed along a track, shape (k, c) [rad, m].
 
-    A joint near the guide tube takes a share of the bend that would lead its link onto the track; the joints beyond
-    lead back onto it.
+    A joint near the guide tube leads its link as near to the track as a share of the largest bend allows; the joints
+    beyond lead back onto it.
 
     Args:
         arm: arm on a feed axis, with all joints on the track where its base is at the first of the feeds.
@@ -316,7 +316,7 @@ def slid_along(
         feeds: positions of the base, increasing, shape (k,) [m].
         shares: returns that share at each of the feeds, shape (k,), from the arc length of the joint beyond the tube
             there, shape (k,) [m]; ``bend_shares`` when None.
-        most: most that a joint bends [rad].
+        most: most that a joint bends [rad]; its limit when None.
     """
     shares = partial(bend_shares, arm) if shares is None else shares
     link = arm.link_length
@@ -333,27 +333,21 @@ def slid_along(
         free = shares(feeds + joint * link - arm.hole)[:, None]
         window = np.clip(first[:, None] - _BACK + np.arange(_AHEAD + _BACK), 0, len(places) - 1)
         nearest, chord = _chord(places[window], points[-1], link)
-        before = directions
-        directions = (1.0 - free) * directions + free * chord
-        directions = directions / np.linalg.norm(directions, axis=1)[:, None]
-        directions = _turned_less(before, directions, most)
+        most_here = free[:, 0] * (arm.joint_limit if most is None else most)
+        directions = _turned(directions, chord, most_here)
         points.append(points[-1] + link * directions)
         here = window[np.arange(len(feeds)), nearest]
         first = np.where(free[:, 0] > 0.0, here, first) + per_link
     return configuration_from_positions(arm, np.stack(points, axis=1))
 
 
-def _turned_less(before: FloatArray, after: FloatArray, most: float) -> FloatArray:
-    """Return unit vectors after turns from others, both of shape (k, 3), the turns limited to an angle [rad]."""
-    cos = np.einsum("ki,ki->k", before, after)
-    far = np.flatnonzero(cos < np.cos(most))
-    if len(far) == 0:
-        return after
-    aside = after[far] - cos[far, None] * before[far]
-    aside /= np.maximum(np.linalg.norm(aside, axis=1), 1e-12)[:, None]
-    turned = after.copy()
-    turned[far] = np.cos(most) * before[far] + np.sin(most) * aside
-    return turned
+def _turned(directions: FloatArray, wanted: FloatArray, most: FloatArray) -> FloatArray:
+    """Return unit directions turned towards others by at most some angles [rad], shapes (k, 3), (k, 3) and (k,)."""
+    along = np.sum(directions * wanted, axis=1)
+    aside = wanted - along[:, None] * directions
+    away = np.linalg.norm(aside, axis=1)
+    angle = np.minimum(np.arctan2(away, along), most)[:, None]
+    return np.asarray(np.cos(angle) * directions + np.sin(angle) * aside / np.maximum(away, TINY)[:, None])
 
 
 def feeds_to_end(arm: Arm, track: ArmTrack, start: float, step: float) -> FloatArray:
@@ -442,4 +436,44 @@ def fitted_slide(curve: CurveMap, start: FloatArray, configurations: FloatArray)
     still = STILL * sp.kron(changes.T @ changes, np.diag(bends))
     found = np.asarray(spsolve(sp.csc_array(sp.block_diag(blocks) + still), np.vstack(targets)))
     unknowns[1:, :shown] = found.reshape(count, curve.knots, 2).transpose(0, 2, 1).reshape(count, shown)
+    return unknowns
+
+
+_PLACED = 2
+"""Number of rounds in which a fit is moved onto the joints' places. Measured on bent paths: a third changes nothing."""
+
+
+def placed_slide(curve: CurveMap, unknowns: FloatArray, configurations: FloatArray) -> FloatArray:
+    """Return the unknowns of a slide fitted by where its joints are, shape (k, p).
+
+    Small errors of many turns add up along the arm, so that curves that reproduce all turns well may miss the end of
+    the track.
+
+    Args:
+        curve: map of the unknowns.
+        unknowns: unknowns that reproduce the turns, as from ``fitted_slide``, shape (k, p).
+        configurations: configurations at even steps of the feed, shape (k, c) [rad, m].
+    """
+    turns = 2 * curve.arm.links
+    shown = 2 * curve.knots
+    unit = curve.nominal_length
+    unknowns = unknowns.copy()
+    wanted = curve.arm.joint_positions_at(configurations[1:])[:, 1:]
+    bends = np.tile((unit * curve.scale[: curve.knots]) ** 2, 2)
+    uneven = SETTLING * np.diff(np.eye(curve.knots), axis=0)
+    ties = np.kron(np.eye(2), uneven.T @ uneven)
+    count = len(wanted)
+    changes = np.eye(count) - np.eye(count, k=-1)
+    still = STILL * sp.kron(changes.T @ changes, np.diag(bends))
+    for _ in range(_PLACED):
+        blocks = []
+        targets = []
+        for pose, places, q in zip(curve.poses(unknowns[1:]), wanted, configurations[1:], strict=True):
+            rows = np.vstack((pose.moving[1:].reshape(-1, curve.dimension) / unit, pose.slopes[:turns]))[:, :shown]
+            missing = np.concatenate(((places - pose.points[1:]).ravel() / unit, (q - pose.q)[:turns]))
+            blocks.append(rows.T @ rows + ties)
+            targets.append(rows.T @ (missing + rows @ pose.v[:shown]))
+        targets[0] = targets[0] + STILL * bends * unknowns[0, :shown]
+        found = spsolve(sp.csc_array(sp.block_diag(blocks) + still), np.concatenate(targets))
+        unknowns[1:, :shown] = np.asarray(found).reshape(count, shown)
     return unknowns

@@ -8,9 +8,10 @@ from itertools import pairwise, product
 import numpy as np
 
 from ccm_opt.core.arrays import BoolArray, FloatArray
+from ccm_opt.planning.elastic_ways import ElasticBand
 from ccm_opt.planning.followable_ways import FollowableWays, WayEnd
 from ccm_opt.planning.grid_ways import GridDistances, TipGrid, WaysBetween, shortened
-from ccm_opt.planning.guides import ONTO_TRACK
+from ccm_opt.planning.guides import ONTO_TRACK, ArmTrack
 from ccm_opt.planning.space_task import SpaceTask
 from ccm_opt.robot.arm import Arm
 
@@ -53,6 +54,17 @@ _AROUND = 4.0
 _CLOSE_ONTO_TRACK = 3.0
 """Weight of drawing the joints onto the track where an arm got stuck on walls; links that are long relative to the
 bends of a duct get through with less (measured in pipes and slots with 8 and 12 links)."""
+_BANDS = 6
+"""Most elastic bands that are made through one grid."""
+_PASSAGE = 0.6
+"""Distance from walls above which they do not make the path from which an elastic band is made more costly [u]."""
+_CLOSED = 1.0
+"""Radius about the place where an arm can follow a band least within which no further band is sought [u]. Taste."""
+_TURNED = 1.5
+"""Radius about the start within which no band leads back, and about the goal within which none overshoots it [u]."""
+_BENT_OVER = 1.2
+"""Largest bend that a band asks of a joint, as a share of what it may bend there, for the arm to try; the joint beyond
+it takes over what is left."""
 _SHORTCUT_GAP = 0.5
 """Gap that straight parts keep where corners are cut [u]."""
 _DETOUR_PRICE = 4.0
@@ -119,6 +131,8 @@ class SpaceTipWays:
         heading: direction of the last link when the motion begins, shape (3,).
         fed: how much farther the base can be fed [m]; None where it is fixed.
         straight: distance that the tip moves straight on until the first joint is out of the guide tube [m].
+        joints: joints and tip of a fed arm where the motion begins, shape (links + 1, 3) [m].
+        out: arc length of the tip beyond the end of the guide tube there, negative inside [m].
     """
 
     task: SpaceTask
@@ -128,6 +142,8 @@ class SpaceTipWays:
     heading: FloatArray
     fed: float | None = None
     straight: float = 0.0
+    joints: FloatArray | None = None
+    out: float = 0.0
     _followed: list[FloatArray] = field(default_factory=list)  # followable paths tried so far
     _grids: dict[tuple[int, float, float, float], TipGrid] = field(default_factory=dict)
     _known: dict[tuple[int, float], GridDistances] = field(default_factory=dict)
@@ -139,13 +155,20 @@ class SpaceTipWays:
         """Tip where the arm can turn off from its straight path, shape (3,) [m]."""
         return self.tip + self.straight * self.heading
 
-    def first(self) -> Iterator[TipWay]:
-        """Yield the tip paths that are tried first: the straight one, and for a fed arm those that it can follow."""
+    def first(self, *, bands: bool = True) -> Iterator[TipWay]:
+        """Yield the tip paths that are tried first: the straight one, and for a fed arm those that it can follow.
+
+        Args:
+            bands: whether elastic bands are among these.
+        """
         yield TipWay("straight", self._joined([self.start, *self._ends(_STRAIGHT_ENDS[0])]))
+        if bands:
+            yield from self._elastic(_CELLS[0])
         yield from self._behind_the_tip(_FOLLOWABLE_CELLS[0])
 
     def others(self) -> Iterator[TipWay]:
         """Yield followable paths of finer grids, the cheapest whatever their bends, and paths round other sides."""
+        yield from self._elastic(_CELLS[1])
         for cells in _FOLLOWABLE_CELLS[1:]:
             yield from self._behind_the_tip(cells)
         for cells in _CELLS[:-1]:
@@ -177,6 +200,50 @@ class SpaceTipWays:
                     yield TipWay("through free space, closer to walls", way, _CLOSE)
                 break
         yield from self._detours(cells, seen)
+
+    def _elastic(self, cells: int) -> Iterator[TipWay]:
+        """Yield elastic bands that a fed arm can follow, each away from where the arm follows those before least."""
+        if self.joints is None:
+            return
+        task = self.task
+        arm = task.arm
+        band = ElasticBand(arm, task.tree, task.unit, task.kept + task.spare, task.wanted_gap)
+        out = self.out + self.straight
+        track = ArmTrack.behind(self.joints, np.stack((self.tip, self.start)))
+        behind = track.at(track.length - band.piece * np.arange(band.pieces, 0, -1.0))
+        grid = self._passages(cells)
+        seen: list[FloatArray] = []
+        for _ in range(_BANDS):
+            places = [self.start, *self.task.via, self._before_goal(arm.link_length / task.unit)]
+            parts = [grid.cheapest_way(*ends, _NEARNESS[0]) for ends in pairwise(places)]
+            found = [part for part in parts if part is not None]
+            if len(found) < len(parts):
+                return
+            way = band.along(behind, self._joined([*found, self.goal])[1:], out, self.direction, task.via)
+            if way is None:
+                return
+            known = any(_alike(way.places, other, 0.5 * task.unit) for other in seen)
+            seen.append(way.places)
+            if not known and way.gap > 0.0 and way.bend < _BENT_OVER and way.length < self._longest_followed:
+                corners = self._joined([way.places])
+                yield TipWay("behind the tip", corners, _CLOSE, ONTO_TRACK)
+            grid = _closed_about(grid, way.worst, _CLOSED * task.unit)
+            if known:
+                grid = _closed_about(grid, way.worst, 2.0 * _CLOSED * task.unit)
+
+    def _passages(self, cells: int) -> TipGrid:
+        """Return the grid of cells through which a path of the tip may pass, though perhaps not through their middles.
+
+        Cells behind the start and beyond the goal are closed.
+        """
+        task = self.task
+        far = _PASSAGE * task.unit
+        distances = self._distances(cells, self._longest_followed, task.kept + task.margin + _FAR * task.unit)
+        kept = max(task.kept - 0.5 * distances.cell, 0.25 * distances.cell)
+        grid = self._closed_behind(TipGrid.of(distances, kept, far, task.deadline))
+        radius = _TURNED * task.unit
+        grid = _closed_about(grid, self.start, radius, -self.heading)
+        return grid if self.direction is None else _closed_about(grid, self.goal, radius, self.direction)
 
     def _behind_the_tip(self, cells: int) -> Iterator[TipWay]:
         """Yield the paths that a fed arm can follow; none for an arm on a fixed base."""
@@ -369,6 +436,27 @@ def _prices(grid: TipGrid, avoided: list[FloatArray], price: float) -> FloatArra
             block = tuple(slice(max(0, c - reach), c + reach + 1) for c in (x, y, z))
             prices[block] = price
     return prices
+
+
+def _closed_about(grid: TipGrid, place: FloatArray, radius: float, side: FloatArray | None = None) -> TipGrid:
+    """Return the grid closed within a radius of a place, all round or only on one side of it.
+
+    Args:
+        grid: the grid.
+        place: the place, shape (3,) [m].
+        radius: the radius [m].
+        side: direction to the side that is closed, more than half a cell away, shape (3,); all round when None.
+    """
+    low, high = (grid.index(place + way * radius) for way in (-1.0, 1.0))
+    about = tuple(slice(a, b + 1) for a, b in zip(low, high, strict=True))
+    axes = (grid.low[d] + grid.cell * np.arange(low[d], high[d] + 1) for d in range(3))
+    apart = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1) - place
+    closed = np.sum(apart**2, axis=-1) < radius**2
+    if side is not None:
+        closed &= apart @ side > 0.5 * grid.cell
+    gaps = grid.gaps.copy()
+    gaps[about][closed] = 0.0
+    return replace(grid, gaps=gaps)
 
 
 def _alike(way: FloatArray, other: FloatArray, unit: float) -> bool:

@@ -12,7 +12,7 @@ from ccm_opt.core.errors import MotionNotFound, TimeLimitReached
 from ccm_opt.planning.continuation import Guide, Stalled, follow, settle
 from ccm_opt.planning.curve_map import KNOTS, CurveMap
 from ccm_opt.planning.drawn_poses import CurveDraws, CurvePoints, free_goal_poses, goal_poses, swung
-from ccm_opt.planning.followable_ways import feeds_to_end, fitted_slide, slid_along
+from ccm_opt.planning.followable_ways import feeds_to_end, fitted_slide, placed_slide, slid_along
 from ccm_opt.planning.goal import GoalPose
 from ccm_opt.planning.guides import ArmTrack, TipLed, TrackLed
 from ccm_opt.planning.motion import SpaceMotion
@@ -33,8 +33,9 @@ _SLIDE_ROOM = 0.5
 """Share of the wanted gap that the first fit of a slide must keep; where no fit does, any that touches nothing is
 used."""
 
-_SLIDE_STEP = 0.5
-"""Feed from keyframe to keyframe of a slide [u]."""
+_SLIDE_STEP = 0.25
+"""Feed from keyframe to keyframe of a slide [u]. Measured in a wing box: with twice as much, joints that slide round
+sharp bends take 2 mm of a gap of 3 between keyframes."""
 
 _KNOTS = (11, 16, 22)
 """Numbers of knots of the curve, tried in turn: more knots represent sharp bends better, but the optimisation takes
@@ -105,7 +106,7 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
         ways = self.ways()
         yield from ways.first()
         if ways.straight > 0.0:
-            yield from replace(ways, straight=0.0).first()
+            yield from replace(ways, straight=0.0).first(bands=False)
 
     def find_along_other_ways(self, failures: list[Failure]) -> SpaceMotion | None:
         """Return the motion along all other tip paths; None where all fail."""
@@ -201,8 +202,9 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
         if not arm.base_axes:
             return ways(start.tip_direction)
         feed = float(start.q[-1])
-        out = max(arm.hole + _TURNS_OFF * arm.link_length - feed - arm.length, 0.0)
-        return ways(start.tip_direction, arm.base_range[1] - feed, out)
+        out = feed + arm.length - arm.hole
+        straight = max(_TURNS_OFF * arm.link_length - out, 0.0)
+        return ways(start.tip_direction, arm.base_range[1] - feed, straight, start.points, out)
 
     def follow_ways(
         self, ways: Iterator[TipWay], failures: list[Failure], *, slides: bool = True
@@ -217,10 +219,13 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
         task = self.task
         slides = slides and task.stage is None and bool(task.arm.base_axes)
         for way in ways:
-            run = self.with_margin(way.margin)
-            found = run.attempt(way.name, partial(run.along, way), failures)
-            if slides and way.followed and (found is None or not self._has_room(found)):
-                found = self._slid(way, failures) or found
+            slid = self._slid(way, failures) if slides and way.followed else None
+            found = slid
+            if slid is None or not self._has_room(slid):
+                run = self.with_margin(way.margin)
+                found = run.attempt(way.name, partial(run.along, way), failures)
+                if slid is not None and (found is None or not self._has_room(found)):
+                    found = slid
             if found is not None or task.deadline.passed():
                 return found
         return None
@@ -232,7 +237,10 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
     def _has_room(self, motion: SpaceMotion) -> bool:
         """Return whether a motion's clearance suffices for the optimisation to be expected to reach the wanted gap."""
         task = self.task
-        roomy = replace(task, clearance=task.clearance + _GRAZING * task.wanted_gap)
+        room = _GRAZING * task.wanted_gap
+        if task.least_gap(motion.configurations) < room:
+            return False
+        roomy = replace(task, clearance=task.clearance + room)
         return len(roomy.stepper(motion.curve, 0.0).failing_edges(motion.unknowns)) == 0
 
     def _slid(self, way: TipWay, failures: list[Failure]) -> SpaceMotion | None:
@@ -259,12 +267,15 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
         @cache
         def fit(knots: int) -> tuple[SpaceRun, FloatArray]:
             run = SpaceRun.from_task(task, knots)
-            return run, fitted_slide(run.stepper.space, run.start.v, configurations)
+            curve = run.stepper.space
+            return run, placed_slide(curve, fitted_slide(curve, run.start.v, configurations), configurations)
 
         for room in (_SLIDE_ROOM * task.wanted_gap, 0.0):
             certified = replace(task, clearance=task.clearance + room)
             for knots in _KNOTS:
                 run, unknowns = fit(knots)
+                if task.least_gap(run.stepper.space.configurations(unknowns)) < room:
+                    continue
                 if len(certified.stepper(run.stepper.space, 0.0).failing_edges(unknowns)) == 0:
                     return run, unknowns
         return None

@@ -1,0 +1,337 @@
+"""Paths that a fed arm can follow with all its links, as elastic bands.
+
+A path through a grid is divided so that m pieces make a link. An arm that slides along it has its links on chords
+x_i, x_{i+m}, so its places x minimise, with lengths in nominal links u,
+
+    ∫ κ² ds + ∫ |x'|² ds + Σ (lacking gap of a chord)² + Σ (excess of |x_{i-m} − 2 x_i + x_{i+m}|)²,
+
+where the last is the bend of a joint at x_i beyond what it may take there, near the guide tube little (S. Quinlan and
+O. Khatib, Elastic bands: connecting path planning and control, 1993). Each round solves the linearised problem. Chords
+begin short, as the path through the grid may pass a bend on its inside, where a whole link would cross the wall.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.linalg import solveh_banded
+
+from ccm_opt.core.arrays import TINY, BoolArray, FloatArray, IntArray
+from ccm_opt.core.polyline import arc_lengths, points_at
+from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.biarc import bend_shares
+from ccm_opt.scene.distances.surface_tree import SurfaceTree
+
+_PIECE = 0.25
+"""Length of the pieces of a path, at most [u]."""
+_BENDING = (0.02, 0.3)
+"""Weights on the bends of pieces and of links."""
+_TENSION = 0.02
+"""Weight on the length."""
+_EVEN = 8.0
+"""Weight on differences of the pieces' lengths."""
+_HARD = 600.0
+"""Weight on what a chord lacks of the gap that it must keep, and on bends beyond the limit."""
+_WANTED = 5.0
+"""Weight on what a chord lacks of the wanted gap."""
+_SPARE = 0.03
+"""Gap beyond the one that must be kept at which the hard weight ends [u]."""
+_BENT = 0.9
+"""Share of the largest bend at which the hard weight begins."""
+_SHARPER = 2.0
+"""Largest curvature of a path between the joints, relative to that of the circle through joints bent as far as they
+may."""
+_GENTLE = 0.7
+"""Share of the largest bend at which the soft weight begins."""
+_STIFFNESS = 1.1
+"""Weight on the motion of the places in a round."""
+_LONGEST = 0.3
+"""Longest motion of a place in a round [u]."""
+_ROUNDS = 60
+"""Most rounds."""
+_ROUNDS_A_PIECE = 3
+"""Rounds after which chords grow by a piece."""
+_DIVIDED = (8, 20, 35)
+"""Rounds before which the path is divided anew, as it has become longer or shorter."""
+_GIVEN = 1e9
+"""Stiffness of places that are given."""
+_STILL = 0.005
+"""Largest motion of a place in a round at which a path has come to rest [u]."""
+
+
+@dataclass(frozen=True, eq=False)
+class ElasticWay:
+    """A path and how well the arm can follow it.
+
+    Attributes:
+        places: places on the path, from its beginning, shape (k, 3) [m].
+        gap: least gap of a link on it beyond the distance that it must keep [m].
+        bend: largest bend of a joint on it, as a share of what the joint may bend there.
+        worst: place where the arm can follow it least, shape (3,) [m].
+    """
+
+    places: FloatArray
+    gap: float
+    bend: float
+    worst: FloatArray
+
+    @property
+    def length(self) -> float:
+        """Length [m]."""
+        return float(arc_lengths(self.places)[-1])
+
+
+@dataclass(frozen=True, eq=False)
+class ElasticBand:
+    """Makes paths that an arm can follow from paths through a grid.
+
+    Attributes:
+        arm: the arm.
+        tree: tree of the surfaces.
+        unit: length u of a nominal link [m].
+        kept: distance that the axes of the links must keep from surfaces [m].
+        wanted: gap beyond that which they keep where they can [m].
+    """
+
+    arm: Arm
+    tree: SurfaceTree
+    unit: float
+    kept: float
+    wanted: float
+
+    @property
+    def pieces(self) -> int:
+        """Number m of pieces of a path that make a link."""
+        return max(1, round(self.arm.link_length / (_PIECE * self.unit)))
+
+    @property
+    def piece(self) -> float:
+        """Length of a piece [m]."""
+        return self.arm.link_length / self.pieces
+
+    def along(
+        self,
+        behind: FloatArray,
+        way: FloatArray,
+        out: float,
+        direction: FloatArray | None,
+        via: Sequence[FloatArray] = (),
+    ) -> ElasticWay | None:
+        """Return the path that a way becomes; None where the way is shorter than the ends that are given.
+
+        Args:
+            behind: places on the axis of the arm a piece apart, before the beginning of the way, shape (m, 3) [m].
+            way: corners of a path, shape (k, 3) [m].
+            out: arc length of its beginning beyond the end of the guide tube [m].
+            direction: direction in which the path ends, straight for a link, a unit vector, shape (3,); any when None.
+            via: places to be passed in this order, each of shape (3,) [m].
+        """
+        m = self.pieces
+        band = self._divided(behind, way, out, direction, via)
+        for number in range(_ROUNDS):
+            if band is None:
+                return None
+            if number in _DIVIDED:
+                band = self._divided(behind, band.places[m:] * self.unit, out, direction, via)
+                if band is None:
+                    return None
+            chord = min(m, 1 + number // _ROUNDS_A_PIECE)
+            motion = self._round(band, chord)
+            band.places += motion
+            if chord == m and number > _DIVIDED[-1] and np.max(np.abs(motion)) < _STILL:
+                break
+        return None if band is None else self._judged(band)
+
+    def _divided(
+        self, behind: FloatArray, way: FloatArray, out: float, direction: FloatArray | None, via: Sequence[FloatArray]
+    ) -> "_Band | None":
+        """Return a path divided into pieces; arguments as for ``along``."""
+        m, piece = self.pieces, self.piece
+        arcs = arc_lengths(way)
+        count = round(float(arcs[-1]) / piece)
+        if count < m + 2:
+            return None
+        places = np.vstack((behind, points_at(way, arcs, np.linspace(0.0, float(arcs[-1]), count + 1))))
+        fixed = np.zeros(len(places), dtype=bool)
+        fixed[: m + 1] = True
+        fixed[-1] = True
+        if direction is not None:
+            places[-m - 1 :] = way[-1] - piece * np.arange(m, -1, -1.0)[:, None] * direction
+            fixed[-m - 1 :] = True
+        for place in via:
+            nearest = int(np.argmin(np.linalg.norm(places - place, axis=1)))
+            places[nearest] = place
+            fixed[nearest] = True
+        arcs_out = np.asarray(out + piece * np.arange(-m, count + 1), dtype=np.float64)
+        straight = 2.0 * self.arm.link_length * np.sin(0.5 * min(self.arm.joint_limit, 0.5 * np.pi)) / self.unit
+        return _Band(places / self.unit, fixed, straight * bend_shares(self.arm, arcs_out), m, piece / self.unit)
+
+    def _round(self, band: "_Band", chord: int) -> FloatArray:
+        """Return the motion of the places in one round, shape (k, 3) [u].
+
+        Args:
+            band: the path.
+            chord: number of pieces under the chords that are kept clear.
+        """
+        places = band.places
+        system = band.equations()
+        # Bends beyond the limits.
+        for stride in {1, band.m}:
+            change, bend, most = band.bends(stride)
+            for begin, heavy in ((_BENT, _HARD), (_GENTLE, _WANTED)):
+                over = np.flatnonzero(bend > begin * most)
+                at = over[:, None] + stride * np.arange(3)
+                normals = change[over] / bend[over, None]
+                excess = begin * most[over] - bend[over]
+                system.add(at, np.array([1.0, -2.0, 1.0]), normals, heavy * band.piece, excess)
+        # Chords too near to surfaces.
+        kept, wide = (self.kept + gap for gap in (_SPARE * self.unit, max(self.wanted, 2.0 * _SPARE * self.unit)))
+        seen = self.tree.nearest(band.chords(chord) * self.unit, wide)
+        near = np.flatnonzero(seen.gap < wide)
+        gap = seen.gap[near]
+        share = seen.share[near]
+        hard = gap < kept
+        lacking = (np.where(hard, kept, wide) - gap) / self.unit
+        at = np.stack((near, near + chord), axis=1)
+        weight = np.where(hard, _HARD, _WANTED) * band.piece
+        system.add(at, np.stack((1.0 - share, share), axis=1), seen.normal[near], weight, lacking)
+        # Pieces of even length.
+        along = np.diff(places, axis=0)
+        long = np.linalg.norm(along, axis=1)
+        at = np.arange(len(along))[:, None] + np.arange(2)
+        system.add(at, np.array([-1.0, 1.0]), along / long[:, None], _EVEN, float(np.mean(long)) - long)
+        motion = system.solved(band.fixed)
+        far = np.linalg.norm(motion, axis=1)
+        return np.asarray(motion * np.minimum(1.0, _LONGEST / np.maximum(far, TINY))[:, None])
+
+    def _judged(self, band: "_Band") -> ElasticWay:
+        """Return the path with how well the arm can follow it."""
+        m = band.m
+        count = len(band.places)
+        share = np.zeros(count)
+        for stride in {1, m}:
+            _, bend, most = band.bends(stride)
+            # What is given at both ends is not the path's fault.
+            given = band.fixed[stride:-stride] & band.fixed[: -2 * stride] & band.fixed[2 * stride :]
+            inner = share[stride:-stride]
+            inner[:] = np.maximum(inner, np.where(given, 0.0, bend / most))
+        gaps = self.tree.distances(band.chords(m) * self.unit, self.kept + self.wanted) - self.kept
+        gaps = np.where(band.fixed[:-m] & band.fixed[m:], self.wanted, gaps)
+        # The places at both ends are on every path.
+        ends = min(m + round(1.0 / band.piece), (count - 1) // 2)
+        about = slice(ends, count - ends)
+        lacking = np.zeros(count)
+        lacking[m // 2 : m // 2 + len(gaps)] = -gaps
+        worst = ends + int(np.argmax(share[about] if np.max(share) > 1.0 or np.min(gaps) > 0.0 else lacking[about]))
+        places = band.places * self.unit
+        return ElasticWay(places[m:], float(np.min(gaps)), float(np.max(share)), places[worst])
+
+
+@dataclass(eq=False)
+class _Band:
+    """A path in pieces, with lengths in nominal links.
+
+    Attributes:
+        places: places a piece apart, with those on the arm before them, shape (k, 3) [u].
+        fixed: which places are given, shape (k,).
+        most: second difference over links of a joint that bends as far as it may at each place, shape (k,) [u].
+        m: number of pieces that make a link.
+        piece: length of a piece [u].
+        stiffness: the diagonals from the main one down of the terms that are the same in every round, shape
+            (2 m + 1, k).
+    """
+
+    places: FloatArray
+    fixed: BoolArray
+    most: FloatArray
+    m: int
+    piece: float
+    stiffness: FloatArray = field(init=False)
+
+    def __post_init__(self) -> None:
+        count = len(self.places)
+        self.stiffness = np.zeros((2 * self.m + 1, count))
+        terms: list[tuple[int, tuple[float, ...], float]] = [(1, (-1.0, 1.0), _TENSION / self.piece)]
+        for stride, weight in dict(zip((1, self.m), _BENDING, strict=True)).items():
+            terms.append((stride, (1.0, -2.0, 1.0), weight * self.piece / (stride * self.piece) ** 4))
+        for stride, stencil, weight in terms:
+            inner = count - stride * (len(stencil) - 1)
+            for a, first in enumerate(stencil):
+                for b, second in enumerate(stencil[: a + 1]):
+                    self.stiffness[(a - b) * stride, b * stride : b * stride + inner] += weight * first * second
+
+    def equations(self) -> "_Equations":
+        """Return the normal equations of the terms that are the same in every round."""
+        target = -self.stiffness[0][:, None] * self.places
+        for d in range(1, len(self.stiffness)):
+            below = self.stiffness[d, :-d, None]
+            target[d:] -= below * self.places[:-d]
+            target[:-d] -= below * self.places[d:]
+        matrix = np.zeros((3 * len(self.stiffness), target.size))
+        matrix[::3] = np.repeat(self.stiffness, 3, axis=1)
+        matrix[0] += _STIFFNESS * self.piece
+        return _Equations(matrix, target.ravel())
+
+    def bends(self, stride: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return the second differences over a number of pieces, their lengths, and the largest ones allowed [u].
+
+        Args:
+            stride: number of pieces: those of a link, or fewer, where the path may bend a little more sharply.
+
+        Returns:
+            Shapes (k − 2 stride, 3), (k − 2 stride,) and (k − 2 stride,).
+        """
+        places = self.places
+        change = places[: -2 * stride] - 2.0 * places[stride:-stride] + places[2 * stride :]
+        most = self.most[stride:-stride]
+        if stride < self.m:
+            most = _SHARPER * (stride / self.m) ** 2 * (most + _SPARE)
+        return change, np.maximum(np.linalg.norm(change, axis=1), TINY), np.maximum(most, TINY)
+
+    def chords(self, pieces: int) -> FloatArray:
+        """Return the chords over a number of pieces, shape (k − pieces, 2, 3) [u]."""
+        return np.stack((self.places[:-pieces], self.places[pieces:]), axis=1)
+
+
+@dataclass(eq=False)
+class _Equations:
+    """Normal equations for the motion of places, as the lower diagonals of a symmetric matrix.
+
+    Attributes:
+        matrix: the diagonals, shape (d, 3 k).
+        target: right-hand sides, shape (3 k,).
+    """
+
+    matrix: FloatArray
+    target: FloatArray
+
+    def add(
+        self, at: IntArray, stencil: FloatArray, normals: FloatArray, weight: float | FloatArray, value: FloatArray
+    ) -> None:
+        """Add weight · (Σ_a stencil_a · normal · motion_a − value)² for each of r terms.
+
+        Args:
+            at: the places that each term moves, shape (r, a).
+            stencil: their coefficients, shape (a,) or (r, a).
+            normals: unit vectors, shape (r, 3).
+            weight: weights, shape (r,) or one for all.
+            value: values, shape (r,).
+        """
+        rows = (np.broadcast_to(stencil, at.shape)[:, :, None] * normals[:, None]).reshape(len(at), 3 * at.shape[1])
+        columns = (3 * at[:, :, None] + np.arange(3)).reshape(rows.shape)
+        weighted = rows * np.broadcast_to(weight, len(at))[:, None]
+        self.target += np.bincount(columns.ravel(), (weighted * value[:, None]).ravel(), self.target.size)
+        below = columns[:, :, None] - columns[:, None]
+        lower = below >= 0
+        flat = below * self.target.size + columns[:, None]
+        products = weighted[:, :, None] * rows[:, None]
+        self.matrix += np.bincount(flat[lower], products[lower], self.matrix.size).reshape(self.matrix.shape)
+
+    def solved(self, fixed: BoolArray) -> FloatArray:
+        """Return the motion of the places, shape (k, 3); those that are given do not move."""
+        held = np.repeat(fixed, 3)
+        self.matrix[0, held] = _GIVEN
+        self.target[held] = 0.0
+        motion = solveh_banded(self.matrix, self.target, lower=True)
+        motion[held] = 0.0
+        return motion.reshape(-1, 3)

@@ -1,0 +1,86 @@
+"""Elastic bands: given ends, bends and gaps of links that slide along them, in pipes and round boxes."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ccm_opt.core.arrays import FloatArray
+from ccm_opt.planning.elastic_ways import ElasticBand, ElasticWay
+from ccm_opt.planning.guides import ArmTrack
+from ccm_opt.robot.arm import Arm
+from ccm_opt.robot.biarc import free_before
+from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
+from ccm_opt.scene.distances.surface_tree import SurfaceTree
+from tests.snakes_in_space import boxes
+from tests.test_slid_along import LENGTH, fed_arm
+
+UNIT = LENGTH / NOMINAL_LINKS
+KEPT = 0.01
+WANTED = 0.01
+PLATES = SurfaceTree.of(boxes([([0.2, -0.5, -0.5], [0.22, 0.03, 0.5]), ([0.45, 0.03, -0.5], [0.47, 0.5, 0.5])]))
+
+
+def band_of(arm: Arm) -> ElasticBand:
+    """A band among two plates across the way with their gaps on different sides."""
+    return ElasticBand(arm, PLATES, UNIT, KEPT, WANTED)
+
+
+def drawn(band: ElasticBand, goal: FloatArray, direction: FloatArray | None) -> ElasticWay:
+    """The band from a start beyond the hole, by corners that hug the plates."""
+    arm = band.arm
+    out = arm.link_length + free_before(arm)
+    behind = np.array([[out - k * band.piece, 0.0, 0.0] for k in range(band.pieces, 0, -1)])
+    corners = np.array(
+        [[out, 0.0, 0.0], [0.19, 0.045, 0.0], [0.24, 0.045, 0.0], [0.44, 0.015, 0.0], [0.48, 0.015, 0.0]]
+    )
+    way = band.along(behind, np.vstack((corners, goal)), out, direction)
+    assert way is not None
+    return way
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.sampled_from([12, 16, 24, 36]), st.floats(-0.1, 0.1), st.floats(-0.1, 0.1), st.booleans())
+def test_links_on_a_band_keep_their_distance_and_bends(links: int, y: float, z: float, directed: bool) -> None:
+    """Its ends are those given, and every link that slides along it is as clear and as little bent as is said."""
+    band = band_of(fed_arm(links))
+    goal = np.array([0.7, y, z])
+    direction = np.array([1.0, 0.0, 0.0]) if directed else None
+    way = drawn(band, goal, direction)
+    assert way.places[-1] == pytest.approx(goal, abs=1e-12)
+    if directed:
+        last = way.places[-1] - way.places[-1 - band.pieces]
+        assert last / np.linalg.norm(last) == pytest.approx(direction, abs=1e-9)
+    assert way.gap > 0.0
+    assert way.bend < 1.0
+    # A track from before the tube on: a straight joint at the mouth, then links on chords of the band.
+    track = ArmTrack.behind(np.array([[-LENGTH, 0.0, 0.0], way.places[0]]), way.places)
+    link = band.arm.link_length
+    for tip in np.linspace(track.start + link, track.length, 40):
+        joints = track.at(track.joints_behind(float(tip), link, links))
+        segments = np.stack((joints[:-1], joints[1:]), axis=1)
+        # Pieces may be a little longer or shorter than an even part of a link.
+        assert PLATES.distances(segments, 1.0).min() > KEPT + way.gap - 0.05 * UNIT
+
+
+def test_a_band_that_cannot_be_followed_says_where() -> None:
+    """Between plates nearer to each other than the arm can bend, it is the bend there."""
+    arm = fed_arm(8)
+    walls = boxes([([0.2, -0.5, -0.5], [0.22, 0.2, 0.5]), ([0.27, -0.2, -0.5], [0.29, 0.5, 0.5])])
+    band = ElasticBand(arm, SurfaceTree.of(walls), UNIT, KEPT, WANTED)
+    out = arm.link_length
+    behind = np.array([[out - k * band.piece, 0.0, 0.0] for k in range(band.pieces, 0, -1)])
+    corners = np.array(
+        [[out, 0, 0], [0.17, 0.22, 0], [0.245, 0.22, 0], [0.245, -0.22, 0], [0.32, -0.22, 0], [0.7, 0, 0]]
+    )
+    way = band.along(behind, corners, out, None)
+    assert way is not None
+    assert way.bend > 1.0 or way.gap < 0.0
+    assert 0.1 < way.worst[0] < 0.4
+
+
+def test_no_band_is_shorter_than_its_straight_end() -> None:
+    """There is none where the goal is nearer than a link."""
+    band = band_of(fed_arm(8))
+    behind = np.array([[-k * band.piece, 0.0, 0.0] for k in range(band.pieces, 0, -1)])
+    assert band.along(behind, np.array([[0.0, 0.0, 0.0], [0.05, 0.0, 0.0]]), 0.2, None) is None
