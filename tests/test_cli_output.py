@@ -13,7 +13,7 @@ from ccm_opt.cli.output import Output, printing
 from ccm_opt.cli.stage_clock import stage_display
 from ccm_opt.core.errors import Diagnosis, Finding, Relaxation
 from ccm_opt.core.length_words import words_for_unit
-from ccm_opt.core.progress import Progress, listening, tell_candidate
+from ccm_opt.core.progress import Progress, listening, report_candidate
 
 from .conftest import SMALL_PROBLEM
 from .test_cli import bend_a_little, stand_in
@@ -150,6 +150,6 @@ def test_candidates_are_told_in_metres_to_who_listens() -> None:
     """Whatever unit the planner counts in; and nobody hears what is told when the work is over."""
     heard: list[float] = []
     with listening(lambda *news: heard.append(news[2])), words_for_unit(2.0):
-        tell_candidate(1, "tip-led", 0.25)
-    tell_candidate(2, "tip-led", 0.25)
+        report_candidate(1, "tip-led", 0.25)
+    report_candidate(2, "tip-led", 0.25)
     assert heard == [0.5]

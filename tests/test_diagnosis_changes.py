@@ -19,7 +19,7 @@ from ccm_opt.diagnosis.relaxation import Trials, relaxations
 from ccm_opt.planning.ends import resolve_ends
 from ccm_opt.problem import JointPose, Limits, Problem, TipGoal
 from ccm_opt.robot.arm import Feed
-from ccm_opt.scene.bad_pose import room_advice
+from ccm_opt.scene.bad_pose import clearance_advice
 from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
 
 from .conftest import PROBLEMS
@@ -140,11 +140,11 @@ def test_units_that_look_wrong_are_hinted_at() -> None:
 
 def test_advice_about_room_is_what_the_problem_has_to_give() -> None:
     """An axis without radius and clearance cannot do with less; crossing axes gain nothing by a thinner arm."""
-    assert room_advice(0.0, 0.0) == ()
-    assert room_advice(0.0, 0.01) == ("reduce workspace.clearance (not tried)",)
-    assert room_advice(0.015, 0.0) == ("reduce arm.radius (not tried)",)
-    assert room_advice(0.015, 0.01, 0.012) == ("reduce arm.radius by 12.0 mm",)
-    assert room_advice(0.015, 0.01, 0.02) == ()
+    assert clearance_advice(0.0, 0.0) == ()
+    assert clearance_advice(0.0, 0.01) == ("reduce workspace.clearance (not tried)",)
+    assert clearance_advice(0.015, 0.0) == ("reduce arm.radius (not tried)",)
+    assert clearance_advice(0.015, 0.01, 0.012) == ("reduce arm.radius by 12.0 mm",)
+    assert clearance_advice(0.015, 0.01, 0.02) == ()
     crossing = Obstacle("sheet", PlaneShape(shapely.LineString([(0.5, -0.1), (0.5, 0.1)])))
     problem = Scene(make_arm(), Workspace(ROOM, (crossing,)), np.zeros(24), np.full(24, 1.0)).problem()
     with pytest.raises(UnreachableGoal, match="the start is in contact") as caught:

@@ -74,7 +74,7 @@ def test_the_best_of_all_beginnings_is_a_sound_pose_with_the_gap_it_says(seed: i
 
 
 def test_a_goal_behind_holes_is_found_on_a_feed_axis_and_written(tmp_path: Path, run: CommandLine) -> None:
-    """In the wing box, where a drawn pose is hardly ever free, the pose, its record, arrays and picture are there."""
+    """In the wing box, where a sampled pose is hardly ever free, the pose, its record, arrays and picture are there."""
     done = run("pose", WING_BOX, "--out", tmp_path)
     assert done.code == 0
     assert "best goal pose" in done.out

@@ -71,7 +71,7 @@ def listening(listener: Listener | None) -> Iterator[None]:
         _LISTENER.reset(token)
 
 
-def tell_candidate(candidate: int, name: str, distance: float) -> None:
+def report_candidate(candidate: int, name: str, distance: float) -> None:
     """Report to the listener, if any, that a candidate is about to be tried.
 
     Args:

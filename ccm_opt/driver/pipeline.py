@@ -40,11 +40,11 @@ from ccm_opt.ik.compiled_terms import UserTerms
 from ccm_opt.ik.terms import COST_SHARES, Constraint, Cost
 from ccm_opt.problem import PlannerOptions, Problem
 from ccm_opt.problem.solution import Solution, SurvivedError, TryRecord
-from ccm_opt.scene.bad_pose import room_advice
+from ccm_opt.scene.bad_pose import clearance_advice
 from ccm_opt.verification.tolerance.error_model import DEFAULT_TOLERANCE, ToleranceSettings, check_of, joint_errors
 from ccm_opt.verification.tolerance.survived_errors import survived_error
 
-_ROOM_SHARE = 0.9
+_CLEARANCE_SHARE = 0.9
 """Share of the largest gap that any try keeps (counted up to the preferred clearance) that a try must keep to be
 eligible. Taste, like the share of the preferred clearance below which a record calls a motion short of clearance."""
 
@@ -178,7 +178,7 @@ class _Tries:
             raise next(iter(self.failures.values()))
         gaps = {seed: min(least_gap(plan), self.wanted_gap) for seed, plan in self.plans.items()}
         most = max(gaps.values())
-        roomy = [seed for seed, gap in gaps.items() if gap >= min(_ROOM_SHARE * most, most)]
+        roomy = [seed for seed, gap in gaps.items() if gap >= min(_CLEARANCE_SHARE * most, most)]
         taken = min(roomy, key=lambda seed: self.plans[seed].trajectory.duration)
         found: list[TryRecord] = [
             TryRecord(seed, plan.trajectory.duration, least_gap(plan), "", taken=seed == taken)
@@ -211,7 +211,7 @@ def insufficient_robustness(problem: Problem, best: SurvivedError) -> Diagnosis:
     )
     advice = (
         f"lower tolerance.joint_error_deg to {_below(reached)}, which the best motion tolerates",
-        *room_advice(problem.arm.radius, problem.workspace.clearance),
+        *clearance_advice(problem.arm.radius, problem.workspace.clearance),
         "move the limiting obstacle or the goal",
     )
     evidence = {"asked_deg": asked, "survived_deg": reached, "where": best.where, "link": best.link, "time": best.time}

@@ -22,7 +22,7 @@ from ccm_opt.planning.own_units import OwnUnits
 from ccm_opt.planning.pose_beginnings import PoseBeginning, along_routes
 from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import PoseOutcome
-from ccm_opt.scene.bad_pose import room_advice
+from ccm_opt.scene.bad_pose import clearance_advice
 
 _ELASTIC_WEIGHTS = (10.0, 1e2, 1e3, 1e5)
 """Weights of half the squared violation of a user's constraint, as a turn of the whole arm [1/rad²], in the search for
@@ -121,7 +121,7 @@ def no_pose(asked: GoalPoses, tries: Sequence[PoseTry]) -> ConfigurationNotFound
 def _advice(problem: Problem) -> tuple[str, ...]:
     """Return advice that may help the search for a pose."""
     more = "raise planner.routes" if problem.dimension == 2 else "raise planner.time_limit"
-    room = room_advice(problem.arm.radius, problem.workspace.clearance)
+    room = clearance_advice(problem.arm.radius, problem.workspace.clearance)
     free = () if getattr(problem.goal, "direction", None) is None else ("leave the goal's direction free",)
     return (more, *room, "raise arm.joint_limit_deg", *free)
 

@@ -65,7 +65,7 @@ _OPENING_WEIGHT = 10.0
 """Weight of the goal in those steps, relative to the push away from obstacles that are too near."""
 _ENOUGH = 0.9
 """Share of the wanted gap at which the end pose is accepted as settled."""
-_ROOM_SHARE = 1.6
+_CLEARANCE_SHARE = 1.6
 """Gap that the NLP aims for at the end, where possible, as a multiple of the wanted gap. An arm that follows its tip
 lies all the way near where it ends, and strays from there by part of the gap. Measured: with 1.6 fed arms keep 0.82 to
 1.2 of the wanted gap all the way among bays, blades and pipes, with 1 they keep 0.6 to 1."""
@@ -266,7 +266,7 @@ def ended_by_nlp(problem: Problem, task: SpaceTask, motion: SpaceMotion) -> Endi
     if task.goal_pose is not None or task.deadline.passed():
         return Ending(task, motion)
     terms = None if task.user is None else task.user.terms
-    asked = GoalPoses(problem, task.tree, terms=terms, wanted_share=_ROOM_SHARE)
+    asked = GoalPoses(problem, task.tree, terms=terms, wanted_share=_CLEARANCE_SHARE)
     ending = _solve_goal_pose(asked, task, goal, motion)
     room = asked.gap(ending.motion.configurations[-1])
     if room >= _ENOUGH * task.wanted_gap:

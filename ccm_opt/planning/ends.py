@@ -13,7 +13,7 @@ from ccm_opt.core.polyline import unit_vector
 from ccm_opt.planning.goal import GoalPose
 from ccm_opt.problem import JointPose, Problem, TipGoal
 from ccm_opt.robot.arm import Arm
-from ccm_opt.scene.bad_pose import refuse_bad_pose, room_advice
+from ccm_opt.scene.bad_pose import clearance_advice, refuse_bad_pose
 from ccm_opt.scene.contact_finder import WALL, WallFinder, describe_clearance, nearest_links
 from ccm_opt.scene.distances.enclosures import Enclosure, deepest_enclosure, ways_out
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 _STRAIGHTENING = 5e-4
 """Distance that the tip may move when bends inside the guide tube, left by the mapping of a curve, are set to 0 [m].
 Taste."""
-_ROOM_SHARE = 0.05
+_CLEARANCE_SHARE = 0.05
 """Share of the slack about a goal, which is ``_AIM_SHARE`` of the position tolerance, that is kept as clearance from an
 obstacle too near to the goal. Taste."""
 
@@ -35,7 +35,7 @@ _PRECISE_PLACE = 5e-3
 the goal a set. Taste."""
 _PRECISE_TURN = 0.03490658503988659
 """Heading tolerances up to this are precisions [rad]. Taste: 2°, twice the default tolerance."""
-_ROOM_USED = 0.95
+_CLEARANCE_USED = 0.95
 """Share of the tolerances of such a set that planning uses; the rest is left to rounding and smoothing. Taste."""
 _AIM_SHARE = 0.9
 """Share of the position tolerance by which planning may deviate from a goal that the tip cannot take. Taste."""
@@ -129,11 +129,11 @@ def tip_goal(problem: Problem, goal: TipGoal) -> GoalPose:
     direction = None if allowed.heading >= np.pi else goal.direction
     wide = allowed.position > _PRECISE_PLACE * problem.arm.length
     turning = direction is not None and allowed.heading > _PRECISE_TURN
-    room = (_ROOM_USED * allowed.position * wide, _ROOM_USED * allowed.heading * turning)
+    room = (_CLEARANCE_USED * allowed.position * wide, _CLEARANCE_USED * allowed.heading * turning)
     spare = (_TOLERANCE_SHARE * allowed.position, _TOLERANCE_SHARE * allowed.heading)
     position = goal.position if wide else aim(problem, goal)
     # An aim next to the goal has used up some of the tolerance.
-    left = _ROOM_USED * allowed.position - float(np.hypot(*(position - goal.position)))
+    left = _CLEARANCE_USED * allowed.position - float(np.hypot(*(position - goal.position)))
     near_enough = (0.0 if wide else float(np.clip(left, 0.0, spare[0])), 0.0 if turning else spare[1])
     return GoalPose(position, direction, room=room, near_enough=near_enough)
 
@@ -161,7 +161,7 @@ def aim(problem: Problem, goal: TipGoal) -> FloatArray:
         return goal.position
 
     # Slightly more clearance than needed: at the very edge of free space no step has a choice.
-    need += _ROOM_SHARE * slack
+    need += _CLEARANCE_SHARE * slack
     room = problem.workspace.boundary.buffer(-need)
     bodies = [shapely.buffer(wall.core, wall.rounding + need) for wall in problem.workspace.obstacles]
     free = shapely.difference(room, shapely.union_all(bodies))
@@ -210,7 +210,7 @@ def _within_limits(problem: Problem, pose: JointPose) -> FloatArray:
     kept = np.clip(bends, -arm.bend_limits, arm.bend_limits)
     over = float(np.max(np.abs(bends - kept)))
     clipped = np.append(kept, q[arm.links :])
-    return clipped if pose.curve is None and 0.0 < over <= _ROOM_USED * problem.tolerances.heading else q
+    return clipped if pose.curve is None and 0.0 < over <= _CLEARANCE_USED * problem.tolerances.heading else q
 
 
 def refuse_blocked_tip(problem: Problem, goal: TipGoal) -> None:
@@ -236,7 +236,10 @@ def refuse_blocked_tip(problem: Problem, goal: TipGoal) -> None:
         depth = short_length(play - gap)
         reason = f"the goal is in contact: the {what} is {depth} too near to '{problem.workspace.walls[k].name}'"
         turn = "" if goal.heading is None else ", or change its heading"
-        advice = (f"move the goal away by {depth}{turn}", *room_advice(arm.radius, problem.workspace.clearance, -gap))
+        advice = (
+            f"move the goal away by {depth}{turn}",
+            *clearance_advice(arm.radius, problem.workspace.clearance, -gap),
+        )
         raise UnreachableGoal(Diagnosis(reason, "goal", advice))
 
 
@@ -283,7 +286,7 @@ def refuse_goal(problem: Problem, task: "SpaceTask", goal: GoalPose) -> None:
         missing = short_length(kept - float(near.gap[0]))
         name = task.names[near.owner[0]]
         reason = f"the goal is in contact: the tip is {missing} too near to '{name}' at {place(near.point[0])}"
-        thinner = room_advice(task.arm.radius, problem.workspace.clearance, least - float(near.gap[0]))
+        thinner = clearance_advice(task.arm.radius, problem.workspace.clearance, least - float(near.gap[0]))
         advice = (f"move the goal away from it by {missing}", *thinner)
         raise UnreachableGoal(Diagnosis(reason, "necessary checks", advice))
     arm = task.arm

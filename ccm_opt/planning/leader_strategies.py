@@ -19,7 +19,7 @@ from ccm_opt.core.deadline import Deadline
 from ccm_opt.core.errors import NoPlanFound
 from ccm_opt.core.length_words import long_length
 from ccm_opt.core.polyline import leg_headings, wrap
-from ccm_opt.core.progress import tell_candidate
+from ccm_opt.core.progress import report_candidate
 from ccm_opt.planning.continuation import Stalled
 from ccm_opt.planning.ends import Ends, resolve_ends
 from ccm_opt.planning.goal import GoalPose
@@ -92,7 +92,7 @@ def fed_strategies(problem: Problem, change: ShapeChange) -> tuple[Strategy[Moti
         ways = LedWays(problem, task, change, seconds)
         for motion in ways.changing() if patient else ways.quick():
             nearest = min((each.remaining for each in failures), default=np.inf)
-            tell_candidate(len(failures) + 1, motion.candidate, nearest)
+            report_candidate(len(failures) + 1, motion.candidate, nearest)
             kept = _kept(motion, task, failures)
             if kept is not None or task.deadline.passed():
                 return kept

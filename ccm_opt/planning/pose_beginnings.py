@@ -115,7 +115,7 @@ def in_plane(
     members = goal_members(problem.arm, ends.goal, route_room(problem, ends))
     poses = islice(brought_poses(problem, problem.arm, ends, members, settings), search.drawn)
     for number, q in enumerate(poses, start=1):
-        yield PoseBeginning(f"drawn pose {number}", q)
+        yield PoseBeginning(f"sampled pose {number}", q)
 
 
 def in_space(task: SpaceTask, search: PoseSearchSettings) -> Iterator[PoseBeginning]:
@@ -132,7 +132,7 @@ def in_space(task: SpaceTask, search: PoseSearchSettings) -> Iterator[PoseBeginn
     curve, _ = CurveMap.through(drawing.arm, drawing.start)
     poses = goal_poses(drawing, drawing.stepper(curve), np.random.default_rng(drawing.seed))
     for number, pose in enumerate(islice(poses, search.drawn), start=1):
-        yield PoseBeginning(f"drawn pose {number}", pose.q)
+        yield PoseBeginning(f"sampled pose {number}", pose.q)
 
 
 def any_motion(task: SpaceTask) -> SpaceMotion:

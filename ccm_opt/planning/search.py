@@ -17,7 +17,7 @@ from ccm_opt.core.arrays import FloatArray, IntArray
 from ccm_opt.core.deadline import Deadline
 from ccm_opt.core.errors import Diagnosis, MotionNotFound, TimeLimitReached
 from ccm_opt.core.length_words import short_length
-from ccm_opt.core.progress import tell_candidate
+from ccm_opt.core.progress import report_candidate
 from ccm_opt.planning.goal import GoalPose
 from ccm_opt.planning.limits.limit import LimitOf
 from ccm_opt.planning.limits.motion_certificate import MotionCertificate, failing_edges
@@ -67,9 +67,9 @@ class Failure:
         return describe_clearance(*self.tightest)
 
 
-def tell_tried(candidate: str, failures: Sequence[Failure]) -> None:
+def report_tried(candidate: str, failures: Sequence[Failure]) -> None:
     """Report to listeners that a candidate is tried, with its number and the best earlier distance from the goal."""
-    tell_candidate(len(failures) + 1, candidate, min((failure.remaining for failure in failures), default=inf))
+    report_candidate(len(failures) + 1, candidate, min((failure.remaining for failure in failures), default=inf))
 
 
 @dataclass(frozen=True)

@@ -28,7 +28,7 @@ from ccm_opt.planning.passage_exit import gate_entry, pose_at_goal, slid_out
 from ccm_opt.planning.passage_widths import evenly_along
 from ccm_opt.planning.pose import CurveUnknowns, Pose
 from ccm_opt.planning.retraction import drawn_back, fold_width, lies_confined, widths_beside_arm
-from ccm_opt.planning.search import Failure, SearchTask, tell_tried
+from ccm_opt.planning.search import Failure, SearchTask, report_tried
 from ccm_opt.planning.step import Stepper, StepperOf
 from ccm_opt.planning.tip_paths import TipPath
 from ccm_opt.planning.tracking import Reference, follow_reference
@@ -229,7 +229,7 @@ class SearchRun(Generic[TaskType, CurveType]):
         self, name: str, lead: Callable[[], list[Pose]], failures: list[Failure]
     ) -> CurveMotion[CurveType] | None:
         """Return the motion through a candidate's poses; where it stalls, record the failure and return None."""
-        tell_tried(name, failures)
+        report_tried(name, failures)
         try:
             return self.motion(name, lead())
         except Stalled as stalled:

@@ -25,7 +25,7 @@ from ccm_opt.planning.spline_path import (
 )
 from ccm_opt.problem.solution import JointPath
 from ccm_opt.robot.arm import Arm
-from ccm_opt.scene.bad_pose import room_advice
+from ccm_opt.scene.bad_pose import clearance_advice
 
 PATH_SAMPLES = 4
 """Samples of a span between which it is checked whether the guide tube holds a joint that is bent."""
@@ -82,7 +82,7 @@ def joint_path(task: SearchTask, *motions: CurveMotion[CurveType], legs: bool = 
 
 def _no_path(task: SearchTask) -> Diagnosis:
     """Return the diagnosis where a motion was found, but no path along it."""
-    advice = room_advice(task.arm.radius, task.kept - task.arm.radius)
+    advice = clearance_advice(task.arm.radius, task.kept - task.arm.radius)
     if not task.constraints:
         return Diagnosis(
             "a motion was found, but no smooth path along it keeps the required clearance", "motion", advice

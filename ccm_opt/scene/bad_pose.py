@@ -12,7 +12,7 @@ from ccm_opt.scene.contact_finder import DEFAULT_CERTIFICATE, WallFinder
 from ccm_opt.scene.workspace import Workspace
 
 
-def room_advice(radius: float, clearance: float, lacking: float = 0.0) -> tuple[str, ...]:
+def clearance_advice(radius: float, clearance: float, lacking: float = 0.0) -> tuple[str, ...]:
     """Return advice on how the arm could need less space: one line, or none where that is impossible.
 
     Args:
@@ -96,7 +96,7 @@ def refuse_bad_pose(arm: Arm, workspace: Workspace, q: FloatArray, which: str, r
         # If axes meet walls, or each other, a thinner arm would not help.
         overlap = -float(contacts.gap.min())
         met = crossing or inside or overlap >= arm.radius + workspace.clearance
-        room = () if met else room_advice(arm.radius, workspace.clearance, overlap)
+        room = () if met else clearance_advice(arm.radius, workspace.clearance, overlap)
         what = "a link lies inside an obstacle" if inside else finder.describe(contacts)
         raise UnreachableGoal(_touching(which, what, room))
     return float(contacts.gap.min(initial=np.inf))

@@ -31,7 +31,7 @@ from ccm_opt.problem.solution import JointStates, JointTrajectory
 from ccm_opt.robot.arm import Arm, Feed
 from ccm_opt.robot.configuration import Configuration
 from ccm_opt.robot.frames import joint_names, revolute_angles
-from ccm_opt.scene.bad_pose import refuse_bad_pose, room_advice
+from ccm_opt.scene.bad_pose import clearance_advice, refuse_bad_pose
 from ccm_opt.scene.certificate import Certificate, PairProofs, Stretches, WallProofs
 from ccm_opt.scene.contact_finder import WallFinder
 from ccm_opt.scene.workspace import Obstacle, PlaneShape, Workspace
@@ -375,14 +375,14 @@ def near_poses(scale: float) -> None:
         finder.describe(contacts)
         finder.tightest(contacts)
         finder.crosses(points)
-        room_advice(arm.radius, room.clearance)
-        room_advice(arm.radius, 0.0)
+        clearance_advice(arm.radius, room.clearance)
+        clearance_advice(arm.radius, 0.0)
         for pose in (headings, headings + 0.3 * k, np.linspace(0.0, 9.0, links), np.linspace(0.3, 5.9, links)):
             with suppress(CcmError):
                 refuse_bad_pose(arm, room, arm.bends(pose), "start")
             with suppress(CcmError):
                 refuse_bad_pose(replace(arm, base=np.array([1.4, 0.2])), room, arm.bends(0.2 * pose), "goal")
-        room_advice(0.0, room.clearance)
+        clearance_advice(0.0, room.clearance)
 
 
 SCENES: dict[str, Scene] = {

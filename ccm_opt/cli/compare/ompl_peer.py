@@ -32,7 +32,7 @@ from ccm_opt.planning.strategies import find_by_ways
 from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import JointPath
 from ccm_opt.robot.arm import Arm
-from ccm_opt.scene.bad_pose import room_advice
+from ccm_opt.scene.bad_pose import clearance_advice
 from ccm_opt.scene.certificate import Certificate
 from ccm_opt.scene.distances.surface_tree import SurfaceTree
 
@@ -126,7 +126,7 @@ class OmplPlanner:
         legs = [joints.keyframes(*pair)[1:] for pair in pairwise(self._way(query, start, goals))]
         path = query.smooth_path(np.concatenate((query.start[None], *legs)))
         if path is None:
-            advice = room_advice(query.problem.arm.radius, query.problem.workspace.clearance)
+            advice = clearance_advice(query.problem.arm.radius, query.problem.workspace.clearance)
             raise MotionNotFound(Diagnosis("the motion's clearance is too small for a smooth path", "motion", advice))
         return path
 

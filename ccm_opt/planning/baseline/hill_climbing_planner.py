@@ -30,7 +30,7 @@ from ccm_opt.planning.spline_path import certified_spare, certified_spline
 from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import JointPath
 from ccm_opt.robot.configuration import Configuration
-from ccm_opt.scene.bad_pose import room_advice
+from ccm_opt.scene.bad_pose import clearance_advice
 from ccm_opt.scene.free_space import FreeSpace
 
 _STRAIGHT_RUNS = (0.08, 0.05, 0.03, 0.015)
@@ -319,7 +319,9 @@ def followed_joint_path(follower: Follower, name: str, steps: tuple[SchemaStep, 
     spline = certified_spline(keyframes, follower.certificate)
     if spline is None:
         reason = "a motion was found, but no smooth path along it keeps the required clearance"
-        raise MotionNotFound(Diagnosis(reason, "motion", room_advice(arm.radius, follower.problem.workspace.clearance)))
+        raise MotionNotFound(
+            Diagnosis(reason, "motion", clearance_advice(arm.radius, follower.problem.workspace.clearance))
+        )
     spare = certified_spare(spline, follower.certificate)
     return JointPath(spline, keyframes, curves, name, spare=spare)
 
