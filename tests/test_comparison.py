@@ -154,6 +154,14 @@ def test_every_method_of_the_table_makes_a_planner(name: str) -> None:
     assert all(getattr(prepared, key) == value for key, value in method_named(name).options.items())
 
 
+@pytest.mark.parametrize("file", ["feed-s-duct.toml", "space/elbow.toml"])
+def test_the_sampler_alone_refuses_a_feed_axis(file: str) -> None:
+    """What cannot be planned by RRT-Connect alone is said before any search."""
+    problem = load_problem(PROBLEMS / file)
+    with pytest.raises(ProblemError, match="does not support a feed axis"):
+        method_named("rrt-connect").planner(problem).plan(problem)
+
+
 @pytest.mark.parametrize(
     ("name", "message"),
     [

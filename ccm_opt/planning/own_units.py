@@ -186,8 +186,12 @@ class OwnUnits:
         return replace(tolerances, position=self._length(tolerances.position))
 
     def _options(self, options: PlannerOptions) -> PlannerOptions:
-        lengths = {name: getattr(options, name) for name in ("wanted_gap", "follow_within")}
-        return replace(options, **{name: self._length(value) for name, value in lengths.items() if value is not None})
+        gap, bound = options.wanted_gap, options.follow_within
+        return replace(
+            options,
+            wanted_gap=None if gap is None else self._length(gap),
+            follow_within=None if bound is None else self._length(bound),
+        )
 
     def _simulation(self, simulation: SimulationOptions) -> SimulationOptions:
         """Return the simulation options in units; only gravity, from which holding torques follow, affects plans."""

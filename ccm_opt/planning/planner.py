@@ -22,7 +22,7 @@ import numpy as np
 
 from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.deadline import Deadline
-from ccm_opt.core.errors import MotionNotFound, NoPlanFound
+from ccm_opt.core.errors import MotionNotFound, NoPlanFound, ProblemError
 from ccm_opt.core.progress import Stages
 from ccm_opt.ik.compiled_terms import UserTerms
 from ccm_opt.planning.continuation import Stalled, settle
@@ -182,9 +182,13 @@ class MotionPlanner:
         """Plan a certified motion to the problem's goal.
 
         Raises:
-            ProblemError: the start violates a limit.
+            ProblemError: the start violates a limit, or RRT-Connect alone is asked for an arm on a feed axis.
             NoPlanFound: no motion was found; gives the reason and advice.
         """
+        if self.sampled and problem.arm.base_axes:
+            raise ProblemError(
+                "the method rrt-connect does not support a feed axis; use planner.method nlp, or leave arm.feed out"
+            )
         if problem.dimension == 2:
             with planning_units(problem) as units:
                 path, _ = self.planned(units.scaled(problem))
@@ -239,7 +243,7 @@ class MotionPlanner:
         if problem.arm.base_axes:
             task = self.task_without_routes(problem, ends, deadline)
             task = replace(task, refuse=partial(self.refuse, problem))
-            strategies = () if self.sampled else fed_strategies(problem, self.shape_change)
+            strategies = fed_strategies(problem, self.shape_change)
         else:
             task = replace(self.motion_task(near, ends, deadline, problem), end_poses=end_poses)
         with self.stages("motion"):
