@@ -45,10 +45,10 @@ def test_the_moving_arm_stands_still_where_that_is_asked_for() -> None:
 
 
 def test_the_gallery_has_every_picture_and_no_other() -> None:
-    """Every file that a command of the gallery draws is kept, small, and shown."""
-    page = (ROOT / "docs" / "gallery.md").read_text()
-    drawn = set(re.findall(r"<!-- picture: \S+ as (\S+) -->", page))
-    shown = set(re.findall(r"\]\(images/gallery/([^\s)]+)\)", page))
+    """Every file that a command of the gallery or of the page on the paper draws is kept, small, and shown."""
+    pages = "".join((ROOT / "docs" / page).read_text() for page in ("gallery.md", "the-paper-claim-by-claim.md"))
+    drawn = set(re.findall(r"<!-- picture: \S+ as (\S+) -->", pages))
+    shown = set(re.findall(r"\]\(images/gallery/([^\s)]+)\)", pages))
     kept = {file.name for file in (IMAGES / "gallery").iterdir()}
     assert len(drawn) > 12
     assert drawn == shown == kept

@@ -52,7 +52,7 @@ def test_a_post_before_the_base_is_named_with_what_helps() -> None:
     problem = past_post(2.0, -2.0)
     (found,) = failed(problem, AT_ONCE)
     assert (found.kind, found.obstacles, found.proved) == ("hemmed in", ("post",), True)
-    assert "with joint 1 at 245.4°, a whole turn on, they lie the same way" in found.reason
+    assert "with joint 1 at 245.4°, a whole turn away, they lie the same way" in found.reason
     assert not hemmed_in(replace(problem, workspace=problem.workspace.without("post")))
     # The bound is what the radius must fall below at least: an arm between it and the arm's own is shut off, too.
     thinner = replace(problem.arm, radius=0.5 * (found.bounds["arm.radius"] + problem.arm.radius))

@@ -212,8 +212,8 @@ def test_the_tightest_contact_is_named() -> None:
     walls = contacts.take(contacts.second == WALL)
     gaps = wall_gaps(arm, workspace, points)
     tightest = workspace.walls[int(gaps.argmin())]
-    assert f"'{tightest.name}', gap {short_length(gaps.min())}" in finder.describe(walls)
-    assert finder.describe(walls).startswith(f"link {walls.first[walls.gap.argmin()] + 1} and")
+    assert f"'{tightest.name}', clearance {short_length(gaps.min())}" in finder.describe(walls)
+    assert finder.describe(walls).startswith(f"link {walls.first[walls.gap.argmin()] + 1} to ")
 
 
 @settings(max_examples=60)

@@ -173,7 +173,7 @@ def test_goal_beyond_the_arm_is_said_at_once() -> None:
     """A goal farther than the arm's length needs no solver; the message gives both figures."""
     way = corridor((box(-2.0, -2.0, 3.0, 2.0),), [(0.0, 0.0), (2.0, 0.0)])
     task = ConfigurationTask(np.zeros(2), ANY_HEADING, 1.0, 15.0, np.array([2.0, 0.0]), None, way)
-    with pytest.raises(ConfigurationNotFound, match=r"2\.000 m from the base, the arm is only 1\.000 m"):
+    with pytest.raises(ConfigurationNotFound, match=r"2\.000 m from the base, but the arm is only 1\.000 m"):
         find_configuration(task)
 
 

@@ -335,7 +335,7 @@ def test_a_goal_that_cannot_be_reached_is_no_defect_of_the_file(place: str) -> N
     [
         (b"", "the file is empty"),
         (b" \n\t\n", "the file is empty"),
-        (b"\x7fELF\x02\x01\xff\xfe\x00", "not a UTF-8 text file"),
+        (b"\x7fELF\x02\x01\xff\xfe\x00", "not a text file in UTF-8"),
         (b"schema = 1\nname = \n", "not valid TOML"),
         (b"a = " + b"[" * 20000, "nested too deeply"),
         (b"a = " + b"1" * 5000, "unusable TOML"),
