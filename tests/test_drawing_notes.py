@@ -53,6 +53,28 @@ def test_programs_are_told_of_the_drawing(tmp_path: Path) -> None:
     assert [item["what"] for item in drawing["left_out"]] == ["text 'title'", "g 'guides'"]
 
 
+@pytest.mark.parametrize(
+    ("size", "scale", "warned"),
+    [
+        ("240mm", 0.001, False),
+        ("24cm", 0.001, False),
+        ("240mm", 1.0, True),
+        ("240mm", 0.00026, True),
+        ("240", 1.0, False),
+    ],
+)
+def test_a_drawing_read_at_another_size_than_it_states_is_warned_of(
+    size: str, scale: float, warned: bool, tmp_path: Path
+) -> None:
+    """A page of 240 units that states a width of 240 mm has units of a millimetre, whatever the problem's scale."""
+    path = problem_file(tmp_path, scale)
+    drawing = tmp_path / "row.svg"
+    drawing.write_text(ROW.format(vanes=VANES).replace("<svg ", f'<svg width="{size}" viewBox="0 0 240 630" ', 1))
+    told = run("describe", path).stderr
+    assert ("one unit of row.svg is 1 mm by the width that it states" in told) == warned
+    assert ("workspace.scale = 0.001 would give it the stated size" in told) == warned
+
+
 def test_long_lists_are_cut_unless_asked(tmp_path: Path) -> None:
     """Ten things that were left out are listed, and the number of the rest; --verbose lists all."""
     path = problem_file(tmp_path, 0.001, VANES + "<text/>" * 30)

@@ -26,6 +26,9 @@ from ccm_opt.scene.surfaces import box_about
 _MOST_LEFT_OUT = 10
 """Most layers of a drawing, and most items left out of it, that are listed without --verbose."""
 
+_SAME_SIZE = 1e-3
+"""Relative difference up to which a drawing counts as read at the size it states. Taste: pages have rounded sizes."""
+
 TIMES = "\N{MULTIPLICATION SIGN}"
 
 
@@ -58,6 +61,13 @@ def _report_drawing(drawing: ImportedDrawing, problem: Problem) -> None:
         odd = drawing.odd_size(problem.arm.length)
     if odd is not None:
         warn(f"{problem.name}: {odd}")
+    stated = drawing.stated_metres
+    if stated is not None and abs(drawing.metres - stated) > _SAME_SIZE * stated:
+        warn(
+            f"{problem.name}: one unit of {drawing.file} is {1e3 * stated:.6g} mm by the width that it states, but is "
+            f"read as {1e3 * drawing.metres:.6g} mm; units and workspace.scale decide, and workspace.scale = "
+            f"{stated / METRES[problem.length_unit]:.6g} would give it the stated size"
+        )
 
 
 def warn_outside(problem: str, obstacles: Sequence[str]) -> None:

@@ -277,8 +277,9 @@ def _summary(
     xmin, ymin, xmax, ymax = shapely.total_bounds(shapely.box(*np.transpose(boxes))).tolist()
     layers = Counter(shape.layer for shape in found.shapes if shape.layer)
     return ImportedDrawing(
-        path.name, len(obstacles), (xmin, ymin, xmax, ymax), tuple(layers.items()), found.left_out, found.unit
-    )
+        path.name, len(obstacles), (xmin, ymin, xmax, ymax), tuple(layers.items()), found.left_out, found.unit,
+        stated_metres=found.metres,
+    )  # fmt: skip
 
 
 def read_drawing(path: Path, kinds: Collection[str], what: str, most_bytes: int, blank: bytes | None = None) -> bytes:
@@ -387,7 +388,7 @@ def with_scene(
                 _set_boundary(rest, imported.room, issues)
             xmin, ymin, xmax, ymax = imported.drawing.box
             box = (xmin * metres, ymin * metres, xmax * metres, ymax * metres)
-            drawing = replace(imported.drawing, box=box)
+            drawing = replace(imported.drawing, box=box, metres=metres * scene.scale)
     return {**data, "workspace": rest}, drawing
 
 

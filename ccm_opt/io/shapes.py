@@ -110,11 +110,13 @@ class DrawingContent:
         shapes: shapes in the order of the drawing.
         left_out: elements that are no shapes, with the reasons.
         unit: unit of length stated in the file, for example ``mm``; empty where it states none.
+        metres: length of one unit by the physical size that the file states [m]; None where it states none.
     """
 
     shapes: tuple[Shape, ...]
     left_out: tuple[LeftOut, ...] = ()
     unit: str = ""
+    metres: float | None = None
 
 
 Reader: TypeAlias = Callable[[bytes, float], DrawingContent]

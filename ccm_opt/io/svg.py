@@ -1,6 +1,6 @@
 """Reading of SVG drawings: path, polygon, polyline, rect, circle, ellipse, line and use, with all transforms.
 
-Coordinates are the user units of the outermost element: its width, height and viewBox do not matter. SVG's y points
+Coordinates are the user units of the outermost element. Its physical width is reported only. SVG's y points
 down and is negated, so that the picture keeps its orientation. Anything not drawn as a shape is left out and reported:
 unused definitions, text, images, clip paths, masks, markers, patterns, and hidden elements. Strokes do not matter: a
 closed outline is solid, an open one is a line without width. Outlines without a fill that lie within others are holes.
@@ -182,7 +182,7 @@ def read_svg(content: bytes, distance: float) -> DrawingContent:
             )
     if picture.refusals:
         raise ProblemError(IMPORT.listed(picture.refusals))
-    return DrawingContent(tuple(shapes), tuple(picture.left_out))
+    return DrawingContent(tuple(shapes), tuple(picture.left_out), metres=picture.metres)
 
 
 def _outline(view: View, node: ET.Element) -> list[Subpath]:

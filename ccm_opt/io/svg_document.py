@@ -209,6 +209,10 @@ _PIXELS: Mapping[str, float] = {
     "q": 96.0 / 101.6,
 }
 """Units of length in user units (CSS Values, section 6.2)."""
+METRES_IN: Mapping[str, float] = {"mm": 1e-3, "cm": 1e-2, "in": 0.0254, "pt": 0.0254 / 72.0, "pc": 0.0254 / 6.0}
+"""Lengths of physical units [m]."""
+PHYSICAL = re.compile(rf"({NUMBER.pattern})(mm|cm|in|pt|pc)", re.IGNORECASE)
+"""A length in a physical unit."""
 
 
 def affine(

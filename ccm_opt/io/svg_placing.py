@@ -14,6 +14,8 @@ from ccm_opt.core.errors import ProblemError
 from ccm_opt.io.shapes import IMPORT
 from ccm_opt.io.svg_document import (
     FOREIGN,
+    METRES_IN,
+    PHYSICAL,
     StyleSheet,
     View,
     affine,
@@ -111,6 +113,7 @@ class Picture:
         self.left_out: list[LeftOut] = []
         self.refusals: list[str] = []
         self.view = _view_box(root)
+        self.metres = _metres_per_unit(root, self.view)
         self._sheet: StyleSheet = style_sheet(root)
         # Of several with the same id the first counts.
         self._by_id = {node.get("id", ""): node for node in reversed(list(root.iter()))}
@@ -312,6 +315,17 @@ def _conditional(node: ET.Element) -> bool:
     """Return whether an alternative of a switch depends on program or language, or cannot be drawn at all."""
     asks = ("requiredExtensions", "requiredFeatures", "systemLanguage")
     return node.tag not in _USABLE or any(key in node.attrib for key in asks)
+
+
+def _metres_per_unit(root: ET.Element, view: View) -> float | None:
+    """Return the length of a user unit by the picture's physical width [m]; None where it has none.
+
+    Pixels, plain numbers and per cent are no physical sizes.
+    """
+    size = PHYSICAL.fullmatch(root.attrib.get("width", "").strip())
+    if size is None or "viewBox" not in root.attrib or not view.width:
+        return None
+    return float(size[1]) * METRES_IN[size[2].lower()] / view.width
 
 
 def _view_box(root: ET.Element) -> View:

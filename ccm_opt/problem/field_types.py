@@ -123,6 +123,8 @@ class ImportedDrawing:
         left_out: elements that were not imported, in the order of the drawing.
         unit: unit of length stated in the drawing, for information only: the scale in the problem file decides; empty
             where the drawing states none.
+        metres: length of one unit of the drawing as it was read [m].
+        stated_metres: the same by the physical size that the drawing states [m]; None where it states none.
     """
 
     file: str
@@ -131,6 +133,8 @@ class ImportedDrawing:
     layers: tuple[tuple[str, int], ...] = ()
     left_out: tuple[LeftOut, ...] = ()
     unit: str = ""
+    metres: float = 1.0
+    stated_metres: float | None = None
 
     @property
     def extent(self) -> float:
