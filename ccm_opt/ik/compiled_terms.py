@@ -40,9 +40,10 @@ def _expression(term: Constraint | Cost, kind: str, quantities: ArmQuantities) -
         ) from error
 
     if isinstance(made, bool) or any(_is_comparison(column[k]) for k in range(column.numel())):
+        bounded = ", and bound it by lower= and upper=" if kind == "constraint" else ""
         raise ProblemError(
             f"{kind} '{term.name}': expected a number, got a comparison, which is true or false; "
-            "return what is compared, and bound it by lower= and upper="
+            f"return what is compared{bounded}"
         )
     if column.numel() == 0:
         raise ProblemError(f"{kind} '{term.name}': the expression is empty, expected at least one entry")
@@ -110,7 +111,9 @@ def compiled_cost(cost: Cost, quantities: ArmQuantities) -> CompiledCost:
     """
     expression = _expression(cost, "cost", quantities)
     if expression.numel() != 1:
-        raise ProblemError(f"cost '{cost.name}': expected a scalar, got {expression.numel()} entries; sum them up")
+        raise ProblemError(
+            f"cost '{cost.name}': expected a scalar, got {expression.numel()} entries; return one, such as ca.sumsqr"
+        )
     compiled = CompiledCost(expression, quantities, cost)
     if compiled.timed:
         raise ProblemError(

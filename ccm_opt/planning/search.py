@@ -365,15 +365,19 @@ def _how_far(strategies: Sequence[StrategyInVain]) -> str:
     # A strategy that was exhausted without an attempt says nothing about the problem.
     tried = [each for each in strategies if each.attempts]
     parts = {
-        "exhausted": [_attempts(each) for each in tried if each.exhausted],
-        "cut short": [_attempts(each) for each in tried if not each.exhausted],
+        "exhausted": _attempts(each for each in tried if each.exhausted),
+        "cut short": _attempts(each for each in tried if not each.exhausted),
         "not begun": list(dict.fromkeys(each.name for each in strategies if not each.attempts and not each.exhausted)),
     }
     return "".join(f"; {what}: {', '.join(names)}" for what, names in parts.items() if names)
 
 
-def _attempts(strategy: StrategyInVain) -> str:
-    return f"{strategy.name} ({strategy.attempts} attempt{'s' * (strategy.attempts != 1)})"
+def _attempts(strategies: Iterable[StrategyInVain]) -> list[str]:
+    """Return the names of strategies, each once, with the number of attempts of all rounds."""
+    counts: dict[str, int] = {}
+    for each in strategies:
+        counts[each.name] = counts.get(each.name, 0) + each.attempts
+    return [f"{name} ({count} attempt{'s' * (count != 1)})" for name, count in counts.items()]
 
 
 def evidence(tried: Sequence[Failure]) -> Mapping[str, object]:
