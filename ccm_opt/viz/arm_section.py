@@ -141,7 +141,7 @@ def draw_section(
     axes.set_xlim(0.0, arm.length / unit)
     axes.set_ylim(-edge, edge)
     axes.set_xlabel(
-        f"distance from the base [{problem.length_unit}]; dotted: preferred clearance", fontsize=style.FONT_SIZE
+        f"from the base [{problem.length_unit}]; dotted: preferred clearance", fontsize=style.FONT_SIZE
     )
     axes.set_ylabel(f"distance from the axis [{problem.length_unit}]", fontsize=style.FONT_SIZE)
     axes.tick_params(length=2.5, color=style.WALL_EDGE, labelsize=style.FONT_SIZE)
