@@ -89,6 +89,9 @@ def free_goal_poses(
     moved = shapes[near] @ points.root
     moved = points.unknowns(moved[points.moved_onto(goal, moved) < _ARRIVED])
     q = stepper.space.configurations(moved)
+    # A base bent by more than a right angle points the same way as one turned half round and bent by less.
+    direct = np.abs(q[:, 1]) <= 0.5 * np.pi
+    moved, q = moved[direct], q[direct]
     poses = [moved_onto(stepper.space, goal, stepper.pose(v)) for v in moved[motions.free_shares(q, q) >= 1.0]]
     return [pose for pose in poses if goal.on_goal(pose) and goal.limits_met(pose) and _free(stepper, pose)]
 
@@ -171,6 +174,7 @@ def smooth_unknowns(stepper: SpaceStepper, rng: np.random.Generator, count: int)
     largest = arm.joint_limit * arm.links / NOMINAL_LINKS / curve.nominal_length
     v = np.empty((count, curve.dimension))
     v[:, :2] = rng.normal(size=(count, 2)) * 0.5 * min(arm.base_limit, 2.0)
+    v[:, 1] = np.clip(v[:, 1], -0.5 * np.pi, 0.5 * np.pi)
     v[:, 2 : 2 + 2 * knots] = (largest * ((1.0 - share) * low + share * high)).reshape(count, 2 * knots)
     v[:, 2 : 2 + 2 * knots] /= curve.scale[2 : 2 + 2 * knots]
     v[:, 2 + 2 * knots :] = rng.uniform(size=(count, 1))

@@ -349,7 +349,9 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
             goals += free_goal_poses(self.task, points, self._motions, rng)
         if not goals:
             return None
-        draws = CurveDraws(points, self._motions, goals)
+        # A pose that is soon reached makes a short motion; the first rounds try the nearest alone.
+        goals.sort(key=lambda pose: float(np.max(np.abs(pose.q - self.start.q) * self.task.slowness)))
+        draws = CurveDraws(points, self._motions, goals[: 2 ** (number + 1)])
         way = partial(draws.way, rng, extensions, self.task.deadline)
         return self.attempt("a quick sampler", partial(self._met, way), failures)
 
