@@ -212,7 +212,7 @@ def test_the_room_is_printed_written_and_printed_again(tmp_path: Path) -> None:
     assert room["wanted_gap"] == 0.009
     assert room["possible_by"] == "wanted gap"
     assert room["nearest"]["gap"] <= room["possible_gap"]
-    line = f"least gap {room['nearest']['gap']:.3g} m of the wanted 0.009 m"
+    line = f"least gap {room['nearest']['gap']:.3g} m of the preferred 0.009 m"
     assert line in solved.output
     assert line in checked.output
     with np.load(runs / "swan-neck" / "solution.npz") as arrays:

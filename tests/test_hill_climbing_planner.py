@@ -139,7 +139,7 @@ def test_a_feed_axis_is_refused() -> None:
     problem = shared("open-space")
     limits = replace(problem.limits, feed_velocity=1.0, feed_acceleration=1.0)
     problem = replace(problem, arm=replace(problem.arm, feed=Feed(0.0, 0.5, 0.0)), limits=limits)
-    with pytest.raises(ProblemError, match=r"planner\.method nlp"):
+    with pytest.raises(ProblemError, match=r"planner\.method = \"nlp\""):
         HillClimbingPlanner().plan(problem)
 
 

@@ -140,9 +140,7 @@ def draw_section(
         axes.axhline(wanted, color=style.GOAL_ARM_EDGE, linewidth=0.6, linestyle=(0, (1, 2)), zorder=2)
     axes.set_xlim(0.0, arm.length / unit)
     axes.set_ylim(-edge, edge)
-    axes.set_xlabel(
-        f"from the base [{problem.length_unit}]; dotted: preferred clearance", fontsize=style.FONT_SIZE
-    )
+    axes.set_xlabel(f"from the base [{problem.length_unit}]; dotted: preferred clearance", fontsize=style.FONT_SIZE)
     axes.set_ylabel(f"distance from the axis [{problem.length_unit}]", fontsize=style.FONT_SIZE)
     axes.tick_params(length=2.5, color=style.WALL_EDGE, labelsize=style.FONT_SIZE)
     axes.set_title(title, fontsize=style.FONT_SIZE, loc="left", pad=14, y=1.0)
