@@ -127,7 +127,7 @@ def _copy(name: str, known: dict[str, Path], out: Path, taken: dict[Path, str]) 
 
 
 def _needed_files(file: Path) -> list[str]:
-    """Return the drawing and meshes that a problem file names, each once, by relative paths."""
+    """Return the relative paths of the drawing and meshes that a problem file names, without duplicates."""
     workspace = tomllib.loads(file.read_text(encoding="utf-8")).get("workspace", {})
     named = [workspace.get("file"), *(entry.get("mesh") for entry in workspace.get("obstacles", []))]
     return list(dict.fromkeys(name for name in named if name is not None))

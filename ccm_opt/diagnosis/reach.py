@@ -168,7 +168,7 @@ def _insufficient_turn(arm: Arm, place: TipPlace, what: str, turn: float, base: 
     Args:
         arm: the arm.
         place: the goal.
-        what: what the turn is between, in words.
+        what: phrase that says from where to where the turn is.
         turn: required turn [rad].
         base: largest turn of the first joint; 0 if it does not contribute [rad].
     """

@@ -138,7 +138,7 @@ def _in_haste(problem: Problem, limit: float) -> Problem:
 
 
 def relaxations(problem: Problem, findings: tuple[Finding, ...], trials: Trials) -> Iterator[Relaxation]:
-    """Yield single changes with which the problem is solved, the most promising first.
+    """Yield changes each of which alone makes the problem solvable, the most promising first.
 
     Args:
         problem: the problem without a plan.

@@ -138,7 +138,7 @@ class WaySearch:
                 return state
 
     def _within(self, length: float) -> BoolArray:
-        """Return a mask of the cubes in the box that a way no longer than a length may pass, shape (n,)."""
+        """Return a mask, shape (n,), of the cubes in the box through which a path of at most a length may pass."""
         ends = self.ends
         cells = self.cells
         through = cells.distances_from(ends.start, ends.end) + cells.distances_from(ends.goal, ends.goal)

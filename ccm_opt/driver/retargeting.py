@@ -145,7 +145,7 @@ def _retargeted(
 
 
 def _path(first: JointTrajectory, onward: JointPath, time: float) -> JointPath:
-    """Return the path of the whole motion; keyframes and curves are those of the motion from rest."""
+    """Return one path for the whole motion, first braking, then from rest; keyframes and curves are the latter's."""
     values = first.positions
     if len(values) <= onward.spline.k:
         return onward

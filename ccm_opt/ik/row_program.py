@@ -29,7 +29,7 @@ def equal_to_zero(names: tuple[str, ...], expression: ca.SX) -> RowBlock:
 
 
 def not_negative(names: tuple[str, ...], expression: ca.SX) -> RowBlock:
-    """Return rows that must not be negative."""
+    """Return constraint rows that require every entry to be at least zero."""
     return RowBlock(names, expression, np.zeros(len(names)), np.full(len(names), np.inf))
 
 

@@ -278,7 +278,7 @@ def build_pose(table: PoseTable | SpacePoseTable, arm: Arm, mapping: MappingName
     """Return a pose of the whole arm; the table defines it in exactly one way.
 
     Raises:
-        ProblemError: the arm cannot be folded, or not be laid along the curve.
+        ProblemError: the arm cannot be folded, or cannot be laid along the curve.
     """
     feed = pose_feed(table, arm)
     if arm.dimension == 3:

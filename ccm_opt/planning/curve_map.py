@@ -127,7 +127,7 @@ class CurveMap(CurveUnknowns):
         return BSpline(knots, np.clip(self.configurations(np.asarray(spline(places))), *limits), k)
 
     def slopes(self, v: FloatArray) -> FloatArray:
-        """Return the derivatives of the configuration by the unknowns, shape (c, p)."""
+        """Return the derivatives of the configuration with respect to the unknowns, shape (c, p)."""
         _, slopes = self.configurations_and_slopes(v[None])
         return np.asarray(slopes[0])
 
@@ -445,13 +445,13 @@ class CurveMap(CurveUnknowns):
 
 
 def pose_with(arm: Arm, v: FloatArray, q: FloatArray, slopes: FloatArray) -> Pose:
-    """Return the pose of an arm in space from its configuration and the derivatives by any unknowns.
+    """Return the pose of an arm in space from its configuration and the derivatives with respect to any unknowns.
 
     Args:
         arm: the arm.
         v: unknowns, shape (p,).
         q: the configuration, shape (c,) [rad, m].
-        slopes: derivatives of the configuration by the unknowns, shape (c, p).
+        slopes: derivatives of the configuration with respect to the unknowns, shape (c, p).
     """
     n = arm.links
     p = slopes.shape[1]

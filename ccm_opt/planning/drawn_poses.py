@@ -127,7 +127,7 @@ class CurvePoints:
 
     @cached_property
     def configurations(self) -> tuple[FloatArray, FloatArray]:
-        """Configuration of the point at zero, and derivatives of configurations by points, (c,) and (p, c)."""
+        """Configuration of the point at zero, (c,), and derivatives of it with respect to points, (p, c)."""
         curve = self.stepper.space
         slopes = np.asarray(np.linalg.solve(self.root, curve.drive_rows.T), dtype=np.float64)
         return curve.configuration(np.zeros(curve.dimension)), slopes

@@ -136,7 +136,7 @@ class GoalPose:
         return terms
 
     def rows(self, pose: Pose, unit: float) -> FloatArray:
-        """Return the derivatives of the tip's position and direction by the unknowns, shape (k, p).
+        """Return the derivatives of the tip's position and direction with respect to the unknowns, shape (k, p).
 
         The position is in multiples of ``unit`` [m]; the direction has rows only where one is asked for.
         """

@@ -260,11 +260,11 @@ class ArcsAtLimits:
         return self.poses(full, _ARCS_KEPT)
 
     def poses(self, share: float, most: int) -> tuple[FloatArray, ...]:
-        """Return distinct poses at the goal within a share of the limits, those of the nearest arcs first.
+        """Return distinct poses at the goal within a fraction of the joint limits; nearest arcs come first.
 
         Args:
-            share: share of the joints' limits; the base turns as far as it can.
-            most: most poses.
+            share: fraction of the joint limits that poses may use; the base may use its whole limit.
+            most: maximum number of poses.
 
         Returns:
             Configurations, each of shape (links,) [rad].

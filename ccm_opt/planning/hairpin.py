@@ -352,10 +352,11 @@ def pulled_over(
 
 
 def leaving_joint(stepper: Stepper, start: Pose, path: TipPath) -> tuple[int, FloatArray] | None:
-    """Return the joint where the new shape leaves the old one, and the route from there; None where it is too long.
+    """Return the joint b at which a new shape leaves the old arm, and the taut path from there to the goal.
 
-    The new shape (old arm up to joint b, then the taut path to the goal) must not be longer than the arm; of the joints
-    for which it is not, the smallest b is taken whose tip path is within one nominal link of the shortest.
+    The new shape is the old arm up to joint b, then the taut path. Of the joints whose new shape is no longer than the
+    arm, b is the smallest whose tip path is within one nominal link of the shortest. Where every new shape is a little
+    longer than the arm, b is 0; None where all are much longer.
     """
     arm = stepper.space.arm
 

@@ -148,7 +148,10 @@ def _best(behind: FloatArray, task: SpaceTask) -> bool:
 
 
 def _worth(behind: FloatArray, optimised: FloatArray, task: SpaceTask) -> bool:
-    """Return whether a motion behind the tip is worth its time and room against an optimised one, (K, c) each."""
+    """Return whether to prefer the motion behind the tip to the optimised one; both have shape (K, c).
+
+    It may lose little clearance, and may take longer where it gains some.
+    """
     gained = np.max(task.room_lacking(optimised)) - np.max(task.room_lacking(behind))
     roomier = gained > _GAINED_ROOM * task.wanted_gap
     longest = (_LONGER_WITH_ROOM if roomier else _LONGER) * _time(optimised, task)

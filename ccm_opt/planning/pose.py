@@ -27,7 +27,7 @@ class Pose:
     Attributes:
         v: unknowns, shape (p,).
         q: the configuration, shape (c,) [rad, m].
-        slopes: derivatives of the configuration by the unknowns, shape (c, p).
+        slopes: derivatives of the configuration with respect to the unknowns, shape (c, p).
         points: joint and tip positions, shape (n + 1, d) [m].
         moving: derivatives of the points, shape (n + 1, d, p) [m].
         turning: angular velocities of the links for a unit of each unknown, shape (n, t, p) [rad].
@@ -141,7 +141,7 @@ class CurveUnknowns(ABC):
     @property
     @abstractmethod
     def drive_rows(self) -> FloatArray:
-        """Derivatives of the drives' positions by the unknowns, where these are affine, shape (c, p)."""
+        """Derivatives of the drives' positions with respect to the unknowns, where these are affine, shape (c, p)."""
 
     def drives(self, q: FloatArray) -> FloatArray:
         """Return the drives' positions in configurations, shape (..., c); here the configurations themselves."""
@@ -158,14 +158,14 @@ class CurveUnknowns(ABC):
         return q[..., : len(self.arm.bend_limits)]
 
     def bend_slopes(self, pose: Pose) -> FloatArray:
-        """Return the derivatives of the bends by the unknowns, shape (b, p)."""
+        """Return the derivatives of the bends with respect to the unknowns, shape (b, p)."""
         return pose.slopes[: len(self.arm.bend_limits)]
 
     # ------------------------------------------------------------ shape of the curve
     @property
     @abstractmethod
     def curvature_rows(self) -> FloatArray:
-        """Derivatives of the curve's curvature at its knots by the unknowns, shape (m, p) [1/m]."""
+        """Derivatives of the curve's curvature at its knots with respect to the unknowns, shape (m, p) [1/m]."""
 
     @property
     def curvature_differences(self) -> FloatArray:
@@ -206,7 +206,7 @@ class CurveUnknowns(ABC):
 
 
 def turn_rows(arm: Arm, pose: Pose) -> FloatArray:
-    """Return derivatives of link turns [rad] and base travel [link lengths] by the unknowns, shape (r, p)."""
+    """Return derivatives of link turns [rad] and base travel [link lengths] with respect to unknowns, shape (r, p)."""
     base = pose.slopes[arm.coordinates.base] / arm.link_length
     return np.vstack((pose.turning.reshape(-1, len(pose.v)), base))
 
@@ -217,7 +217,7 @@ def least_change(space: CurveUnknowns, pose: Pose, rows: FloatArray, change: Flo
     Args:
         space: the map of the unknowns.
         pose: pose at which the metric is taken.
-        rows: derivatives of the rows by the unknowns, shape (k, p).
+        rows: derivatives of the rows with respect to the unknowns, shape (k, p).
         change: wanted change of the rows, shape (k,).
     """
     # min ½ δᵀ M δ subject to S δ = c: δ = M⁻¹ Sᵀ (S M⁻¹ Sᵀ)⁻¹ c. Least squares, because rows may be dependent.

@@ -101,7 +101,7 @@ class SampledMotions:
 
         Args:
             offset: configuration of the point at zero, shape (c,) [rad].
-            slopes: derivatives of configurations by points, shape (n, c).
+            slopes: derivatives of configurations with respect to points, shape (n, c).
             growth: fields of ``Growth`` in rrt_connect.h.
         """
         return NativeCall(

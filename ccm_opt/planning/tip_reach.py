@@ -154,7 +154,7 @@ class CellFound:
 
 @on_one_thread()
 def look_at_cell(question: ReachQuestion, task: ReachTask) -> CellFound:
-    """Carry out one task of a map, and return its result."""
+    """Process one cell of a reach map; return what was found there and the CPU time used."""
     begun = time.process_time()
     looker = question.looker
     found = looker.turned(task, question.directions) if task.reached else looker.entered(task, question.width)

@@ -231,7 +231,7 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
         return None
 
     def with_margin(self, share: float) -> "SpaceRun":
-        """Return the run with a share of the planning margin."""
+        """Return a copy of the run that keeps a fraction of the planning margin."""
         return replace(self, stepper=self.task.stepper(self.stepper.space, share))
 
     def _has_room(self, motion: SpaceMotion) -> bool:
@@ -388,7 +388,7 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
 
     # ------------------------------------------------------------ from place to place
     def find_by_stages(self, find: Callable[[SpaceTask], SpaceMotion], failures: list[Failure]) -> SpaceMotion | None:
-        """Return a motion to each via place as a goal of its own, by any strategy, and then to the goal; else None.
+        """Return one motion through the via places to the goal, planned stage by stage; None if a stage fails.
 
         Args:
             find: finds a motion to one of them; raises ``MotionNotFound``.

@@ -9,7 +9,7 @@ A link is clear if this grown hull meets no wall. A pair of links is apart if al
 distance along the direction that is closest half-way; only the links between the two add to the chord deviation of
 their difference.
 
-Whatever is not proved is bisected, link by link and pair by pair: the chord deviation falls four-fold per level.
+Whatever is not proved is bisected, link by link and pair by pair: each bisection quarters the chord deviation.
 
 The verifier computes its own bounds, so that it is independent of this certificate.
 """

@@ -28,7 +28,7 @@ class TriangleSoup:
 
     @classmethod
     def joined(cls, named: Iterable[tuple[str, FloatArray, float]]) -> "TriangleSoup":
-        """Return the triangles of several things.
+        """Return the triangles of several named surfaces as one soup.
 
         Each is given by its name, its triangles, shape (·, 3, 3), and its rounding.
         """

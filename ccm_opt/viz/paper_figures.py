@@ -137,11 +137,11 @@ class SchemaPanel:
 
 
 def schemas_png(panels: Sequence[SchemaPanel], columns: int = 1) -> bytes:
-    """Draw schemas like Figures 3 to 5: the curves of each beside their curvatures.
+    """Draw panels of schemas in the style of the paper's Figures 3 to 5: curves next to their curvatures.
 
     Args:
-        panels: its parts, row by row.
-        columns: parts in a row.
+        panels: the panels, row by row.
+        columns: number of panels in a row.
 
     Returns:
         The content of a PNG file.

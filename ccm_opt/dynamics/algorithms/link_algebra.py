@@ -141,7 +141,7 @@ They are the sines and then the cosines of the ball joint, rates, accelerations 
 
 
 def link_function(name: str, of: Callable[..., tuple[Any, ...]], state: int = 1) -> Any:
-    """Return a CasADi function of one link; the names of its arguments decide their sizes.
+    """Return a CasADi function of one link; the names of its arguments determine their sizes.
 
     Args:
         name: name of the function.

@@ -446,13 +446,13 @@ def smoothed(profile: SpeedProfile, window: float) -> SmoothProfile:
 def jerk_limited(
     spline: BSpline, profile: SpeedProfile, axes: DriveLimits, settings: SmoothingSettings = DEFAULT_TIMING.smoothing
 ) -> SmoothProfile:
-    """The smoothed motion, over the best of some windows, slowed down until velocity, acceleration and jerk hold.
+    """Return the shortest of several smoothed motions, each slowed until it keeps speed, acceleration and jerk limits.
 
     Args:
         spline: the path.
         profile: the fastest motion along it.
-        axes: limits.
-        settings: windows and looks.
+        axes: limits of the drives.
+        settings: lengths of smoothing windows to try, and number of places at which limits are evaluated.
     """
 
     def tried(window: float) -> SmoothProfile:

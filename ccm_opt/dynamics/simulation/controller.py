@@ -142,7 +142,10 @@ def inertia_at_most(arm: Arm) -> FloatArray:
 
 
 def feed_gains(arm: Arm, options: SimulationOptions) -> tuple[float, float]:
-    """Return the gains of the feed axis, critically damped at ωn = bandwidth; for PD times the mass [N/m, N s/m]."""
+    """Return Kp and Kd of the feed axis, critically damped with ωn = bandwidth.
+
+    Under computed torque they act on accelerations [1/s², 1/s], under PD on the force, times the mass [N/m, N s/m].
+    """
     mass = 1.0 if options.controller == "computed-torque" else float(np.sum(arm.masses)) + arm.payload
     return mass * options.bandwidth**2, 2.0 * mass * options.bandwidth
 

@@ -200,7 +200,7 @@ def _lightest_base(arm: Arm, poses: FloatArray, *, planar: bool) -> float:
 
 
 def _moving(*, planar: bool) -> slice:
-    """Return the revolutes that move: in a planar motion the bends alone, the middle one of each ball."""
+    """Return the revolutes that move: all, or in a planar motion the bends alone, the middle revolute of each ball."""
     return slice(1, None, 3) if planar else slice(None)
 
 

@@ -118,7 +118,7 @@ class Shapes:
         return points
 
     def mean_headings(self, links: int) -> FloatArray:
-        """Return the exact mean heading of each configuration over ``links`` equal lengths, shape (m, links) [rad]."""
+        """Return the exact mean headings over ``links`` equal pieces of every configuration, shape (m, links) [rad]."""
         arc = np.linspace(0.0, 1.0, links + 1) * self.length[:, None]
         integral = self._heading_integral(arc)
         means: FloatArray = np.diff(integral, axis=1) * (links / self.length[:, None])

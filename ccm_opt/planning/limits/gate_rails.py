@@ -129,7 +129,7 @@ class GateLines:
         return LineCrossings(link, share[pose, line, link], np.where(crossed, there, 0.0), crossed)
 
     def slopes(self, jacobians: FloatArray, headings: FloatArray, found: LineCrossings) -> FloatArray:
-        """Return the derivatives of ``aside`` by the coordinates, shape (K, g, p) [m per unit]; 0 without a crossing.
+        """Return derivatives of ``aside`` with respect to the coordinates, (K, g, p) [m per unit]; 0 without crossing.
 
         Args:
             jacobians: derivatives of the joints and tips of poses, shape (K, links + 1, 2, p) [m per unit].

@@ -175,7 +175,7 @@ class GuideTubeLimit(Limit):
         return self.arm.coordinates.advance(poses) / self.arm.link_length
 
     def _base_row(self, space: LinkSpace) -> FloatArray:
-        """Return the derivative of the base's advance by the coordinates, shape (1, p)."""
+        """Return the derivative of the base's advance with respect to the coordinates, shape (1, p)."""
         return np.asarray(space.turns[self.arm.links :].sum(axis=0, keepdims=True))
 
     def _beyond(self, poses: FloatArray) -> FloatArray:

@@ -110,7 +110,7 @@ class Quadratic:
     """A quadratic form ½ Σ that couples neighbouring keyframes of a motion with K intervals.
 
     Attributes:
-        gradient: gradient by the coordinates of each keyframe, shape (K + 1, p).
+        gradient: gradient with respect to the coordinates of each keyframe, shape (K + 1, p).
         diagonal: Hessian blocks of each keyframe, shape (K + 1, p, p).
         above: Hessian blocks that couple keyframes k and k + 1, shape (K, p, p).
     """
@@ -132,7 +132,7 @@ class MotionCost(Protocol):
         ...
 
     def model(self, sweep: "Sweep") -> Quadratic:
-        """Return the gradient and a convex Hessian of the cost by the coordinates."""
+        """Return the gradient and a convex Hessian of the cost with respect to the coordinates."""
         ...
 
 

@@ -239,7 +239,7 @@ def allowed_shortfall(contacts: Contacts, keep_share: float) -> float:
 
 
 def contact_rows(contacts: Contacts, jacobians: FloatArray) -> FloatArray:
-    """Return the derivative of every gap by the coordinates, shape (m, p).
+    """Return the derivative of every gap with respect to the coordinates, shape (m, p).
 
     Args:
         contacts: near pairs of a pose.

@@ -3,9 +3,9 @@
 Gaps are treated as clearances are: they keep a margin where possible. Equations are rows that a step has to meet;
 afterwards Newton's method brings the unknowns back onto them.
 
-A gap is divided by the norm of its slope by the headings of the links, in which the travel of the base counts per
-length of the arm. The quotient is the turn of the whole arm that closes the gap, so one margin suits gaps in metres,
-radians or any other unit, in the plane and in space.
+A gap is divided by the norm of its slope with respect to the headings of the links, in which the travel of the base
+counts per length of the arm. The quotient is the turn of the whole arm that closes the gap, so one margin suits gaps in
+metres, radians or any other unit, in the plane and in space.
 """
 
 from dataclasses import dataclass, replace

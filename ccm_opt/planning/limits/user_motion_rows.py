@@ -47,7 +47,7 @@ class UserCosts:
         return self.value(sweep) + float(np.vdot(model.gradient, change)) + 0.5 * float(bent)
 
     def model(self, sweep: "Sweep") -> Quadratic:
-        """Return the gradient and the convex part of the Hessian by the unknowns."""
+        """Return the gradient and the convex part of the Hessian with respect to the unknowns."""
         frames, p = sweep.unknowns.shape
         model = Quadratic(np.zeros((frames, p)), np.zeros((frames, p, p)), np.zeros((frames - 1, p, p)))
         for cost, weights in zip(*self._weights, strict=True):

@@ -26,7 +26,7 @@ _SECTORS = 12
 
 @dataclass(frozen=True)
 class RowCurvature:
-    """Convex part of the second derivatives of the weighted rows by the unknowns.
+    """Convex part of the second derivatives of the weighted rows with respect to the unknowns.
 
     Attributes:
         diagonal: blocks of each keyframe, shape (K + 1, p, p).
@@ -69,12 +69,12 @@ class Sweep:
 
     @cached_property
     def slopes(self) -> FloatArray:
-        """Derivatives of the configurations by the unknowns, shape (K + 1, c, p)."""
+        """Derivatives of the configurations with respect to the unknowns, shape (K + 1, c, p)."""
         return np.stack([pose.slopes for pose in self.poses])
 
     @cached_property
     def turn_metrics(self) -> FloatArray:
-        """Matrices of the squared turns of the links by the unknowns, shape (K + 1, p, p)."""
+        """JᵀJ at each keyframe, J the derivative of link turns with respect to the unknowns, shape (K + 1, p, p)."""
         turning = np.stack([pose.turning for pose in self.poses]).reshape(len(self.poses), -1, self.unknowns.shape[1])
         return np.asarray(turning.transpose(0, 2, 1) @ turning)
 
@@ -90,7 +90,7 @@ class Sweep:
 
     @cached_property
     def moving(self) -> FloatArray:
-        """Derivatives of the points by the unknowns, shape (K + 1, n + 3, d, p) [m]."""
+        """Derivatives of the points with respect to the unknowns, shape (K + 1, n + 3, d, p) [m]."""
         return self._with_marks(np.stack([pose.moving for pose in self.poses]))
 
     def unknowns_at(self, share: float) -> FloatArray:
@@ -130,7 +130,7 @@ class Sweep:
 
     @cached_property
     def timed_moving(self) -> FloatArray:
-        """Derivatives of these points by the unknowns at their time, shape (K m + 1, n + 3, d, p) [m]."""
+        """Derivatives of these points with respect to the unknowns at their time, shape (K m + 1, n + 3, d, p) [m]."""
         if self.parts == 1:
             return self.moving
         between = self.space.poses(self._between.reshape(-1, self.unknowns.shape[1]))
@@ -237,7 +237,7 @@ class IntervalRows:
         return np.asarray(sweep.parts * self.interval + np.rint(sweep.parts * self.share).astype(np.intp))
 
     def slopes(self, sweep: Sweep) -> tuple[FloatArray, FloatArray]:
-        """Return the derivatives by the unknowns at the start and at the end of the row's interval, each (m, p)."""
+        """Return derivatives with respect to the unknowns at the start and end of the row's interval, each (m, p)."""
         # A change at either keyframe moves the points by its share, and alters the change over the interval, and so the
         # deviation, with opposite signs.
         time = self._time(sweep)

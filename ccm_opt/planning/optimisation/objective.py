@@ -185,14 +185,14 @@ class Objective:
         return value
 
     def gradient(self, sweep: Sweep) -> FloatArray:
-        """Return the gradient by the unknowns, shape (K + 1, p)."""
+        """Return the gradient with respect to the unknowns, shape (K + 1, p)."""
         gradient = self._unknown_gradient(sweep.unknowns)
         if not self.curve.affine:
             gradient += np.einsum("kcp,kc->kp", sweep.slopes, self._ties(sweep.configurations))
         return gradient
 
     def blocks(self, sweep: Sweep, k: IntArray, m: IntArray) -> FloatArray:
-        """Return the convex second derivatives by the unknowns of keyframes k and m, shape (b, p, p).
+        """Return the convex second derivatives with respect to the unknowns of keyframes k and m, shape (b, p, p).
 
         Zero where |k − m| > 2.
         """
@@ -353,7 +353,7 @@ class WallNearness:
         return self._cost(self.rows.values(sweep) + moved, sweep)
 
     def model(self, sweep: Sweep) -> Quadratic:
-        """Return the gradient and Gauss–Newton Hessian by the coordinates."""
+        """Return the gradient and Gauss–Newton Hessian with respect to the coordinates."""
         intervals = sweep.intervals
         p = sweep.unknowns.shape[1]
         k = self.rows.interval

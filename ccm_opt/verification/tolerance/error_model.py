@@ -166,7 +166,7 @@ class Reaches:
 
 
 def survived(gap: FloatArray, lever: FloatArray, bow: FloatArray | float = 0.0) -> FloatArray:
-    """Return the error e at which lever e + bow e² equals the gap [unit]; negative for negative gaps."""
+    """Return the error e that solves lever · e + bow · e² = gap [unit]; negative for a negative gap."""
     root = np.sqrt(lever**2 + 4.0 * bow * np.maximum(gap, 0.0))
     return np.asarray(2.0 * gap / np.maximum(lever + root, np.finfo(np.float64).tiny ** 0.5))
 
