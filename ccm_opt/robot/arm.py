@@ -428,7 +428,7 @@ class Arm:
 
     @property
     def self_pairs(self) -> tuple[IntArray, IntArray]:
-        """Pairs of links that must stay two radii apart: the distant pairs, or no pairs if self-collision is off."""
+        """Pairs of links that must stay two radii apart, the distant pairs, or none if self-collision is off."""
         if self.self_collision:
             return self.distant_pairs
         none = np.zeros(0, dtype=np.intp)
