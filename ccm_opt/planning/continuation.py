@@ -21,14 +21,14 @@ _SETTLE_MOVED = 1e-5
 
 
 class Guide(Protocol):
-    """Determines where the arm goes next, and when it has arrived."""
+    """Determines where the arm goes next, and when the arm has arrived."""
 
     def terms(self, pose: Pose) -> list[Term]:
         """Return the terms that pull the arm onwards from a pose."""
         ...
 
     def progress(self, pose: Pose) -> bool:
-        """Advance the guide's target if the arm keeps up, and return whether it was advanced."""
+        """Advance the guide's target if the arm keeps up, and return whether the target was advanced."""
         ...
 
     def finished(self, pose: Pose) -> bool:
@@ -43,7 +43,7 @@ class Guide(Protocol):
 class Stalled(Exception):  # noqa: N818 - an outcome, not a defect
     """Raised when a guide makes no progress.
 
-    The message tells how far the guide led; ``poses`` hold the motion up to there.
+    The message says how far the guide led the arm; ``poses`` holds the motion up to that point.
     """
 
     def __init__(self, message: str, poses: list[Pose]) -> None:
@@ -61,17 +61,17 @@ def follow(
     into: GoalPose | None = None,
     steps: int | None = None,
 ) -> list[Pose]:
-    """Return the poses from the given one to where the guide ends.
+    """Follow a guide from a given pose, and return all poses from that one to where the guide ends.
 
     Args:
-        stepper: takes the steps.
+        stepper: computes each step.
         guide: guide to follow.
         pose: pose to begin at.
         deadline: time limit.
         patience: steps without progress after which the guide is abandoned.
-        into: goal; where it is a set, the guide stops at the first member that it reaches. None follows the guide to
-            its end.
-        steps: most steps; None for no bound.
+        into: goal; if it is a set, the motion stops at the first member that the arm reaches. None follows the guide
+            to its end.
+        steps: maximum number of steps; None for no bound.
 
     Raises:
         Stalled: when the guide makes no progress, or the deadline passes.
@@ -95,9 +95,9 @@ def follow(
 
 
 def without_pauses(poses: list[Pose], least: float) -> list[Pose]:
-    """Return a motion without the poses in which no link has turned by ``least`` [rad] since the pose before.
+    """Return a motion without poses in which no link has turned by ``least`` [rad] since the last pose kept.
 
-    Both ends stay. A base that advances by a link length counts as a turn of one radian.
+    Both ends are kept. An advance of the base by a link length counts as a turn of one radian.
     """
     kept = [poses[0]]
     for pose in poses[1:]:
@@ -112,9 +112,9 @@ def without_pauses(poses: list[Pose], least: float) -> list[Pose]:
 
 
 def settle(stepper: StepperOf[AnyUnknowns], goal: GoalPose, pose: Pose, deadline: Deadline) -> list[Pose]:
-    """Return the poses from one near the goal to one exactly on it.
+    """Return the poses from a pose near the goal to a pose exactly on the goal.
 
-    Where Newton's method does not bring the arm there, the last pose is only within the goal's tolerance.
+    Where Newton's method does not bring the arm onto the goal, the last pose is only within the goal's tolerance.
 
     Raises:
         Stalled: when a wall, the arm itself or a joint limit keeps the tip off the goal.
@@ -150,7 +150,7 @@ def settle(stepper: StepperOf[AnyUnknowns], goal: GoalPose, pose: Pose, deadline
 
 
 def polished(stepper: StepperOf[AnyUnknowns], goal: GoalPose, pose: Pose) -> Pose | None:
-    """Return the pose moved exactly onto the goal, or None where it is too far away or the move is not safe."""
+    """Return the pose moved exactly onto the goal; None where the pose is too far away or the move is not safe."""
     space = stepper.space
     settings = stepper.settings.continuation
     distance, turn = goal.errors(pose)
@@ -166,13 +166,13 @@ def polished(stepper: StepperOf[AnyUnknowns], goal: GoalPose, pose: Pose) -> Pos
 
 @dataclass(frozen=True)
 class GuideCandidate:
-    """A guide to try.
+    """A guide to try, with follow-up guides for when it ends or stalls.
 
     Attributes:
         name: name for messages.
         make_guide: makes the guide to follow.
-        resume: each makes a follow-up guide from the first guide and a pose: the first of them from where that guide
-            ended or stalled, each of the others from where the one before stalled.
+        resume: functions that make follow-up guides, each from the first guide and a pose. The first function gets the
+            pose where that guide ended or stalled, each of the others the pose where the previous guide stalled.
     """
 
     name: str

@@ -44,10 +44,11 @@ class CurveMap(CurveUnknowns):
     Attributes:
         spacing: spacing of the knots [m].
         knots: number of knots, for each of the two axes.
-        scale: turn per unit of each unknown, without those that blend, shape (p − b,).
+        scale: turn per unit of each unknown except the b blend weights, shape (p − b,).
         offset: turns of joints that the curve cannot reproduce, at the places ``offset_at``, shape (m, 2) [rad].
         offset_at: arc lengths of ``offset``, increasing, shape (m,) [m].
-        blends: turns of joints that further unknowns blend in, each at the places ``offset_at``, shape (b, m, 2) [rad].
+        blends: turns of joints that are added with b further unknowns as weights, each at the places ``offset_at``,
+            shape (b, m, 2) [rad].
     """
 
     spacing: float
@@ -79,26 +80,26 @@ class CurveMap(CurveUnknowns):
 
     @property
     def dimension(self) -> int:
-        """Number p of unknowns."""
+        """Number p of unknowns v."""
         return len(self.scale) + len(self.blends)
 
     def configuration(self, v: FloatArray) -> FloatArray:
-        """Return the configuration q of unknowns v, shape (p,) to (c,) [rad, m]."""
+        """Return the configuration q, shape (c,) [rad, m], of unknowns v, shape (p,)."""
         return np.asarray(self.configurations(v[None])[0])
 
     def configurations(self, v: FloatArray) -> FloatArray:
-        """Return the configurations of several vectors of unknowns, shape (m, p) to (m, c) [rad, m]."""
+        """Return the configurations, shape (m, c) [rad, m], of several vectors of unknowns, shape (m, p)."""
         feeds = self._feeds(v)
         places = self._joint_arc_lengths(feeds)
         turns = self._turns(v, places, self._shapes(places))
         return np.concatenate((turns.reshape(len(v), 2 * self.arm.links), feeds), axis=1)
 
     def pose(self, v: FloatArray) -> Pose:
-        """Return the pose of unknowns, shape (p,)."""
+        """Return the pose that belongs to unknowns of shape (p,)."""
         return self.poses(v[None])[0]
 
     def poses(self, unknowns: FloatArray) -> tuple[Pose, ...]:
-        """Return the poses of several vectors of unknowns, shape (m, p)."""
+        """Return the poses that belong to several vectors of unknowns, shape (m, p)."""
         if self.affine:
             configurations = self.configurations(unknowns)
             slopes = np.broadcast_to(self.drive_rows, (len(unknowns), *self.drive_rows.shape))
@@ -109,9 +110,9 @@ class CurveMap(CurveUnknowns):
     def along(self, spline: BSpline) -> BSpline:
         """Return the path of configurations along a spline in the unknowns.
 
-        Configurations of a fed arm are evaluated at the Greville abscissae of knots so dense that a joint which bends
-        on one span is outside the guide tube on all spans that its control points shape. A joint that slides, between
-        keyframes, over a part of the curve that bends more than the joint can is bent to its limit.
+        Configurations of a fed arm are evaluated at the Greville abscissae of knots. These are so dense that a joint
+        which bends on one span is outside the guide tube on all spans that the same control points influence. A joint
+        that slides between keyframes over a part of the curve that bends more than the joint can is bent to its limit.
         """
         limits = (self.arm.lower_limits, self.arm.upper_limits)
         k = spline.k
@@ -132,7 +133,7 @@ class CurveMap(CurveUnknowns):
         return np.asarray(slopes[0])
 
     def configurations_and_slopes(self, v: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the configurations of several vectors of unknowns, shape (m, p), and their derivatives.
+        """Return configurations and their derivatives, for several vectors of unknowns, shape (m, p).
 
         Returns:
             Shapes (m, c) [rad, m] and (m, c, p).
@@ -166,11 +167,10 @@ class CurveMap(CurveUnknowns):
         return np.concatenate((turns[:m], feeds), axis=1), slopes
 
     def pieces(self, before: FloatArray, after: FloatArray) -> list[FloatArray]:
-        """Return the unknowns along an edge, cut so that no joint bends in between while the guide tube holds it.
+        """Return the unknowns where an edge is cut, so that within a piece no joint inside the guide tube bends.
 
-        The pieces are so short that their bends are nearly linear.
-
-        An edge of an arm on a fixed base stays whole; both ends are included.
+        The pieces are also so short that bends change nearly linearly along each. Both ends of the edge are included;
+        the edge of an arm on a fixed base is not cut.
         """
         if not self.arm.base_axes:
             return [before, after]
@@ -187,7 +187,7 @@ class CurveMap(CurveUnknowns):
         return places
 
     def in_pieces(self, unknowns: FloatArray) -> FloatArray:
-        """Return a motion with all its edges cut into pieces, shape (K, p) to (m, p)."""
+        """Return a motion, shape (K, p), with all its edges cut into pieces as by ``pieces``, shape (m, p)."""
         return np.stack([unknowns[0], *(v for edge in pairwise(unknowns) for v in self.pieces(*edge)[1:])])
 
     def fitted(self, q: FloatArray, smoothness: float = SETTLING) -> FloatArray:
@@ -195,7 +195,7 @@ class CurveMap(CurveUnknowns):
 
         Args:
             q: configuration, shape (c,) [rad, m].
-            smoothness: weight on differences of the unknowns from knot to knot, relative to turns of the joints.
+            smoothness: weight on differences of the unknowns from knot to knot, relative to errors of joints' turns.
         """
         n = self.arm.links
         feeds = len(self.arm.base_axes)
@@ -223,9 +223,10 @@ class CurveMap(CurveUnknowns):
         return v
 
     def blended_to(self, q: FloatArray) -> tuple["CurveMap", FloatArray]:
-        """Return the map with one more unknown, and the unknowns of another configuration in it.
+        """Return the map with one more blend, and the unknowns of another configuration in the new map.
 
-        With the new unknown at 1, and all others that blend at 0, the map reproduces that configuration exactly.
+        With the weight of the new blend at 1, and those of all other blends at 0, the map reproduces that configuration
+        exactly.
 
         Args:
             q: the other configuration, shape (c,) [rad, m].
@@ -246,10 +247,10 @@ class CurveMap(CurveUnknowns):
     def with_blends_of(
         self, other: "CurveMap", own: FloatArray, others: FloatArray
     ) -> tuple["CurveMap", FloatArray, FloatArray]:
-        """Return the map with the blends of another map after its own, and unknowns of either map in it.
+        """Return the map with the blends of another map appended, and the unknowns of both maps in the new one.
 
         Args:
-            other: map with the same knots, for an arm that both begin with straight.
+            other: map of the same arm with the same knots; both maps have an offset of zero.
             own: unknowns of this map, shape (m, p).
             others: unknowns of the other map, shape (k, p').
 
@@ -266,7 +267,7 @@ class CurveMap(CurveUnknowns):
 
     @property
     def _base_turns(self) -> int:
-        """Number of unknowns that precede those of the curve, the two turns of a base that is not fed, else 0."""
+        """Number of unknowns before those of the curve: 2, the turns of the base, or 0 if the base is fed."""
         return 0 if self.arm.base_axes else 2
 
     @property
@@ -275,7 +276,7 @@ class CurveMap(CurveUnknowns):
         return np.zeros(2) if self.arm.clamped_joints else self.scale[:2]
 
     def unbent(self, v: FloatArray) -> FloatArray:
-        """Return the unknowns with a straight curve and everything else unchanged, shape (p,)."""
+        """Return the unknowns of the pose with a straight curve and everything else unchanged, shape (p,)."""
         straight = v.copy()
         turned = self._base_turns
         straight[turned : turned + 2 * self.knots] = 0.0
@@ -283,12 +284,12 @@ class CurveMap(CurveUnknowns):
 
     @property
     def feed_column(self) -> int:
-        """Index of the unknown that carries the base of a fed arm."""
+        """Index of the unknown that is the feed of a fed arm's base."""
         return 2 * self.knots
 
     @property
     def curvature_rows(self) -> FloatArray:
-        """Rows that give the curvature at the knots about the first, then the second axis, shape (2 knots, p) [1/m]."""
+        """Matrix from the unknowns to the curvatures at the knots, first axis first, shape (2 knots, p) [1/m]."""
         turned = self._base_turns
         count = 2 * self.knots
         rows = np.zeros((count, self.dimension))
@@ -296,7 +297,7 @@ class CurveMap(CurveUnknowns):
         return rows
 
     def metric(self, pose: Pose) -> FloatArray:
-        """Return the metric of the unknowns by squared displacements and turns of the links, shape (p, p)."""
+        """Return the metric of the unknowns that sums squared displacements and turns of the links, shape (p, p)."""
         p = len(pose.v)
         turning = pose.turning.reshape(-1, p)
         moving = pose.moving.reshape(-1, p) / self.nominal_length
@@ -305,30 +306,30 @@ class CurveMap(CurveUnknowns):
 
     @property
     def affine(self) -> bool:
-        """Whether configurations are affine in the unknowns; not for fed arms, whose joints slide along the curve."""
+        """Whether configurations are affine in the unknowns; False for fed arms, whose joints slide along the curve."""
         return not self.arm.base_axes
 
     @cached_property
     def drive_rows(self) -> FloatArray:
-        """Derivatives of the configuration where they are constant, shape (c, p)."""
+        """Constant derivatives of the configuration with respect to the unknowns, for an affine map, shape (c, p)."""
         return self.slopes(np.zeros(self.dimension))
 
     @property
     def of_shape(self) -> BoolArray:
-        """Which unknowns shape the curve or carry the base, shape (p,); those that blend do not."""
+        """Mask of the unknowns that shape the curve or move the base, all but the blend weights, shape (p,)."""
         return np.arange(self.dimension) < len(self.scale)
 
     @property
     def following_rows(self) -> FloatArray:
-        """Rows that give the change of the curve on which a fed arm lies, shape (m, p) [1/m]; none for a fixed base."""
+        """Matrix from the unknowns to changes of a fed arm's curve, shape (m, p) [1/m]; no rows for a fixed base."""
         return np.zeros((0, self.dimension)) if self.affine else self.change_rows
 
     @property
     def change_rows(self) -> FloatArray:
-        """Rows that give the change of the curve with the unknowns [1/m], shape (2 knots + 2 m, p).
+        """Matrix from changes of the unknowns to changes of the curve [1/m], shape (2 knots + 2 m, p).
 
-        First the curvatures at the knots, then those blended in at the m places where they are known. Each of the
-        latter is weighted by its share of the knots' spacing.
+        The first rows give the curvatures at the knots, the others the curvatures that blends add at the m places
+        ``offset_at``. Each of the latter is weighted by the part of the knots' spacing that it stands for.
         """
         rows = self.curvature_rows
         if len(self.blends) == 0:
@@ -341,7 +342,7 @@ class CurveMap(CurveUnknowns):
 
     @property
     def curvature_differences(self) -> FloatArray:
-        """Rows that give the differences of curvature from knot to knot, shape (2 knots − 2, p) [1/m]."""
+        """Matrix from the unknowns to differences of curvature from knot to knot, shape (2 knots − 2, p) [1/m]."""
         rows = self.curvature_rows
         return np.concatenate((np.diff(rows[: self.knots], axis=0), np.diff(rows[self.knots :], axis=0)))
 
@@ -353,20 +354,20 @@ class CurveMap(CurveUnknowns):
     def places(self, feed: FloatArray | float) -> FloatArray:
         """Return the arc lengths of the joints, shape (links,) [m].
 
-        For several feeds, shape (m, 1), one row per feed, shape (m, links).
+        For several feeds of shape (m, 1), the result has one row per feed, shape (m, links).
         """
         arm = self.arm
         along = arm.link_length * np.arange(arm.links)
         return np.asarray(along + feed - arm.hole if arm.base_axes else along)
 
     def _feeds(self, v: FloatArray) -> FloatArray:
-        """Return the feeds of the base, shape (m, 0) or (m, 1) [m]."""
+        """Return the feeds of the base, shape (m, 1), or (m, 0) for a fixed base [m]."""
         last = len(self.scale)
         first = last - len(self.arm.base_axes)
         return np.asarray(v[:, first:last] * self.scale[first:])
 
     def _joint_arc_lengths(self, feeds: FloatArray) -> FloatArray:
-        """Return the arc lengths of the joints at several feeds, shape (m, 0) or (m, 1) to (m, links) [m]."""
+        """Return the arc lengths of the joints, shape (m, links), at feeds of shape (m, 0) or (m, 1) [m]."""
         places = self.places(np.sum(feeds, axis=1, keepdims=True))
         return np.asarray(np.broadcast_to(places, (len(feeds), self.arm.links)))
 
@@ -390,14 +391,14 @@ class CurveMap(CurveUnknowns):
         return np.asarray(turns)
 
     def offsets(self, places: FloatArray, v: FloatArray) -> FloatArray:
-        """Return the turns of joints at places that come on top of those of the curve, shape (places, 2) [rad]."""
+        """Return the turns that offset and blends add to joints at given places, shape (places, 2) [rad]."""
         offsets = self._interpolated(self.offset, places)
         for share, blend in zip(v[len(self.scale) :], self.blends, strict=True):
             offsets = offsets + share * self._interpolated(blend, places)
         return offsets
 
     def _interpolated(self, values: FloatArray, places: FloatArray) -> FloatArray:
-        """Return turns interpolated linearly at places, shape (..., 2); joints that the tube holds have none."""
+        """Return turns interpolated linearly at places, shape (..., 2) [rad]; zero for joints inside the guide tube."""
         first = self._first_bent(values)
         turns = np.zeros((*places.shape, 2))
         if not np.isfinite(first):
@@ -413,7 +414,7 @@ class CurveMap(CurveUnknowns):
         return turns
 
     def _first_bent(self, values: FloatArray) -> float:
-        """Return the arc length of the first place with a turn [m]; infinite where there is none."""
+        """Return the arc length of the first place whose turn is not zero [m]; infinite where there is none."""
         bent = np.flatnonzero(np.any(values != 0.0, axis=1))
         return float(self.offset_at[bent[0]]) if len(bent) else np.inf
 
@@ -421,15 +422,15 @@ class CurveMap(CurveUnknowns):
     def straight_before(self) -> float:
         """Arc length beyond the end of the guide tube within which joints stay straight [m].
 
-        A start that bends a joint closer to the tube than usual leaves half of that distance: the joint has to be
-        straight again before the tube holds it, and a smooth path needs some length on which it is.
+        If the start bends a joint closer to the tube than usual, this length is half that joint's distance: the joint
+        has to become straight before it enters the tube, and a smooth path needs some length on which it is straight.
         """
         usual = free_before(self.arm)
         first = min(self._first_bent(values) for values in (self.offset, *self.blends))
         return usual if first > usual else 0.5 * max(first, 0.0)
 
     def _shapes(self, places: FloatArray) -> FloatArray:
-        """Return the turns of joints at places per unit of curvature at each knot, shape (..., knots) [m]."""
+        """Return the turn of a joint at each place per unit of curvature at each knot, shape (..., knots) [m]."""
         flat = np.ascontiguousarray(places).ravel()
         shapes = np.empty((len(flat), self.knots))
         NativeCall(
@@ -445,7 +446,7 @@ class CurveMap(CurveUnknowns):
 
 
 def pose_with(arm: Arm, v: FloatArray, q: FloatArray, slopes: FloatArray) -> Pose:
-    """Return the pose of an arm in space from its configuration and the derivatives with respect to any unknowns.
+    """Return the pose of an arm in space from its configuration and the configuration's derivatives.
 
     Args:
         arm: the arm.
@@ -467,9 +468,10 @@ def pose_with(arm: Arm, v: FloatArray, q: FloatArray, slopes: FloatArray) -> Pos
 
 
 def feed_to_next_stop(curve: CurveMap, feed: float, *, forward: bool) -> float:
-    """Return how far the base can move in one piece until a joint has to stop just outside the guide tube [m].
+    """Return how far the base can move until a joint is just outside the guide tube, where a piece has to end [m].
 
-    In a piece all coordinates change evenly, so a joint that is inside at one end must not be bent at the other.
+    Within a piece all coordinates change evenly, so a joint that is inside the tube at one end of the piece must not
+    be bent at the other.
     """
     arm = curve.arm
     straight = curve.straight_before

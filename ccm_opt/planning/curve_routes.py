@@ -61,9 +61,9 @@ FURTHER_ATTEMPTS = 4
 def route_room(problem: Problem, ends: Ends) -> FreeSpace:
     """Return the free space for routes, without walls that no pose at the goal comes near.
 
-    Walls are inflated by slightly more than the arm needs, but not beyond the clearance at the goal. Where that
-    disconnects the base, the tip at the start and the goal, they are inflated by hardly more than the arm needs; where
-    they are still disconnected, the corners of walls are also rounded more finely.
+    Walls are inflated by slightly more than the arm needs, but not beyond the clearance at the goal. If base, tip at
+    the start and goal are then disconnected, walls are inflated by hardly more than the arm needs; if the three are
+    still disconnected, the corners of walls are also rounded more finely.
     """
     least = problem.arm.radius + problem.workspace.clearance
     inflation = _ROUTE_INFLATION * problem.arm.length
@@ -84,9 +84,9 @@ def route_room(problem: Problem, ends: Ends) -> FreeSpace:
 
 
 def _connected(problem: Problem, ends: Ends, room: FreeSpace) -> bool:
-    """Return whether base, tip at the start and goal lie in one piece of free space.
+    """Return whether base, tip at the start and goal lie in the same connected piece of free space.
 
-    Each counts for the piece nearest to it; of a goal set one member has to be accessible.
+    Each of the three is assigned to the nearest piece. For a goal set, one accessible member is enough.
     """
     pieces = shapely.get_parts(room.polygons)
     places = [problem.arm.base, problem.arm.joint_positions_at(ends.start)[-1]]
@@ -112,7 +112,7 @@ def find_routes(problem: Problem, ends: Ends, room: FreeSpace) -> tuple[Route, .
         room: free space.
 
     Returns:
-        Empty when the arm is too short for all routes that were found, which does not prove that there is none.
+        The routes. Empty when the arm is too short for every route found, which does not prove that no route exists.
     """
     members = goal_members(problem.arm, ends.goal, room)
     count = problem.planner.routes
@@ -149,7 +149,7 @@ def _led_on(room: FreeSpace, route: Route, member: GoalMember) -> Route:
 
 
 def run_in(room: FreeSpace, place: FloatArray, heading: float | None, nominal_length: float) -> FloatArray:
-    """Return where the straight run onto a goal position along its heading begins, shape (2,) [m].
+    """Return the beginning of the straight run onto a goal position along the goal's heading, shape (2,) [m].
 
     Args:
         room: free space.
@@ -178,11 +178,11 @@ def tip_paths_along(
         problem: the problem.
         ends: ends of the motion.
         routes: routes from the base to the goal.
-        room: free space that the routes were found in; that of the tip uses the same inflation and settings.
+        room: free space in which the routes were found; free space of the tip has the same inflation and settings.
 
     Returns:
-        Empty where free space, whose corners are approximated, is closed to the tip; that does not prove that there is
-        no path.
+        The tip paths. Empty where the tip has no path in free space; because its corners are approximated, that does
+        not prove that there is no path.
     """
     arm = problem.arm
     points = arm.joint_positions_at(ends.start)
@@ -210,7 +210,7 @@ def find_guesses(
 ) -> Iterator[FloatArray]:
     """Yield at most one configuration at the goal.
 
-    A whole-arm goal itself, or the configuration of the curve along one of the first routes.
+    This is a whole-arm goal itself, or the configuration of a curve along one of the first routes.
     """
     if ends.goal_pose is not None:
         yield ends.goal_pose
@@ -230,7 +230,7 @@ def further_guesses(
     room: FreeSpace,
     routes: tuple[Route, ...],
 ) -> Iterator[FloatArray]:
-    """Yield configurations at the goal along every route, with more attempts for each."""
+    """Yield configurations at the goal along every route, with more attempts for each than ``find_guesses`` makes."""
     for route in routes:
         guess = guess_along(problem, ends, room, route, FURTHER_ATTEMPTS, CURVATURE_SHARE)
         if guess is not None:
@@ -245,9 +245,9 @@ def guess_along(
     attempts: int,
     share: float,
 ) -> FloatArray | None:
-    """Return a configuration at the goal along a route; None when the NLP finds none that links can follow.
+    """Return a configuration at the goal along a route; None when the NLP finds no curve that links can follow.
 
-    That is no failure: the motion search can lead the tip to the goal without one.
+    None is not a failure: the motion search can lead the tip to the goal without such a configuration.
     """
     try:
         task = configuration_task(problem, ends, room, route, share)
@@ -271,7 +271,7 @@ def configuration_task(
         ends: ends of the motion.
         room: free space.
         route: route from the base to the goal.
-        share: share of the tightest bend that the curve may use.
+        share: fraction of the tightest bend that the curve may use.
     """
     arm = problem.arm
     # Of a goal set, the configuration takes the member that the route leads to.
@@ -296,7 +296,7 @@ def configuration_task(
 def side_gaps(room: FreeSpace, corridor: Corridor) -> tuple[FloatArray, ...]:
     """Return, for each region, the distance from each of its sides to the inflated walls behind it [m].
 
-    It is positive for sides in the open. Measured where the side is nearest to the route.
+    Distances are measured where a side is nearest to the route, and positive for sides that touch no wall.
     """
     walls = room.workspace.walls
     cores = np.array([wall.core for wall in walls])

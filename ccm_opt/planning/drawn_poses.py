@@ -55,7 +55,7 @@ confined scenes: with half as much trees take twice as long."""
 def goal_poses(task: SpaceTask, stepper: SpaceStepper, rng: np.random.Generator) -> Iterator[Pose]:
     """Yield poses at the goal that touch nothing and keep the joint limits.
 
-    They are sampled until the deadline passes or the number of samples is used up.
+    Poses are sampled until the deadline passes or the maximum number of samples is reached.
 
     Args:
         task: task with a goal for the tip.
@@ -74,11 +74,11 @@ def goal_poses(task: SpaceTask, stepper: SpaceStepper, rng: np.random.Generator)
 def free_goal_poses(
     task: SpaceTask, points: "CurvePoints", motions: SampledMotions, rng: np.random.Generator
 ) -> list[Pose]:
-    """Return poses at the goal that touch nothing and keep the joint limits: smooth shapes moved there, then checked.
+    """Return poses at the goal, smooth random shapes moved there, that touch nothing and keep the joint limits.
 
     Args:
         task: task with a goal for the tip, of an arm on a fixed base.
-        points: the points in which shapes are moved.
+        points: scaled unknowns in which shapes are moved.
         motions: sampled check that selects what touches nothing.
         rng: random generator.
     """
@@ -97,7 +97,7 @@ def free_goal_poses(
 
 
 def _off_goal(stepper: SpaceStepper, goal: GoalPose, shapes: FloatArray) -> FloatArray:
-    """Return how far the tips of unknowns, shape (m, p), are from a goal, in arm lengths, shape (m,)."""
+    """Return how far the tip is from a goal for each row of unknowns, shape (m, p), in arm lengths, shape (m,)."""
     arm = stepper.space.arm
     joints = arm.joint_positions_at(stepper.space.configurations(shapes))
     away = np.linalg.norm(joints[:, -1] - goal.position, axis=1) / arm.length
@@ -109,11 +109,11 @@ def _off_goal(stepper: SpaceStepper, goal: GoalPose, shapes: FloatArray) -> Floa
 
 @dataclass(frozen=True, eq=False)
 class CurvePoints:
-    """Unknowns of a curve times a root of the metric by the turns of the links, so that distances are those of turns.
+    """Scales the unknowns of a curve to points whose distances measure turns of the links.
 
     Attributes:
         stepper: stepper in the unknowns, of an arm on a fixed base.
-        start: pose whose metric it is.
+        start: pose at which the metric of the turns is evaluated.
     """
 
     stepper: SpaceStepper
@@ -121,26 +121,26 @@ class CurvePoints:
 
     @cached_property
     def root(self) -> FloatArray:
-        """Matrix that takes unknowns to points, shape (p, p)."""
+        """Root of the metric: points are unknowns (as rows) times this matrix, shape (p, p)."""
         metric = self.stepper.space.metric(self.start)
         return np.linalg.cholesky(metric + 1e-6 * np.trace(metric) / len(metric) * np.eye(len(metric)))
 
     @cached_property
     def configurations(self) -> tuple[FloatArray, FloatArray]:
-        """Configuration of the point at zero, (c,), and derivatives of it with respect to points, (p, c)."""
+        """Configuration of the zero point, shape (c,), and derivatives with respect to the point, shape (p, c)."""
         curve = self.stepper.space
         slopes = np.asarray(np.linalg.solve(self.root, curve.drive_rows.T), dtype=np.float64)
         return curve.configuration(np.zeros(curve.dimension)), slopes
 
     def unknowns(self, points: FloatArray) -> FloatArray:
-        """Return the unknowns of points, shape (m, p)."""
+        """Return the unknowns that belong to points, both of shape (m, p)."""
         return np.asarray(np.linalg.solve(self.root.T, points.T).T)
 
     def moved_onto(self, goal: GoalPose, points: FloatArray) -> FloatArray:
-        """Move points, shape (m, p), to where the tip is at a goal, in place, ignoring obstacles and limits.
+        """Move points, shape (m, p), in place so that the tip is at a goal, ignoring obstacles and limits.
 
         Returns:
-            What is left of the tip's error, in arm lengths and radians, shape (m,).
+            Remaining error of the tip, in arm lengths and radians, shape (m,).
         """
         arm = self.stepper.space.arm
         offset, slopes = self.configurations
@@ -241,11 +241,11 @@ class CurveDraws:
     """Samples targets for RRT-Connect in the unknowns of a curve.
 
     Attributes:
-        points: the points of the trees.
+        points: scaled unknowns that are the nodes of the trees.
         motions: sampled check of motions.
         goals: poses at the goal.
-        base_share: share of targets in which the base is turned at random.
-        smooth: share of the other targets that are smooth random shapes.
+        base_share: fraction of the targets near start and goals in which the base points in a random direction.
+        smooth: fraction of targets that are smooth random shapes.
         batch: least and greatest number of targets sampled at once.
         longest: longest extension [rad].
     """
@@ -270,13 +270,13 @@ class CurveDraws:
 
     @cached_property
     def goal_points(self) -> FloatArray:
-        """Points of the goals, shape (m, p)."""
+        """Points that belong to the goals, shape (m, p)."""
         return np.stack([goal.v for goal in self.goals]) @ self.points.root
 
     def way(self, rng: np.random.Generator, draws: int, deadline: Deadline) -> list[Pose] | None:
         """Return the poses from the start to one of the goals.
 
-        None where ``draws`` extensions, or the time, do not suffice.
+        None if no path is found within ``draws`` extensions or before the deadline.
         """
         root = self.points.root
         trees = (PointTree.empty(len(root)), PointTree.empty(len(root)))
@@ -296,7 +296,10 @@ class CurveDraws:
         return [self.stepper.pose(v) for v in self.stepper.space.in_pieces(self._between_ends(found))]
 
     def draw(self, rng: np.random.Generator, count: int, tree: PointTree, other: PointTree) -> FloatArray:
-        """Return targets between and around the start and the goals, shape (count, p), some of the other tree."""
+        """Return random targets for a tree, shape (count, p).
+
+        They are smooth shapes, nodes of the other tree, and points near or between the start and the goals.
+        """
         del tree
         root = self.points.root
         smooth, attracted, rest = rng.multinomial(count, self._shares)
@@ -307,7 +310,7 @@ class CurveDraws:
 
     @property
     def _shares(self) -> FloatArray:
-        """Shares of the targets that are smooth shapes, poses of the other tree, and others."""
+        """Fractions of targets that are smooth shapes, nodes of the other tree, and others, shape (3,)."""
         others = max(1.0 - self.smooth - _ATTRACTED, 0.0)
         return np.array([self.smooth, _ATTRACTED, others])
 
@@ -324,11 +327,11 @@ class CurveDraws:
         return np.asarray(middle + self.points.unknowns(size * spread[None] / np.sqrt(len(middle)))[0])
 
     def _unproved(self, way: FloatArray) -> IntArray:
-        """Return the edges of a path of points that are not certified, with exact unknowns at its ends."""
+        """Return the edges of a path of points that are not certified; its ends are the exact start and goal."""
         return self.stepper.failing_edges(self._between_ends(way))
 
     def _between_ends(self, way: FloatArray) -> FloatArray:
-        """Return the unknowns of a path of points, exact at its ends, shape (K, p)."""
+        """Return the unknowns along a path of points, shape (K, p), with those of start and goal exact."""
         goal = self.goals[int(np.argmin(np.linalg.norm(self.goal_points - way[-1], axis=1)))]
         return np.vstack((self.start.v, self.points.unknowns(way[1:-1]), goal.v))
 
@@ -341,9 +344,9 @@ def swung(
     rng: np.random.Generator,
     deadline: Deadline,
 ) -> list[Pose] | None:
-    """Return the poses of a motion that unbends the arm, swings it over and bends it to one of the goals.
+    """Return the poses of a motion that straightens the arm, swings it over and bends it to one of the goals.
 
-    None where no tree meets between the unbent poses.
+    None where the search finds no path between the straightened poses.
 
     Args:
         stepper: stepper of an arm whose base turns.

@@ -78,9 +78,10 @@ class TargetDraws:
 
     Attributes:
         arm: the arm.
-        projector: takes changes of link headings to those that the coordinates can make, shape (links, links).
-        offsets: link headings of the space where all coordinates but the blended one are 0, at the start and at a goal
-            of the whole arm, each of shape (links,) [rad].
+        projector: matrix that projects changes of link headings onto those that the coordinates can make, shape
+            (links, links).
+        offsets: link headings when all coordinates of the curve are 0, with the blend coordinates at 0 (start) and at 1
+            (whole-arm goal), each of shape (links,) [rad].
         limits: bounds of the sampled bends, shape (links,) [rad].
         base: least and greatest sampled bend of the first joint [rad].
         batch: least and greatest number of targets sampled at once.
@@ -95,19 +96,19 @@ class TargetDraws:
 
     @property
     def longest(self) -> float:
-        """Longest extension, as the norm of the turns of the links [rad]."""
+        """Longest extension of a tree, as the norm of the turns of the links [rad]."""
         few = self.arm.links <= FEW_LINKS
         return float(np.sqrt(self.arm.links)) * (_RANGE if few else _SMOOTH_RANGE)
 
     @classmethod
     def within(cls, space: LinkSpace, ends: list[FloatArray], curve_columns: int, share: float) -> "TargetDraws":
-        """Return the sampler of targets between known ends.
+        """Return a sampler of targets for a motion between known ends.
 
         Args:
-            space: the link space, perhaps with a coordinate that blends a goal in.
+            space: the link space, possibly with a coordinate that blends in a whole-arm goal.
             ends: configurations, each of shape (links,) [rad], of the start and, for a whole-arm goal, of the goal.
             curve_columns: number of coordinates of the curve alone.
-            share: share of the joint limits that is used; a bend that an end has is allowed in any case.
+            share: fraction of the joint limits that is used; bends that occur at an end are allowed in any case.
         """
         arm = space.arm
         curve = space.turns[:, :curve_columns]
@@ -125,7 +126,7 @@ class TargetDraws:
     def draw(self, rng: np.random.Generator, count: int, tree: PointTree, other: PointTree) -> FloatArray:
         """Return the link headings of targets for the extension of a tree, shape (count, links) [rad].
 
-        Some of them are poses of the other tree, which attract this one to it.
+        Several targets are poses of the other tree, so that this tree grows towards that one.
         """
         targets = self.shapes(rng, count)
         kind = rng.random(count)
@@ -152,9 +153,9 @@ class TargetDraws:
         return self._in_space(rng, arm.headings(bends))
 
     def _bumped(self, rng: np.random.Generator, headings: FloatArray) -> FloatArray:
-        """Return poses with a part of the arm turned aside, shape (m, links) [rad].
+        """Return the link headings of poses with a part of the arm turned aside, shape (m, links) [rad].
 
-        Of an arm of few links the bend of one joint is changed, of one of many links the headings of a stretch.
+        In an arm of few links the bend of one joint is changed; in an arm of many links, the headings of a stretch.
         """
         arm = self.arm
         count = len(headings)
@@ -172,7 +173,7 @@ class TargetDraws:
         return self.arm.headings(bends)
 
     def _in_space(self, rng: np.random.Generator, headings: FloatArray) -> FloatArray:
-        """Return the poses of the space nearest to given ones, with a random share of the goal's offset blended in."""
+        """Project link headings onto the space, with a random fraction of a whole-arm goal's offset blended in."""
         share = rng.random((len(headings), 1))
         offset = self.offsets[0] + share * (self.offsets[1] - self.offsets[0])
         return offset + (headings - offset) @ self.projector.T
@@ -220,7 +221,7 @@ class GoalDraws:
     def _members(self, rng: np.random.Generator, count: int) -> FloatArray:
         """Return positions and headings of the tip that meet the goal, shape (count, 3) [m, rad].
 
-        Of a goal set, uniformly distributed over it.
+        For a goal set, the members are distributed uniformly over the set.
         """
         distance, turn = self.goal.room
         away = rng.uniform(0.0, 2.0 * np.pi, count)
@@ -230,7 +231,7 @@ class GoalDraws:
         return np.column_stack((places, middle + _INSIDE * rng.uniform(-turn, turn, count)))
 
     def _brought(self, headings: FloatArray, members: FloatArray) -> FloatArray:
-        """Return the poses that Newton's method with least turns moves onto members of the goal.
+        """Return the poses moved onto members of the goal by Newton's method with least turns of the links.
 
         Poses that do not converge, or exceed the limits of the bends, are left out.
         """
@@ -250,7 +251,7 @@ class GoalDraws:
         return brought
 
     def _equations(self, headings: FloatArray, members: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the derivatives of the tip by the link headings, in arm lengths and radians, and its errors.
+        """Return the tip's derivatives with respect to the link headings, and its errors, in arm lengths and radians.
 
         Returns:
             Shapes (m, 2 or 3, links) and (m, 2 or 3).
@@ -276,7 +277,7 @@ class Connecting:
         space: link space of the motion.
         start: pose at the start.
         goal: goal, with the coordinates of a whole-arm goal.
-        known_goals: makes poses at a goal for the tip that other methods find, each when it is asked for.
+        known_goals: returns an iterator over poses at a goal for the tip from other methods, each computed on demand.
     """
 
     task: MotionTask
@@ -286,10 +287,10 @@ class Connecting:
     known_goals: Callable[[], Iterator[Pose]]
 
     def find(self, budgets: tuple[int, ...], seed: tuple[int, ...]) -> Motion | None:
-        """Return a certified motion; None when all searches, or the time, do not suffice.
+        """Return a certified motion; None when no search finds one in time.
 
         Args:
-            budgets: most extensions of each search in turn.
+            budgets: maximum numbers of extensions, one for each search in turn.
             seed: seed of every random choice.
         """
         task = self.task
@@ -306,7 +307,7 @@ class Connecting:
         return None
 
     def _motion(self, way: FloatArray) -> Motion | None:
-        """Return a path of link headings in the coordinates of the curve, certified once more; None when that fails."""
+        """Return the motion along a path of link headings; None when it fails to be certified once more."""
         coordinates = self._coordinates(dense(way, _KEYFRAME_TURN))
         q = self.space.configurations(coordinates)
         # This is the searched motion up to rounding and the last correction onto the goal.
@@ -331,7 +332,7 @@ class Connecting:
         )
 
     def _goals(self, draws: TargetDraws, check: SampledCheck, rng: np.random.Generator) -> Iterator[FloatArray]:
-        """Yield link headings at the goal, shape (m, links) [rad]: of a whole-arm goal, or with the tip at the goal."""
+        """Yield link headings of a whole-arm goal, or of poses with the tip at the goal, shape (m, links) [rad]."""
         arm = self.task.arm
         if self.goal.coordinates is not None:
             yield arm.headings(self.space.configurations(self.goal.coordinates))[None]
@@ -345,7 +346,7 @@ class Connecting:
         yield from drawn
 
     def _coordinates(self, way: FloatArray) -> FloatArray:
-        """Return the coordinates of link headings of the space, the ends exact, shape (K, links) to (K, p)."""
+        """Return coordinates, shape (K, p), for a path of link headings, shape (K, links), with exact ends."""
         space = self.space
         start = self.start.v
         end = self.goal.coordinates
@@ -356,7 +357,7 @@ class Connecting:
         return np.stack((start, *(self._fitted(*pair) for pair in zip(way[1:-1], line[1:-1], strict=True)), end))
 
     def _fitted(self, headings: FloatArray, near: FloatArray) -> FloatArray:
-        """Return the coordinates, near given ones, that have given link headings."""
+        """Return the coordinates near given ones that reproduce given link headings."""
         space = self.space
         missed = headings - space.arm.headings(space.configurations(near))
         # Few links leave many curves with the same headings: take the smoothest, then correct what it misses.

@@ -61,13 +61,13 @@ _STILL = 0.005
 
 @dataclass(frozen=True, eq=False)
 class ElasticWay:
-    """A path and how well the arm can follow it.
+    """A path, with measures of how well the arm can follow it.
 
     Attributes:
         places: places on the path, from its beginning, shape (k, 3) [m].
-        gap: least gap of a link on it beyond the distance that it must keep [m].
-        bend: largest bend of a joint on it, as a share of what the joint may bend there.
-        worst: place where the arm can follow it least, shape (3,) [m].
+        gap: least gap of a link on the path in excess of the required distance [m].
+        bend: largest bend of a joint on the path, as a fraction of the bend permitted there.
+        worst: place where the path is hardest to follow, shape (3,) [m].
     """
 
     places: FloatArray
@@ -77,20 +77,20 @@ class ElasticWay:
 
     @property
     def length(self) -> float:
-        """Length [m]."""
+        """Length of the path [m]."""
         return float(arc_lengths(self.places)[-1])
 
 
 @dataclass(frozen=True, eq=False)
 class ElasticBand:
-    """Makes paths that an arm can follow from paths through a grid.
+    """Turns paths through a grid into paths that an arm can follow.
 
     Attributes:
         arm: the arm.
         tree: tree of the surfaces.
         unit: length u of a nominal link [m].
-        kept: distance that the axes of the links must keep from surfaces [m].
-        wanted: gap beyond that which they keep where they can [m].
+        kept: required distance of the links' axes from surfaces [m].
+        wanted: preferred additional distance, kept where possible [m].
     """
 
     arm: Arm
@@ -101,7 +101,7 @@ class ElasticBand:
 
     @property
     def pieces(self) -> int:
-        """Number m of pieces of a path that make a link."""
+        """Number m of pieces of a path per link."""
         return max(1, round(self.arm.link_length / (_PIECE * self.unit)))
 
     @property
@@ -117,14 +117,15 @@ class ElasticBand:
         direction: FloatArray | None,
         via: Sequence[FloatArray] = (),
     ) -> ElasticWay | None:
-        """Return the path that a way becomes; None where the way is shorter than the ends that are given.
+        """Return the path that a way is turned into; None where the way is shorter than its given ends.
 
         Args:
-            behind: places on the axis of the arm a piece apart, before the beginning of the way, shape (m, 3) [m].
+            behind: places on the arm's axis, spaced by one piece, before the beginning of the way, shape (m, 3) [m].
             way: corners of a path, shape (k, 3) [m].
-            out: arc length of its beginning beyond the end of the guide tube [m].
-            direction: direction in which the path ends, straight for a link, a unit vector, shape (3,); any when None.
-            via: places to be passed in this order, each of shape (3,) [m].
+            out: arc length from the end of the guide tube to the beginning of the way [m].
+            direction: unit vector along which the path ends, straight over the length of a link, shape (3,); None for
+                any direction.
+            via: places to pass through in this order, each of shape (3,) [m].
         """
         m = self.pieces
         band = self._divided(behind, way, out, direction, via)
@@ -167,11 +168,11 @@ class ElasticBand:
         return _Band(places / self.unit, fixed, straight * bend_shares(self.arm, arcs_out), m, piece / self.unit)
 
     def _round(self, band: "_Band", chord: int) -> FloatArray:
-        """Return the motion of the places in one round, shape (k, 3) [u].
+        """Return the displacements of the places in one round of relaxation, shape (k, 3) [u].
 
         Args:
             band: the path.
-            chord: number of pieces under the chords that are kept clear.
+            chord: number of pieces spanned by each of the chords that are kept away from surfaces.
         """
         places = band.places
         system = band.equations()
@@ -205,7 +206,7 @@ class ElasticBand:
         return np.asarray(motion * np.minimum(1.0, _LONGEST / np.maximum(far, TINY))[:, None])
 
     def _judged(self, band: "_Band") -> ElasticWay:
-        """Return the path with how well the arm can follow it."""
+        """Return the path with measures of how well the arm can follow it."""
         m = band.m
         count = len(band.places)
         share = np.zeros(count)
@@ -229,16 +230,16 @@ class ElasticBand:
 
 @dataclass(eq=False)
 class _Band:
-    """A path in pieces, with lengths in nominal links.
+    """A path divided into pieces, with all lengths in nominal links u.
 
     Attributes:
-        places: places a piece apart, with those on the arm before them, shape (k, 3) [u].
-        fixed: which places are given, shape (k,).
-        most: second difference over links of a joint that bends as far as it may at each place, shape (k,) [u].
-        m: number of pieces that make a link.
+        places: places spaced by one piece, those on the arm first, shape (k, 3) [u].
+        fixed: mask of the given places, which do not move, shape (k,).
+        most: second difference over a link's length of a joint at its largest permitted bend, at each place, shape (k,)
+            [u].
+        m: number of pieces per link.
         piece: length of a piece [u].
-        stiffness: the diagonals from the main one down of the terms that are the same in every round, shape
-            (2 m + 1, k).
+        stiffness: main and lower diagonals of the terms that do not change between rounds, shape (2 m + 1, k).
     """
 
     places: FloatArray
@@ -261,7 +262,7 @@ class _Band:
                     self.stiffness[(a - b) * stride, b * stride : b * stride + inner] += weight * first * second
 
     def equations(self) -> "_Equations":
-        """Return the normal equations of the terms that are the same in every round."""
+        """Return new normal equations that hold the terms that do not change between rounds."""
         target = -self.stiffness[0][:, None] * self.places
         for d in range(1, len(self.stiffness)):
             below = self.stiffness[d, :-d, None]
@@ -273,10 +274,10 @@ class _Band:
         return _Equations(matrix, target.ravel())
 
     def bends(self, stride: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return the second differences over a number of pieces, their lengths, and the largest ones allowed [u].
+        """Return second differences over ``stride`` pieces, their norms, and the largest norms permitted [u].
 
         Args:
-            stride: number of pieces: those of a link, or fewer, where the path may bend a little more sharply.
+            stride: number of pieces, m for a whole link; with fewer, the path may bend slightly more sharply.
 
         Returns:
             Shapes (k − 2 stride, 3), (k − 2 stride,) and (k − 2 stride,).
@@ -311,8 +312,8 @@ class _Equations:
         """Add weight · (Σ_a stencil_a · normal · motion_a − value)² for each of r terms.
 
         Args:
-            at: the places that each term moves, shape (r, a).
-            stencil: their coefficients, shape (a,) or (r, a).
+            at: indices of the places that occur in each term, shape (r, a).
+            stencil: coefficients of these places, shape (a,) or (r, a).
             normals: unit vectors, shape (r, 3).
             weight: weights, shape (r,) or one for all.
             value: values, shape (r,).
@@ -328,7 +329,7 @@ class _Equations:
         self.matrix += np.bincount(flat[lower], products[lower], self.matrix.size).reshape(self.matrix.shape)
 
     def solved(self, fixed: BoolArray) -> FloatArray:
-        """Return the motion of the places, shape (k, 3); those that are given do not move."""
+        """Return the displacements of the places, shape (k, 3); given places do not move."""
         held = np.repeat(fixed, 3)
         self.matrix[0, held] = _GIVEN
         self.target[held] = 0.0

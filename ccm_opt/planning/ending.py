@@ -74,7 +74,7 @@ _OPENED = 0.02
 
 
 def weighing_bottlenecks(motion: Motion, task: MotionTask) -> MotionTask:
-    """Return the task with most of the weight of the path's length put on the joints that a motion turns most.
+    """Return the task with most of the path-length weight shifted to the joints that a motion turns most.
 
     Args:
         motion: nearly optimal motion with keyframes at nearly even steps.
@@ -95,7 +95,7 @@ def weighing_bottlenecks(motion: Motion, task: MotionTask) -> MotionTask:
 
 
 def _busyness(differences: FloatArray) -> FloatArray:
-    """Return a weight factor for each joint by the largest of its differences, shape (m, links) to (links,)."""
+    """Return a weight factor for each joint, shape (links,), from its largest difference, shape (m, links)."""
     most = np.abs(differences).max(axis=0)
     mean = np.sqrt(np.mean(most**2))
     factors: FloatArray = np.clip(most / max(mean, TINY), _LEAST_BUSY, None) ** _BOTTLENECK_POWER
@@ -103,17 +103,16 @@ def _busyness(differences: FloatArray) -> FloatArray:
 
 
 def optimised_to_end_pose(motion: Motion, task: MotionTask, margin: float | None = None) -> Motion:
-    """Return the motion optimised, ending in the pose that the task prefers at the goal.
+    """Return the optimised motion, ending in the pose at the goal that the task prefers.
 
     Args:
         motion: certified motion with the tip at the goal.
-        task: task that it was found for.
-        margin: margin that rows of the optimisation ask for, see ``optimise``.
+        task: task for which the motion was found.
+        margin: margin required by the rows of the optimisation, see ``optimise``.
 
     Returns:
-        Certified. Where the task offers no other end, or none that can be reached, the motion ends where the
-        optimisation
-        with a free end put it.
+        The certified motion. Where the task offers no other end, or none that can be reached, the motion ends where
+        the optimisation with a free end put it.
     """
     if task.arm.base_axes:
         task = _with_dense_keyframes(motion, task)
@@ -135,7 +134,7 @@ def optimised_to_end_pose(motion: Motion, task: MotionTask, margin: float | None
 
 
 def _with_dense_keyframes(motion: Motion, task: MotionTask) -> MotionTask:
-    """Return the task with keyframes as dense as the feed of a motion needs, and a share of the time left."""
+    """Return the task with keyframes as dense as the feed of a motion needs, and a fraction of the time left."""
     # Joints come out of the tube one after the other: keyframes have to be dense enough to separate them.
     links_fed = float(np.abs(np.diff(motion.configurations[:, task.arm.links :], axis=0)).sum())
     dense = round(min(_KEYFRAMES_A_LINK * links_fed, _MOST_KEYFRAMES))
@@ -147,16 +146,16 @@ def _with_dense_keyframes(motion: Motion, task: MotionTask) -> MotionTask:
 
 
 def _with_room(motion: Motion, task: MotionTask, margin: float | None) -> Motion:
-    """Return an optimised motion with its gaps widened towards the wanted one, its end unchanged."""
+    """Return an optimised motion with gaps widened towards the preferred gap and its end unchanged."""
     weighed = weighing_bottlenecks(motion, task).with_goal_pose(motion.unknowns[-1], motion.configurations[-1])
     return with_more_room(motion, motion, weighed, margin)
 
 
 def bent_to(motion: Motion, wanted: FloatArray, task: MotionTask) -> Motion | None:
-    """Return a certified motion with another end, or None.
+    """Return a certified motion with another end; None where none is found.
 
-    The difference between the ends is added to the motion, increasingly towards its end; where that is not certified on
-    any stretch, the motion is led on from its end to the other.
+    The difference between the ends is added to the motion, increasingly towards its end. Where no motion bent in this
+    way is certified, the motion is continued from its own end to the other.
 
     Args:
         motion: certified motion.
@@ -171,16 +170,16 @@ def bent_to(motion: Motion, wanted: FloatArray, task: MotionTask) -> Motion | No
 def led_to(
     motion: CurveMotion[Any], end: FloatArray, task: SearchTask, margins: Sequence[float]
 ) -> CurveMotion[Any] | None:
-    """Return a certified motion with another end.
+    """Return a certified motion to another end, by bending or continuing a given motion.
 
     Args:
         motion: certified motion.
         end: unknowns of the other end, shape (p,).
         task: task with the arm and its limits.
-        margins: margins of the steps that lead the motion on, each tried in turn.
+        margins: margins of the steps that continue the motion, tried in turn.
 
     Returns:
-        None where no certified motion to that end is found.
+        The motion; None where no certified motion to that end is found.
     """
     # A motion through given tip positions is tied to them: nothing can be added to it.
     for bent in () if task.via else motion.bent_to(end):
@@ -205,14 +204,14 @@ def led_to(
 
 # ------------------------------------------------------------ in space
 def opened(task: SpaceTask, motion: SpaceMotion) -> list[Pose]:
-    """Return the poses from the end of a motion to one at the goal with as much of the wanted gap as steps find.
+    """Return poses that lead from the end of a motion to a pose at the goal with gaps widened towards the preferred.
 
     Args:
         task: task with a goal for the tip.
         motion: motion to the goal.
 
     Returns:
-        The first pose is the motion's end; it is the only one where steps do not lead back onto the goal.
+        The poses, first the motion's end. No other pose is returned if the steps do not lead back onto the goal.
     """
     stepper = task.stepper(motion.curve, _OPENING * task.wanted_gap / task.margin)
     pose = stepper.pose(motion.unknowns[-1])
@@ -242,7 +241,7 @@ class Ending:
     """A motion to the goal, with the NLP's answer about its end.
 
     Attributes:
-        task: task whose goal is the pose of the end where that is settled; else the original task.
+        task: task whose goal is the pose at the end of the motion where that pose is settled; else the original task.
         motion: motion to the goal.
         record: the NLP's answer; None where the NLP was not asked.
     """
@@ -282,7 +281,7 @@ def ended_by_nlp(problem: Problem, task: SpaceTask, motion: SpaceMotion) -> Endi
 
 
 def _solve_goal_pose(asked: GoalPoses, task: SpaceTask, goal: GoalPose, motion: SpaceMotion) -> Ending:
-    """Return the NLP's answer from the end of a motion, and the motion continued to its pose where possible."""
+    """Solve the goal-pose NLP from the end of a motion, and continue the motion to the pose found where possible."""
     wanted = asked.problem.wanted_gap
     answers = asked.improved(motion.configurations[-1], task.deadline)
     feasible = [pose for pose in answers if asked.feasible(pose)]
@@ -311,7 +310,7 @@ def _solve_goal_pose(asked: GoalPoses, task: SpaceTask, goal: GoalPose, motion: 
 
 
 def _opened_motion(asked: GoalPoses, task: SpaceTask, motion: SpaceMotion) -> SpaceMotion:
-    """Return the motion, continued at its goal to a pose with wider gaps if it ends with less than wanted."""
+    """Continue a motion that ends with less than the preferred gap to a pose at the goal with wider gaps."""
     before = asked.gap(motion.configurations[-1])
     if before >= _ENOUGH * task.wanted_gap:
         return motion

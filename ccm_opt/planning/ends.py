@@ -70,13 +70,14 @@ class Ends:
 
 
 def resolve_ends(problem: Problem) -> Ends:
-    """Return start and goal of a problem, as configurations of the arm's links, once they are checked.
+    """Check the start and goal of a problem, and return both as configurations of the arm's links.
 
     Args:
         problem: the problem.
 
     Raises:
-        UnreachableGoal: naming link and obstacle with the depth, or joint and angle.
+        UnreachableGoal: a pose is in contact or beyond a joint limit; the message names link, obstacle and depth, or
+            joint and angle.
     """
     start = _configuration(problem, problem.start, "start")
     clamped = not problem.arm.base_axes and stands_flush(problem, start)
@@ -98,7 +99,7 @@ def _configuration(problem: Problem, pose: JointPose, which: str) -> FloatArray:
     """Return the configuration of a pose, shape (c,), with bends of exactly 0 where the guide tube holds a joint.
 
     Raises:
-        UnreachableGoal: a joint that the tube holds is bent; ``which`` names the pose.
+        UnreachableGoal: a joint inside the tube is bent; the message calls the pose ``which``.
     """
     arm = problem.arm
     if not arm.base_axes:
@@ -119,7 +120,7 @@ def _configuration(problem: Problem, pose: JointPose, which: str) -> FloatArray:
 
 
 def tip_goal(problem: Problem, goal: TipGoal) -> GoalPose:
-    """Return a goal for the tip as planning uses it: a pose to be met exactly, or a set.
+    """Return the goal for the tip as planning uses it, either a pose to be met exactly or a set.
 
     A tolerance as small as a precision leaves the goal a point, which is met exactly where possible; a wider one makes
     it a set, of which any member is acceptable.
@@ -141,8 +142,8 @@ def tip_goal(problem: Problem, goal: TipGoal) -> GoalPose:
 def aim(problem: Problem, goal: TipGoal) -> FloatArray:
     """Return the position to which planning leads the tip, shape (2,) [m].
 
-    It is the goal where the tip can take it. A goal out of reach is moved towards the base, one too near to an obstacle
-    to the nearest position with clearance, both within the tolerance.
+    This is the goal itself where the tip can take that position. A goal out of reach is moved towards the base, a goal
+    too near to an obstacle to the nearest position with clearance, both within the tolerance.
     """
     arm = problem.arm
     slack = _AIM_SHARE * problem.tolerances.position
@@ -175,7 +176,7 @@ def aim(problem: Problem, goal: TipGoal) -> FloatArray:
 def stands_flush(problem: Problem, q: FloatArray) -> bool:
     """Return whether the arm leaves a wall so that the end of its mount just clears the wall.
 
-    Turning the base would then close the gap, whichever way it turns.
+    Turning the base in either direction would then close the gap.
     """
     arm = problem.arm
     # The whole first link belongs to the mount already.
@@ -200,9 +201,9 @@ def clamped_arm(arm: Arm) -> Arm:
 
 
 def _within_limits(problem: Problem, pose: JointPose) -> FloatArray:
-    """Return the configuration of a whole-arm goal, its joints turned back within their limits.
+    """Return the configuration of a whole-arm goal, with joints beyond their limits turned back to them.
 
-    That is done only where they exceed the limits by less than the goal's tolerance.
+    Joints are turned back only where they exceed their limits by less than the goal's tolerance.
     """
     arm = problem.arm
     q = _configuration(problem, pose, "goal")
@@ -214,10 +215,10 @@ def _within_limits(problem: Problem, pose: JointPose) -> FloatArray:
 
 
 def refuse_blocked_tip(problem: Problem, goal: TipGoal) -> None:
-    """Raise where the tip at a goal, or with a heading the last link, is deeper in an obstacle than tolerances allow.
+    """Raise if the tip at a goal, or the last link if a heading is given, is deeper in obstacles than tolerances allow.
 
     Raises:
-        UnreachableGoal: naming the obstacle and the depth.
+        UnreachableGoal: the goal is blocked; the message names the obstacle and the depth.
     """
     arm = problem.arm
     tolerances = problem.tolerances
@@ -244,11 +245,11 @@ def refuse_blocked_tip(problem: Problem, goal: TipGoal) -> None:
 
 
 def refuse_ends(problem: Problem, task: "SpaceTask") -> None:
-    """Raise where the start or a whole-arm goal is in contact, or the goal is out of reach.
+    """Raise if the start or a whole-arm goal is in contact, or the goal is out of reach.
 
     Raises:
         ProblemError: the start touches something, or violates a constraint of the user.
-        UnreachableGoal: the goal does, or is too far away.
+        UnreachableGoal: a whole-arm goal touches something or violates a constraint, or the goal is too far away.
     """
     for limit in task.user_limits:
         limit.refuse_ends(task.start, task.goal_pose)
@@ -264,10 +265,10 @@ def refuse_ends(problem: Problem, task: "SpaceTask") -> None:
 
 
 def refuse_goal(problem: Problem, task: "SpaceTask", goal: GoalPose) -> None:
-    """Raise where a goal for the tip leaves it no clearance, or is out of reach.
+    """Raise if a goal for the tip leaves the tip no clearance, or is out of reach.
 
     Raises:
-        UnreachableGoal: saying which, and by how much.
+        UnreachableGoal: the message says which of the two applies, and by how much.
     """
     found = deepest_enclosure(problem.workspace, goal.position[None], entering=problem.arm.radius)
     if found is not None:
@@ -305,7 +306,7 @@ def refuse_goal(problem: Problem, task: "SpaceTask", goal: GoalPose) -> None:
 
 
 def _what_is_bad(problem: Problem, task: "SpaceTask", q: FloatArray, motion: str) -> str:
-    """Return in words whether an end is in contact or too tight to certify a motion; empty where neither."""
+    """Describe why an end is bad: contact, or too little clearance to certify a motion; empty if neither."""
     contact = contact_words(problem, task, q)
     if contact:
         return f"is in contact: {contact}"
@@ -314,7 +315,7 @@ def _what_is_bad(problem: Problem, task: "SpaceTask", q: FloatArray, motion: str
 
 
 def contact_words(problem: Problem, task: "SpaceTask", q: FloatArray) -> str:
-    """Return in words the contact of a configuration and its depth inside bodies; empty where it is free."""
+    """Describe the contact of a configuration and its depth inside bodies; empty where it is free."""
     contact = describe_contact(task, q)
     joints = task.arm.joint_positions_at(q)
     _, exposed = task.arm.exposed_links(joints)
@@ -338,9 +339,9 @@ def _depth_words(found: Enclosure) -> str:
 
 
 def describe_contact(task: "SpaceTask", q: FloatArray, beyond: float = 0.0) -> str:
-    """Return in words the contact of a configuration, or what is within ``beyond`` [m] of contact.
+    """Describe the contact of a configuration, or the bodies within ``beyond`` [m] of contact.
 
-    Empty where there is none.
+    The text is empty where there is neither.
     """
     arm = task.arm
     points = arm.joint_positions_at(q)
@@ -367,7 +368,7 @@ class NearestOfSamples:
     """The least gap of every sample, with the bodies between which it occurs.
 
     Attributes:
-        gap: gap between the surfaces; the reach where nothing is nearer, shape (T,) [m].
+        gap: gap between the nearest surfaces; the reach of the measurement where none are nearer, shape (T,) [m].
         link: number of the link from 1; 0 where nothing is near, shape (T,).
         other: index of the surface's owner, or number of the other link from 1, shape (T,).
     """
@@ -379,7 +380,7 @@ class NearestOfSamples:
 
 @dataclass(frozen=True, eq=False)
 class GapsAtSamples:
-    """Gaps between bare surfaces, without clearance.
+    """Gaps between bare surfaces, with no clearance subtracted.
 
     Attributes:
         walls: gaps to the nearest surface of the scene.
@@ -397,7 +398,7 @@ class GapsAtSamples:
     def of(
         cls, problem: Problem, points: FloatArray, reach: float | None = None, own_reach: float | None = None
     ) -> "GapsAtSamples":
-        """Return the gaps of poses.
+        """Measure the gaps of poses.
 
         Args:
             problem: the problem with its surfaces and arm.
@@ -413,7 +414,7 @@ class GapsAtSamples:
 
     @classmethod
     def nearest_words(cls, problem: Problem, q: FloatArray) -> str:
-        """Return in words which two bodies are nearest to each other in a configuration; empty where none are near."""
+        """Name the two bodies that are nearest to each other in a configuration; empty where none are near."""
         gaps = cls.of(problem, problem.arm.joint_positions_at(q)[None])
         to_walls = float(gaps.walls.gap[0]) - problem.workspace.clearance
         to_itself = float(gaps.itself.gap[0])
@@ -423,7 +424,7 @@ class GapsAtSamples:
         return describe_clearance(int(near.link[0]), gaps.other(near, 0), min(to_walls, to_itself))
 
     def other(self, near: NearestOfSamples, sample: int) -> str:
-        """Return the name of the body that a link is near to in a sample."""
+        """Return the name of the body nearest to a link in a sample."""
         number = int(near.other[sample])
         return f"'{self.names[number]}'" if near is self.walls else f"link {number}"
 

@@ -74,11 +74,11 @@ class WayEnd:
 
 @dataclass(frozen=True, eq=False)
 class WayArcs:
-    """Arcs that lead on from a state.
+    """Arcs of equal length by which a path continues from a state.
 
     Attributes:
-        places: places on each arc in the frame at its beginning, the end included, shape (a, m, 3) [m].
-        turns: rotation of the frame along each arc, shape (a, 3, 3).
+        places: places on each of a arcs, up to its end, in the frame at its beginning, shape (a, m, 3) [m].
+        turns: rotation of the frame from the beginning to the end of each arc, shape (a, 3, 3).
         dear: cost of each arc per length, shape (a,).
         length: length of each arc [m].
     """
@@ -90,12 +90,12 @@ class WayArcs:
 
     @classmethod
     def of(cls, unit: float, radius: float, cell: float) -> "WayArcs":
-        """Return a straight arc, and bent ones towards all azimuths.
+        """Return a straight arc, and arcs that bend towards evenly spaced azimuths.
 
         Args:
             unit: length of a nominal link [m].
             radius: radius of the tightest bend [m].
-            cell: cell size of the grid; places on an arc are about half of it apart [m].
+            cell: cell size of the grid; places on an arc are about half a cell apart [m].
         """
         step = _STEP * unit
         samples = step * np.arange(1, 1 + max(2, int(np.ceil(2.0 * step / cell))))
@@ -118,17 +118,17 @@ class WayArcs:
 
 @dataclass(frozen=True, eq=False)
 class FollowSearch:
-    """A search for a path that the arm can follow.
+    """A search through a grid for a path that the arm can follow.
 
     Attributes:
         low: centre of the grid's first cell, shape (3,) [m].
         cell: size of the cells [m].
-        price: cost of a path through a cell per length, shape (nx, ny, nz); not positive where the cell is blocked.
-        left: cost of the cheapest path from each cell to the goal, of the same shape, inf where there is none [m].
-        arcs: arcs that lead on from a state.
+        price: cost per length of a path through each cell, shape (nx, ny, nz); not positive where the cell is blocked.
+        left: cost of the cheapest path from each cell to the goal, inf where there is none, shape (nx, ny, nz) [m].
+        arcs: arcs by which a path continues from a state.
         radius: radius of the tightest bend [m].
         unit: length of a nominal link [m].
-        most: length of the longest path that is considered [m].
+        most: maximum length of a path [m].
     """
 
     low: FloatArray
@@ -141,19 +141,19 @@ class FollowSearch:
     most: float
 
     def cells(self, places: FloatArray) -> tuple[IntArray, IntArray, IntArray]:
-        """Return the cells of places, shape (..., 3); the nearest cell where a place lies outside."""
+        """Return the cells that contain places, shape (..., 3); the nearest cells for places outside the grid."""
         found = np.rint((places - self.low) / self.cell).astype(np.intp)
         found = np.clip(found, 0, np.array(self.price.shape) - 1)
         return found[..., 0], found[..., 1], found[..., 2]
 
     def connecting_arc_indices(self, place: FloatArray, frame: FloatArray, goal: WayEnd) -> list[int] | None:
-        """Return the indices of the arcs of a path up to where two more arcs lead to the goal.
+        """Return the indices of the arcs of a path that ends where ``landing`` can connect it to the goal.
 
-        None where no path is found.
+        None if no path is found.
 
         Args:
             place: where the path begins, shape (3,) [m].
-            frame: frame (t, n1, n2) there as columns, shape (3, 3).
+            frame: frame (t, n1, n2) at the beginning, as columns, shape (3, 3).
             goal: where the path ends.
         """
         choices, samples, _ = self.arcs.places.shape
@@ -186,13 +186,13 @@ class FollowSearch:
         return found[::-1]
 
     def landing(self, place: FloatArray, frame: FloatArray, goal: WayEnd) -> FloatArray | None:
-        """Return places on two arcs from a state to the goal, shape (m, 3) [m].
+        """Return places along two arcs that connect a state to the goal, shape (m, 3) [m].
 
         None where the arcs are too long or too tightly bent.
 
         Args:
             place: position of the state, shape (3,) [m].
-            frame: frame (t, n1, n2) there as columns, shape (3, 3).
+            frame: frame (t, n1, n2) at that position, as columns, shape (3, 3).
             goal: where the path ends.
         """
         away = float(np.linalg.norm(goal.place - place))
@@ -214,7 +214,7 @@ class FollowSearch:
 
 
 def _along(frame: FloatArray, start: FloatArray, arcs: Sequence[SpaceArc], spacing: float) -> FloatArray:
-    """Return the places along consecutive arcs, without the first, shape (m, 3) [m]."""
+    """Return places along consecutive arcs, without the starting point, shape (m, 3) [m]."""
     places = []
     for arc in arcs:
         count = max(2, int(np.ceil(arc.length / spacing)))
@@ -236,7 +236,7 @@ class FollowableWays:
 
     Attributes:
         grid: grid of places with clearance for the tip.
-        price: cost of a path through a cell per length, of the shape of the grid; not positive where the cell is
+        price: cost per length of a path through each cell, of the shape of the grid; not positive where the cell is
             blocked.
         radius: radius of the tightest bend [m].
         unit: length of a nominal link [m].
@@ -250,7 +250,7 @@ class FollowableWays:
     deadline: Deadline = field(default_factory=Deadline.never)
 
     def between(self, start: WayEnd, goal: WayEnd, most: float) -> FloatArray | None:
-        """Return the places on a path, shape (m, 3) [m]; None where none is found.
+        """Return places along a path that the arm can follow, shape (m, 3) [m]; None if none is found.
 
         Args:
             start: where the path begins; its direction counts.
@@ -281,7 +281,7 @@ class FollowableWays:
 
 
 def _frame(direction: FloatArray) -> FloatArray:
-    """Return a frame whose first axis is a given direction, as columns, shape (3, 3)."""
+    """Return a frame, its axes as columns, whose first axis is a given direction, shape (3, 3)."""
     helper = np.eye(3)[int(np.argmin(np.abs(direction)))]
     second = np.cross(direction, helper)
     second /= np.linalg.norm(second)
@@ -307,16 +307,16 @@ def slid_along(
 ) -> FloatArray:
     """Return the configurations of an arm that is fed along a track, shape (k, c) [rad, m].
 
-    A joint near the guide tube leads its link as near to the track as a share of the largest bend allows; the joints
-    beyond lead back onto it.
+    A joint near the guide tube may use only a fraction of its largest bend, and turns its link towards the track as far
+    as that permits; joints further out turn the arm back onto the track.
 
     Args:
         arm: arm on a feed axis, with all joints on the track where its base is at the first of the feeds.
-        track: track of the tip; it begins at the base there.
+        track: track of the tip; it begins at the base for the first of the feeds.
         feeds: positions of the base, increasing, shape (k,) [m].
-        shares: returns that share at each of the feeds, shape (k,), from the arc length of the joint beyond the tube
-            there, shape (k,) [m]; ``bend_shares`` when None.
-        most: most that a joint bends [rad]; its limit when None.
+        shares: returns that fraction at each of the feeds, shape (k,), from the joint's arc length beyond the tube,
+            shape (k,) [m]; ``bend_shares`` when None.
+        most: largest bend of a joint [rad]; the joint limit when None.
     """
     shares = partial(bend_shares, arm) if shares is None else shares
     link = arm.link_length
@@ -342,7 +342,7 @@ def slid_along(
 
 
 def _turned(directions: FloatArray, wanted: FloatArray, most: FloatArray) -> FloatArray:
-    """Return unit directions turned towards others by at most some angles [rad], shapes (k, 3), (k, 3) and (k,)."""
+    """Turn unit directions, shape (k, 3), towards others, shape (k, 3), by at most given angles, shape (k,) [rad]."""
     along = np.sum(directions * wanted, axis=1)
     aside = wanted - along[:, None] * directions
     away = np.linalg.norm(aside, axis=1)
@@ -351,9 +351,9 @@ def _turned(directions: FloatArray, wanted: FloatArray, most: FloatArray) -> Flo
 
 
 def feeds_to_end(arm: Arm, track: ArmTrack, start: float, step: float) -> FloatArray:
-    """Return evenly spaced positions of the base, shape (k,) [m].
+    """Return evenly spaced positions of the base that bring the tip to the end of its track, shape (k,) [m].
 
-    They lead from the start of a motion to where the tip is nearest to the end of its track.
+    The positions lead from the start of a motion to where the tip is nearest to that end.
 
     Args:
         arm: arm on a feed axis.
@@ -371,9 +371,9 @@ def feeds_to_end(arm: Arm, track: ArmTrack, start: float, step: float) -> FloatA
 
 
 def _chord(window: FloatArray, joints: FloatArray, link: float) -> tuple[FloatArray, FloatArray]:
-    """Return the index of the place nearest to each joint, and the direction of its next link.
+    """Return, for each joint, the index of the nearest place and the direction of the joint's next link.
 
-    The link points to where the track is a link length away from the joint.
+    The link points to the place on the track that is a link length away from the joint.
 
     Args:
         window: consecutive places of the track, shape (k, m, 3) [m].
@@ -395,7 +395,7 @@ def _chord(window: FloatArray, joints: FloatArray, link: float) -> tuple[FloatAr
 
 
 def _prolonged(track: ArmTrack, arcs: FloatArray) -> FloatArray:
-    """Return the places at arc lengths, straight on beyond the end of the track, shape (m, 3) [m]."""
+    """Return the places at arc lengths of a track that is prolonged straight beyond its end, shape (m, 3) [m]."""
     last = track.points[-1] - track.points[-2]
     last = last / np.linalg.norm(last)
     return np.asarray(track.at(arcs) + np.maximum(arcs - track.length, 0.0)[:, None] * last)
@@ -408,7 +408,7 @@ configuration, and joints are reproduced as well, to 0.01 rad."""
 
 
 def fitted_slide(curve: CurveMap, start: FloatArray, configurations: FloatArray) -> FloatArray:
-    """Return the unknowns of configurations of an arm on a feed axis, shape (k, p).
+    """Return unknowns fitted to the joint turns of a slide of an arm on a feed axis, shape (k, p).
 
     Args:
         curve: map that reproduces the first configuration exactly.
@@ -444,9 +444,9 @@ _PLACED = 2
 
 
 def placed_slide(curve: CurveMap, unknowns: FloatArray, configurations: FloatArray) -> FloatArray:
-    """Return the unknowns of a slide fitted by where its joints are, shape (k, p).
+    """Return unknowns of a slide refitted to the positions of the joints, shape (k, p).
 
-    Small errors of many turns add up along the arm, so that curves that reproduce all turns well may miss the end of
+    Small errors of many turns add up along the arm, so curves that reproduce all turns well may still miss the end of
     the track.
 
     Args:

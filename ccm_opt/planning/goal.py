@@ -25,8 +25,8 @@ class GoalPose:
         position: position of the tip, shape (d,) [m].
         direction: direction of the last link, a unit vector of shape (d,), or None where any is acceptable.
         coordinates: unknowns of the curve of a whole-arm goal, or None.
-        room: distance [m] and turn [rad] by which a pose may deviate from the position and the direction: the goal is
-            then a set, and any member of it is acceptable. Zeros for a goal that is to be met exactly.
+        room: distance [m] and turn [rad] by which a pose may deviate from position and direction. If not zero, the goal
+            is a set, any member of which is acceptable; zeros for a goal that is to be met exactly.
         near_enough: distance [m] and turn [rad] that are still accepted where no pose meets the goal exactly.
         limits: further limits that apply at the goal; usually none.
         settings: settings of the pull and of Newton's method.
@@ -42,7 +42,7 @@ class GoalPose:
 
     @property
     def heading(self) -> float | None:
-        """The direction as an angle in the plane [rad], or None."""
+        """Heading of the last link in the plane [rad]; None where any direction is acceptable."""
         return None if self.direction is None else float(np.arctan2(self.direction[1], self.direction[0]))
 
     @property
@@ -81,7 +81,7 @@ class GoalPose:
     def turn(self, pose: Pose) -> FloatArray:
         """Return the turn of the last link to the nearest acceptable direction, shape (d − 1,) [rad].
 
-        Its components are towards the link's other axes.
+        The components of the turn are towards the second and further axes of the link.
         """
         if self.direction is None:
             return np.zeros(len(pose.tip) - 1)
@@ -95,7 +95,7 @@ class GoalPose:
         return float(np.linalg.norm(self.offset(pose))), float(np.linalg.norm(self.turn(pose)))
 
     def met(self, pose: Pose) -> bool:
-        """Return whether a pose is near enough to the goal, and meets the limits there."""
+        """Return whether a pose is near enough to the goal and meets the limits that apply at the goal."""
         distance, turn = self.errors(pose)
         return distance <= self.near_enough[0] and turn <= self.near_enough[1] and self.limits_met(pose)
 
@@ -109,7 +109,7 @@ class GoalPose:
         return all(limit.miss(pose.q) <= 0.0 for limit in self.limits)
 
     def describe_limits(self, pose: Pose) -> str:
-        """Return in words which limits at the goal are violated or at their bound; empty when none is."""
+        """Describe which limits at the goal are violated or at their bound; empty when none are."""
         return "; ".join(words for limit in self.limits if (words := limit.describe(pose.q)))
 
     def terms(self, space: CurveUnknowns, pose: Pose, weight: float) -> list[Term]:
@@ -138,15 +138,15 @@ class GoalPose:
     def rows(self, pose: Pose, unit: float) -> FloatArray:
         """Return the derivatives of the tip's position and direction with respect to the unknowns, shape (k, p).
 
-        The position is in multiples of ``unit`` [m]; the direction has rows only where one is asked for.
+        The position is in multiples of ``unit`` [m]; the direction has rows only if the goal prescribes one.
         """
         place = pose.moving[-1] / unit
         return place if self.direction is None else np.concatenate((place, pose.tip_turning))
 
     def equations(self, pose: Pose, unit: float) -> tuple[FloatArray, FloatArray]:
-        """Return the rows of the tip for Newton's method, shape (k, p), and the change each needs, shape (k,).
+        """Return the rows of the tip for Newton's method, shape (k, p), and their required changes, shape (k,).
 
-        A position or direction that is within the tolerance has no rows.
+        A position or direction that is already within the tolerance has no rows.
         """
         offset = self.offset(pose) / unit
         turn = self.turn(pose)
@@ -157,7 +157,7 @@ class GoalPose:
 
 
 def moved_onto(space: CurveUnknowns, goal: GoalPose, pose: Pose, largest_turn: float = np.inf) -> Pose:
-    """Return a pose moved onto the goal by Newton's method with least change of the links, ignoring obstacles.
+    """Move a pose onto the goal by Newton's method with least change of the links, ignoring obstacles.
 
     Args:
         space: the map from the unknowns to configurations.
