@@ -1,1 +1,1 @@
-"""What the arm must avoid: walls and free space, bodies as triangles, distances, and certificates of motions."""
+"""The scene of the arm: walls and free space, bodies as triangles, distances, and collision-free certificates."""

@@ -1,4 +1,4 @@
-"""Refusal of poses in contact, with advice."""
+"""Refuses poses that break joint limits or touch something, with advice on how to correct them."""
 
 import numpy as np
 import shapely
@@ -13,12 +13,12 @@ from ccm_opt.scene.workspace import Workspace
 
 
 def clearance_advice(radius: float, clearance: float, lacking: float = 0.0) -> tuple[str, ...]:
-    """Return advice on how the arm could need less space: one line, or none where that is impossible.
+    """Return at most one line of advice on which settings to reduce so that the arm needs less space.
 
     Args:
         radius: radius of the arm [m].
         clearance: required clearance [m].
-        lacking: distance by which the two together are known to be too large [m]; 0 where that is not known.
+        lacking: distance by which radius plus clearance is known to be too large [m]; 0 if unknown.
     """
     keys = []
     if radius > lacking:
@@ -36,11 +36,11 @@ MOST_NAMED = 6
 
 
 def joints_at_limits(bends: FloatArray, limits: FloatArray) -> tuple[str, tuple[str, ...]]:
-    """Return which joints of a pose are at their limits, in words, and advice; both may be empty.
+    """Return a description of the joints of a pose that are at their limits, and advice; both may be empty.
 
     Args:
         bends: bends of each joint, shape (links,), or in space (links, 2) [rad].
-        limits: their limits, in the same shape [rad].
+        limits: limits of the bends, in the same shape [rad].
     """
     bent = np.abs(bends.reshape(len(bends), -1))
     allowed = limits.reshape(bent.shape)
@@ -62,14 +62,14 @@ def joints_at_limits(bends: FloatArray, limits: FloatArray) -> tuple[str, tuple[
 def refuse_bad_pose(arm: Arm, workspace: Workspace, q: FloatArray, which: str, reach: float = 0.02) -> float:
     """Refuse a pose that breaks a joint limit or is in contact, and return its least clearance [m].
 
-    The clearance is that beyond the required one; infinite if nothing is near.
+    The returned clearance excludes the required clearance; it is infinite if nothing is near.
 
     Args:
         arm: the arm.
         workspace: the workspace, in the plane.
         q: configuration, shape (c,) [rad, m].
         which: name of the pose in messages.
-        reach: only what is nearer than this share of the arm's length is checked.
+        reach: distance, as a fraction of the arm's length, within which obstacles are checked.
 
     Raises:
         UnreachableGoal: the pose breaks a joint limit or touches something; the message names joint or link and
@@ -120,9 +120,9 @@ def _touching(which: str, contact: str, room: tuple[str, ...]) -> Diagnosis:
 
 
 def _outside(arm: Arm, workspace: Workspace, points: FloatArray) -> str | None:
-    """Return in words where a pose leaves the workspace, or None if it stays inside.
+    """Return a description of where a pose leaves the workspace, or None if the pose stays inside.
 
-    ``points`` are joints and tip, shape (links + 1, 2) [m].
+    ``points`` are the positions of the joints and the tip, shape (links + 1, 2) [m].
     """
     link, share = arm.mount_end
     behind_mount = np.vstack((points[link] + share * (points[link + 1] - points[link]), points[link + 1 :]))

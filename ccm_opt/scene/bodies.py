@@ -32,7 +32,7 @@ class RigidPlacement:
 
     @classmethod
     def turned(cls, position: FloatArray, angles: FloatArray) -> "RigidPlacement":
-        """Return a placement that turns about the fixed x, y and z axes in this order, then moves.
+        """Return the placement that turns about the fixed x, y and z axes, in this order, and then moves.
 
         Args:
             position: position of the body's origin, shape (3,) [m].
@@ -43,7 +43,7 @@ class RigidPlacement:
 
     @classmethod
     def of_quaternion(cls, position: FloatArray, quaternion: FloatArray) -> "RigidPlacement":
-        """Return a placement that turns by a quaternion (w, x, y, z) of any non-zero length, then moves."""
+        """Return the placement that turns by a quaternion (w, x, y, z) of any non-zero length and then moves."""
         w, x, y, z = quaternion / np.linalg.norm(quaternion)
         rotation = np.array(
             [
@@ -75,7 +75,7 @@ class RigidPlacement:
 
     @property
     def is_identity(self) -> bool:
-        """Whether the placement leaves everything where it is."""
+        """Whether the placement neither turns nor moves bodies."""
         return bool(np.all(self.position == 0.0) and np.array_equal(self.rotation, np.eye(3)))
 
     def placed(self, by: "RigidPlacement") -> "RigidPlacement":
@@ -111,7 +111,7 @@ class SceneSettings:
 
     @property
     def cylinder_error(self) -> float:
-        """Distance by which the prism protrudes from its cylinder, as a share of the cylinder's radius."""
+        """Distance by which the prism protrudes from its cylinder, as a fraction of the cylinder's radius."""
         return float(1.0 / np.cos(np.pi / self.cylinder_sides) - 1.0)
 
 
@@ -149,7 +149,7 @@ def rotation_to_axis(axis: FloatArray) -> FloatArray:
 def capsule_surface(length: float, radius: float, sides: int) -> tuple[FloatArray, IntArray]:
     """Return vertices and faces of a cylinder along x with a hemisphere at either end.
 
-    Its rings from pole to pole have ``sides`` vertices each, a multiple of four.
+    Each of the rings of vertices from pole to pole has ``sides`` vertices; ``sides`` is a multiple of four.
     """
     quarters = sides // 4
     tilt = np.linspace(0.0, 0.5 * np.pi, quarters + 1)
@@ -395,7 +395,7 @@ class CylinderBody(_Solid):
 
 @dataclass(frozen=True, eq=False)
 class MeshBody(_Solid):
-    """A triangle mesh, usually from a file, in its place in the room.
+    """A triangle mesh, usually read from a file, placed in the room.
 
     Attributes:
         vertices: vertices in the room, shape (v, 3) [m].
@@ -408,8 +408,8 @@ class MeshBody(_Solid):
         up: axis of the file that points up, ``y`` or ``z``; if it was y, the vertices have already been turned.
         content: bytes of the file, for copying it; empty if they were not kept.
         triangles_read: number of triangles in the file.
-        mended: repairs that were made, in words.
-        notes: remarks for the user on the file: its unit, its axes, its other content.
+        mended: descriptions of the repairs that were made.
+        notes: remarks for the user on the file's unit, axes and other content.
     """
 
     vertices: FloatArray
@@ -428,7 +428,7 @@ class MeshBody(_Solid):
 
     @classmethod
     def of_arrays(cls, vertices: object, faces: object) -> "MeshBody":
-        """Return a mesh from arrays, in its place in the room.
+        """Return the mesh that arrays of vertices and faces describe; the vertices are already placed in the room.
 
         Args:
             vertices: vertices in the room, shape (v, 3) [m].

@@ -72,7 +72,7 @@ class Stretches:
 
     @cached_property
     def moved(self) -> FloatArray:
-        """Bound on the distance of any point from its mean position, half the chord plus chord deviation, (m,) [m]."""
+        """Bound on any point's distance from its mean position, half the chord plus chord deviation, shape (m,) [m]."""
         return np.asarray(0.5 * np.linalg.norm(self.b - self.a, axis=2).max(axis=1) + self.sag[:, -1])
 
 
@@ -85,7 +85,7 @@ class PairProofs:
     """Proofs that pairs of links stay apart.
 
     Attributes:
-        first_apart: least index difference of two links that must stay apart.
+        first_apart: least difference of the indices of two links that must stay apart.
         least: least distance between the axes of two links, by the difference of their indices, shape (links,) [m].
     """
 
@@ -116,7 +116,7 @@ class PairProofs:
 
 
 def _called(call: NativeCall, capacity: int) -> tuple[IntArray, BoolArray]:
-    """Call C, and return stretch and links found, shape (3, capacity), and which touch, shape (capacity,)."""
+    """Call the C code; return the stretch and links of each result (3, capacity), and a contact mask (capacity,)."""
     found = np.empty((3, capacity), dtype=np.int64)
     touching = np.empty(capacity, dtype=np.bool_)
     call.set(capacity=capacity, stretch=found[0], first=found[1], second=found[2], touching=touching)
@@ -135,7 +135,8 @@ class WallProofs:
     Attributes:
         workspace: the workspace with the walls.
         least: least distance of the axis of each link from walls, rounding included, shape (links,) [m].
-        mount: index of the link on which the mount ends, and share of it in [0, 1]; the mount may touch.
+        mount: index of the link on which the mount ends, and the fraction of that link in the mount, in [0, 1]; the
+            mount may touch walls.
     """
 
     workspace: Workspace
@@ -189,7 +190,7 @@ UNIT = 2.0**-53
 def proof_rounding(arm: Arm, workspace: Workspace, depth: int) -> float:
     """Return a bound on the rounding error of an axis's distance from a wall minus chord deviation [m].
 
-    The error between two links is at most twice that.
+    The rounding error of the distance between two links is at most twice this bound.
 
     Args:
         arm: the arm; its headings, sums of bends, are at most those of joints that all bend by half a turn.
@@ -231,7 +232,7 @@ class Certificate:
     def allowing_contact(
         cls, arm: Arm, workspace: Workspace, settings: CertificateSettings = DEFAULT_CERTIFICATE
     ) -> "Certificate":
-        """Return the certificate that allows contact to an arm with some width."""
+        """Return a certificate that allows slight contact if the arm has non-zero width."""
         return cls(arm, workspace, -allowed_contact(arm, workspace, settings), settings)
 
     def failures(self, q: FloatArray, depth: int | None = None) -> IntArray:
@@ -263,7 +264,7 @@ class Certificate:
         return np.unique(np.concatenate(failed))
 
     def _halved(self, spans: Stretches, links: Links, pairs: Pairs, failed: IntArray) -> tuple[Stretches, Links, Pairs]:
-        """Return both halves of every stretch with an open test, and the tests to be repeated on them."""
+        """Return both halves of every stretch with an unproved test, and the tests to repeat on these halves."""
         # An interval that has failed need no further tests: the caller only learns that it failed.
         alive = ~np.isin(spans.owner, failed)
         keep_link = alive[links[0]]
@@ -288,7 +289,7 @@ class Certificate:
         return halves, twice_links, twice_pairs
 
     def _unproved_pairs(self, spans: Stretches, pairs: Pairs | None) -> tuple[Pairs, IntArray]:
-        """Return the pairs not proved apart, of those given or of all, and the stretches with contact."""
+        """Return the given pairs, or by default all pairs, not proved apart, and the stretches with contact."""
         if not self.arm.self_collision:
             none = np.zeros(0, dtype=np.intp)
             return (none, none, none), none
@@ -296,7 +297,7 @@ class Certificate:
 
     @cached_property
     def _rounding(self) -> float:
-        """Extra distance that proofs require, so that rounding proves nothing false [m]."""
+        """Extra distance that proofs require so that rounding errors cannot make them false [m]."""
         return proof_rounding(self.arm, self.workspace, self.settings.depth)
 
     @cached_property
@@ -314,7 +315,7 @@ class Certificate:
 
     @cached_property
     def _mount(self) -> tuple[int, float]:
-        """Index of the link on which the mount ends, and share of it in [0, 1].
+        """Index of the link on which the mount ends, and the fraction of that link in the mount, in [0, 1].
 
         The index is past the last link if the mount is the whole arm.
         """
@@ -324,7 +325,7 @@ class Certificate:
 
 
 def allowed_contact(arm: Arm, workspace: Workspace, settings: CertificateSettings = DEFAULT_CERTIFICATE) -> float:
-    """Return the allowed depth of contact [m]; zero if axes could then touch walls or each other."""
+    """Return the allowed depth of contact [m]; zero if it would let link axes touch walls or each other."""
     widths = [arm.radius + workspace.clearance, *([arm.radius] if arm.self_collision else [])]
     # Rounding must not refuse an arm that starts in contact, but an axis without width would end up on the other side
     # of the wall.

@@ -23,9 +23,9 @@ class Contacts:
 
     Attributes:
         first: index of the link that ``normal`` pushes away, shape (m,).
-        first_at: nearest point on that link, as a share in [0, 1], shape (m,).
+        first_at: nearest point on that link, as a fraction of its length in [0, 1], shape (m,).
         second: index of the other link, or ``WALL``, shape (m,).
-        second_at: nearest point on the other link, as a share in [0, 1], shape (m,).
+        second_at: nearest point on the other link, as a fraction of its length in [0, 1], shape (m,).
         normal: unit direction from the other body to the first point, shape (m, d).
         gap: distance between the surfaces beyond the required clearance, shape (m,) [m].
         margin: gap that planning keeps, shape (m,) [m].
@@ -62,11 +62,11 @@ class CertificateSettings:
             four-fold at each.
         touch: clearance that even an arm of zero width keeps [arm lengths]. Derived: above the rounding error in a room
             of up to a hundred thousand arm lengths; if ``proof_rounding`` is larger, that is used.
-        rounding: depth of contact in the same units, and bend beyond a joint limit [rad], that count as none at either
-            end of a motion. Derived: as for ``touch``.
-        contact: depth of contact, in the same units, allowed for motions of an arm with some width that start or end in
-            contact. Derived: half of what the verifier allows; if the problem sets another tolerance for the verifier,
-            half of that.
+        rounding: depth of contact [arm lengths], and bend beyond a joint limit [rad], that are ignored at either end of
+            a motion. Derived: as for ``touch``.
+        contact: depth of contact [arm lengths] allowed for motions that start or end in contact, if the arm has
+            non-zero width. Derived: half of what the verifier allows; if the problem sets another tolerance for the
+            verifier, half of that.
     """
 
     depth: int = 7
@@ -90,7 +90,7 @@ class ContactFinder(ABC):
 
     Args:
         arm: the arm.
-        names: names of the things it may touch.
+        names: names of the obstacles that the arm may touch.
         margin: margin that planning keeps beyond contact [m].
         reach: contacts with a gap below this are reported [m].
     """
@@ -110,24 +110,24 @@ class ContactFinder(ABC):
         """
 
     def crosses(self, points: FloatArray) -> bool:
-        """Return whether a link of a pose crosses something that gaps do not reveal.
+        """Return whether a link of a pose crosses an obstacle or a distant link although no gap shows it.
 
-        False by default: in space the distance from a crossed triangle is 0, which gaps reveal.
+        This is False by default: in space the distance from a crossed triangle is 0, so the gaps show it.
         """
         del points
         return False
 
     def describe(self, contacts: Contacts) -> str:
-        """Return in words the contact that violates its margin most, or comes closest to it."""
+        """Return a description of the contact that violates its margin most or comes closest to violating it."""
         tightest = self.tightest(contacts)
         if tightest is None:
             return "nothing near"
         return describe_clearance(*tightest)
 
     def tightest(self, contacts: Contacts) -> tuple[int, str, float] | None:
-        """Return the contact that violates its margin most or comes closest to it; None if there is none.
+        """Return the contact that violates its margin most or comes closest to violating it; None without contacts.
 
-        It is given as the link, counted from 1, what it is near to, and the gap [m].
+        The contact is returned as the link, counted from 1, the name of the obstacle or link near it, and the gap [m].
         """
         if len(contacts) == 0:
             return None
@@ -138,7 +138,7 @@ class ContactFinder(ABC):
 
 
 def describe_clearance(link: int, other: str, gap: float) -> str:
-    """Return in words the clearance of a link, counted from 1, to a body beyond the required one [m]."""
+    """Describe the clearance of a link, counted from 1, from a body, less the required clearance [m]."""
     if gap < 0.0:
         return f"link {link} is {short_length(-gap)} too near to {other}"
     return f"link {link} to {other}, clearance {short_length(gap)}"
@@ -201,7 +201,7 @@ class WallFinder(ContactFinder):
         return bool(self._call.fields.crosses)
 
     def _grow_capacity(self, capacity: int) -> None:
-        """Allocate arrays for a number of results."""
+        """Allocate result arrays for at least a given number of contacts."""
         first, second, wall = np.empty((3, capacity), dtype=np.int64)
         first_at, second_at, gap, margin = np.empty((4, capacity))
         normal = np.empty((capacity, 2))
@@ -237,7 +237,7 @@ class SurfaceFinder(ContactFinder):
     def find(self, points: FloatArray) -> Contacts:
         """Return the contacts of a pose with a gap below the reach; points have shape (links + 1, 3) [m].
 
-        Those with surfaces are the half-spaces around links that are free of surfaces.
+        Each contact with a surface comes from a half-space that contains the link and is free of surfaces.
         """
         mounted, segments = self.arm.exposed_links(points)
         begins = self.arm.mount_end[1]
@@ -257,7 +257,7 @@ class SurfaceFinder(ContactFinder):
     def near_links(self, points: FloatArray, reach: float) -> Contacts:
         """Return the contacts between distant links with a gap below a reach [m].
 
-        ``points`` are joints and tip of the pose, shape (links + 1, 3) [m].
+        ``points`` are the positions of the joints and the tip, shape (links + 1, 3) [m].
         """
         self._pairs.set(points=checked_joints(self.arm, points[None])[0], reach=2.0 * self.arm.radius + reach)
         self._pairs()
@@ -273,7 +273,7 @@ class SurfaceFinder(ContactFinder):
         return Contacts(first, first_at, second, second_at, normal, gap, margin, np.full(k, len(self.names)))
 
     def _grow_capacity(self, capacity: int) -> None:
-        """Allocate arrays for a number of pairs."""
+        """Allocate result arrays for at least a given number of pairs."""
         self._numbers = np.zeros((2, capacity), dtype=np.int64)
         self._reals = np.zeros((3, capacity))
         self._normals = np.zeros((capacity, 3))
@@ -301,7 +301,7 @@ class NearestLinks:
 
 
 def nearest_links(arm: Arm, points: FloatArray, reach: float) -> NearestLinks:
-    """Return the nearest pair of distant links in every pose; of equally near pairs the first.
+    """Return the nearest pair of distant links in every pose; the first one if several are equally near.
 
     Args:
         arm: the arm.

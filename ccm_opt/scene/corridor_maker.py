@@ -65,15 +65,14 @@ class RegionSpan:
     def around(
         cls, region: ConvexRegion, first: float, last: float, taut: TautString, slack: float = 0.0
     ) -> "RegionSpan":
-        """Return a region with the whole part of the string that it covers around a known covered span.
+        """Return a region with the longest part of the string that it covers, extended from a known covered span.
 
         Args:
             region: the convex free region.
             first: arc length at which the known span begins [m].
             last: arc length at which the known span ends [m].
             taut: the taut string.
-            slack: distance that the string may run outside the region and still count as covered, except at its ends
-                [m].
+            slack: distance by which the string may leave the region and still count as covered, except at its ends [m].
         """
         slacks = np.full(len(taut.stations), max(slack, ROUNDING))
         slacks[[0, -1]] = ROUNDING
@@ -94,12 +93,12 @@ class RegionSpan:
 
 @dataclass(frozen=True)
 class Cover:
-    """Searches a short sequence of candidates that cover a taut string and overlap well.
+    """Searches for a short sequence of candidates that cover a taut string and overlap well.
 
     Attributes:
         candidates: candidates in order along the string; each one's span meets that of the next.
         taut: the taut string.
-        slack: distance that the string may run outside the regions, and pass the portals at [m].
+        slack: distance by which the string may leave the regions, and by which it may miss the portals [m].
         settings: settings for the choice of portals.
     """
 
@@ -125,7 +124,7 @@ class Cover:
         return np.array([choice.ends for choice in _in_order(choices)]).reshape(-1, 2, 2)
 
     def sequence(self, wanted: float) -> list[int]:
-        """Return candidates that cover the string with overlaps of the wanted quality [m], or nearly the best possible.
+        """Return candidates that cover the string with overlaps of a given quality [m], or nearly the best possible.
 
         Raises:
             ValueError: the spans of consecutive candidates do not meet.
@@ -143,9 +142,9 @@ class Cover:
         return found
 
     def _search(self, wanted: float) -> list[int]:
-        """Return a covering sequence, or nothing, by depth-first search with the farthest-reaching candidate first.
+        """Return a covering sequence by depth-first search, farthest-reaching candidate first; empty if there is none.
 
-        Each candidate is entered once.
+        Each candidate is visited once.
         """
         seen: set[int] = set()
         stack = [[k] for k in self._nearest_first(range(len(self.candidates)), 0.0)]
@@ -175,7 +174,7 @@ class Chord:
     Attributes:
         place: arc length at which the string crosses it [m].
         ends: left and right end seen along the string, shape (2, 2) [m].
-        score: width times squareness [m].
+        score: width of the chord times its squareness [m].
     """
 
     place: float
@@ -202,7 +201,7 @@ def link_between(
     taut: TautString,
     beside: float,
 ) -> Link:
-    """Return the overlap of two regions whose spans meet; its chords pass within ``beside`` [m] of the string."""
+    """Return the overlap of two regions whose spans meet, with chords that pass within ``beside`` [m] of the string."""
     first = max(here.first, there.first)
     last = min(here.last, there.last)
     overlap = intersection(here.region.vertices, there.region.normals, there.region.offsets)
@@ -227,7 +226,7 @@ def link_between(
 def _chords(
     trials: Sequence[tuple[float, FloatArray, FloatArray, float]], normals: FloatArray, offsets: FloatArray
 ) -> tuple[Chord, ...]:
-    """Return the chords within half-planes, one per tried place, point, direction and squareness."""
+    """Return the chords cut out by half-planes, one for each tried place, point, direction and squareness."""
     places, points, directions, squareness = zip(*trials, strict=True)
     ends = chords(normals, offsets, np.array(points), np.array(directions))[:, ::-1]
     scores = np.array(squareness) * np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1)
@@ -235,7 +234,7 @@ def _chords(
 
 
 def _trial_places(taut: TautString, first: float, last: float, trials: int) -> list[float]:
-    """Return the arc lengths where portals are tried: ends and middle of a span, and some crossings in it."""
+    """Return the arc lengths at which portals are tried: the ends and middle of a span, and several crossings in it."""
     crossings = taut.crossings_within(first, last)
     some = crossings[:: 1 + len(crossings) // trials]
     places: list[float] = np.unique(np.concatenate(([first, 0.5 * (first + last), last], some))).tolist()
@@ -245,7 +244,7 @@ def _trial_places(taut: TautString, first: float, last: float, trials: int) -> l
 def _in_order(links: Sequence[Sequence[Chord]]) -> list[Chord]:
     """Return one chord per link, in order along the string, with the greatest product of scores.
 
-    Found by dynamic programming.
+    The choice is made by dynamic programming.
     """
     best: list[tuple[float, list[Chord]]] = [(0.0, [])]
     for options in links:
@@ -273,9 +272,9 @@ def _nearest_within(polygon: FloatArray, normals: FloatArray, offsets: FloatArra
 
 
 def _thickness(overlap: FloatArray) -> float:
-    """Return twice the area of a polygon (m, 2) over its perimeter [m], the mean thickness of a long one.
+    """Return the mean thickness of a polygon (m, 2) if it is long: twice its area over its perimeter [m].
 
-    0 for a point.
+    The thickness of a point is 0.
     """
     perimeter = float(np.sum(np.linalg.norm(overlap - after_each(overlap), axis=1))) if len(overlap) > 2 else 0.0
     return 2.0 * signed_area(overlap) / perimeter if perimeter > 0.0 else 0.0

@@ -63,10 +63,10 @@ _LEAST_ROUTES = 4
 
 @dataclass(frozen=True, order=True)
 class _Partial:
-    """The beginning of a walk, ordered by its estimated total length.
+    """The beginning of a walk; beginnings are ordered by the estimated total length of the walk.
 
     Attributes:
-        total: its length plus the least remaining length [m].
+        total: length walked plus the least remaining length [m].
         history: indices of the chains walked.
         walked: length walked to each sample point of the last edge, shape (m,) [m].
     """
@@ -82,7 +82,8 @@ class ClassGraph:
 
     Attributes:
         chains: all directed chains.
-        steps: for each chain the chains that may follow, with the lengths from last edge to last edge, (m, m) [m].
+        steps: for each chain, the chains that may follow, with the lengths from its last edge to their last edges,
+            shape (m, m) [m].
         rest: least remaining length to the goal from the sample points of each chain's last edge, shape (chains, m)
             [m].
     """
@@ -92,21 +93,21 @@ class ClassGraph:
     rest: FloatArray
 
     def partial(self, history: tuple[int, ...], walked: FloatArray) -> _Partial:
-        """Return a walk along chains, with the estimate of its total length."""
+        """Return the beginning of a walk along chains, with the estimated total length."""
         return _Partial(float((walked + self.rest[history[-1]]).min()), history, walked)
 
 
 def homotopy_classes(
     metric: EdgeMetric, ends: IntArray, points: FloatArray, longest: float, effort: int
 ) -> Iterator[tuple[float, tuple[int, ...]]]:
-    """Yield sampled length and reduced sleeve of the walks that pass no triangle twice, shortest first.
+    """Yield the sampled length and reduced sleeve of every walk that passes no triangle twice, shortest first.
 
     Args:
         metric: metric of the triangulation.
         ends: triangles of start and goal, shape (2,).
         points: start and goal, shape (2, 2) [m].
-        longest: longer sleeves, by sampled length, are not sought [m].
-        effort: number of partial walks examined.
+        longest: greatest sampled length of a sleeve [m]; longer sleeves are left out.
+        effort: maximum number of partial walks examined.
     """
     start, goal = ends.tolist()
     if start == goal:
@@ -135,7 +136,7 @@ def _first_steps(metric: EdgeMetric, graph: ClassGraph, start: int, point: Float
 
 
 def _further_steps(graph: ClassGraph, before: _Partial, start: int, goal: int) -> Iterator[_Partial]:
-    """Yield the walks longer by one chain that pass no node twice."""
+    """Yield the extensions of a walk by one chain that pass no node twice."""
     # The goal may be the start; a walk then returns to it.
     passed = {start, *(graph.chains[index].head for index in before.history)} - {goal}
     for index, lengths in graph.steps[before.history[-1]]:
@@ -144,12 +145,12 @@ def _further_steps(graph: ClassGraph, before: _Partial, start: int, goal: int) -
 
 
 def _joined(chains: list[Chain]) -> tuple[int, ...]:
-    """Return the triangles of consecutive chains."""
+    """Return the triangles of consecutive chains as one sequence."""
     return (*chains[0].triangles, *(t for chain in chains[1:] for t in chain.triangles[1:]))
 
 
 def class_graph(metric: EdgeMetric, ends: IntArray, goal_point: FloatArray) -> ClassGraph:
-    """Return the chains, their steps, and the remaining lengths by one Dijkstra search from the goal."""
+    """Return the graph of chains and steps, with remaining lengths from one Dijkstra search from the goal."""
     start, goal = ends.tolist()
     chains = chains_between(metric, (start, goal))
     leaving: dict[int, list[int]] = {}
@@ -223,7 +224,7 @@ def shortest_routes(
         metric: metric of the triangulation of free space.
         ends: triangles of start and goal, shape (2,).
         points: start and goal, which are free points, shape (2, 2) [m].
-        count: number of routes wanted.
+        count: maximum number of routes.
         longest: routes with a longer taut string are left out [m].
         shrink: distance to keep from corners where space allows [m].
 
@@ -265,14 +266,14 @@ _CORNER_SLACK = 0.9
 def free_set(
     workspace: Workspace, inflation: float, settings: FreeSpaceSettings = DEFAULT_FREE_SPACE
 ) -> shapely.MultiPolygon:
-    """Return the positions of the arm's axis farther than ``inflation`` from every wall.
+    """Return the set of points farther than ``inflation`` from every wall, where the arm's axis may be.
 
-    A little less is returned at rounded corners.
+    At rounded corners, the returned set is slightly smaller.
 
     Args:
         workspace: the room and its obstacles.
         inflation: the arm's radius plus clearance [m], positive; a tiny number for an arm of zero width.
-        settings: how finely corners and circles are approximated.
+        settings: settings of the approximation of corners and circles.
 
     Returns:
         The free set, possibly in several components; empty if nothing is free.
@@ -325,7 +326,7 @@ def _without_dents(polygon: shapely.Polygon, depth: float) -> shapely.Polygon:
 
 
 def _cut_corners(ring: FloatArray, depth: float) -> FloatArray:
-    """Return a ring (m, 2) without its flat and barely convex vertices, never two neighbours at once.
+    """Return a ring (m, 2) without its flat and barely convex vertices; two neighbours are never removed at once.
 
     Free space is on the left of the ring.
     """
@@ -460,7 +461,7 @@ class FreeSpace:
         Args:
             start: start point, shape (2,) [m].
             goal: goal point, shape (2,) [m].
-            count: number of routes wanted.
+            count: maximum number of routes.
             longest: longer routes are left out [m].
             shrink: distance to keep from corners where space allows [m].
 
@@ -486,7 +487,7 @@ class FreeSpace:
     def bottlenecks(self, start: FloatArray, goal: FloatArray) -> Bottleneck:
         """Return the narrowest passage on the shortest route between two points (2,) [m].
 
-        If they are not connected, return the gap between their components.
+        If the points are not connected, return the gap between the components that contain them.
         """
         ends, free = self.triangulation.nearest(np.array([start, goal], dtype=np.float64))
         routes = shortest_routes(self._metric, ends, free, 1)
@@ -496,7 +497,7 @@ class FreeSpace:
 
 
 def _with_ends(path: FloatArray, ends: FloatArray) -> FloatArray:
-    """Return a path (k, 2) between free points, extended to the ends (2, 2) that these stand for."""
+    """Return a path (k, 2) between free points, extended to the original ends (2, 2) that these replace."""
     first = ends[:1] if np.linalg.norm(ends[0] - path[0]) > ROUNDING else ends[:0]
     last = ends[1:] if np.linalg.norm(ends[1] - path[-1]) > ROUNDING else ends[:0]
     return np.concatenate((first, path, last))

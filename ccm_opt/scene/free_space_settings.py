@@ -10,9 +10,9 @@ class FreeSpaceSettings:
     Attributes:
         corner_quad_segs: polygon sides per quarter turn around corners, instead of tangents; 0 for tangents and circles
             with few vertices. Taste: with 24, only 0.06 % of the inflation is given away.
-        dent: depth up to which dents of free space are filled, as a share of the inflation. Taste.
-        edge_samples: points on each edge of the triangulation, ends included, between which paths are measured before
-            any is pulled taut. Taste; the cost of a walk grows with the square of this number.
+        dent: depth up to which dents of free space are filled, as a fraction of the inflation. Taste.
+        edge_samples: number of points on each edge of the triangulation, ends included, between which paths are
+            measured before any is pulled taut. Taste; the cost of a walk grows with the square of this number.
         bisections: number of times that a straight piece which meets a wall is halved before the shortest walk is used
             instead. Taste.
     """

@@ -36,9 +36,9 @@ class GateRuns:
         narrow: width of free space below which a passage is a narrow gate [m].
         run: length of the straight runs, where these are free [m].
         base: base of the arm, around which no gate counts as narrow, shape (2,) [m].
-        about_base: distance from the base within which that holds [m].
-        samples: number of points of a run that must be free.
-        shortenings: shares of the run that are tried, in order.
+        about_base: distance from the base within which no gate counts as narrow [m].
+        samples: number of points of a run that are checked to be free.
+        shortenings: fractions of the run that are tried, in order.
     """
 
     narrow: float
@@ -49,7 +49,7 @@ class GateRuns:
     shortenings: tuple[float, ...] = (1.0, 0.7, 0.4)
 
     def gates(self, portals: FloatArray) -> list[tuple[int, int]]:
-        """Return the indices of the first and last portal of each narrow gate; portals have shape (n, 2, 2) [m]."""
+        """Return the indices of the first and last portal of each narrow gate, given portals of shape (n, 2, 2) [m]."""
         if len(portals) == 0:
             return []
         widths = np.linalg.norm(portals[:, 0] - portals[:, 1], axis=1)
@@ -98,8 +98,8 @@ def straight_through_gates(
         path: taut path, shape (k, 2) [m].
         portals: portals that the path crosses, shape (n, 2, 2) [m].
         runs: which gates are narrow, and the length of the runs.
-        taut: pulls the parts between the gates taut.
-        free: returns which points are free, so that runs may pass.
+        taut: function that pulls the parts between the gates taut.
+        free: function that returns which points are free, so that runs may pass through them.
     """
     gates = _gates(path, portals, runs, free)
     if not gates:
@@ -121,7 +121,7 @@ def straight_through_gates(
 def gate_rails(path: FloatArray, portals: FloatArray, runs: GateRuns, free: Membership) -> tuple[FloatArray, ...]:
     """Return the middle lines of a path's gates with their runs, shape (k, 2) [m] each.
 
-    Arguments as for ``straight_through_gates``.
+    Its arguments are those of ``straight_through_gates``.
     """
     middles = portals.mean(axis=1)
     gates = _gates(path, portals, runs, free)
@@ -129,7 +129,7 @@ def gate_rails(path: FloatArray, portals: FloatArray, runs: GateRuns, free: Memb
 
 
 def _gates(path: FloatArray, portals: FloatArray, runs: GateRuns, free: Membership) -> list[_Gate]:
-    """Return the gates of a path with their runs, each at most half of the distance to the next gate."""
+    """Return the gates of a path with their straight runs, each at most half as long as the way to the next gate."""
     groups = runs.gates(portals)
     if not groups:
         return []
@@ -153,8 +153,8 @@ def _gates(path: FloatArray, portals: FloatArray, runs: GateRuns, free: Membersh
 def _direction(portals: FloatArray) -> FloatArray:
     """Return the direction in which a gate is entered at its first portal, shape (2,).
 
-    It is the direction to the first portal farther away than the first one is wide, or else the normal of the narrowest
-    portal.
+    The gate is entered in the direction from the first portal to the next one whose distance exceeds the first portal's
+    width or, if there is none, along the normal of the narrowest portal.
     """
     middles = portals.mean(axis=1)
     width = float(np.linalg.norm(portals[0, 0] - portals[0, 1]))
@@ -183,8 +183,8 @@ class Chain:
 
     Attributes:
         triangles: indices of all triangles, including both nodes.
-        entry: edge of the last triangle through which it is entered.
-        exit: edge of the first triangle through which it is left.
+        entry: edge through which the chain enters its last triangle.
+        exit: edge through which the chain leaves its first triangle.
         lengths: least lengths from the sample points of the first edge crossed to those of the last, shape (m, m) [m].
     """
 
@@ -271,7 +271,7 @@ def _pruned(mesh: Triangulation, terminals: set[int]) -> list[list[int]]:
 
 
 def _follow(metric: EdgeMetric, neighbours: list[list[int]], nodes: set[int], node: int, exit_edge: int) -> Chain:
-    """Return the chain that leaves ``node`` across its edge ``exit_edge``."""
+    """Return the chain of triangles that leaves the triangle ``node`` across its edge ``exit_edge``."""
     triangles = [node, neighbours[node][exit_edge]]
     # The identity of min-plus products: each sample point is connected only to itself.
     lengths = np.where(np.eye(metric.samples, dtype=bool), 0.0, np.inf)
@@ -292,7 +292,7 @@ class Bottleneck:
         connected: whether a route exists.
         width: width of the free passage for the arm's axis [m]; 0 if not connected.
         place: middle of the narrowest passage, or of the gap between the components, shape (2,) [m].
-        walls: names of the two walls nearest to it.
+        walls: names of the two walls nearest to ``place``.
     """
 
     connected: bool

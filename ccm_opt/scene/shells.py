@@ -35,7 +35,7 @@ class Shells:
         closed: whether every edge of a shell joins two of its triangles, shape (s,).
         orientable: whether the triangles of a shell can be oriented consistently, shape (s,).
         open_edges: end points of edges without a partner, shape (k, 2, 3), in the unit of the vertices.
-        copies: duplicates of earlier triangles that no shell needs, boolean, shape (m,).
+        copies: whether a triangle duplicates an earlier one and no shell needs it, shape (m,).
     """
 
     number: IntArray
@@ -70,7 +70,7 @@ class _HalfEdges:
         return np.asarray(np.minimum(self.start, self.end) * count + np.maximum(self.start, self.end))
 
     def grouped(self) -> tuple[IntArray, IntArray]:
-        """Return the order of half-edges sorted by edge, in file order within an edge, and where each edge begins."""
+        """Return the order that sorts half-edges by edge and then by place in the file, and where each edge begins."""
         keys = self.keys(max(self.start.max(initial=0), self.end.max(initial=0)) + 1)
         order = np.argsort(keys, kind="stable")
         keys = keys[order]
@@ -144,11 +144,12 @@ def _half_edges(faces: IntArray, chosen: BoolArray) -> _HalfEdges:
 
 
 def _needed(vertices: FloatArray, edges: _HalfEdges, again: _HalfEdges, reach: float) -> IntArray:
-    """Return those duplicate triangles that bodies in contact need, since each has its own triangle there.
+    """Return the duplicate triangles that touching bodies need because each has its own triangle at the contact.
 
     Every piece of an edge must have an even number of triangles. So a duplicate that is the only undecided one at a
-    piece is needed if the piece has an odd number without it, and otherwise not; decisions spread inwards from there.
-    What remains, such as whole bodies given twice, is not needed.
+    piece is needed if the piece has an odd number of triangles without this duplicate, and otherwise not; decisions
+    spread inwards from there. Duplicates that remain undecided, such as those of whole bodies given twice, are not
+    needed.
     """
     lone = edges.where(edges.unpaired())
     both = _HalfEdges(lone.start, lone.end, np.full_like(lone.face, -1)).joined(again)
@@ -188,7 +189,7 @@ def _welded(vertices: FloatArray, odd: _HalfEdges, reach: float) -> IntArray:
 
 
 def _cut(vertices: FloatArray, edges: _HalfEdges, reach: float) -> _HalfEdges:
-    """Return the half-edges with unpaired edges split at the vertices of connected ones on the same line."""
+    """Return the half-edges after splitting unpaired edges at the vertices of connected edges on the same line."""
     odd = edges.unpaired()
     if not 0 < len(odd) <= _MOST_OPEN:
         return edges
@@ -198,7 +199,7 @@ def _cut(vertices: FloatArray, edges: _HalfEdges, reach: float) -> _HalfEdges:
 
 
 def _split(vertices: FloatArray, edges: _HalfEdges, reach: float) -> _HalfEdges:
-    """Return half-edges split at the vertices of connected ones on the same line."""
+    """Return half-edges after splitting them at the vertices of connected half-edges on the same line."""
     start, end = edges.start, edges.end
     line = _lines(vertices, edges, reach)
     # The vertices on each line, in order along it.
@@ -241,7 +242,7 @@ def _lines(vertices: FloatArray, edges: _HalfEdges, reach: float) -> IntArray:
     Args:
         vertices: positions of the vertices, shape (v, 3).
         edges: half-edges to number.
-        reach: distance by which an edge may be off a line.
+        reach: distance by which an edge may deviate from a line.
     """
     count = len(edges.start)
     at = np.concatenate((edges.start, edges.end))
@@ -265,7 +266,7 @@ def _lines(vertices: FloatArray, edges: _HalfEdges, reach: float) -> IntArray:
 
 
 def _pairs(edges: _HalfEdges) -> tuple[IntArray, IntArray, IntArray]:
-    """Return the paired half-edges of every edge, first and second of each pair, and those left alone."""
+    """Return the first and second half-edges of all pairs, edge by edge, and the half-edges without a partner."""
     order, begins = edges.grouped()
     counts = np.diff(np.append(begins, len(order)))
     crowded = np.repeat(counts > 2, counts)
@@ -277,7 +278,7 @@ def _pairs(edges: _HalfEdges) -> tuple[IntArray, IntArray, IntArray]:
 
 
 def _paired_up(edges: _HalfEdges, some: IntArray, counts: IntArray, others: IntArray) -> IntArray:
-    """Return crowded edges' half-edges in an order that puts pairs side by side, an odd one last of its edge.
+    """Return the half-edges of crowded edges with partners side by side and any odd one last at its edge.
 
     Half-edges of one patch, whose triangles are connected over edges with two triangles, belong to one body and are
     paired first.
@@ -317,7 +318,7 @@ def _last_odd_half_edges(edge: IntArray, patch: IntArray) -> IntArray:
 def _turned_alike(
     count: int, first: IntArray, second: IntArray, alike: BoolArray
 ) -> tuple[IntArray, BoolArray, BoolArray]:
-    """Join triangles that share an edge, and orient them so that its two half-edges run in opposite directions.
+    """Join triangles that share an edge, oriented so that the two half-edges of the edge run in opposite directions.
 
     Every triangle is represented by two nodes, as it is and turned over; an edge joins those that agree. A shell whose
     two copies are connected cannot be oriented.

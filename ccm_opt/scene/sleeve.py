@@ -35,7 +35,7 @@ INWARDS = 1e-7
 
 
 def reduce(sleeve: Iterable[int]) -> tuple[int, ...]:
-    """Return the sleeve without repeats and immediate returns (a b a becomes a), like a reduced word in free groups."""
+    """Return a sleeve without repeats and immediate returns (a b a becomes a), as a word is reduced in a free group."""
     stack: list[int] = []
     for triangle in sleeve:
         if len(stack) > 1 and stack[-2] == triangle:
@@ -97,7 +97,7 @@ class _SleevePoint(NamedTuple):
 
 
 def _cached_between(mesh: Triangulation, p: _SleevePoint, q: _SleevePoint, depth: int) -> list[int]:
-    """Return ``_between`` with each walk made only once: all tip paths lead back along the same arm."""
+    """Return the result of ``_between``, cached, since all tip paths lead back along the same arm."""
     # The free point and its triangle follow from the point.
     ends = (float(p.point[0]), float(p.point[1]), float(q.point[0]), float(q.point[1]), depth)
     walk = mesh.walk_cache.get(ends)
@@ -149,7 +149,7 @@ def _straight_walk(mesh: Triangulation, p: Point, here: int, q: Point, there: in
 def _shortest_walk(mesh: Triangulation, p: _SleevePoint, q: _SleevePoint) -> list[int]:
     """Return the shortest walk between two points of one component (A*).
 
-    Edges are crossed where the way to the goal is shortest.
+    Every edge is crossed at the point from which the way to the goal is shortest.
     """
     goal = (float(q.free[0]), float(q.free[1]))
     queue = [(0.0, 0.0, p.triangle, (float(p.free[0]), float(p.free[1])), WALL)]
@@ -216,7 +216,7 @@ def taut_string(portals: FloatArray, start: FloatArray, goal: FloatArray, shrink
 def drawn_in(portals: FloatArray, shrink: float) -> FloatArray:
     """Return the portals (n, 2, 2) with both ends moved inwards by ``shrink`` [m].
 
-    Ends move by at most 0.45 of the width, so that they never meet.
+    Ends move by at most 0.45 of the portal's width, so that they never meet.
     """
     if shrink <= 0.0:
         return portals
@@ -243,14 +243,14 @@ class _Funnel:
         self._narrow(point, self.right, self.left, -1.0)
 
     def close(self, goal: Point) -> list[Point]:
-        """Return the whole path, with the goal as a last, zero-width portal and no repeated vertices."""
+        """Return the whole path without repeated vertices, treating the goal as a last portal of zero width."""
         self.narrow_right(goal)
         path = [*self.path, *list(self.right)[1:]]
         distinct = [path[0], *(there for here, there in itertools.pairwise(path) if there != here)]
         return distinct if len(distinct) > 1 else [goal, goal]
 
     def _narrow(self, point: Point, chain: deque[Point], other: deque[Point], side: float) -> None:
-        """Wind a point onto a chain; where it crosses the other chain, move the apex along that chain."""
+        """Add a point to the end of a chain; if it lies beyond the other chain, move the apex along that chain."""
         while len(chain) > 1 and side * _turn(chain[-2], chain[-1], point) <= 0.0:
             chain.pop()
         if len(chain) == 1:
@@ -287,7 +287,7 @@ class TautString:
     def through(
         cls, edges: FloatArray, path: FloatArray, settings: FreeSpaceSettings = DEFAULT_FREE_SPACE
     ) -> "TautString":
-        """Return the taut string ``path`` (k, 2) through a sleeve with the given edges (n, 2, 2) [m]."""
+        """Return the taut string with vertices ``path`` (k, 2) through a sleeve with given edges (n, 2, 2) [m]."""
         return cls(path, edges, _crossings(edges, path), settings)
 
     @cached_property
@@ -323,8 +323,8 @@ class TautString:
         """Return directions in which to lay a chord across the string at an arc length [m].
 
         Returns:
-            Unit directions from right to left, each with its squareness: the cosine of the angle by which the string
-            deviates from the chord's normal, at a vertex that of the worse leg, at least a thousandth. The directions
+            Unit directions from right to left, each with its squareness: the cosine of the angle between the string and
+            the chord's normal, at a vertex the smaller one of its two legs, and at least a thousandth. The directions
             are the normals of the legs at that place and of their mean, and the edges crossed there.
         """
         legs = np.flatnonzero((self.knots[:-1] <= place) & (place <= self.knots[1:]) & (np.diff(self.knots) > 0.0))
@@ -337,13 +337,13 @@ class TautString:
 
 
 def _units(vectors: FloatArray) -> FloatArray:
-    """Return the unit vectors of those vectors (n, 2) that are not zero."""
+    """Return the unit vectors along the non-zero vectors among given ones (n, 2)."""
     lengths = np.linalg.norm(vectors, axis=1)
     return np.asarray(vectors[lengths > 0.0] / lengths[lengths > 0.0, None], dtype=np.float64)
 
 
 def _crossings(edges: FloatArray, path: FloatArray) -> FloatArray:
-    """Return the arc length at which the string crosses each edge: the first place not on its near side."""
+    """Return the arc length at which the string crosses each edge, the first not on the edge's near side."""
     lengths = leg_lengths(path)
     knots = arc_lengths(path)
     found = np.empty(len(edges))

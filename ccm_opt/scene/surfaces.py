@@ -30,7 +30,7 @@ class TriangleSoup:
     def joined(cls, named: Iterable[tuple[str, FloatArray, float]]) -> "TriangleSoup":
         """Return the triangles of several named surfaces as one soup.
 
-        Each is given by its name, its triangles, shape (·, 3, 3), and its rounding.
+        Each surface is given by its name, its triangles, shape (·, 3, 3) [m], and its rounding [m].
         """
         parts = list(named)
         counts = [len(triangles) for _, triangles, _ in parts]
@@ -87,7 +87,7 @@ def thinned(vertices: FloatArray, faces: IntArray, cell: float) -> tuple[FloatAr
 def within(vertices: FloatArray, faces: IntArray, most: int, cell: float) -> tuple[FloatArray, IntArray]:
     """Return a surface with at most ``most`` triangles.
 
-    It is thinned with cells of the given width, which are widened as needed.
+    The surface is thinned with cells of the given width, which are widened as needed.
     """
     if len(faces) <= most:
         return vertices, faces
@@ -103,13 +103,13 @@ def all_within(
 ) -> list[tuple[FloatArray, IntArray]]:
     """Return several surfaces thinned to a total number of triangles.
 
-    Triangles that small surfaces do not need are left to large ones.
+    Triangles that small surfaces do not need are allotted to large surfaces.
 
     Args:
         surfaces: vertices, shape (v, 3) [m], and faces, shape (m, 3), of each surface.
-        most: greatest total number of triangles.
+        most: maximum total number of triangles.
         least: number of triangles that each surface may have in any case.
-        cell: width of the cells in which vertices are merged at first [m].
+        cell: initial width of the cells in which vertices are merged [m].
     """
     drawn = list(surfaces)
     left = most

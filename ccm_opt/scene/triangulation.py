@@ -76,7 +76,7 @@ class Triangulation:
 
     @cached_property
     def walk_cache(self) -> dict[tuple[float, float, float, float, int], list[int]]:
-        """Walks already found, by the ends of a straight piece of a path [m] and the halvings allowed."""
+        """Walks already found, keyed by the ends of a straight piece of a path [m] and the allowed halvings."""
         return {}
 
     @cached_property
@@ -86,7 +86,7 @@ class Triangulation:
     def locate(self, points: FloatArray) -> IntArray:
         """Return the triangle that contains each point (m, 2), or -1 outside, shape (m,).
 
-        If several do, the lowest index is returned.
+        If several triangles contain a point, the lowest index is returned.
         """
         found = np.full(len(points), len(self), dtype=np.intp)
         which, triangle = self._tree.query(shapely.points(points), predicate="intersects")
@@ -145,7 +145,7 @@ def _oriented(corners: FloatArray) -> FloatArray:
 
 
 def _neighbours(triangles: IntArray, vertices: int) -> IntArray:
-    """Return the triangle across each edge, -1 for a wall, shape (T, 3).
+    """Return the index of the triangle across each edge, or -1 for a wall, shape (T, 3).
 
     Half-edges that join the same two vertices are paired.
     """
@@ -163,7 +163,7 @@ def _neighbours(triangles: IntArray, vertices: int) -> IntArray:
 
 
 def _nearest_on_edges(corners: FloatArray, points: FloatArray) -> FloatArray:
-    """Return the point on the edges of each triangle (m, 3, 2) nearest to its point (m, 2)."""
+    """Return, for each triangle (m, 3, 2), the point on its edges nearest to a given point (m, 2)."""
     feet = nearest_on_segments(points[:, None], np.stack((corners, np.roll(corners, -1, axis=1)), axis=2))
     best = np.argmin(np.linalg.norm(points[:, None] - feet, axis=2), axis=1)
     return np.asarray(feet[np.arange(len(points)), best], dtype=np.float64)
@@ -183,7 +183,7 @@ class Partition:
 
 
 def merge(triangulation: Triangulation) -> Partition:
-    """Return the convex cells left after removing edges between triangles, longest first, where cells stay convex."""
+    """Return the convex cells left after removing edges between triangles, longest first, if cells stay convex."""
     faces = _Faces(triangulation)
     for half_edge in _longest_first(triangulation):
         faces.remove_if_convex(int(half_edge))
@@ -191,7 +191,7 @@ def merge(triangulation: Triangulation) -> Partition:
 
 
 def _longest_first(mesh: Triangulation) -> IntArray:
-    """Return one half-edge index 3 t + e per edge between two triangles, longest edge first."""
+    """Return one half-edge, as index 3 t + e, for every edge between two triangles, longest edge first."""
     triangle, edge = np.nonzero(mesh.neighbours > np.arange(len(mesh))[:, None])
     length = np.linalg.norm(mesh.corners[triangle, edge] - mesh.corners[triangle, (edge + 1) % 3], axis=1)
     return (3 * triangle + edge)[np.argsort(-length, kind="stable")]
@@ -262,7 +262,7 @@ class _Faces:
 
 
 def _twins(mesh: Triangulation) -> list[int]:
-    """Return the half-edge on the other side of each half-edge; itself at a wall."""
+    """Return the opposite half-edge of each half-edge; at a wall, the half-edge itself."""
     twins = np.arange(3 * len(mesh))
     triangle, edge = np.nonzero(mesh.neighbours >= 0)
     other = mesh.neighbours[triangle, edge]

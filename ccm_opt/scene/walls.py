@@ -104,7 +104,7 @@ class Walls:
 
     @classmethod
     def of(cls, walls: "Sequence[Obstacle]") -> "Walls":
-        """Return the edges and vertices of walls: polygons with their rings, lines, and points."""
+        """Return the edges and vertices of walls, which may be polygons with all their rings, lines, or points."""
         cores: Any = np.array([wall.core for wall in walls])
         lines, owner = _lines_and_points(cores)
         points, line = shapely.get_coordinates(lines, return_index=True)
@@ -141,9 +141,9 @@ class Walls:
 
 
 def _lines_and_points(cores: Any) -> tuple[Any, IntArray]:
-    """Return the rings of polygons, and all other cores unchanged, with the index of each one's core.
+    """Return the rings of polygons and all other cores unchanged, each with the index of its core.
 
-    They are in the order of the cores.
+    The rings and cores are returned in the order of the cores.
     """
     kinds = shapely.get_type_id(cores)
     areas = np.flatnonzero(kinds == shapely.GeometryType.POLYGON)
@@ -156,13 +156,14 @@ def _lines_and_points(cores: Any) -> tuple[Any, IntArray]:
 
 @dataclass(frozen=True)
 class WallSegments:
-    """The edges of all walls, and the points of those without edges.
+    """The edges of all walls, and the points of walls without edges, as segments.
 
     Attributes:
         ends: end points of the segments, shape (E, 2, 2) [m].
         rounding: radius of the disc that sweeps each segment, shape (E,) [m].
         owner: index of the wall of each segment, shape (E,).
-        solids: index of the first segment of every wall whose core has an inside, and one past its last, shape (S, 2).
+        solids: index of the first segment of every wall whose core has an inside, and one past the index of its last
+            segment, shape (S, 2).
     """
 
     ends: FloatArray
@@ -172,7 +173,7 @@ class WallSegments:
 
     @classmethod
     def of(cls, obstacles: "Sequence[Obstacle]", walls: Walls) -> "WallSegments":
-        """Return the segments of walls, which are given both as obstacles and as arrays of edges and vertices."""
+        """Return the segments of walls, given both as obstacles and as arrays of edges and vertices."""
         # A round obstacle is a point swept by a disc: it has no edge, and becomes a segment of zero length.
         lone = ~np.isin(walls.vertex_wall, walls.edge_wall)
         points = np.repeat(walls.vertices[lone][:, None], 2, axis=1)

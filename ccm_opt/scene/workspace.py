@@ -64,7 +64,7 @@ class Obstacle:
 
     Attributes:
         name: the user's name for the obstacle, used in every message.
-        shape: its shape in place: a ``PlaneShape``, or in space a body.
+        shape: shape of the obstacle in its place: a ``PlaneShape`` in the plane, a body in space.
     """
 
     name: str
@@ -86,9 +86,9 @@ class Obstacle:
         return cast("Body", self.shape)
 
     def outline(self, grow: float = 0.0, quad_segs: int = 8) -> shapely.Geometry:
-        """Return the planar obstacle grown by ``grow`` [m], as a geometry that *contains* it.
+        """Return a geometry that *contains* the planar obstacle grown by ``grow`` [m].
 
-        Arcs are circumscribed.
+        Arcs are replaced by circumscribed polylines.
         """
         radius = self.rounding + grow
         if radius <= 0.0:
@@ -187,12 +187,12 @@ class Workspace:
 
     @cached_property
     def walls(self) -> tuple[Obstacle, ...]:
-        """Everything an arm in the plane must avoid, the obstacles, then the edge of the boundary."""
+        """Everything that an arm in the plane must avoid, namely the obstacles and then the edge of the boundary."""
         return (*self.obstacles, Obstacle(BOUNDARY_NAME, PlaneShape(shapely.LinearRing(self.boundary.exterior.coords))))
 
     @cached_property
     def flat_walls(self) -> Walls:
-        """The walls as arrays of edges and vertices, in the same order."""
+        """The walls as arrays of edges and vertices, in the order of ``walls``."""
         return Walls.of(self.walls)
 
     @cached_property
@@ -220,7 +220,7 @@ class Workspace:
         return np.asarray(shapely.distance(self._cores, shape)) - self._roundings
 
     def nearest(self, shape: shapely.Geometry) -> tuple[int, float]:
-        """Return the index of the wall nearest to a shape, and its distance [m], measuring few walls exactly."""
+        """Return the index of the wall nearest to a shape and its distance [m], measuring only a few walls exactly."""
         least = self._least_apart(shape)
         # The boundary's box contains everything, so its bound rules out nothing; several of the lowest bounds do.
         first = np.argsort(least, kind="stable")[:_LOOKED_AT_FIRST]
@@ -231,7 +231,7 @@ class Workspace:
         return int(maybe[nearest]), float(gaps[nearest])
 
     def _least_apart(self, shape: shapely.Geometry) -> FloatArray:
-        """Return lower bounds on the distance of a shape from each wall, from boxes, shape (walls,) [m]."""
+        """Return lower bounds on the distance of a shape from each wall, from bounding boxes, shape (walls,) [m]."""
         low_x, low_y, high_x, high_y = shapely.bounds(shape)
         boxes = self._boxes
         across = np.maximum(np.maximum(boxes[:, 0] - high_x, low_x - boxes[:, 2]), 0.0)
@@ -288,7 +288,7 @@ def obstacles_of(shapes: Shapes, *, unit: LengthUnit = "m") -> tuple[Obstacle, .
 def named_shapes(shapes: object, given: Arguments, first: int = 1) -> Iterator[tuple[str, object]]:
     """Yield every shape with its name, or with a number counted up from ``first``.
 
-    Anything but a geometry, a list or a mapping is noted as an error in ``given``.
+    Any object but a geometry, a list or a mapping is recorded as an error in ``given``.
     """
     if isinstance(shapes, Mapping):
         yield from ((str(name), shape) for name, shape in shapes.items())
@@ -301,7 +301,7 @@ def named_shapes(shapes: object, given: Arguments, first: int = 1) -> Iterator[t
 
 
 def edge_parts(name: str, shape: object) -> list[Obstacle]:
-    """Return the obstacles that make up a geometry, in the geometry's own unit.
+    """Return the obstacles that a geometry consists of, in the geometry's own unit.
 
     Raises:
         ProblemError: the shape is not a geometry, or not a usable one.
@@ -322,7 +322,7 @@ def edge_parts(name: str, shape: object) -> list[Obstacle]:
 
 
 def _flattened(shape: shapely.Geometry) -> list[shapely.Geometry]:
-    """Return the single geometries in a geometry, with nested collections unpacked."""
+    """Return the single geometries that a geometry consists of, with nested collections unpacked."""
     if not hasattr(shape, "geoms"):
         return [shape]
     return [part for each in shape.geoms for part in _flattened(each)]
@@ -337,7 +337,7 @@ def _obstacle(name: str, part: shapely.Geometry) -> Obstacle:
 
 
 def _in_metres(obstacles: Sequence[Obstacle], metres: float) -> list[Obstacle]:
-    """Return obstacles without rounding in metres, from a unit that is ``metres`` metres long."""
+    """Return obstacles without rounding, converted to metres from a unit that is ``metres`` metres long."""
     return [
         replace(each, shape=PlaneShape(shapely.transform(each.core, lambda points: metres * points)))
         for each in obstacles

@@ -19,7 +19,7 @@ def check_base_axes(
     needed: Efforts,
     settings: VerificationSettings = DEFAULT_VERIFICATION,
 ) -> list[Check]:
-    """Check all requirements on the axes that carry the base; return no checks for an arm whose base is fixed.
+    """Check all requirements on the axes that carry the base; for an arm with a fixed base, return no checks.
 
     Args:
         problem: the problem that the motion is to solve.
@@ -103,6 +103,6 @@ def _held(
 
 
 def _slopes(values: FloatArray, time: FloatArray) -> FloatArray:
-    """Return difference quotients, reduced in magnitude by what rounding can have added to them."""
+    """Return difference quotients, with magnitudes reduced by the largest possible rounding error."""
     step = np.diff(time)
     return less_rounding(np.diff(values) / step, 1.0 + largest_magnitude(values), step)

@@ -58,7 +58,8 @@ def nearest_lines(start: FloatArray, end: FloatArray, triangles: FloatArray) -> 
 def _candidates(start: FloatArray, line: FloatArray, triangles: FloatArray) -> list[tuple[FloatArray, BoolArray]]:
     """Return the candidates for the nearest pair of points of each segment and triangle.
 
-    Each candidate is a difference of two points, shape (P, 3), with a mask of where both lie on their bodies, (P,).
+    Each candidate is the difference of two points, shape (P, 3), with a mask of whether both lie on their bodies, shape
+    (P,).
     """
     everywhere = np.ones(len(start), dtype=bool)
     found: list[tuple[FloatArray, BoolArray]] = []
@@ -75,7 +76,7 @@ def _candidates(start: FloatArray, line: FloatArray, triangles: FloatArray) -> l
 
 
 def _clipped_foot(offset: FloatArray, line: FloatArray) -> FloatArray:
-    """Return the foot of a point on a line from the origin, as a share of the line, clipped to [0, 1]."""
+    """Return the foot of a point on a line from the origin, as a fraction of the line's length, clipped to [0, 1]."""
     square = np.einsum("pd,pd->p", line, line)
     share = np.einsum("pd,pd->p", offset, line) / np.where(square > 0.0, square, 1.0)
     return np.asarray(np.clip(share, 0.0, 1.0))
@@ -95,7 +96,7 @@ def _between_lines(offset: FloatArray, line: FloatArray, edge: FloatArray) -> tu
 def _through_face(
     start: FloatArray, line: FloatArray, corner: FloatArray, one: FloatArray, other: FloatArray
 ) -> list[tuple[FloatArray, BoolArray]]:
-    """Return the candidates in the face: both ends projected onto it, and the point where the segment crosses it."""
+    """Return the candidates in a triangle's face: both ends of the segment projected onto it, and the crossing."""
     normal = np.cross(one, other)
     square = np.einsum("pd,pd->p", normal, normal)
     safe = np.where(square > 0.0, square, 1.0)
@@ -135,7 +136,7 @@ _PROBES = 200
 
 
 def depth_enclosed(triangles: FloatArray, point: FloatArray) -> float:
-    """Return the depth of a point inside the body that triangles enclose, 0 if it is outside [m].
+    """Return the depth of a point inside the body that triangles enclose [m]; 0 for a point outside.
 
     Args:
         triangles: corners of the body's triangles, shape (m, 3, 3) [m].
@@ -167,7 +168,7 @@ def _is_enclosed(triangles: FloatArray, point: FloatArray) -> bool:
 
 
 def _leave_a_cavity(about: "list[_Piece]", point: FloatArray) -> bool:
-    """Return whether the pieces around a point are nested with alternating orientation and leave it in a cavity."""
+    """Return whether the pieces around a point are nested with alternating orientations so that it is in a cavity."""
     about.sort(key=lambda each: -abs(each.volume))
     return len(about) % 2 == 0 and all(
         outer.alike and inner.alike and outer.turns(point) * inner.turns(point) < 0.0 and outer.contains(inner)
@@ -200,7 +201,10 @@ class _Piece:
         return abs(self.turns(point)) > 0.5 if self.alike else _odd_share(self.triangles, point) > _MOST
 
     def goes_round(self, point: FloatArray) -> bool:
-        """Return whether a point is inside the piece and the piece is closed around it, judged by all directions."""
+        """Return whether a point is inside the piece and the piece is closed around it.
+
+        The piece is closed if the winding number is whole or, without a consistent orientation, if all rays agree.
+        """
         if self._is_beyond(point):
             return False
         if not self.alike:
@@ -219,8 +223,8 @@ class _Piece:
     def turns(self, point: FloatArray) -> float:
         """Return the winding number of the triangles around a point.
 
-        It is the sum of their signed solid angles over 4 π: ±1 inside a closed surface, 0 outside (A. Van Oosterom and
-        J. Strackee, The solid angle of a plane triangle, 1983).
+        The winding number is the sum of the triangles' signed solid angles over 4 π: ±1 inside a closed surface and 0
+        outside (A. Van Oosterom and J. Strackee, The solid angle of a plane triangle, 1983).
         """
         a, b, c = (self.triangles[:, k] - point for k in range(3))
         lengths = [np.linalg.norm(side, axis=1) for side in (a, b, c)]
@@ -240,7 +244,7 @@ def _heights(triangles: FloatArray) -> FloatArray:
 
 
 def _corner_numbers(triangles: FloatArray) -> IntArray:
-    """Return the index of each corner, shape (m, 3); corners in the same or touching grid cells are merged."""
+    """Return the index of each corner after merging corners in the same or touching grid cells, shape (m, 3)."""
     corners = triangles.reshape(-1, 3)
     low = corners.min(axis=0)
     width = _GRID * float(np.max(corners.max(axis=0) - low))
@@ -287,7 +291,7 @@ def _turn_alike(corner: IntArray) -> bool:
 
 
 def _odd_share(triangles: FloatArray, point: FloatArray) -> float:
-    """Return the share of rays from a point, evenly spread over all directions, with an odd number of crossings."""
+    """Return the fraction of rays from a point, evenly spread over all directions, with an odd number of crossings."""
     turn = np.pi * (3.0 - np.sqrt(5.0)) * np.arange(_RAYS) + 0.3
     height = 1.0 - (2.0 * np.arange(_RAYS) + 1.0) / _RAYS
     beside = np.sqrt(1.0 - height**2)
@@ -299,7 +303,7 @@ def _odd_share(triangles: FloatArray, point: FloatArray) -> float:
 def _meets(corners: FloatArray, ray: FloatArray) -> BoolArray:
     """Return a mask of the triangles that a ray from the origin crosses, shape (m,).
 
-    The ray must be on the same side of the three planes through the origin and each edge.
+    The ray must be on the same side of all three planes through the origin and one edge of the triangle.
     """
     sides = [np.cross(corners[:, k], corners[:, (k + 1) % 3]) @ ray for k in range(3)]
     volume = np.einsum("md,md->m", corners[:, 0], np.cross(corners[:, 1], corners[:, 2]))

@@ -16,7 +16,7 @@ from ccm_opt.verification.drives import as_revolutes
 
 
 def bend_pairs(arm: Arm, values: FloatArray) -> FloatArray:
-    """Convert coordinates (T, c) to the joint angles about the z axis and then the new y axis, (T, links, 2) [rad].
+    """Convert coordinates (T, c) to joint angles about z and then the turned y axis, shape (T, links, 2) [rad].
 
     The map is linear, so it also applies to rates and differences.
     """
@@ -105,7 +105,7 @@ def chain_points(arm: Arm, positions: FloatArray) -> FloatArray:
 
 
 def lengths_of(vectors: FloatArray) -> FloatArray:
-    """Return the lengths of vectors, shape (..., d) to (...); three times as fast as numpy's norm for short axes."""
+    """Return the lengths of vectors (..., d), shape (...), three times as fast as numpy's norm if d is small."""
     return np.asarray(np.sqrt(np.einsum("...d,...d->...", vectors, vectors)))
 
 
@@ -125,7 +125,7 @@ class TimeStretches:
 
     @classmethod
     def blocks(cls, samples: int, size: int) -> "TimeStretches":
-        """Divide a motion with a number of samples into stretches of `size` sample intervals, the last one shorter."""
+        """Divide a motion, given its number of samples, into stretches of `size` intervals; the last may be shorter."""
         low = np.arange(0.0, samples - 1, size)
         return cls(low, np.minimum(low + size, samples - 1.0))
 
@@ -140,7 +140,7 @@ class TimeStretches:
 
     @property
     def middle(self) -> FloatArray:
-        """Midpoints of the stretches, rounded down to a sample for stretches of several intervals, shape (S,)."""
+        """Midpoints of the stretches, rounded down to a sample if a stretch has several intervals, shape (S,)."""
         middle = 0.5 * (self.low + self.high)
         return np.where(self.high - self.low > 1.0, np.floor(middle), middle)
 
@@ -162,7 +162,7 @@ class ChainMotion:
         arm: the arm.
         time: sample times, shape (T,) [s].
         positions: coordinates at the samples, shape (T, c) [rad, m].
-        deviation: largest distance of each link from this motion in each interval, shape (T − 1, links) [m]; none by
+        deviation: largest deviation of each link from this motion in each interval, shape (T − 1, links) [m]; none by
             default.
     """
 
@@ -172,7 +172,7 @@ class ChainMotion:
     deviation: FloatArray | None = None
 
     def off(self, stretches: TimeStretches, stretch: IntArray, link: IntArray) -> FloatArray | float:
-        """Return how far links may deviate from the motion during stretches, shape (P,) [m].
+        """Return the largest deviation of links from the motion during stretches, shape (P,) [m].
 
         Args:
             stretches: stretches of time.
@@ -203,7 +203,10 @@ class ChainMotion:
 
     @cached_property
     def bows(self) -> FloatArray:
-        """Bound on the second derivative of joint positions by the share of each interval, (T − 1, links + 1) [m]."""
+        """Bound on the second derivative of joint positions with respect to the fraction of each interval, in metres.
+
+        The shape is (T − 1, links + 1).
+        """
         return acceleration_bounds(self.arm, 0.5 * (self.positions[:-1] + self.positions[1:]), self.steps)
 
     @cached_property
@@ -225,12 +228,12 @@ class ChainMotion:
         return poses
 
     def places(self, at: FloatArray) -> FloatArray:
-        """Return the coordinates at times in units of samples, before the last sample, shape (S, c) [rad, m]."""
+        """Return the coordinates at times, in units of samples, before the last sample, shape (S, c) [rad, m]."""
         interval = at.astype(np.intp)
         return np.asarray(self.positions[interval] + (at - interval)[:, None] * self.steps[interval])
 
     def turned(self, at: FloatArray) -> FloatArray:
-        """Return the total angle that each joint has turned by times in units of samples, shape (S, links) [rad]."""
+        """Return the total angle that each joint has turned up to given times in samples, shape (S, links) [rad]."""
         interval = np.minimum(at.astype(np.intp), len(self.time) - 2)
         return np.asarray(self._turned[interval] + (at - interval)[:, None] * self._turns[interval])
 
@@ -243,7 +246,7 @@ class ChainMotion:
         return np.concatenate((np.zeros((1, self.arm.links)), np.cumsum(self._turns, axis=0)))
 
     def when(self, at: float) -> float:
-        """Convert a time in units of samples to seconds."""
+        """Convert a time in units of samples to a time in seconds."""
         return float(np.interp(at, np.arange(len(self.time)), self.time))
 
     def travels(self, stretches: TimeStretches) -> FloatArray:
@@ -273,7 +276,7 @@ class ChainMotion:
     def _travels_over_samples(self, stretches: TimeStretches) -> FloatArray:
         """Return the travel bounds of stretches of several intervals, shape (S, links + 1) [m].
 
-        They are the distance to the farthest sample plus the chord deviation between samples.
+        Each bound is the distance to the farthest sample plus the chord deviation between samples.
         """
         low = stretches.low.astype(np.intp)
         count = stretches.high.astype(np.intp) - low + 1
@@ -290,10 +293,10 @@ class ChainMotion:
 def acceleration_bounds(arm: Arm, middle: FloatArray, steps: FloatArray) -> FloatArray:
     """Return a bound on the second derivative of joint positions over a stretch, shape (N, links + 1) [m].
 
-    The derivative is with respect to the share of the stretch. With angular rates ω_j of the links, ω_j' is at most
-    D_j = D_(j−1) + S_(j−1) √(Δa² + Δb²) + |Δa Δb|, since the axes of joint j move with the preceding link;
-    S_j = |ω_j at the middle| + ½ D_j is an upper bound on |ω_j|. A link adds l (ω' × t + ω × (ω × t)) to the second
-    derivative of every point beyond it. In the plane no axis turns, and ω' is zero.
+    The derivative is with respect to the fraction of the stretch. With angular rates ω_j of the links, ω_j' is at most
+    D_j = D_(j−1) + S_(j−1) √(Δa² + Δb²) + |Δa Δb|, since the axes of joint j move with the preceding link; S_j = |ω_j
+    at the middle| + ½ D_j is an upper bound on |ω_j|. A link adds l (ω' × t + ω × (ω × t)) to the second derivative of
+    every point beyond it. In the plane no axis turns, and ω' is zero.
 
     Args:
         arm: the arm.

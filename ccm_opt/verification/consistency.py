@@ -113,10 +113,10 @@ def check_efforts(
 def _accelerations(
     trajectory: JointTrajectory, limit: FloatArray, names: Sequence[str], settings: VerificationSettings
 ) -> Check:
-    """Check that changes of a joint's velocity match its accelerations, up to jumps that the samples cannot show.
+    """Check that changes of a joint's velocity match its accelerations, except for jumps that samples cannot show.
 
-    The mean acceleration over a step lies between the values at its ends unless the acceleration jumps twice within
-    the step. Summed over the motion, the unexplained change may be a small share of the total change of velocity.
+    The mean acceleration over a step lies between the values at its ends unless the acceleration jumps twice within the
+    step. Summed over the motion, the unexplained change may be a small fraction of the total change of velocity.
     """
     step = np.diff(trajectory.time)[:, None]
     value = trajectory.bend_accelerations
@@ -342,7 +342,7 @@ def check_keyframes(
 
 
 def _distances_from_pieces(point: FloatArray, starts: FloatArray, pieces: FloatArray) -> FloatArray:
-    """Return the distances of a point from straight pieces, given their starts and vectors (n, c), shape (n,)."""
+    """Return the distances of a point from straight pieces given by starts and vectors (n, c), shape (n,)."""
     away = point - starts
     squares = np.maximum(np.einsum("tc,tc->t", pieces, pieces), np.finfo(np.float64).tiny)
     along = np.clip(np.einsum("tc,tc->t", away, pieces) / squares, 0.0, 1.0)
@@ -354,10 +354,10 @@ def check_nearest_curves(curves: Sequence[Configuration], wanted: Sequence[Confi
 
     Args:
         curves: reported curves, one per keyframe.
-        wanted: curves fitted to the keyframes.
+        wanted: curves that the verifier fitted to the keyframes.
 
     Returns:
-        The check; its worst value is a share of the greatest curvature, or an angle in radians.
+        The check; its worst value is a fraction of the greatest curvature, or an angle in radians.
     """
     name = "curves against keyframes"
     if [len(curve.segments) for curve in curves] != [len(curve.segments) for curve in wanted]:
@@ -409,7 +409,8 @@ def _mean_headings(arm: Arm, curve: Configuration) -> FloatArray:
 def _difference(ours: Configuration, theirs: Configuration, size: float) -> float:
     """Return the greatest difference of two curves.
 
-    Compared are base headings [rad], curvatures as shares of `size`, lengths as relative differences, and knots.
+    The comparison covers base headings [rad], curvatures as fractions of `size`, relative differences of lengths, and
+    knots.
     """
     found = [abs(ours.base_heading - theirs.base_heading)]
     for part, other in zip(ours.segments, theirs.segments, strict=True):

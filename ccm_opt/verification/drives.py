@@ -57,7 +57,7 @@ def describe_revolute_joints(names: Sequence[str]) -> tuple[str, ...]:
 
 
 def sample_words(time: FloatArray, names: Sequence[str] = ()) -> Callable[..., str]:
-    """Return a function that describes where and when a value occurs, given its sample and, with names, its column."""
+    """Return a function that describes when and where a value occurs, given its sample and any named column."""
     return lambda k, *column: " at ".join((*(names[j] for j in column), f"t = {time[k]:.4f} s"))
 
 
@@ -69,7 +69,7 @@ def check_worst(
     where: Callable[..., str],
     tolerance: float = 0.0,
 ) -> Check:
-    """Check the value with the greatest share of its allowed magnitude.
+    """Check the value that is the greatest fraction of its allowed magnitude.
 
     Args:
         name: name of the check.
@@ -77,7 +77,7 @@ def check_worst(
         values: values of any shape and sign.
         allowed: greatest allowed magnitudes, positive, of a shape that broadcasts to that of the values.
         where: describes the location of a value, given its indices.
-        tolerance: share by which a value may exceed its allowed magnitude.
+        tolerance: fraction by which a value may exceed its allowed magnitude.
     """
     sizes = np.abs(values)
     bounds = np.broadcast_to(allowed, sizes.shape)

@@ -1,4 +1,4 @@
-"""Check of how far a fed arm leaves the path of its tip."""
+"""Check of how far a fed arm deviates from the path of its tip."""
 
 from itertools import pairwise
 
@@ -21,15 +21,15 @@ _CHUNK = 200
 
 
 def check_following(problem: Problem, motion: ChainMotion, trajectory: JointTrajectory) -> list[Check]:
-    """Check how far the arm leaves the path of its tip at all samples; none where the problem sets no bound.
+    """Check how far the arm deviates from its tip's path at all samples; return no checks without a bound.
 
-    The path to every goal is the arm as it lies when the motion to it begins, from the hole on, and then the path of
-    the tip.
+    The path to a goal consists of the arm's centre line beyond the hole when the motion to that goal begins, followed
+    by the path of the tip.
 
     Args:
         problem: the problem that the motion is to solve.
         motion: the motion.
-        trajectory: the same, with the samples at which it rests at goals on its way.
+        trajectory: the same motion, with the samples at which the arm rests at intermediate goals.
     """
     within = problem.planner.follow_within
     if within is None or not problem.arm.base_axes:
@@ -64,13 +64,13 @@ def _farthest(arm: Arm, motion: ChainMotion, samples: slice, spacing: float) -> 
 
 
 def _path(arm: Arm, points: FloatArray, along: FloatArray, spacing: float) -> FloatArray:
-    """Return places on the path of the tip at most a spacing apart, shape (m, d) [m].
+    """Return points on the path of the tip with at most a given spacing, shape (m, d) [m].
 
     Args:
         arm: arm with a feed axis.
         points: joints and tip at the samples, shape (T, links + 1, d) [m].
-        along: their distances from the hole along the arm, negative in the tube, shape (T, links + 1) [m].
-        spacing: the spacing [m].
+        along: distances of these points from the hole along the arm, negative in the tube, shape (T, links + 1) [m].
+        spacing: greatest distance between consecutive points [m].
     """
     hole = arm.base + arm.hole * arm.direction
     beyond = along[0] > 0.0

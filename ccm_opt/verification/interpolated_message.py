@@ -61,7 +61,7 @@ class Message:
 
     @cached_property
     def coefficients(self) -> FloatArray:
-        """Polynomial coefficients between consecutive points, in the time since the first, (4 or 6, P − 1, c)."""
+        """Coefficients of the polynomials in the time since the earlier of two points, shape (4 or 6, P − 1, c)."""
         h = np.diff(self.time)[:, None]
         v, w = self.velocities[:-1], self.velocities[1:]
         # Mean velocity over the step, with the initial velocity subtracted.
@@ -169,7 +169,7 @@ def check_message_limits(
         settings: tolerances, with lengths in metres.
 
     Returns:
-        The check, whose worst value is the greatest share of any limit that is used.
+        The check; its worst value is the greatest fraction of any limit that the motion uses.
     """
     steps = _Steps.of(message)
     found = _rate_shares(problem, steps) + _effort_shares(problem, steps)
@@ -192,7 +192,7 @@ def check_message_limits(
 
 
 def _rate_shares(problem: Problem, steps: _Steps) -> list[tuple[float, str]]:
-    """Return the greatest share of the limits on positions, velocities, accelerations and jerks, and where each is."""
+    """Return the greatest used fractions of limits on position, velocity, acceleration and jerk, with their places."""
     layout = steps.message.coordinates
     limits = problem.limits
     bends = bend_revolutes(layout)
@@ -227,9 +227,9 @@ def _time(steps: _Steps, k: int) -> str:
 
 
 def _effort_shares(problem: Problem, steps: _Steps) -> list[tuple[float, str]]:
-    """Return the greatest share of the limits on torques and base force, and where each is.
+    """Return the greatest used fractions of the limits on torques and base force, with their places.
 
-    The shares include what efforts can gain between the ends of a step.
+    The fractions include the largest possible increase of efforts between the ends of a step.
     """
     limits = problem.limits
     bounds = [np.inf if limits.torque is None else limits.torque, limits.feed_force or np.inf]
@@ -291,7 +291,7 @@ def check_message_deviation(
     spare: float,
     gaps: Callable[[FloatArray], Sequence[Check]],
 ) -> Check:
-    """Check that the motion interpolated from a message stays close enough to the verified one to avoid contact.
+    """Check that the motion interpolated from a message is close enough to the verified motion to avoid contact.
 
     Args:
         arm: the arm.
@@ -322,9 +322,9 @@ def check_message_deviation(
 def _deviation(arm: Arm, proved: JointTrajectory, message: Message, factor: float, pieces: int) -> FloatArray:
     """Return bounds on the deviation of each link in every step of the verified motion, shape (T − 1, links) [m].
 
-    Every point of the straight piece between two poses is compared with the curve at the same share of the time between
-    the two moments at which the curve is nearest to these poses. The curve's chord deviation between these moments is
-    bounded by its acceleration.
+    Every point of the straight piece between two poses is compared with the curve at the same fraction of the time
+    between the two moments at which the curve is nearest to these poses. The curve's chord deviation between these
+    moments is bounded by its acceleration.
     """
     numbers = np.arange(pieces * (len(proved.time) - 1) + 1) / pieces
     samples = np.arange(len(proved.time))
@@ -364,7 +364,7 @@ def _controls(message: Message) -> list[FloatArray]:
 
 
 def _travel(arm: Arm, layout: Coordinates, change: FloatArray) -> FloatArray:
-    """Return bounds on how far each link moves for changes of coordinates (N, c), shape (N, links) [m]."""
+    """Return bounds on how far changes of coordinates (N, c) move each link, shape (N, links) [m]."""
     bends = change[:, : layout.joints]
     if bends_a_ball(layout) > 1:
         bends = np.linalg.norm(bends.reshape(len(bends), arm.links, -1), axis=2)

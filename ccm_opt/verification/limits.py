@@ -1,4 +1,4 @@
-"""Checks of the limits on joints and points of the arm, and of the share of the limits that a plan may use.
+"""Checks of the limits on joints and points of the arm, and of the fraction of the limits that a plan may use.
 
 The share σ applies to velocities, accelerations, jerks and efforts of all drives. Where holding the arm still takes the
 share h of an effort limit, the effort may take max(σ, h + ½ σ (1 − h)) of it. ``robot.coordinates`` implements the same
@@ -91,8 +91,8 @@ def _velocity_sources(trajectory: JointTrajectory, joints: JointStates) -> list[
 def _acceleration_sources(trajectory: JointTrajectory, joints: JointStates) -> list[_Source]:
     """Return accelerations from three sources, in revolutes.
 
-    They are the reported values (of revolutes and bends), difference quotients of the reported velocities, and second
-    difference quotients of the angles.
+    The sources are the reported values (of revolutes and bends), difference quotients of the reported velocities, and
+    second difference quotients of the angles.
     """
     time = trajectory.time
     step = np.diff(time)[:, None]
@@ -120,7 +120,7 @@ def _jerk_sources(trajectory: JointTrajectory, joints: JointStates) -> list[_Sou
 
 
 def finite_jerks(accelerations: FloatArray, time: FloatArray) -> FloatArray:
-    """Return difference quotients of accelerations (T, …), including those from and to rest at the ends, (T + 1, …)."""
+    """Return difference quotients of accelerations (T, …), with those from and to rest at the ends (T + 1, …)."""
     step = np.diff(time).reshape(-1, *[1] * (accelerations.ndim - 1))
     # Before the first sample and after the last, the arm is taken to rest for as long as the adjacent step.
     around = np.concatenate((step[:1], step, step[-1:]))
@@ -144,7 +144,7 @@ def largest_magnitude(values: FloatArray) -> float:
 
 
 def less_rounding(quotient: FloatArray, size: float, step: FloatArray) -> FloatArray:
-    """Return a difference quotient, reduced in magnitude by what rounding of its values can have added to it.
+    """Return difference quotients, with magnitudes reduced by the largest possible error from rounding of the values.
 
     Args:
         quotient: the difference quotients.
@@ -250,13 +250,13 @@ class _PointMotion:
         return np.asarray(np.maximum(*map(lengths_of, ends)) + self._step**2 / 8.0 * third)
 
     def reported_accelerations(self) -> FloatArray:
-        """Return the accelerations from the reported coordinate velocities and accelerations, shape (T,) [m/s²]."""
+        """Return the point's acceleration magnitudes from the reported coordinate rates, shape (T,) [m/s²]."""
         # From the midpoint of a link to its end, the acceleration grows by half of the link's contribution.
         added = 2.0 / self.arm.link_length * (self.rates.ends - self.rates.middles)
         return lengths_of(self._summed(added) + self._carried(self.trajectory.accelerations))
 
     def gained(self) -> FloatArray:
-        """Return the magnitudes of the difference quotients of reported velocities, shape (T − 1,) [m/s²]."""
+        """Return the magnitudes of difference quotients of the point's reported velocities, shape (T − 1,) [m/s²]."""
         return self._quotient(self.velocities)
 
     def second_differences(self) -> FloatArray:
@@ -289,7 +289,7 @@ class _PointMotion:
         return np.asarray(np.maximum(change - self._noise(values), 0.0) / self._step)
 
     def _noise(self, values: FloatArray) -> float:
-        """Return a bound on what rounding can have added to a difference of values."""
+        """Return a bound on the rounding error of a difference of values."""
         return float((16.0 + self.arm.links) * np.finfo(np.float64).eps * np.max(np.abs(values)))
 
 
@@ -301,13 +301,13 @@ def check_shares(
     holding: FloatArray,
     settings: VerificationSettings = DEFAULT_VERIFICATION,
 ) -> list[Check]:
-    """Check that the plan uses only its share of the limits; return no checks where it may use the limits in full.
+    """Check that the plan uses only its share of the limits; return no checks if it may use them in full.
 
     Args:
         problem: the problem that the motion is to solve.
         trajectory: the motion in the arm's coordinates.
         joints: the motion in terms of the drives, with their efforts.
-        of_limits: the checks of the limits themselves, which hold the greatest value of each and where it occurs.
+        of_limits: the checks of the limits themselves, each with the greatest value and where it occurs.
         holding: efforts of all drives that hold the arm still at the samples, shape (T, drives) [N m, N].
         settings: the tolerance of limits.
     """
@@ -356,17 +356,17 @@ def _effort_check(
 
 
 def allowed_share(held: FloatArray, share: float) -> FloatArray:
-    """Return the share of an effort limit that a plan may use, in [0, 1].
+    """Return the fraction of an effort limit that a plan may use, in [0, 1].
 
     Args:
-        held: share of the limit that holding the arm still takes, in [0, 1].
-        share: share of the limits that plans may use in general, σ.
+        held: fraction of the limit that holding the arm still takes, in [0, 1].
+        share: fraction σ of the limits that plans may use in general.
     """
     return np.asarray(np.maximum(share, held + 0.5 * share * (1.0 - held)))
 
 
 def effort_limits(problem: Problem) -> FloatArray:
-    """Return the limits on the torques of all revolutes and the forces of the base axes; inf where there is none."""
+    """Return the limits on the torques of all revolutes and the forces of the base axes; inf without a limit."""
     limits = problem.limits
     torque = np.full(3 * problem.arm.links, np.inf) if limits.torque is None else limits.torque
     return np.append(torque, [np.inf if limits.feed_force is None else limits.feed_force] * len(problem.arm.base_axes))

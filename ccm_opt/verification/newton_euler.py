@@ -63,8 +63,8 @@ def drive_efforts(
         arm: the arm, with masses, inertia, payload, rotor inertia and friction.
         gravity: gravitational acceleration, shape (3,) [m/s²].
         positions: coordinates, shape (T, c) [rad, m].
-        velocities: their velocities, shape (T, c) [rad/s, m/s].
-        accelerations: their accelerations, shape (T, c) [rad/s², m/s²].
+        velocities: velocities of the coordinates, shape (T, c) [rad/s, m/s].
+        accelerations: accelerations of the coordinates, shape (T, c) [rad/s², m/s²].
 
     Returns:
         The torques, shape (T, 3 * links) [N m], ordered by ball joint with three revolutes each, and the forces, shape
@@ -117,5 +117,5 @@ def _momentum_change(arm: Arm, frames: LinkFrames, rates: LinkRates) -> FloatArr
 
 
 def from_tip(values: FloatArray) -> FloatArray:
-    """Return cumulative sums from the tip, over each link and all links beyond it, shape (T, n, ...)."""
+    """Return cumulative sums from the tip: for each link, over that link and all beyond it, shape (T, n, ...)."""
     return np.cumsum(values[:, ::-1], axis=1)[:, ::-1]

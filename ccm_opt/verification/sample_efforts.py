@@ -1,4 +1,4 @@
-"""Checks of the efforts that the positions and times of the samples alone require, whatever happens between them.
+"""Checks of efforts that the samples' positions and times alone require, whatever happens between the samples.
 
 The share σ applies to velocities, accelerations, jerks and efforts of all drives. Where holding the arm still takes the
 share h of an effort limit, the effort may take max(σ, h + ½ σ (1 − h)) of it. ``robot.coordinates`` implements the same
@@ -56,7 +56,7 @@ class HatMeans:
         return np.asarray(values[1:-1] + change / (3.0 * (before + after)))
 
     def first(self, values: FloatArray) -> FloatArray:
-        """Return the mean rates over both steps, shape (T − 2, …)."""
+        """Return the means of first derivatives, which are the mean rates over both steps, shape (T − 2, …)."""
         before, after = self._beside(values)
         return np.asarray((values[2:] - values[:-2]) / (before + after))
 
@@ -71,9 +71,9 @@ class HatMeans:
         return HatMeans(self.time[sample : sample + 3])
 
     def variance(self, values: FloatArray) -> FloatArray:
-        """Return a bound on the mean square deviation of vectors from their mean, shape (3, …, d) to (…).
+        """Return a bound on the mean square deviation of vectors (3, …, d) from their mean, shape (…).
 
-        For the means around a single inner sample only.
+        This applies only to the means around a single inner sample.
         """
         before, after = (float(step[0]) for step in self.steps)
         # The square is convex, so linear interpolation between samples is an upper bound.
@@ -93,7 +93,7 @@ def check_sample_efforts(
     holding: FloatArray,
     settings: VerificationSettings = DEFAULT_VERIFICATION,
 ) -> list[Check]:
-    """Check the bend torques and feed forces that the samples require by themselves.
+    """Check the bend torques and feed forces that the positions and times of the samples alone require.
 
     A check fails only if every motion through the samples, with accelerations within their limits, exceeds the limit
     of an effort. The worst value is the effort from difference quotients; the limit includes their possible error.
@@ -136,7 +136,7 @@ def _allowed_beside(held: FloatArray, limit: FloatArray, problem: Problem) -> Fl
     Args:
         held: efforts that hold the arm still at the samples, shape (T, N).
         limit: effort limit of each drive, shape (N,), or of all drives.
-        problem: the problem, which sets the share of the limits that plans may use.
+        problem: the problem, which sets the fraction of the limits that plans may use.
     """
     allowed = limit * allowed_share(np.minimum(np.abs(held) / limit, 1.0), problem.planner.effort_share)
     return np.asarray(np.maximum(np.maximum(allowed[:-2], allowed[1:-1]), allowed[2:]))
@@ -240,7 +240,7 @@ class SampleMeans:
 
 
 def _of_bends(drives: FloatArray | float, links: int) -> FloatArray:
-    """Return a property of the drives for the first two revolutes of each ball joint, shape (links, 2)."""
+    """Return the values of a drive property for the first two revolutes of each ball joint, shape (links, 2)."""
     return np.broadcast_to(np.asarray(drives, dtype=np.float64), (3 * links,)).reshape(-1, 3)[:, :2]
 
 
@@ -342,7 +342,7 @@ class SampleBounds:
     def _turning_beyond(self, joint: int) -> Factors:
         """Return the factors of the links' rotational inertia.
 
-        Directions of links take the place of levers, their second derivatives that of forces.
+        The directions of links take the place of levers, and the second derivatives of these directions that of forces.
         """
         along = self.frames.along[self._within, joint:]
         bow = self._eighth * self._curving[joint:]
@@ -357,7 +357,7 @@ class SampleBounds:
         )
 
     def _held(self, joint: int, axis: FloatArray, bow: float) -> float:
-        """Return a bound on how much the holding torque between samples can exceed that at the samples [N m].
+        """Return a bound on the excess of the holding torque between samples over that at the samples [N m].
 
         The effort that a plan may use grows with the holding torque.
         """
@@ -395,7 +395,8 @@ class SampleBounds:
         """Bounds on the second derivatives of each link's axes, shape (links,) [1/s²].
 
         ω̇ × e + ω × (ω × e) is at most |ω̇| + |ω|². The rates of links follow from the distance that their axes move
-        between samples, up to a step times the bound itself; iteration starts from the sum of the joint rates.
+        between samples, up to a step times the bound itself; so the bound is found by iteration, which starts from the
+        sum of the joint rates.
         """
         if self.problem.arm.dimension == 2:
             turned = np.cumsum(bend_pairs(self.problem.arm, self.motion.positions[self._within])[..., 1], axis=1)

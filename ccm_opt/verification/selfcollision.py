@@ -113,7 +113,7 @@ def check_self_collision(motion: ChainMotion, settings: VerificationSettings = D
 
 
 def nearest_links(motion: ChainMotion, settings: VerificationSettings = DEFAULT_VERIFICATION) -> Verdict | None:
-    """Return the verdict on whether distant links stay apart; None for an arm too short to touch itself."""
+    """Return the verdict on whether distant links stay apart; None if the arm is too short to touch itself."""
     arm = motion.arm
     if first_distant(arm) >= arm.links:
         return None
@@ -136,7 +136,7 @@ class LinkProof:
         self._lost = 2.0 * motion.rounding + distance_rounding(motion.size)
 
     def prove(self, least: float, settings: VerificationSettings, nearest: Nearest | None = None) -> Verdict:
-        """Prove that all distant links keep a gap of at least ``least``; arguments as for ``prove_stretches``."""
+        """Prove that all distant links keep a gap of at least ``least``, with arguments as in ``prove_stretches``."""
         first, second = np.triu_indices(self.motion.arm.links, first_distant(self.motion.arm))
         blocks = TimeStretches.blocks(len(self.motion.time), BLOCK)
         pairs = Pairs.in_all(len(blocks), first, second)
@@ -167,7 +167,7 @@ class LinkProof:
 
 
 def relative_travels(motion: ChainMotion, stretches: TimeStretches, travels: FloatArray, pairs: Pairs) -> FloatArray:
-    """Return bounds on how much closer two links may come than at mid-stretch, shape (P,) [m].
+    """Return bounds on how much smaller the distance of two links may be than at mid-stretch, shape (P,) [m].
 
     Within an interval, motion common to both links does not count. In the frame of the first link, which preserves
     distances, each joint k between the links only adds its own rotation ψ_k: l Σ (j − k + 1) ψ_k in total.
@@ -197,7 +197,7 @@ def relative_travels(motion: ChainMotion, stretches: TimeStretches, travels: Flo
 def travels_in_frame(
     motion: ChainMotion, stretches: TimeStretches, k: IntArray, i: IntArray, j: IntArray
 ) -> FloatArray:
-    """Return bounds on the travel of links from mid-stretch, in the frames of links nearer to the base, (P,) [m].
+    """Return bounds on links' travel from mid-stretch in the frames of links nearer to the base, shape (P,) [m].
 
     Args:
         motion: motion of the arm.
@@ -219,7 +219,7 @@ def travels_in_frame(
 
 
 def link_gaps(arm: Arm, poses: FloatArray, reach: float) -> tuple[Pairs, FloatArray]:
-    """Return all pairs of distant links whose gap is within a reach, and few others, with their gaps.
+    """Return all pairs of distant links whose gap is within a reach, and a few others, with their gaps.
 
     Args:
         arm: the arm.
@@ -251,7 +251,7 @@ def crossing_near_links(motion: ChainMotion, settings: VerificationSettings = DE
         settings: settings of the verifier, with lengths in metres.
 
     Returns:
-        The links and the time in words, or that the links may cross if the proof was given up.
+        A description of the links and the time, or a remark that the links may cross if the proof was given up.
     """
     links = motion.arm.links
     bends = np.abs(motion.positions[:, motion.arm.coordinates.bends]).reshape(len(motion.time), links, -1).sum(axis=2)

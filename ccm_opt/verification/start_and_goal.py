@@ -1,4 +1,4 @@
-"""Checks that a motion starts, stops, pauses and ends where and how its problem asks for."""
+"""Checks that a motion starts, stops, pauses and ends as its problem requires."""
 
 from collections.abc import Sequence
 from itertools import pairwise
@@ -216,7 +216,7 @@ def check_pauses(
 
 
 def _time_at_rest(problem: Problem, trajectory: JointTrajectory, sample: int, settings: VerificationSettings) -> float:
-    """Return how long the arm keeps the pose of a sample, counted from that sample [s]."""
+    """Return the time for which the arm keeps the pose of a sample, counted from that sample [s]."""
     still = _still(problem, trajectory, sample, settings)[sample:]
     # The rest ends at the sample before the first one that moves.
     count = len(still) if np.all(still) else int(np.argmin(still))

@@ -130,7 +130,7 @@ def open_none(pairs: Pairs, travel: FloatArray) -> tuple[Pairs, BoolArray]:
 
 
 def least_allowed_gap(limit: float, thickness: float, settings: VerificationSettings) -> float:
-    """Return the gap that a pair must keep: the limit less the contact tolerance, but never so little that axes touch.
+    """Return the gap that a pair must keep: the limit less the contact tolerance, or more so that axes never touch.
 
     Args:
         limit: required gap [m].
@@ -192,7 +192,7 @@ def prove_stretches(
 
 
 def _told(ceiling: float, settings: VerificationSettings) -> float:
-    """Return the gap above which pairs need no further refinement for the report, given an upper bound [m]."""
+    """Return the gap above which pairs need no refinement for the report, given an upper bound on the least gap [m]."""
     return min(ceiling - settings.report_resolution, (1.0 - settings.report_share) * ceiling)
 
 

@@ -1,4 +1,4 @@
-"""Verification of a timed motion against everything its problem asks for.
+"""Verification of a timed motion against all requirements of its problem.
 
 The verifier has its own kinematics, mount, link pairs, inverse dynamics and distances. The duplication is deliberate: a
 mistake in the planners' code must not be able to hide itself.
@@ -30,7 +30,7 @@ def verify(
     joints: JointStates,
     settings: VerificationSettings = DEFAULT_VERIFICATION,
 ) -> tuple[Check, ...]:
-    """Check a timed motion against everything its problem asks for.
+    """Check a timed motion against all requirements of its problem.
 
     Between samples, all coordinates are taken to be linear in time. Walls, self-collision and bend limits are checked
     for that motion at *all* times, not only at the samples. A gap may fall short by at most the problem's contact

@@ -99,10 +99,7 @@ class CheckedSurfaces:
         return np.asarray(node >= self.offsets[-2])
 
     def children(self, node: IntArray) -> tuple[IntArray, IntArray]:
-        """Return the children of boxes, and for each child the position of its parent in `node`, each of shape (Q,).
-
-        The positions come first.
-        """
+        """Return the position in `node` of each child's parent, and the children of the boxes, each of shape (Q,)."""
         level = np.searchsorted(self.offsets, node, side="right") - 1
         first = self.offsets[level + 1] + _FAN * (node - self.offsets[level])
         count = np.minimum(self.offsets[level + 2] - first, _FAN)
@@ -171,7 +168,7 @@ def _part_edges(part: shapely.Geometry) -> FloatArray:
 
 
 def _by_size_and_place(parts: FloatArray) -> IntArray:
-    """Return an order in which consecutive parts have similar sizes and positions, shape (m,)."""
+    """Return the order of parts in which neighbours have similar sizes and positions, as indices, shape (m,)."""
     low = parts.min(axis=1)
     high = parts.max(axis=1)
     extent = high.max(axis=0) - low.min(axis=0)
@@ -225,7 +222,7 @@ def nearest_wall(
 ) -> tuple[Verdict, str] | None:
     """Return the verdict on the arm's clearance from walls, and the name of the nearest wall.
 
-    None is returned where there is nothing to check, as when the whole arm counts as its mount.
+    The result is None if there is nothing to check, for example if the whole arm belongs to its mount.
 
     Args:
         motion: motion of the arm.
@@ -244,7 +241,7 @@ def nearest_wall(
 
 
 def exposed_starts(arm: Arm) -> FloatArray:
-    """Return the share of each link that belongs to the mount and may touch walls, shape (links,); 1 for a whole link.
+    """Return the fraction of each link that belongs to the mount and may touch walls, 1 for all of it, shape (links,).
 
     ``Arm.mount_end`` gives the end of the mount; the verifier deliberately does not use it.
     """
@@ -252,7 +249,7 @@ def exposed_starts(arm: Arm) -> FloatArray:
 
 
 def touch_beside_mount(arm: Arm, link: int, gap: float) -> str:
-    """Return a remark if a link with a given gap [m] touches a wall where it leaves the mount, else an empty string."""
+    """Return a remark if a link with a given gap [m] touches a wall where it leaves the mount, or an empty string."""
     leaves = link == int(arm.mount_length // arm.link_length)
     return "touches it where it leaves the mount" if leaves and abs(gap) <= TOUCHING * arm.radius else ""
 
@@ -278,7 +275,7 @@ class WallProof:
     Args:
         motion: motion of the arm.
         surfaces: surfaces of the scene.
-        exposed: share of each link that may touch walls, shape (links,).
+        exposed: fraction of each link that may touch walls, shape (links,).
     """
 
     def __init__(self, motion: ChainMotion, surfaces: CheckedSurfaces, exposed: FloatArray) -> None:
@@ -288,7 +285,7 @@ class WallProof:
         self._lost = motion.rounding + distance_rounding(max(surfaces.size, motion.size))
 
     def prove(self, least: float, settings: VerificationSettings, nearest: Nearest | None = None) -> Verdict:
-        """Prove that all links keep a gap of at least ``least``; arguments as for ``prove_stretches``."""
+        """Prove that all links keep a gap of at least ``least``, with arguments as in ``prove_stretches``."""
         samples = len(self.motion.time)
         # The least gap at a few moments bounds how far the full search must look.
         moments = self._all_link_pairs(TimeStretches.moments(samples, _PROBES), least, settings, nearest)
@@ -367,7 +364,7 @@ class WallProof:
         travel[close] = aside[slides]
 
     def opened(self, pairs: Pairs, travel: FloatArray) -> tuple[Pairs, BoolArray]:
-        """Open boxes larger than the travel of their link; return pairs with their children and a mask of the boxes."""
+        """Open boxes larger than their link's travel; return pairs with the children, and a mask of opened boxes."""
         surfaces = self.surfaces
         size = surfaces.diagonals.take(pairs.other)
         boxes = ~surfaces.is_single(pairs.other) & ((size > travel) | (size == 0.0))
@@ -379,11 +376,11 @@ class WallProof:
 def check_free_side(motion: ChainMotion, workspace: Workspace) -> Check:
     """Check that the arm lies inside the room and outside all solid obstacles.
 
-    Testing one point is enough: an arm that never meets a closed surface cannot change sides along its length or over
-    time.
+    Testing one point of the arm is enough, since an arm that never meets a closed surface cannot change sides along its
+    length or over time.
 
     Returns:
-        The check; its worst value is the negated depth of that point in forbidden space [m].
+        The check; its worst value is minus the depth of the tested point in forbidden space [m].
     """
     arm = motion.arm
     # The point is where the mount ends, since the mount itself may be inside a wall.

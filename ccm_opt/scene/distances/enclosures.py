@@ -35,7 +35,7 @@ class Enclosure:
 
 
 def deepest_enclosure(workspace: Workspace, places: FloatArray, *, entering: float = math.inf) -> Enclosure | None:
-    """Return the point that is deepest inside a body, or farthest outside the room; None if there is none.
+    """Return the point that is deepest inside a body or farthest outside the room; None if all points are free.
 
     An arm that touches no surface is inside a closed body with all its points or with none, so testing one point is
     enough.
@@ -43,8 +43,8 @@ def deepest_enclosure(workspace: Workspace, places: FloatArray, *, entering: flo
     Args:
         workspace: the workspace.
         places: points to test, shape (k, 3) [m].
-        entering: radius of an arm that may reach the points from outside [m]; open shells of meshes with an opening
-            that it may fit through are left out.
+        entering: radius of an arm that may reach the points from outside [m]; open shells with an opening wide enough
+            for the arm are ignored.
     """
     return max(_enclosures(workspace, places, entering), key=lambda found: found.depth, default=None)
 
@@ -52,7 +52,8 @@ def deepest_enclosure(workspace: Workspace, places: FloatArray, *, entering: flo
 def opening_width(body: MeshBody) -> float:
     """Return an upper bound of the diameter of a ball that fits through the widest opening of a mesh [m].
 
-    It is the second largest extent of the edges around an opening, along their principal axes; 0 for a closed mesh.
+    The bound is the second largest extent of the edges around the opening along their principal axes; it is 0 for a
+    closed mesh.
     """
     edges = body.shells.open_edges
     if not len(edges):
@@ -78,12 +79,12 @@ def opening_width(body: MeshBody) -> float:
 
 
 def ways_out(workspace: Workspace, name: str, what: str) -> tuple[str, ...]:
-    """Return advice on something that lies inside a body.
+    """Return advice on how to correct an object that lies inside a body.
 
     Args:
         workspace: the workspace.
         name: name of the body.
-        what: what lies inside, in words.
+        what: description of the object that lies inside.
     """
     body = next((each.body for each in workspace.obstacles if each.name == name), None)
     out = f"move {what} out of it"
@@ -94,7 +95,7 @@ def ways_out(workspace: Workspace, name: str, what: str) -> tuple[str, ...]:
 
 
 def open_words(body: MeshBody) -> str:
-    """Return the number of open edges of a mesh, and the position of one, in words."""
+    """Return a description of how many open edges a mesh has and where one of them is."""
     edges = body.shells.open_edges
     count = "1 open edge" if len(edges) == 1 else f"{len(edges)} open edges, one"
     return f"has {count} near {place(edges[0].mean(axis=0))}"
@@ -128,12 +129,12 @@ def _outside_workspace(workspace: Workspace, places: FloatArray) -> Iterator[Enc
 
 
 def enclosed(workspace: Workspace, places: FloatArray, entering: float) -> IntArray:
-    """Return the indices of those points (k, d) that are inside bodies or outside the room, increasing.
+    """Return the increasing indices of the points (k, d) that are inside bodies or outside the room.
 
     Args:
         workspace: the workspace.
         places: points to test, shape (k, d) [m].
-        entering: radius of an arm, in space as in `deepest_enclosure` [m].
+        entering: radius of the arm [m]; used in space only, as in `deepest_enclosure`.
     """
     if workspace.dimension == 2:
         hidden = ~shapely.intersects_xy(workspace.boundary, *places.T)
@@ -148,11 +149,12 @@ def segment_distances(
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Return the nearest points of segments ab and cd, given by their end points, shape (k, d) [m].
 
-    The nearest pair lies where both lines are nearest if that is inside both segments, and otherwise includes an end of
-    one.
+    The nearest points are those of the two lines if these lie inside both segments; otherwise, one of them is an end of
+    a segment.
 
     Returns:
-        Shares along the first and the second segment, distances [m], and unit vectors from the second to the first.
+        Positions of the points as fractions of the first and second segment, their distances [m], and unit vectors from
+        the second segment to the first.
     """
     tiny = 1e-300
     u = b - a

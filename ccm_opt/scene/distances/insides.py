@@ -75,10 +75,10 @@ _HALF = 0.5
 
 
 def depth_inside(body: Body, point: FloatArray, *, closed_only: bool = False) -> float:
-    """Return the depth of a point inside a body [m]; outside the negative distance from it.
+    """Return the depth of a point inside a body [m]; for a point outside, the negative of its distance from the body.
 
     Args:
-        body: the body; of a mesh that is not solid only the surface counts.
+        body: the body; if it is a mesh that is not solid, only its surface counts.
         point: position of the point, shape (3,) [m].
         closed_only: leave out open shells, through whose holes a point may be reached.
     """
@@ -111,7 +111,7 @@ def _pieces(body: MeshBody) -> "_Pieces":
 
 
 class _Pieces:
-    """The shells of a mesh, with the triangles of each stored together.
+    """The shells of a mesh, with the triangles of every shell stored consecutively.
 
     Args:
         body: the mesh.
@@ -140,7 +140,7 @@ class _Pieces:
         return not round_it or self._is_cavity(round_it, turns)
 
     def _open_ones_enclose(self, point: FloatArray) -> bool:
-        """Return whether open shells, one alone or all together, wind around a point by more than a half."""
+        """Return whether the winding number of one open shell, or of all together, about a point exceeds a half."""
         opened = ~self._closed
         if not opened.any() or np.any(
             (point < self._low[opened].min(axis=0)) | (point > self._high[opened].max(axis=0))
@@ -155,7 +155,8 @@ class _Pieces:
     def _turns(self, k: int, point: FloatArray) -> float:
         """Return the winding number of a closed shell about a point.
 
-        For a shell that is not orientable, 1 if most of the rays cross it an odd number of times, else 0.
+        For a shell that is not orientable, return 1 if most rays from the point cross the shell an odd number of times,
+        and 0 otherwise.
         """
         triangles = self._of(k)
         if not self._orientable[k]:
@@ -178,7 +179,7 @@ class _Pieces:
     def _are_apart(self, one: int, other: int) -> bool:
         """Return whether two shells do not touch.
 
-        Of two such shells around a point, one lies wholly in the other.
+        If two shells that do not touch both enclose a point, one lies wholly inside the other.
         """
         if (one, other) not in self._apart:
             self._apart[one, other] = all(_is_clear(self._of(a), self._of(b)) for a, b in ((one, other), (other, one)))
@@ -192,7 +193,7 @@ class _Pieces:
 
 
 def _is_clear(triangles: FloatArray, others: FloatArray) -> bool:
-    """Return whether no edge of some triangles touches others."""
+    """Return whether no edge of a first set of triangles touches a second set."""
     low, high = box_about(others)
     edges = np.stack((triangles, np.roll(triangles, -1, axis=1)), axis=2).reshape(-1, 2, 3)
     edges = edges[np.all((edges.min(axis=1) <= high) & (edges.max(axis=1) >= low), axis=1)]
@@ -204,7 +205,7 @@ def _is_clear(triangles: FloatArray, others: FloatArray) -> bool:
 
 
 def _depth_in_cylinder(body: CylinderBody, point: FloatArray) -> float:
-    """Return the depth of a point inside the cylinder itself, not its prism; negative outside [m]."""
+    """Return the depth of a point inside the exact cylinder rather than its prism [m]; negative outside."""
     way = body.end - body.start
     length = float(np.linalg.norm(way))
     along = float((point - body.start) @ way) / length

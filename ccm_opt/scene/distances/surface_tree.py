@@ -16,11 +16,11 @@ from ccm_opt.scene.surfaces import TriangleSoup
 
 @dataclass(frozen=True, eq=False)
 class Witnesses:
-    """Where each of k segments is nearest to a surface; if none is in reach, the gap is the reach and the owner −1.
+    """Nearest points of k segments and the surfaces; without a surface in reach, the gap is the reach, the owner −1.
 
     Attributes:
         gap: distance of the segment from the surface, negative inside its rounding, shape (k,) [m].
-        share: nearest point of the segment, from 0 at its start to 1 at its end, shape (k,).
+        share: nearest point of the segment, as a fraction from 0 at its start to 1 at its end, shape (k,).
         point: nearest point of the surface, shape (k, 3) [m].
         normal: unit direction from the surface to the segment, shape (k, 3).
         owner: index of the surface's owner, shape (k,).
@@ -77,12 +77,12 @@ class SurfaceBoxes:
 
     @classmethod
     def of(cls, triangles: FloatArray, rounding: FloatArray, leaf: int) -> "SurfaceBoxes":
-        """Return the tree, built by splitting every box where later searches cost least.
+        """Build a tree of boxes over triangles, splitting every box where later searches cost least.
 
         Args:
             triangles: corners, shape (m, 3, 3), 0 < m < 2³⁰ [m].
             rounding: rounding of each triangle, shape (m,) [m].
-            leaf: most triangles in a leaf.
+            leaf: maximum number of triangles in a leaf.
 
         Raises:
             MemoryError: there is too little memory.
@@ -103,7 +103,7 @@ class SurfaceBoxes:
 
 @dataclass(frozen=True, eq=False)
 class SurfaceSearch:
-    """Searches a tree of boxes; the owner in its results is an index of a triangle in leaf order.
+    """Searches a tree of boxes; in the results, the owner is the index of a triangle in leaf order.
 
     Attributes:
         boxes: the tree.
@@ -119,7 +119,7 @@ class SurfaceSearch:
     def distances(self, segments: FloatArray, reach: float, slack: float) -> FloatArray:
         """Return the least gap of each segment (k, 2, 3), capped at the reach, shape (k,) [m].
 
-        The gap may be too small by the slack at most; NaN for segments with NaN.
+        The reported gap may be too small by at most the slack; it is NaN for segments with NaN.
         """
         gap = np.empty(len(segments))
         NativeCall(
@@ -129,9 +129,9 @@ class SurfaceSearch:
         return gap
 
     def nearest(self, segments: FloatArray, reach: float, together: int) -> Witnesses:
-        """Return where each segment (k, 2, 3) is nearest to a surface.
+        """Return the nearest points of each segment (k, 2, 3) and the surfaces.
 
-        Of every ``together`` consecutive segments only the nearest is sought.
+        Of every ``together`` consecutive segments, only the one nearest to a surface is searched for.
         """
         count = len(segments)
         face = np.empty(count, dtype=np.int64)
@@ -144,7 +144,7 @@ class SurfaceSearch:
         return found
 
     def planes(self, segments: FloatArray, reach: float, most: int, behind: float, slack: float) -> PlaneRows:
-        """Return at most ``most`` half-spaces around each segment (k, 2, 3), the nearest first up to the slack."""
+        """Return up to ``most`` half-spaces around each segment (k, 2, 3), nearest first to within the slack."""
         count = len(segments)
         whole = np.empty((2, count * most), dtype=np.int64)
         real = np.empty((8, count * most))
@@ -164,7 +164,7 @@ class SurfaceSearch:
     def grid(self, low: FloatArray, cell: float, counts: tuple[int, int, int], reach: float) -> FloatArray:
         """Return the gaps at the centres of the cells of a grid, capped at the reach [m].
 
-        The first centre is ``low``.
+        ``low`` is the centre of the first cell.
         """
         gap = np.empty(counts)
         NativeCall("grid_gaps", surfaces=self.for_c, counts=counts, low=low, cell=cell, reach=reach, gap=gap)()
@@ -176,13 +176,15 @@ class DistanceSettings:
     """Settings of the tree of boxes and of its searches.
 
     Attributes:
-        leaf: most triangles in a box that is not split further. Measured by ``tests/benchmarks/bench_surfaces.py``: two
-            to sixteen are within a tenth of each other, and larger leaves take less memory.
-        most_planes: most half-spaces around a segment. Taste: anything beyond the nearest fourteen rarely matters.
-        behind: distance by which a surface may protrude through a plane and still count as behind it, as a share of the
-            reach. Taste: a fine mesh of a curved wall gives a few planes instead of one per triangle.
-        slack: distance by which a surface may be farther than the nearest and still be taken for it when half-spaces
-            are sought, as a share of the reach. Measured by ``tests/benchmarks/bench_surfaces.py`` along a fine duct.
+        leaf: maximum number of triangles in a box that is not split further. Measured by
+            ``tests/benchmarks/bench_surfaces.py``: two to sixteen are within a tenth of each other, and larger leaves
+            take less memory.
+        most_planes: maximum number of half-spaces around a segment. Taste: anything beyond the nearest fourteen rarely
+            matters.
+        behind: distance by which a surface may protrude through a plane and still count as behind it, as a fraction of
+            the reach. Taste: a fine mesh of a curved wall gives a few planes instead of one per triangle.
+        slack: extra distance at which a surface may still be treated as the nearest one in the search for half-spaces,
+            as a fraction of the reach. Measured by ``tests/benchmarks/bench_surfaces.py`` along a fine duct.
     """
 
     leaf: int = 8
@@ -204,7 +206,7 @@ class SurfaceTree:
     """Triangles with rounding, in a tree of bounding boxes.
 
     All distances are those of a segment from the triangles minus their rounding, exact up to floating-point rounding.
-    All are capped at a reach, and the smaller the reach, the faster the search. Only surfaces count: a segment wholly
+    Distances are capped at a reach; the smaller the reach, the faster the search. Only surfaces count: a segment wholly
     inside a closed mesh has a positive distance from it. Segments with NaN have the distance NaN, so that no comparison
     takes them for free.
 
@@ -256,15 +258,15 @@ class SurfaceTree:
         return self.search.distances(_checked(segments), reach, slack)
 
     def nearest(self, segments: FloatArray, reach: float, together: int = 1) -> Witnesses:
-        """Return where each segment is nearest to a surface, with distances as in ``distances``.
+        """Return the nearest points of each segment and the surfaces, with gaps as in ``distances``.
 
         The owner is −1 if nothing is in reach.
 
         Args:
             segments: end points, shape (k, 2, 3) [m].
             reach: surfaces at this distance or farther are ignored [m].
-            together: of every so many consecutive segments only the first of the nearest is sought; the others may be
-                reported to have nothing in reach. This takes a fraction of the time.
+            together: size of groups of consecutive segments; in every group only the first of the segments nearest to a
+                surface is searched for, and the others may be reported to have nothing in reach. This is much faster.
         """
         if self.search is None:
             k = len(segments)
@@ -284,7 +286,7 @@ class SurfaceTree:
         Args:
             segments: end points, shape (k, 2, 3) [m].
             reach: surfaces at this distance or farther are ignored [m].
-            most: most planes per segment; that of the settings if None.
+            most: maximum number of planes per segment; that of the settings if None.
             behind: distance by which a surface may protrude through a plane and still count as behind it [m]; by the
                 settings if None.
         """
@@ -317,10 +319,12 @@ class SurfaceTree:
 
 
 def _checked(segments: FloatArray, together: int = 1) -> FloatArray:
-    """Return the segments after checking their shape for C, which takes ``together`` of them at a time.
+    """Return the segments, shape (k, 2, 3), after checking their shape for the C code.
+
+    The C code takes ``together`` segments at a time.
 
     Raises:
-        ValueError: they have another shape.
+        ValueError: the segments have another shape.
     """
     if segments.ndim != 3 or segments.shape[1:] != (2, 3) or together < 1 or len(segments) % together:
         raise ValueError(f"segments have the shape {segments.shape}; expected (k, 2, 3), k a multiple of {together}")

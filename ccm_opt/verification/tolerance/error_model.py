@@ -59,7 +59,7 @@ class ErrorModel:
 
 
 def joint_errors(arm: Arm) -> ErrorModel:
-    """Return the model in which every joint is off by one unit, and a fed base by a link's length times that."""
+    """Return the model in which every joint is off by one unit, and a fed base by one unit times a link's length."""
     turns = np.append(0.0, np.ones(arm.links))
     feed = arm.link_length * len(arm.base_axes)
     return ErrorModel("joints", "rad", turns, feed=feed)
@@ -68,9 +68,9 @@ def joint_errors(arm: Arm) -> ErrorModel:
 def error_models(arm: Arm) -> dict[ErrorName, ErrorModel]:
     """Return the models of all geometric errors, by name.
 
-    They are errors of the joints; of the lengths of the links, each independently; of the base heading; of the base
-    position in any direction; and of the walls, each nearer to the arm by the error, which gives the certified least
-    gap.
+    The models cover errors of the joints; of the lengths of the links, each independently; of the base heading; of the
+    base position in any direction; and of the walls, each nearer to the arm by the error, which gives the certified
+    least gap.
     """
     still = np.zeros(arm.links + 1)
     models = (
@@ -88,14 +88,14 @@ class ToleranceSettings:
     """Settings of the search for the largest errors that a motion tolerates.
 
     Attributes:
-        precision: share by which the certified error may stay below the least error that violates the bound at some
-            pose. Taste.
+        precision: relative amount by which the certified error may stay below the least error that violates the bound
+            at any pose. Taste.
         least: errors below this count as none [rad, m]. Derived: far below the verifier's resolution.
         largest_turn: largest total rotation of the tip by angular errors that is studied [rad]. Taste: the bounds are
             tight up to about 0.2 rad, and an arm with larger errors follows no plan.
-        largest_length: largest error of lengths that is studied, as a share of the arm's length. Taste.
-        time_share: share of the remaining time that planning for error tolerance may take. Taste.
-        least_time: time that such a search always gets [s]. Taste.
+        largest_length: largest error of lengths that is studied, as a fraction of the arm's length. Taste.
+        time_share: fraction of the remaining time that planning for error tolerance may take. Taste.
+        least_time: time that the search for error tolerance always gets [s]. Taste.
     """
 
     precision: float = 2e-3
@@ -141,7 +141,7 @@ class Chains:
         stretch: indices of the stretches of time, shape (P,).
         first: indices of the first joints in between, shape (P,).
         last: indices of the last joints in between, shape (P,).
-        fixed: whether the fixed body is the world, so that the base may be off, too.
+        fixed: whether the fixed body is the world, so that the base may have an error, too.
     """
 
     stretch: IntArray
@@ -186,13 +186,13 @@ class ErrorLevers:
     inside: float
 
     def of_pairs(self, poses: FloatArray, travels: FloatArray, pairs: Pairs, *, of_links: bool) -> FloatArray:
-        """Return bounds on how far links move relative to the scene or to links nearer the base, (P,) [m per unit].
+        """Return bounds on links' motion relative to the scene or to links nearer the base, shape (P,) [m per unit].
 
         Args:
             poses: positions of all joints and the tip, base first, shape (S, links + 1, d) [m].
             travels: bounds on their distances from these positions, shape (S, links + 1) [m]; zero for single poses.
             pairs: pairs whose stretches are indices of poses.
-            of_links: whether they are pairs of links, of which the second moves relative to the first.
+            of_links: whether the pairs are pairs of links, of which the second moves relative to the first.
         """
         levers = np.empty(len(pairs))
         for begin, which in self._parts(len(poses), pairs):
@@ -231,7 +231,7 @@ class ErrorLevers:
         ]
 
     def _sums(self, poses: FloatArray, travels: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return Σ ψ_i |P_p − P_i| over joints i before m that may be off, (S, p, m), and |P_p − base|, (S, p) [m]."""
+        """Return Σ ψ_i |P_p − P_i| over joints i < m that may have errors (S, p, m), and |P_p − base| (S, p) [m]."""
         arm = self.arm
         apart = np.linalg.norm(poses[:, :, None] - poses[:, None, :-1], axis=3)
         apart += travels[:, :, None] + travels[:, None, :-1]
@@ -243,7 +243,7 @@ class ErrorLevers:
         return sums, np.linalg.norm(poses - arm.base, axis=2) + travels
 
     def _free(self, poses: FloatArray, travels: FloatArray) -> FloatArray:
-        """Return 1 for joints outside the guide tube and 0 for joints that it holds straight, shape (S, links)."""
+        """Return 1 for joints outside the guide tube and 0 for joints held straight by the tube, shape (S, links)."""
         arm = self.arm
         if not arm.base_axes:
             return np.ones((len(poses), arm.links))
@@ -269,7 +269,7 @@ class ErrorLevers:
             travels: bounds on their travel, as for ``of_pairs``.
             chains: the joints between the points and the body that is taken to be fixed.
             points: points at mid-stretch, shape (P, e, d) [m].
-            moved: bounds on the distances of the points from there during the stretch, shape (P,) [m].
+            moved: bounds on the distances of the points from these positions during the stretch, shape (P,) [m].
             normals: directions as unit vectors, shape (P, d).
             outwards: whether the points belong to the last links; if not, the last links are taken to be fixed, and the
                 points belong to the scene or to the first links.
@@ -310,7 +310,7 @@ class ErrorLevers:
 
 
 def _off(vectors: FloatArray, normals: FloatArray) -> FloatArray:
-    """Return the lengths of the components of vectors (P, …, d) perpendicular to directions (P, d), shape (P, …)."""
+    """Return the lengths of the parts of vectors (P, …, d) perpendicular to directions (P, d), shape (P, …)."""
     along = normals.reshape(len(normals), *(1 for _ in vectors.shape[1:-1]), normals.shape[-1])
     heights = np.sum(vectors * along, axis=-1, keepdims=True)
     return lengths_of(vectors - heights * along)

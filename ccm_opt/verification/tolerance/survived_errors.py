@@ -1,8 +1,8 @@
 """The largest errors that a plan tolerates without contact, certified at all times.
 
-The proof is that of the gaps, with every gap converted to the error that it tolerates. The error that all pairs are
-proved to tolerate at all times is certified. The least tolerated error found at a known place and time shows that this
-bound could not certify more.
+The proof is that for gaps, with every gap converted to the largest error that leaves it open. The error that all pairs
+are proved to tolerate at all times is certified. The least tolerated error found at a known place and time shows that
+this bound could not certify more.
 """
 
 from collections.abc import Callable
@@ -44,7 +44,7 @@ _PLACES = 65
 def survived_errors(
     problem: Problem, trajectory: JointTrajectory, settings: ToleranceSettings = DEFAULT_TOLERANCE
 ) -> tuple[SurvivedError, ...]:
-    """Return the largest tolerated error of every kind, one kind at a time; arguments as for ``survived_error``."""
+    """Return the largest tolerated error of every kind, one kind at a time, with arguments as in ``survived_error``."""
     return tuple(survived_error(problem, trajectory, model, settings) for model in error_models(problem.arm).values())
 
 
@@ -140,7 +140,7 @@ class _SurfacesWithErrors(WallProof):
     ) -> FloatArray:
         """Return bounds on how far the ends of links travel along directions (P, d), shape (P,) [m].
 
-        Within an interval, only the components of their chords along the directions count.
+        Within an interval, only the components of the ends' chords along the directions count.
         """
         k = pairs.stretch
         within = ((stretches.high - stretches.low) <= 1.0)[k]
@@ -201,7 +201,7 @@ class _LinksWithErrors(LinkProof):
 
     @staticmethod
     def where(near: Nearest) -> tuple[str, None]:
-        """Return the name of the link that limits the error; it has no edge or triangle."""
+        """Return the name of the link that limits the error, and no edge or triangle, since a link has none."""
         return f"link {near.other + 1}", None
 
 
@@ -216,7 +216,7 @@ def _in_errors(
     """Return bounds on tolerated errors, from levers alone or, where these do not suffice, along the shortest lines.
 
     Args:
-        proof: the proof that the bounds are for.
+        proof: the proof that uses the bounds.
         measure: function that bounds the gaps themselves, as for ``prove_stretches``.
         stretches: stretches of time.
         poses: poses at mid-stretch.
@@ -294,7 +294,7 @@ def _survived_between(
 def _proofs(
     motion: ChainMotion, workspace: Workspace, levers: ErrorLevers
 ) -> list[_SurfacesWithErrors | _LinksWithErrors]:
-    """Return the proofs that are needed: that the arm stays clear of the scene and, if required, of itself."""
+    """Return the necessary proofs: that the arm stays clear of the scene and, if required, of itself."""
     arm = motion.arm
     proofs: list[_SurfacesWithErrors | _LinksWithErrors] = []
     if not is_empty(workspace) and np.any(exposed_starts(arm) < 1.0):
@@ -307,14 +307,14 @@ def _proofs(
 def _named(
     model: ErrorModel, size: float, proof: _SurfacesWithErrors | _LinksWithErrors, near: Nearest
 ) -> SurvivedError:
-    """Return a tolerated error with the place that limits it: a link and an edge or triangle, or two links."""
+    """Return a tolerated error with the place that limits the error: a link and an edge or triangle, or two links."""
     motion = proof.motion
     link, other = near.link, near.other
     name, part = proof.where(near)
     q = np.array([np.interp(near.time, motion.time, column) for column in motion.positions.T])
 
     def away(points: FloatArray, start: FloatArray, end: FloatArray) -> FloatArray:
-        """Return the distances of segments from the other link in poses (N, links + 1, d) or from the surface, (N,)."""
+        """Return distances of segments from the surface or the other link in poses (N, links + 1, d), shape (N,)."""
         if part is None:
             return segment_distances(start, end, points[:, other], points[:, other + 1])
         return CheckedSurfaces.between(start, end, np.broadcast_to(part, (len(start), *part.shape)))[1]
