@@ -77,7 +77,7 @@ class WayArcs:
     """Arcs of equal length by which a path continues from a state.
 
     Attributes:
-        places: places on each of a arcs, up to its end, in the frame at its beginning, shape (a, m, 3) [m].
+        places: m places on each arc, the last at its end, in the frame at its beginning, shape (a, m, 3) [m].
         turns: rotation of the frame from the beginning to the end of each arc, shape (a, 3, 3).
         dear: cost of each arc per length, shape (a,).
         length: length of each arc [m].
@@ -253,7 +253,7 @@ class FollowableWays:
         """Return places along a path that the arm can follow, shape (m, 3) [m]; None if none is found.
 
         Args:
-            start: where the path begins; its direction counts.
+            start: where the path begins, with the direction that the path has there.
             goal: where the path ends.
             most: length of the longest path that is considered [m].
         """

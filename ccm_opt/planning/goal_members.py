@@ -88,12 +88,12 @@ class GoalMember:
 
 @dataclass(frozen=True)
 class _Choice:
-    """Members to choose from.
+    """Members of a goal from which a selection is made.
 
     Attributes:
         places: positions, shape (m, 2) [m].
         headings: headings, shape (m,) [rad]; zeros where any is acceptable.
-        runs: length of the free straight run onto each member, in nominal links, shape (m,).
+        runs: length of the straight run onto each member that is free, in nominal links, shape (m,).
         pieces: index of the piece of the set that each position belongs to, shape (m,).
     """
 
@@ -104,17 +104,17 @@ class _Choice:
 
 
 def goal_members(arm: Arm, goal: GoalPose, room: FreeSpace, fed: float = 0.0) -> tuple[GoalMember, ...]:
-    """Return the members of a goal to lead routes to; the goal itself alone when it is not a set.
+    """Return the members of a goal to which routes are led; only the goal itself when it is not a set.
 
     Args:
         arm: the arm.
         goal: goal of the tip.
         room: free space of the arm's axis.
-        fed: distance by which the base can still be fed in [m].
+        fed: distance by which the base can still advance [m].
 
     Returns:
-        At least one unless the whole set is closed to the tip; first those chosen for each piece, then the additional
-        ones.
+        The members, first the one chosen for each piece of the set, then additional ones. Empty only if the whole set
+        is closed to the tip.
     """
     if not goal.is_set:
         return (GoalMember(goal.position, goal.heading),)
@@ -125,7 +125,7 @@ def goal_members(arm: Arm, goal: GoalPose, room: FreeSpace, fed: float = 0.0) ->
 
 
 def _choice(arm: Arm, goal: GoalPose, room: FreeSpace, fed: float) -> _Choice:
-    """Return all positions and headings that are considered."""
+    """Return all combinations of positions and headings from which members are selected."""
     places, pieces = _places(arm, goal, room, fed)
     headings = _headings(goal)
     each = np.repeat(np.arange(len(places)), len(headings))
@@ -140,7 +140,7 @@ def _choice(arm: Arm, goal: GoalPose, room: FreeSpace, fed: float) -> _Choice:
 
 
 def _runs_in(room: FreeSpace, places: FloatArray, headings: FloatArray, length: float) -> BoolArray:
-    """Return onto which positions with headings a straight run is free, shape (m,).
+    """Return a mask of the positions and headings onto which a straight run is free, shape (m,).
 
     Args:
         room: free space.
@@ -162,9 +162,9 @@ def _headings(goal: GoalPose) -> FloatArray:
 
 
 def _places(arm: Arm, goal: GoalPose, room: FreeSpace, fed: float) -> tuple[FloatArray, IntArray]:
-    """Return positions of the set, shape (m, 2) [m], with the index of the piece of each, shape (m,).
+    """Return positions of a goal set, shape (m, 2) [m], with the index of each one's piece of the set, shape (m,).
 
-    Only positions that are connected with the base and within the arm's reach count.
+    Only positions connected with the base and within the arm's reach are included.
     """
     if goal.room[0] == 0.0:
         return goal.position[None], np.zeros(1, dtype=np.intp)
@@ -189,7 +189,8 @@ def _places(arm: Arm, goal: GoalPose, room: FreeSpace, fed: float) -> tuple[Floa
 def _places_in(piece: shapely.Polygon, middle: shapely.Point, base: shapely.Point, width: float) -> FloatArray:
     """Return positions in one piece of the set, shape (m, 2) [m].
 
-    The points nearest to the middle and to the base, the one with the widest clearance, and a grid.
+    They are the points nearest to the middle of the set and to the base, the point with the widest clearance, and
+    a grid.
     """
     roomiest = shapely.get_coordinates(shapely.maximum_inscribed_circle(piece))[:1]
     # Slightly inside: at the very edge of free space no step has a choice.
@@ -202,9 +203,9 @@ def _places_in(piece: shapely.Polygon, middle: shapely.Point, base: shapely.Poin
 
 
 def _far_apart(arm: Arm, goal: GoalPose, choice: _Choice) -> list[int]:
-    """Return the indices of the members that are taken.
+    """Return the indices of selected members that are far apart from one another.
 
-    First the best of every piece, then repeatedly the one farthest from those taken.
+    The best member of every piece is selected first, then repeatedly the member farthest from all selected ones.
     """
     if len(choice.places) == 0:
         return []
@@ -228,7 +229,7 @@ def _far_apart(arm: Arm, goal: GoalPose, choice: _Choice) -> list[int]:
 
 
 def _apart(arm: Arm, choice: _Choice, k: int) -> FloatArray:
-    """Return how much all members differ from member k, in arm lengths, shape (m,)."""
+    """Return by how much each member differs from member k, in arm lengths, shape (m,)."""
     off = np.linalg.norm(choice.places - choice.places[k], axis=1) / arm.length
     turned = np.abs(wrap(choice.headings - choice.headings[k])) * _TURN_SHARE
     return np.asarray(off + turned)
@@ -236,7 +237,7 @@ def _apart(arm: Arm, choice: _Choice, k: int) -> FloatArray:
 
 @dataclass(frozen=True)
 class ArcsAtLimits:
-    """Finds arcs that reach a goal.
+    """Finds poses of arcs, bent up to the joint limits, that reach a goal.
 
     Attributes:
         arm: arm on a fixed base.
@@ -247,10 +248,10 @@ class ArcsAtLimits:
     goal: GoalPose
 
     def where_needed(self, full: float) -> tuple[FloatArray, ...]:
-        """Return poses that use the limits in full; none where an arc reaches the goal with smaller bends.
+        """Return poses at the goal that use the joint limits in full; none if smaller bends suffice.
 
         Args:
-            full: share of the joints' limits that may be used.
+            full: fraction of the joint limits that poses may use.
 
         Returns:
             Configurations, not checked for contact, each of shape (links,) [rad].
@@ -260,7 +261,7 @@ class ArcsAtLimits:
         return self.poses(full, _ARCS_KEPT)
 
     def poses(self, share: float, most: int) -> tuple[FloatArray, ...]:
-        """Return distinct poses at the goal within a fraction of the joint limits; nearest arcs come first.
+        """Return distinct poses at the goal within a fraction of the joint limits, from the nearest arcs first.
 
         Args:
             share: fraction of the joint limits that poses may use; the base may use its whole limit.
@@ -302,9 +303,9 @@ class ArcsAtLimits:
         return nearest
 
     def _sides(self) -> FloatArray:
-        """Return to which side the joints of each arc bend, ±1, shape (m, links).
+        """Return the side to which each joint of each arc bends, ±1, shape (m, links).
 
-        All to one side, except for one stretch of joints.
+        In each arc all joints bend to one side, except for at most one stretch of joints.
         """
         links = self.arm.links
         places = np.unique(np.linspace(1, links, min(links, _ARC_PLACES)).astype(int))
@@ -318,7 +319,7 @@ class ArcsAtLimits:
     def _onto_goal(self, bends: FloatArray, bounds: FloatArray) -> FloatArray | None:
         """Return bends within bounds that put the tip onto the goal, shape (links,) [rad].
 
-        Newton's method from given bends; None where it fails.
+        They are found by Newton's method from given bends; None where the method fails.
         """
         arm = self.arm
         for _ in range(_ARC_STEPS):
@@ -338,7 +339,7 @@ class ArcsAtLimits:
         return None
 
     def _step(self, rows: FloatArray, error: FloatArray, bends: FloatArray, bounds: FloatArray) -> FloatArray:
-        """Return the least change of the joints that their limits do not hold, shape (links,) [rad]."""
+        """Return the least change of the joints that are not held at a limit, one Newton step, shape (links,) [rad]."""
         free = np.ones(len(bends), dtype=bool)
         ridge = _ARC_RIDGE * np.eye(len(error))
         step = np.zeros(len(bends))

@@ -30,7 +30,8 @@ def poses_at_goal(
     Args:
         problem: problem with a goal for the tip.
         ends: ends of the problem as planning uses them.
-        near: configuration to stay near, shape (c,) [rad]: where the motion would end by itself, or where it starts.
+        near: configuration near which the pose should stay, shape (c,) [rad]: where the motion would end without the
+            NLP, or where it starts.
         terms: the user's constraints and costs, or None.
         settings: settings of the NLP.
     """
@@ -41,7 +42,7 @@ def poses_at_goal(
 
 @dataclass
 class EndPoses:
-    """Offers the search better poses at the goal than those in which its motions arrive; an ``EndPosesOffered``.
+    """Offers the search better end poses than those in which its motions arrive; implements ``EndPosesOffered``.
 
     Attributes:
         problem: the problem.
@@ -49,7 +50,7 @@ class EndPoses:
         stages: names and times the stage.
         terms: the user's constraints and costs, or None.
         settings: settings of the NLP.
-        said: every task of the NLP with the pose it answered, in order.
+        said: every task of the NLP with the pose that the NLP returned, in order.
     """
 
     problem: Problem
@@ -62,10 +63,10 @@ class EndPoses:
     def __call__(self, arm: Arm, q: FloatArray) -> Iterator[FloatArray]:
         """Yield the configuration of a better pose than the one in which a motion ends, if there is one.
 
-        None are sought where no gap is wanted, or for a whole-arm goal.
+        No pose is sought where no preferred gap is set, or for a whole-arm goal.
 
         Args:
-            arm: the arm, or one as long with fewer links.
+            arm: the arm, or an arm of the same length with fewer links.
             q: configuration of the arm at the end of the motion, shape (c,) [rad].
         """
         if self.problem.wanted_gap == 0.0 or self.ends.goal_pose is not None:
@@ -79,7 +80,7 @@ class EndPoses:
             yield best.q
 
     def record(self, reached: FloatArray | None) -> GoalPoseRecord | None:
-        """Return the NLP's answer about the pose in which the motion ends, else its last answer; None without any.
+        """Return the record of the NLP's pose in which a motion ends, else of the NLP's last pose; None if it has none.
 
         Args:
             reached: configuration of the offered pose that the motion ends in, shape (c,); None where it ends
@@ -93,7 +94,7 @@ class EndPoses:
 
 
 def _why_not(asked: GoalPoses, pose: ArmPose) -> str:
-    """Return in words why a motion does not end in the pose of the NLP's last answer."""
+    """Explain why a motion does not end in the pose that the NLP returned last."""
     if not asked.feasible(pose):
         return (
             f"the nonlinear program ended with {pose.answer.status}, its row '{pose.answer.worst_row}' violated by "
@@ -106,9 +107,9 @@ def pose_record(wanted_gap: float, pose: ArmPose, tried: int, reason: str = "") 
     """Return the record of a pose of the NLP.
 
     Args:
-        wanted_gap: gap beyond radius and clearance that was asked for [m].
+        wanted_gap: preferred gap beyond radius and clearance [m].
         pose: the pose.
-        tried: number of poses that were asked for, this one included.
+        tried: number of poses requested from the NLP, this one included.
         reason: why the motion does not end in the pose; empty when it does.
     """
     return GoalPoseRecord(
@@ -128,7 +129,7 @@ def pose_record(wanted_gap: float, pose: ArmPose, tried: int, reason: str = "") 
 
 
 def for_arm(problem: Problem, arm: Arm) -> Problem:
-    """Return the problem for another arm in place of its own: the same arm clamped, or one as long with fewer links."""
+    """Return the problem with its arm replaced by the clamped arm, or by an arm of the same length with fewer links."""
     if arm.links == problem.arm.links:
         return replace(problem, arm=arm)
     fewer = arm.links

@@ -18,7 +18,7 @@ LAYER = 8
 
 @dataclass(frozen=True, eq=False)
 class WaysBetween:
-    """All paths between two places up to some length; together they fill an ellipsoid.
+    """All paths between two places up to a given length, which together fill an ellipsoid.
 
     Attributes:
         start: where the paths begin, shape (3,) [m].
@@ -31,14 +31,14 @@ class WaysBetween:
     longest: float
 
     def pass_near(self, sides: tuple[FloatArray, FloatArray, FloatArray], near: float) -> BoolArray:
-        """Return which places of a grid lie on such a path, or within a distance of one.
+        """Return a mask of the places of a grid that lie on one of the paths, or within a distance of one.
 
         Args:
-            sides: x, y and z of the places [m].
+            sides: coordinates of the grid along x, y and z [m].
             near: the distance [m].
 
         Returns:
-            Shape (nx, ny, nz).
+            The mask, shape (nx, ny, nz).
         """
         detour = _distances(sides, self.start) + _distances(sides, self.goal)
         return np.asarray(detour <= self.longest + 2.0 * near)
@@ -46,7 +46,7 @@ class WaysBetween:
 
 @dataclass(frozen=True, eq=False)
 class GridDistances:
-    """Distances of the places of a grid from the surfaces.
+    """Distances from the surfaces, at the places of a grid.
 
     Attributes:
         low: the first place, the centre of its cell, shape (3,) [m].
@@ -71,7 +71,7 @@ class GridDistances:
         deadline: Deadline | None = None,
         ways: WaysBetween | None = None,
     ) -> "GridDistances":
-        """Return the distances over a box; cells that are not evaluated by the deadline count as touched.
+        """Evaluate the distances over a box; cells not evaluated by the deadline get distance 0, as if in contact.
 
         Args:
             tree: tree of the surfaces.
@@ -80,7 +80,7 @@ class GridDistances:
             reach: distance beyond which distances are not resolved [m].
             finest: least size of cells [m].
             deadline: time limit; none when None.
-            ways: paths of interest; cells that none of them passes are not evaluated. All cells when None.
+            ways: paths of interest; cells that no such path passes are not evaluated. All cells are when None.
         """
         low, high = box
         size = np.maximum(high - low, 1e-9)
@@ -113,7 +113,7 @@ class TipGrid:
         cell: size of the cells [m].
         gaps: distance of each cell's centre from the surfaces in excess of ``kept``, at most ``far``, negative where
             the tip does not fit, shape (nx, ny, nz) [m].
-        far: gap from which on obstacles do not matter [m].
+        far: gap beyond which obstacles have no effect on paths [m].
         kept: distance that the tip needs from surfaces [m].
         deadline: time limit; no path is found after it.
     """
@@ -127,7 +127,7 @@ class TipGrid:
 
     @classmethod
     def of(cls, distances: GridDistances, kept: float, far: float, deadline: Deadline | None = None) -> "TipGrid":
-        """Return the grid of gaps from distances.
+        """Return the grid of gaps computed from distances to the surfaces.
 
         Args:
             distances: distances of the places, known up to ``kept + far``.
@@ -139,7 +139,7 @@ class TipGrid:
         return cls(distances.low, distances.cell, gaps, far, kept, deadline or Deadline.never())
 
     def index(self, place: FloatArray) -> tuple[int, int, int]:
-        """Return the cell of a place; the nearest cell where the place lies outside."""
+        """Return the indices of the cell that contains a place; the nearest cell for a place outside the grid."""
         found = np.rint((place - self.low) / self.cell).astype(int)
         x, y, z = np.clip(found, 0, np.array(self.gaps.shape) - 1)
         return int(x), int(y), int(z)
@@ -168,7 +168,7 @@ class TipGrid:
     def joined(self, start: FloatArray, goal: FloatArray) -> tuple[tuple[int, int, int], tuple[int, int, int]] | None:
         """Return the free cells nearest to two places.
 
-        None where there is none, or no path from one to the other.
+        None if no free cell is near either place, or no path connects the two cells.
         """
         first = self.free_near(start)
         last = self.free_near(goal)
@@ -177,7 +177,7 @@ class TipGrid:
         return first, last
 
     def prices(self, nearness: float, dear: FloatArray | None = None) -> npt.NDArray[np.float32]:
-        """Return the cost of a path through each cell per length; −1 where the tip does not fit.
+        """Return the cost per length of a path through each cell; −1 where the tip does not fit.
 
         Args:
             nearness: extra cost of a path along a surface, relative to one far away.
@@ -191,11 +191,11 @@ class TipGrid:
         return price
 
     def costs_to_go(self, goal: FloatArray, price: npt.NDArray[np.float32]) -> FloatArray | None:
-        """Return the cost of the cheapest path from every cell to a place [m], inf where there is none.
+        """Return the cost of the cheapest path from every cell to a place [m], inf where no path exists.
 
         Args:
             goal: the place, shape (3,) [m].
-            price: costs of the cells per length, as by ``prices``.
+            price: costs of the cells per length, as returned by ``prices``.
 
         Returns:
             The costs, of the shape of ``gaps``; None where no cell near the place is free, or the deadline has passed.
@@ -213,7 +213,7 @@ class TipGrid:
     ) -> FloatArray | None:
         """Return the corners of the cheapest path between two places, shape (m, 3) [m].
 
-        None where there is no path, or none is found in time.
+        None where no path exists, or none is found in time.
 
         Args:
             start: where the path begins, shape (3,) [m].
@@ -249,9 +249,8 @@ class TipGrid:
             last: cell at which the search ends; None to search all cells.
 
         Returns:
-            Flat indices of predecessors, shape (cells,), −1 where none is known, and costs in cells, of the shape of
-            the grid,
-            inf where none is known.
+            Flat indices of predecessors, shape (cells,), −1 where none is known; and costs in cell sizes, of the shape
+            of the grid, inf where none is known.
         """
         shape = price.shape
         capacity = 16 * price.size
@@ -291,19 +290,19 @@ class _Block:
 
     @property
     def slices(self) -> tuple[slice, ...]:
-        """Slices that select the block from an array of the grid."""
+        """Slices that select the block from an array over the grid."""
         return tuple(slice(int(start), int(stop)) for start, stop in zip(self.start, self.stop, strict=True))
 
     def sides(self, low: FloatArray, cell: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return x, y and z of the block's cell centres, for a grid whose first centre is ``low``, shape (3,) [m]."""
+        """Return the block's cell centres along x, y and z, in a grid with first centre ``low``, shape (3,) [m]."""
         x, y, z = (low[axis] + cell * np.arange(self.start[axis], self.stop[axis]) for axis in range(3))
         return x, y, z
 
     def part_with(self, wanted: BoolArray) -> tuple["_Block", tuple[slice, ...]]:
-        """Return the smallest block that contains all wanted cells, and its slices within this block.
+        """Return the smallest block that contains all marked cells, and the slices of that block within this one.
 
         Args:
-            wanted: mask over this block's cells; with none set, the part is empty.
+            wanted: mask that marks cells of this block; with none marked, the returned block is empty.
         """
         low, high = np.zeros(3, dtype=np.intp), np.zeros(3, dtype=np.intp)
         for axis in range(3):
@@ -314,22 +313,22 @@ class _Block:
 
 
 def _distances(sides: tuple[FloatArray, FloatArray, FloatArray], place: FloatArray) -> FloatArray:
-    """Return the distances of the places of a grid from another place, shape (nx, ny, nz) [m]."""
+    """Return the distance from a given place to every place of a grid, shape (nx, ny, nz) [m]."""
     x, y, z = ((side - there) ** 2 for side, there in zip(sides, place, strict=True))
     return np.asarray(np.sqrt(x[:, None, None] + y[:, None] + z))
 
 
 def shortened(tree: SurfaceTree, way: FloatArray, kept: float, finest: float) -> FloatArray:
-    """Return a path with corners left out where the straight pieces keep their distance from the surfaces.
+    """Return a path without corners that straight pieces can bypass at the required distance from the surfaces.
 
-    From each corner the farthest visible one is tried first. Pieces that are closer to surfaces than asked must not
-    come closer.
+    From each corner the farthest visible corner is tried first. Where the path is already closer to surfaces than
+    required, a new piece must not come closer still.
 
     Args:
         tree: tree of the surfaces.
         way: corners of the path, shape (m, 3) [m].
-        kept: distance to keep [m].
-        finest: how far beyond ``kept`` distances are resolved [m].
+        kept: required distance from the surfaces [m].
+        finest: distance beyond ``kept`` up to which distances are resolved [m].
     """
     if len(way) < 3:
         return way

@@ -84,11 +84,11 @@ class TipTrack:
         return float(self.arcs[-1])
 
     def at(self, arcs: FloatArray | float) -> FloatArray:
-        """Return the points at arc lengths, clipped to the ends, shape (...) to (..., d) [m]."""
+        """Return the points, shape (..., d) [m], at arc lengths, shape (...) [m], clipped to the ends of the track."""
         return points_at(self.points, self.arcs, arcs)
 
     def leads(self, arcs: FloatArray) -> BoolArray:
-        """Return whether the track exists at arc lengths, shape (m,): from its beginning on."""
+        """Return a mask of the arc lengths, shape (m,), at which the track exists: those from its beginning on."""
         return arcs >= 0.0
 
     def nearest_arc(self, point: FloatArray, last: float, places: int = 200) -> float:
@@ -106,7 +106,7 @@ class TipTrack:
 def tip_path(points: FloatArray) -> FloatArray:
     """Return a polyline without repeated points, shape (k, d) [m].
 
-    It has at least two points, even where the tip is at its goal already.
+    The polyline has at least two points, even where the tip is at its goal already.
     """
     points = without_repeats(points, ROUNDING)
     # The direction is arbitrary.
@@ -115,7 +115,7 @@ def tip_path(points: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class ArmTrack(TipTrack):
-    """A track from behind the arm's base along the arm to its tip, and on along a path.
+    """A track from behind the arm's base along the arm to its tip, and then along a path of the tip.
 
     Attributes:
         start: arc length of the tip when the motion begins [m].
@@ -126,7 +126,7 @@ class ArmTrack(TipTrack):
 
     @classmethod
     def behind(cls, joints: FloatArray, way: FloatArray) -> "ArmTrack":
-        """Return the track along an arm and on along a path of its tip.
+        """Return the track that follows an arm to its tip, and then a path of the tip.
 
         A path that begins away from the tip is joined to it by a straight piece.
 
@@ -138,19 +138,22 @@ class ArmTrack(TipTrack):
         return cls(without_repeats(corners, 1e-9 * max(path_length(corners), 1e-9)), path_length(joints))
 
     def at(self, arcs: FloatArray | float) -> FloatArray:
-        """Return the points at arc lengths, shape (...) to (..., d) [m]; straight on before the track's beginning."""
+        """Return the points, shape (..., d) [m], at arc lengths, shape (...) [m].
+
+        The track is prolonged straight before its beginning.
+        """
         first = self.points[1] - self.points[0]
         before = np.minimum(arcs, 0.0)[..., None] / np.linalg.norm(first)
         return np.asarray(super().at(arcs) + before * first)
 
     def leads(self, arcs: FloatArray) -> BoolArray:
-        """Return True for every arc length, shape (m,): the track begins behind the arm's base."""
+        """Return True for every arc length, shape (m,), because the track begins behind the arm's base."""
         return np.ones(len(arcs), dtype=bool)
 
     def joints_behind(self, tip: float, link: float, links: int) -> FloatArray:
         """Return the arc lengths of the joints and the tip of an arm that lies on the track, shape (links + 1,) [m].
 
-        Links are chords: in a bend they skip part of the arc.
+        Links are chords of the track, so in a bend a link spans an arc longer than itself.
 
         Args:
             tip: arc length of the tip [m].
@@ -198,11 +201,11 @@ class TipLed:
         space: the map from the unknowns to configurations.
         track: track of the tip.
         arc: arc length of the target on the track [m].
-        still: whether to move the arm as little as possible; not needed where every step does so anyway.
-        largest_turn: largest turn of a link onto the track that is asked for in one step [rad]. Taste.
-        at_once: whether the target goes to the end of its leash at once, instead of one advance per step. Measured: one
-            advance per step makes motions in space a twentieth longer in the mean; at once, other motions are found in
-            the plane.
+        still: whether to add terms that move the arm as little as possible; not needed where every step does so.
+        largest_turn: largest turn of a link onto the track requested in one step [rad]. Taste.
+        at_once: whether the target advances at once as far ahead of the tip as its leash permits, instead of by one
+            increment per step. Measured: one increment per step makes motions in space a twentieth longer in the mean;
+            at once, other motions are found in the plane.
     """
 
     space: CurveUnknowns
@@ -217,10 +220,10 @@ class TipLed:
         self._end = self.track.length
 
     def terms(self, pose: Pose) -> list[Term]:
-        """Return the terms that lead the arm on.
+        """Return the terms that lead the arm onwards.
 
-        They pull the tip to the target and turn links on the track into its direction, and move the rest as little as
-        possible.
+        They pull the tip to the target, turn links on the track into the track's direction, and move all other links as
+        little as possible.
         """
         unit = self.space.nominal_length
         per_link = self.space.nominal_per_link
@@ -241,9 +244,9 @@ class TipLed:
         return terms
 
     def _following(self, pose: Pose) -> tuple[FloatArray, FloatArray]:
-        """Return the turn of every link onto the chord of the track where it should lie, and its weight.
+        """Return the turn of every link onto its chord of the track, and the weight of each turn.
 
-        The turns are towards the link's other axes.
+        The components of a turn are towards the second and further axes of the link.
 
         Returns:
             Both of shape (links, d − 1); turns [rad], weights in [0, 1].
@@ -265,7 +268,7 @@ class TipLed:
         return turn, np.broadcast_to(on_track[:, None], turn.shape)
 
     def progress(self, pose: Pose) -> bool:
-        """Advance the target if the tip keeps up, and return whether it was advanced."""
+        """Advance the target if the tip keeps up, and return whether the target was advanced."""
         step = _ADVANCE * self.space.nominal_length
         moved = False
         while self.arc != self._end and self._keeps_up(pose):
@@ -276,7 +279,7 @@ class TipLed:
         return moved
 
     def finished(self, pose: Pose) -> bool:
-        """Return whether the target is at the end of the track and the tip near it."""
+        """Return whether the target is at the end of the track and the tip near the target."""
         return self.arc == self._end and self._keeps_up(pose)
 
     def describe(self, pose: Pose) -> str:
@@ -295,15 +298,15 @@ class TipLed:
 
 
 class TrackLed(TipLed):
-    """Leads the tip along a track, forwards or back, with all joints kept on the track.
+    """Leads the tip along a track, forwards or backwards, with all joints kept on the track.
 
-    Joints may slide along the track but are pulled back from the side.
+    Joints may slide along the track but are pulled back when they move sideways off it.
 
     Args:
         space: the map from the unknowns to configurations.
         track: track of the tip, which begins with the shape that the arm has at first.
-        end: arc length at which the tip ends, before or beyond where it begins; the track's own when None [m].
-        weight: weight on the joints' distances from the track.
+        end: arc length at which the tip ends, smaller or larger than at its start; the end of the track when None [m].
+        weight: weight on the distances of the joints from the track.
     """
 
     def __init__(
@@ -347,9 +350,9 @@ class PoseLed:
 
     Attributes:
         space: the map from the unknowns to configurations.
-        start: v_a, shape (p,).
-        end: v_b, shape (p,).
-        u: progress of the target, in [0, 1].
+        start: unknowns v_a where the line begins, shape (p,).
+        end: unknowns v_b where the line ends, shape (p,).
+        u: progress of the target along the line, in [0, 1].
     """
 
     space: CurveUnknowns
@@ -358,7 +361,7 @@ class PoseLed:
     u: float = 0.0
 
     def terms(self, pose: Pose) -> list[Term]:
-        """Return the terms that turn every link to its target, and move the redundant unknowns along."""
+        """Return the terms that turn every link to its target, and move redundant unknowns towards the target too."""
         missing = self._missing(pose)
         turning = turn_rows(self.space.arm, pose)
         return [
@@ -369,7 +372,7 @@ class PoseLed:
         ]
 
     def progress(self, pose: Pose) -> bool:
-        """Advance the target if all links keep up, and return whether it was advanced."""
+        """Advance the target if all links keep up, and return whether the target was advanced."""
         if self.u >= 1.0 or self.lag(pose) > _TURN_LEASH:
             return False
         # In steps of equal turn, whatever the distance between the two ends.
@@ -378,7 +381,7 @@ class PoseLed:
         return True
 
     def finished(self, pose: Pose) -> bool:
-        """Return whether the target is at the end and the arm near it."""
+        """Return whether the target is at the end of the line and the arm near the target."""
         return self.u >= 1.0 and self.lag(pose) < _ARRIVED
 
     def describe(self, pose: Pose) -> str:
@@ -390,5 +393,5 @@ class PoseLed:
         return float(np.max(np.abs(turn_rows(self.space.arm, pose) @ self._missing(pose))))
 
     def _missing(self, pose: Pose) -> FloatArray:
-        """Return the difference of the target's unknowns and the pose's, shape (p,)."""
+        """Return the unknowns of the target minus those of the pose, shape (p,)."""
         return self.start + self.u * (self.end - self.start) - pose.v

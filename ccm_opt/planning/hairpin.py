@@ -115,23 +115,23 @@ class FoldTrack(TipTrack):
         return cls(points, middles, _moving_mean(middles, arcs, headings, window))
 
     def heading(self, arc: FloatArray | float) -> FloatArray:
-        """Return the smoothed heading at arc lengths, clipped to the ends [rad]."""
+        """Return the smoothed heading at arc lengths, which are clipped to the ends of the track [rad]."""
         return np.asarray(np.interp(arc, self.sample_arcs, self.sample_headings), dtype=np.float64)
 
 
 def _moving_mean(samples: FloatArray, arcs: FloatArray, headings: FloatArray, window: float) -> FloatArray:
     """Return the exact mean of a piecewise-constant heading over windows about samples.
 
-    Beyond both ends the track goes straight on.
+    Beyond both ends the track continues straight.
 
     Args:
         samples: centres of the windows, shape (m,) [m].
         arcs: arc lengths at which the heading changes, both ends included, shape (k,) [m].
-        headings: headings in between, shape (k - 1,) [rad].
+        headings: headings between consecutive arc lengths, shape (k - 1,) [rad].
         window: length of a window [m].
 
     Returns:
-        Shape (m,) [rad].
+        Mean headings, shape (m,) [rad].
     """
     # The integral of the heading is piecewise linear, so interpolation gives it exactly at any arc length.
     primitive = np.concatenate(([0.0], np.cumsum(headings * np.diff(arcs))))
@@ -149,17 +149,17 @@ def _moving_mean(samples: FloatArray, arcs: FloatArray, headings: FloatArray, wi
 
 @dataclass
 class Hairpin:
-    """Reference headings and tip targets for one fold.
+    """Guide that moves one fold along the arm, from the tip towards the base.
 
     Attributes:
         space: the link space.
         track: track from the tip back along the arm and on to the goal.
-        retraced: r at the joints: arc length on the track next to each joint of the old shape, shape (links + 1,) [m];
-            joints that the track does not pass have that of the joint where it leaves.
+        retraced: arc length r on the track next to each joint of the old shape, shape (links + 1,) [m]; joints that the
+            track does not pass have the value of the joint where the track leaves the old shape.
         old: headings φ_old of the old shape, shape (links,) [rad].
         fold_length: length λ of the hairpin [m].
-        fold_at: arc length f of the fold on the old shape [m]; runs from L to 0 and on while the fold opens at the
-            base.
+        fold_at: arc length f of the fold on the old shape [m]; decreases from L to 0, and below 0 while the fold opens
+            at the base.
     """
 
     space: LinkSpace
@@ -231,7 +231,7 @@ class Hairpin:
         return arm.link_length * (np.arange(arm.links, dtype=np.float64) + 0.5)
 
     def progress(self, pose: Pose) -> bool:
-        """Move the fold on if the tip keeps up, and return whether it was moved."""
+        """Move the fold on if the tip keeps up, and return whether the fold was moved."""
         # A fold that left the tip behind would ask for headings that fit no place where the arm can be.
         if self._lag(pose) > _LEASH * self.nominal_length:
             return False
@@ -246,7 +246,7 @@ class Hairpin:
     def run_through(self) -> None:
         """Move the fold to where the tip's target is at the end of the track.
 
-        At most to where the fold has opened at the base.
+        The fold moves no further than to where it has opened at the base.
         """
         arm = self.space.arm
         places = np.linspace(-self.fold_length, arm.length, _PLACES)
@@ -270,19 +270,19 @@ class Hairpin:
 def fold_track(
     points: FloatArray, leave: int, route: FloatArray, side: float, offset: float, window: float, last_heading: float
 ) -> tuple[FoldTrack, FloatArray]:
-    """Return the track back along the arm, next to it, and on to the goal.
+    """Return the track of the tip back beside the old shape of the arm, then along a route to the goal.
 
     Args:
         points: joints and tip of the old shape, shape (links + 1, 2) [m].
         leave: joint where the route leaves the old shape.
         route: route from that joint to the goal, shape (k, 2) [m].
         side: +1 folds to the left, -1 to the right.
-        offset: distance between the strands [m].
+        offset: distance between the two strands of the fold [m].
         window: smoothing length of the heading [m].
         last_heading: heading of the old shape's last link [rad].
 
     Returns:
-        The track, and the arc length on it next to every joint, shape (links + 1,) [m].
+        The track, and the arc length on the track next to every joint, shape (links + 1,) [m].
     """
     tangent = np.gradient(points, axis=0)
     tangent /= np.linalg.norm(tangent, axis=1)[:, None]
@@ -303,9 +303,9 @@ def fold_track(
 
 
 def _route_beyond(route: FloatArray, place: FloatArray, lead: float) -> FloatArray:
-    """Return the route from slightly beyond its point nearest to a place, shape (k, 2) [m].
+    """Return the part of a route from slightly beyond its point nearest to a place, shape (k, 2) [m].
 
-    So the strand joins its route properly wherever the route's vertices lie.
+    Starting there, the strand joins the route smoothly wherever the route's vertices lie.
     """
     line = shapely.LineString(route)
     joined = line.project(shapely.Point(place)) + lead
@@ -316,7 +316,7 @@ def _route_beyond(route: FloatArray, place: FloatArray, lead: float) -> FloatArr
 
 
 def fitting_folds(stepper: Stepper, path: TipPath) -> tuple[float, ...]:
-    """Return the lengths of the hairpin to try in nominal links, the one that fits the passage first."""
+    """Return the hairpin lengths to try, in nominal links, beginning with the length that fits the passage."""
     arm = stepper.space.arm
     widths = passage_widths(stepper.finder.walls, path.taut, arm.length)
     # A fold turns inside the width that remains beyond the arm's own thickness.
@@ -332,7 +332,7 @@ def pulled_over(
 ) -> Iterator[GuideCandidate]:
     """Yield candidates that pull the arm over to its new route like a rope, for several lengths of the fold.
 
-    There is none when the route is too long for the arm.
+    No candidate is yielded when the route is too long for the arm.
 
     Args:
         stepper: stepper of the link space.
@@ -386,14 +386,14 @@ def leaving_joint(stepper: Stepper, start: Pose, path: TipPath) -> tuple[int, Fl
 
 
 def _last_true(holds: Callable[[int], bool], last: int) -> int:
-    """Return the largest k in [0, last] for which a condition holds; it holds at 0 and, once false, stays false."""
+    """Return the largest k in [0, last] for which a condition holds that is true at 0 and, once false, stays false."""
     return bisect_left(range(1, last + 1), 1, key=lambda k: int(not holds(k)))
 
 
 def fold_about_to_travel(
     stepper: Stepper, start: Pose, path: TipPath, joint: int, route: FloatArray, length: float
 ) -> Hairpin:
-    """Return the guide of a fold at the tip, of ``length`` nominal links, before it starts to travel."""
+    """Return the guide of a fold of ``length`` nominal links that is still at the tip, before the fold travels."""
     arm = stepper.space.arm
     fold_length = length * stepper.space.nominal_length
     # The strands lie at least far enough apart that the arm keeps its planning margin from itself; a half circle of the
@@ -418,7 +418,7 @@ def _pulled_out(stepper: Stepper, path: TipPath, guide: Guide, pose: Pose) -> Gu
 
 
 def _opened(stepper: Stepper, goal: FloatArray, _: Guide, pose: Pose) -> Guide:
-    """Return a guide that opens the fold onto a whole-arm goal, on which all but the fold lies already."""
+    """Return a guide that opens the fold onto a whole-arm goal; the rest of the arm already lies on that goal."""
     return PoseLed(stepper.space, pose.v, goal)
 
 
