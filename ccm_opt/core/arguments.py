@@ -19,8 +19,8 @@ def expect(value: object, kind: type | tuple[type, ...], what: str, hint: str = 
     Args:
         value: the value given.
         kind: the allowed type or types.
-        what: what is expected, in words, with its article.
-        hint: what to do instead, or empty.
+        what: the expected kind of value, in words, with an article.
+        hint: advice on what to give instead; may be empty.
 
     Raises:
         ProblemError: the value has another type.
@@ -35,8 +35,8 @@ def expect_that(fits: Callable[[], bool], value: object, what: str, hint: str = 
     Args:
         fits: the test; TypeError, ValueError and AttributeError from it count as failure.
         value: the value tested.
-        what: what is expected, in words, with its article.
-        hint: what to do instead, or empty.
+        what: the expected kind of value, in words, with an article.
+        hint: advice on what to give instead; may be empty.
 
     Raises:
         ProblemError: the value fails the test.
@@ -55,8 +55,8 @@ def expect_method(value: object, methods: Sequence[str], what: str, hint: str = 
     Args:
         value: the object.
         methods: names of the required methods.
-        what: what is expected, in words, with its article.
-        hint: what to do instead, or empty.
+        what: the expected kind of value, in words, with an article.
+        hint: advice on what to give instead; may be empty.
 
     Raises:
         ProblemError: the object lacks a method, or is a class instead of an instance.
@@ -80,13 +80,13 @@ def expect_callable(value: object, what: str, hint: str = "") -> None:
 
 
 def refusal(value: object, what: str, hint: str = "") -> str:
-    """Return the message that refuses a value: what was expected, what was given, and a hint."""
+    """Return the message that refuses a value: the expected kind, the value given, and a hint."""
     advice = f"; {hint}" if hint else ""
     return f"expected {what}, got {in_words(value)}{advice}"
 
 
 def in_words(value: object) -> str:
-    """Return the type of a value, with the value itself where that is short, in words."""
+    """Return the type of a value in words, followed by the value itself where its text is short."""
     if value is None:
         return "None"
     shown = repr(value)
@@ -107,7 +107,7 @@ class Arguments:
     """Checks the arguments of a call one by one, collects the defects, and reports them all at once.
 
     Attributes:
-        of: what the call makes, in words.
+        of: the object that the call makes, in words.
         unit: unit of the lengths among the arguments: "m", "mm" or "in".
         metres: metres per unit.
         wrong: defects so far, a line each.
@@ -142,18 +142,18 @@ class Arguments:
         return math.nan
 
     def length(self, name: str, value: object, *, least: float = -math.inf, above: float = -math.inf) -> float:
-        """Return an argument that must be a length in ``unit``, converted to metres; otherwise as ``number``."""
+        """Return an argument that must be a length in ``unit``, converted to metres; otherwise like ``number``."""
         return self.metres * self.number(name, value, least=least, above=above)
 
     def whole(self, name: str, value: object, least: int) -> int:
-        """Return an argument that must be a whole number of at least ``least``; ``least`` where it is not."""
+        """Return an argument that must be a whole number >= ``least``; note a defect and return ``least`` if not."""
         if is_whole(value) and value >= least:
             return int(value)
         self._refused(name, f"a whole number of at least {least}", value)
         return least
 
     def numbers(self, name: str, value: object, count: int, what: str = "numbers") -> FloatArray:
-        """Return an argument that must be ``count`` finite numbers, shape (count,); zeros where it is not."""
+        """Return an argument that must be ``count`` finite numbers; note a defect and return zeros if it is not."""
         found = finite_array(value)
         if found is None or found.shape != (count,):
             self._refused(name, f"{count} {what}", value)
@@ -161,7 +161,7 @@ class Arguments:
         return found
 
     def each(self, name: str, value: object, count: int, *, above: float = -math.inf) -> FloatArray:
-        """Return an argument given as one number for all, or as one number each, shape (count,)."""
+        """Return an argument given as one number for all entries or as one number per entry, shape (count,)."""
         if isinstance(value, (Sequence, np.ndarray)) and not isinstance(value, str):
             found = self.numbers(name, value, count)
             if np.any(found <= above) and np.any(found):
@@ -188,7 +188,7 @@ class Arguments:
         """Refuse the call if any defect was noted.
 
         Raises:
-            ProblemError: with a line for each defect.
+            ProblemError: a defect was noted; the message has a line for each.
         """
         if self.wrong:
             raise ProblemError(f"{self.of} cannot be made:\n" + "\n".join(f"  {line}" for line in self.wrong))
@@ -210,7 +210,7 @@ def is_whole(value: object) -> TypeGuard[int]:
 
 
 def finite_array(value: object) -> FloatArray | None:
-    """Return a value as an array of floats, or None where it is no array of numbers of at most ``LARGEST`` in size."""
+    """Return a value as an array of floats; None where it is no array of numbers of magnitude at most ``LARGEST``."""
     if isinstance(value, (str, bytes)):
         return None
     try:

@@ -1,4 +1,4 @@
-"""All exceptions of the package, in one hierarchy; each carries the evidence of what went wrong.
+"""All exceptions of the package, in one hierarchy; each carries the evidence for its cause.
 
 ::
 
@@ -33,7 +33,7 @@ class NativeLibraryError(CcmError):
 
 
 class ProblemError(CcmError):
-    """The problem cannot be used as given; the message says what was given, what was expected, and what to try."""
+    """The problem cannot be used as given; the message states the given and the expected value, and a remedy."""
 
 
 @dataclass(frozen=True, order=True)
@@ -64,7 +64,7 @@ MOST_LISTED = 100
 
 
 class ProblemFileError(ProblemError):
-    """All defects of one problem file: the first hundred in the order of their lines, and the number of the rest."""
+    """All defects of one problem file; the message lists the first hundred by line, and the number of the others."""
 
     def __init__(self, path: str, issues: Sequence[FileIssue]) -> None:
         self.path = path
@@ -82,19 +82,19 @@ class Finding:
     Attributes:
         kind: "constraint", "contact", "joint limit", "too short", "too thick", "blocked", "hemmed in", "too stiff",
             "torque" or "curve".
-        reason: the obstruction in the user's terms: what, where, and by how much; a short sentence, with details after
+        reason: the obstruction in the user's terms, with its place and size; a short sentence, with details after
             semicolons.
         proved: whether no planner could find a plan while this obstruction remains; otherwise it is merely a likely
             cause.
         key: key of the problem file concerned, or empty.
         place: location, (x, y) or in space (x, y, z) [m], or None.
         measured: value found, in ``unit``, or None.
-        allowed: value that ``measured`` is compared with, in ``unit``, or None.
-        unit: unit of both.
+        allowed: value with which ``measured`` is compared, in ``unit``, or None.
+        unit: unit of ``measured`` and ``allowed``.
         obstacles: names of the walls involved, the most important first.
         way: points, in order, along a route that is too long, or too narrow at ``place`` [m]; else empty.
         bounds: for each parameter that may remove the obstruction (by its key in the problem file, SI units, radians)
-            the value that it must at least reach to do so.
+            the value that the parameter must at least reach.
     """
 
     kind: str
@@ -141,7 +141,7 @@ class Diagnosis:
         evidence: figures behind the reason; JSON-serialisable values.
         findings: obstructions found, most important first.
         relaxations: single changes under which the problem was solved, the smallest first.
-        failed_changes: single changes, in words, that were tried and with which no plan was found in their time either.
+        failed_changes: single changes, in words, with which no plan was found either, within the time for each.
     """
 
     reason: str

@@ -111,7 +111,7 @@ class DaskWorkers:
 
 @contextmanager
 def _unheard(*loggers: str) -> Iterator[None]:
-    """Silence loggers during the block: Dask's tracebacks about a lost cluster would bury this package's message."""
+    """Silence loggers during the block, where Dask's tracebacks on a lost cluster would bury the package's message."""
     found = [logging.getLogger(name) for name in loggers]
     levels = [logger.level for logger in found]
     for logger in found:
@@ -138,7 +138,7 @@ class ClusterExecutor(Executor):
 
     @property
     def gone(self) -> bool:
-        """Whether the scheduler was lost, even for a moment, Dask drops pending tasks when that happens."""
+        """Whether the connection to the scheduler was ever lost, even briefly, after which Dask drops pending tasks."""
         return bool(self._client.status != "running")
 
 
@@ -148,7 +148,7 @@ TASK = TypeVar("TASK")
 
 
 class Workers(Protocol):
-    """Interface of sources of executors."""
+    """Interface of the objects that provide executors."""
 
     def open(self) -> "Any":
         """Return a context manager around (executor, number of tasks to keep in flight)."""
@@ -157,7 +157,7 @@ class Workers(Protocol):
 
 @dataclass(frozen=True)
 class ThisProcess:
-    """No workers: every task runs in this process when it is submitted."""
+    """Execution without workers; every task runs in this process when it is submitted."""
 
     @contextmanager
     def open(self) -> Iterator[tuple[Executor, int]]:
@@ -224,7 +224,7 @@ class LocalWorkers:
 def completed(
     workers: Workers, function: Callable[[TASK], RESULT], tasks: Iterable[TASK]
 ) -> Iterator[tuple[TASK, RESULT | BaseException]]:
-    """Run a function on every task and yield each task when it is done, with its result or its error.
+    """Run a function on every task, and yield each task with its result or error as soon as the task is done.
 
     When a process of this machine dies, the task that killed it is unknown. All tasks in flight are then run again, one
     at a time, and the one that kills its process is yielded with its error.
@@ -250,8 +250,8 @@ def _until_broken(
 ) -> Generator[tuple[TASK, RESULT | BaseException], None, bool]:
     """Yield tasks with their results until all are done or the executor breaks; return whether all are done.
 
-    The tasks in flight when it breaks become suspects: the next executor runs them one at a time, so that the next
-    failure identifies its task.
+    The tasks in flight when the executor breaks become suspects: the next executor runs them one at a time, so that the
+    next failure identifies its task.
 
     Raises:
         ProblemError: the cluster is lost.
@@ -313,7 +313,7 @@ def _submitted(executor: Executor, function: Callable[[TASK], RESULT], task: TAS
 
 
 def _serve_parent() -> None:
-    """Prepare a worker process: ignore Ctrl-C, which the parent handles, and end when the parent ends, however it does.
+    """Make a worker process ignore Ctrl-C, which the parent handles, and end when the parent ends for any reason.
 
     A worker waits for tasks on a pipe of which it also holds the other end, so it would not notice the parent's end.
     """

@@ -49,7 +49,7 @@ def put_file(place: Path, content: bytes) -> None:
         content: new content.
 
     Raises:
-        OSError: the file cannot be written; it is then unchanged.
+        OSError: the file cannot be written; the old file is then unchanged.
     """
     true_place = place.resolve()
     if true_place.exists() and not true_place.is_file():
@@ -111,6 +111,6 @@ def _strict(value: object) -> object:
 
 
 def _plain(value: object) -> object:
-    """Return a NumPy scalar or array as plain numbers and lists, any other object as its text, for the JSON encoder."""
+    """Convert a NumPy scalar or array to plain numbers and lists, any other object to text, for the JSON encoder."""
     convert = getattr(value, "tolist", None)
     return _strict(convert()) if convert is not None else str(value)

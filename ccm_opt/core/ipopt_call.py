@@ -55,7 +55,7 @@ def ipopt_call() -> Iterator[None]:
     """Lock IPOPT for this thread during the block, which must not be nested.
 
     Raises:
-        BaseException: whatever the handler of Ctrl-C raised during the block, usually ``KeyboardInterrupt``.
+        BaseException: the exception that the handler of Ctrl-C raised in the block, usually ``KeyboardInterrupt``.
     """
     with _LOCK, _deferred_interrupt():
         yield
@@ -63,7 +63,7 @@ def ipopt_call() -> Iterator[None]:
 
 @contextmanager
 def _deferred_interrupt() -> Iterator[None]:
-    """Raise again, at the end of the block, whatever the handler of SIGINT raised inside it."""
+    """Raise again, at the end of the block, any exception that the handler of SIGINT raised inside the block."""
     handler = signal.getsignal(signal.SIGINT)
     if threading.current_thread() is not threading.main_thread() or not callable(handler):
         yield  # handlers run in the main thread only

@@ -31,8 +31,8 @@ def in_unit(metres: float, unit: LengthUnit) -> float:
         unit: "m", "mm" or "in".
 
     Returns:
-        The number rounded to 15 digits, as a person would write it, if that gives the length to the last bit; otherwise
-        the plain quotient.
+        The number rounded to 15 digits, as a person would write it, if the rounded number gives the length to the last
+        bit; otherwise the unrounded quotient.
     """
     factor = METRES[unit]
     quotient = float(metres) / factor
@@ -59,12 +59,12 @@ class _Rule:
     figures: int
 
     def number(self, value: float, size: float) -> str:
-        """Return a value [m] without its unit, with the digits appropriate to a length of ``size`` [m]."""
+        """Return a length [m] as text without a unit, with the digits appropriate to a length of ``size`` [m]."""
         enough = size / self.metres >= self.enough or size == 0.0
         return f"{value / self.metres:.{self.decimals}f}" if enough else f"{value / self.metres:.{self.figures}g}"
 
     def words(self, value: float) -> str:
-        """Return a value [m] with its unit."""
+        """Return a length [m] as text with its unit."""
         return f"{self.number(value, abs(value))} {self.unit}"
 
 
@@ -86,7 +86,7 @@ _MANY = 10.0
 
 @dataclass(frozen=True)
 class _Speech:
-    """How a number becomes a length in a message.
+    """Rule by which a number becomes a length in a message.
 
     Attributes:
         metres: metres per unit of the numbers.
@@ -142,7 +142,7 @@ def in_metres(length: float) -> float:
 def long_length(length: float) -> str:
     """Return a long length, such as that of an arm or a path, with its unit.
 
-    It is rounded to about a millimetre, and small values to three significant figures.
+    Lengths are rounded to about a millimetre, small ones to three significant figures.
     """
     return _LONG[_SPEECH.get().unit].words(in_metres(length))
 
@@ -150,7 +150,7 @@ def long_length(length: float) -> str:
 def short_length(length: float) -> str:
     """Return a short length, such as that of a gap, with its unit.
 
-    It is rounded to about a tenth of a millimetre, and small values to two significant figures.
+    Lengths are rounded to about a tenth of a millimetre, small ones to two significant figures.
     """
     metres = in_metres(length) + 0.0  # turns -0.0 into 0.0
     rules = _LONG if abs(metres) >= _MANY else _SHORT

@@ -52,8 +52,8 @@ class _Layout:
 
     Attributes:
         type: the struct as a ctypes type.
-        pointers: fields that are pointers, by name.
-        structs: fields that are structs themselves, by name.
+        pointers: targets of the fields that are pointers, by name.
+        structs: layouts of the fields that are structs, by name.
     """
 
     type: type[ctypes.Structure]
@@ -63,7 +63,7 @@ class _Layout:
 
 @cache
 def native_library() -> ctypes.PyDLL:
-    """Load the library and return it; its functions hold the interpreter lock, which makes short calls faster.
+    """Load and return the library; its functions hold the interpreter lock, which makes short calls faster.
 
     Raises:
         NativeLibraryError: the library is missing, or cannot be loaded on this machine.
@@ -107,8 +107,8 @@ def _layout(fields: list[tuple[str, Any, str]]) -> _Layout:
     """Return the layout of a struct.
 
     Args:
-        fields: of each field the name, the type (a list of fields for a struct), and its use: 'in' or 'out' for a
-            pointer that C reads or writes, a length for an array, '' otherwise.
+        fields: name, type and use of each field; the type of a struct is a list of its fields; the use is 'in' or 'out'
+            for a pointer that C reads or writes, the length for an array, and '' otherwise.
     """
     types: list[tuple[str, Any]] = []
     pointers: dict[str, _Pointer] = {}
@@ -138,8 +138,8 @@ class NativeCall:
     """A function of the compiled library bound to its struct, callable any number of times.
 
     Field values are numbers, arrays for pointers, sequences for arrays within the struct, and mappings for structs and
-    for pointers to a struct. Arrays that C only reads are converted to its type; arrays that C writes must already have
-    it. This object keeps alive all memory whose address C gets. It must not be used by two threads at once.
+    for pointers to a struct. Arrays that C only reads are converted to the C type; arrays that C writes must already
+    have that type. This object keeps alive all memory whose address C gets. It must not be used by two threads at once.
 
     Attributes:
         fields: the struct, whose numbers can be read and set.
@@ -220,7 +220,7 @@ def _owner(pointer: _Pointer, value: Any, name: str) -> Any:
 
 
 class _OwnedStruct:
-    """A struct that a pointer points to, together with the memory behind its own pointers."""
+    """A struct to which a pointer points, together with the memory to which its own pointers point."""
 
     def __init__(self, layout: _Layout, values: Mapping[str, Any]) -> None:
         self.struct = layout.type()

@@ -29,7 +29,7 @@ def counter_clockwise(vertices: FloatArray) -> FloatArray:
 
 
 def is_convex(vertices: FloatArray, tolerance: float = 1e-12) -> bool:
-    """Return whether a counter-clockwise polygon turns left, or goes straight on, at each vertex.
+    """Return whether a counter-clockwise polygon is convex: it turns left or goes straight on at every vertex.
 
     Args:
         vertices: shape (m, 2) [m].
@@ -42,7 +42,7 @@ def is_convex(vertices: FloatArray, tolerance: float = 1e-12) -> bool:
 
 
 def without_short_edges(vertices: FloatArray, shortest: float = 1e-12) -> FloatArray:
-    """Return the vertices (m, 2) of a closed ring without those nearer than ``shortest`` [m] to the one before."""
+    """Return the vertices (m, 2) of a closed ring without those closer than ``shortest`` [m] to their predecessor."""
     before = np.concatenate((vertices[-1:], vertices[:-1]))
     kept: FloatArray = vertices[np.linalg.norm(vertices - before, axis=1) > shortest]
     return kept
@@ -93,7 +93,7 @@ def clip(vertices: FloatArray, normal: FloatArray, offset: float) -> FloatArray:
 
 
 def intersection(vertices: FloatArray, normals: FloatArray, offsets: FloatArray) -> FloatArray:
-    """Return the part of a convex polygon (m, 2) within the half-planes ``normals @ x <= offsets``; shape (k, 2)."""
+    """Return the part of a convex polygon, shape (m, 2) to (k, 2), within half-planes ``normals @ x <= offsets``."""
     for normal, offset in zip(normals, offsets, strict=True):
         if len(vertices) == 0:
             break
@@ -124,7 +124,7 @@ def chords(normals: FloatArray, offsets: FloatArray, through: FloatArray, direct
 
 
 def nearest_on_segments(points: FloatArray, segments: FloatArray) -> FloatArray:
-    """Return the point of each segment (..., 2, 2) nearest to each point (..., 2), broadcast; shape (..., 2) [m]."""
+    """Return the nearest point [m] on each segment, (..., 2, 2), to each point, (..., 2), broadcast to (..., 2)."""
     tail = segments[..., 0, :]
     along = segments[..., 1, :] - tail
     fraction = np.sum((points - tail) * along, axis=-1) / np.maximum(np.sum(along * along, axis=-1), 1e-300)
@@ -138,7 +138,7 @@ _ARC = 8
 
 
 def mitred(shape: shapely.Geometry, distance: float, limit: float = 5.0) -> shapely.Geometry:
-    """Return a shape offset by a distance with mitred corners; it contains every point within the distance.
+    """Return a shape offset by a distance, with mitred corners; the result contains every point within the distance.
 
     Args:
         shape: polygons in the plane [m].

@@ -1,6 +1,6 @@
 """Polylines and angles in the plane.
 
-Points may have any number of coordinates unless a docstring says ``(k, 2)``: a motion in joint space is a polyline too.
+Points may have any number of coordinates unless a docstring says ``(k, 2)``; so a motion in joint space is a polyline.
 """
 
 from typing import overload
@@ -44,7 +44,7 @@ def whole_turns(angle: float | FloatArray) -> float | FloatArray:
 
 
 def sweep_on_side(angle: float, side: int) -> float:
-    """Return the change of direction equivalent to ``angle`` that turns to one side only [rad].
+    """Return the change of direction [rad] that equals ``angle`` up to whole turns and turns to the given side.
 
     Args:
         angle: change of direction, up to whole turns [rad].
@@ -101,7 +101,7 @@ def points_at(points: FloatArray, arcs: FloatArray, places: FloatArray | float) 
 
 
 def leg_indices(arcs: FloatArray, places: FloatArray) -> IntArray:
-    """Return the index of the leg that holds each arc length: the later leg at a vertex, the end legs beyond the ends.
+    """Return the index of the leg that contains each arc length: the later leg at a vertex, an end leg beyond the ends.
 
     Args:
         arcs: arc length of each vertex, non-decreasing, shape (k,) [m].

@@ -26,9 +26,9 @@ class Progress:
         limit: CPU time after which planning ends [s]; infinite without a limit.
         candidate: number of the candidate being tried, from 1; 0 for none.
         name: name of that candidate, or the change being tried on a problem without a plan.
-        distance: least distance from the goal at which an earlier candidate ended [m]; infinite where there is none.
+        distance: least distance from the goal at which an earlier candidate ended [m]; infinite without one.
         unit: unit in which lengths are shown.
-        known: why there is no plan, reported as soon as it is known and again when more is; else None.
+        known: diagnosis of why there is no plan, reported as soon as it is known and again when it grows; else None.
     """
 
     stage: str
@@ -77,7 +77,7 @@ def report_candidate(candidate: int, name: str, distance: float) -> None:
     Args:
         candidate: number of the candidate, from 1.
         name: name of the candidate.
-        distance: least distance from the goal at which an earlier one ended, in the planner's unit of length.
+        distance: least distance from the goal at which an earlier candidate ended, in the planner's unit of length.
     """
     listener = _LISTENER.get()
     if listener is not None:
@@ -86,7 +86,7 @@ def report_candidate(candidate: int, name: str, distance: float) -> None:
 
 @dataclass
 class Stages:
-    """Reports each stage and records its CPU time.
+    """Reporter of the running stage, which also records the CPU time of each stage.
 
     Attributes:
         progress: called when a stage or a candidate of the search starts, or None.

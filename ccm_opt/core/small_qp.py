@@ -25,9 +25,9 @@ def solve_small_qp(
         gradient: g, shape (p,).
         matrix: constraint rows, shape (m, p), contiguous; no rows where the bounds are on δ itself.
         upper: upper bounds of the rows, shape (m,), or of δ, shape (p,).
-        lower: lower bounds, likewise.
+        lower: lower bounds, of the same shape as ``upper``.
         sense: kind of each row, in DAQP's codes; DAQP writes into this array.
-        most_iterations: limit on iterations; None for DAQP's default.
+        most_iterations: maximum number of iterations; None for DAQP's default.
     """
     limits = {} if most_iterations is None else {"iter_limit": most_iterations}
     try:

@@ -55,8 +55,9 @@ def folded_bends(arm: Arm) -> FloatArray:
     """Return the bends of the most compact serpentine: equal rows joined by half turns, alternately left and right.
 
     A half turn of m joints bends each by pi / m and sets the rows l cot(pi / 2m) apart. Among all (m, row length) whose
-    bends stay within a share of the joint limit and whose distant links are far enough apart, the one with the smallest
-    diagonal of its bounding box is chosen. The first row lies along the base heading, the first turn is to the left.
+    bends stay within a fraction of the joint limit and whose distant links are far enough apart, the one with the
+    smallest diagonal of its bounding box is chosen. The first row lies along the base heading, and the first turn is to
+    the left.
 
     Args:
         arm: the arm.
@@ -79,7 +80,7 @@ def folded_bends(arm: Arm) -> FloatArray:
 
 
 def self_distance(arm: Arm, bends: FloatArray) -> float:
-    """Return the least distance between the axes of distant links, see ``Arm.distant_pairs`` [m]; inf without any."""
+    """Return the least distance between the axes of ``Arm.distant_pairs`` of links [m]; inf where there is none."""
     points = arm.joint_positions(arm.headings(bends))
     axes = np.asarray(shapely.linestrings(np.stack((points[:-1], points[1:]), axis=1)))
     first, second = arm.distant_pairs
@@ -87,7 +88,7 @@ def self_distance(arm: Arm, bends: FloatArray) -> float:
 
 
 def _serpentines(arm: Arm, limit_share: float) -> Iterator[FloatArray]:
-    """Yield the bends of candidate serpentines, over the joints per half turn and the straight joints per row."""
+    """Yield the bends of candidate serpentines, for all numbers of joints per half turn and straight joints per row."""
     sharpest = limit_share * arm.joint_limit
     fewest = max(2, math.ceil(min(math.pi / sharpest, arm.links)))
     # Rows of a thick arm must be two radii apart, which takes half turns of about π r / l joints.
@@ -116,7 +117,7 @@ def _diagonal(arm: Arm, bends: FloatArray) -> float:
 
 
 def build_problem(tables: Mapping[str, Any], source: str) -> Problem:
-    """Return the problem of tables that have passed all checks.
+    """Build the problem from tables that have passed all checks.
 
     Args:
         tables: tables by name, see ``table_reading``.
@@ -158,7 +159,7 @@ def build_workspace(
     obstacles: Sequence[tuple[int, ObstacleTable | SpaceObstacleTable]],
     meshes: Mapping[int, MeshBody] | None = None,
 ) -> Workspace:
-    """Return the workspace with its obstacles.
+    """Build the workspace with its obstacles.
 
     Args:
         table: the table ``[workspace]``.
@@ -185,7 +186,7 @@ def build_boundary(table: WorkspaceTable) -> shapely.Polygon:
 
 
 def _obstacle(table: ObstacleTable, name: str) -> Obstacle:
-    """Return an obstacle in the plane; the table has exactly one kind of shape."""
+    """Build an obstacle in the plane from its table, which has exactly one kind of shape."""
     if table.circle is not None:
         return Obstacle(name, PlaneShape(shapely.Point(table.circle.center), table.circle.radius))
     if table.wall is not None:
@@ -201,7 +202,7 @@ def _box(corners: Sequence[float]) -> shapely.Polygon:
 
 
 def _body(table: SpaceObstacleTable) -> Body:
-    """Return the body of an obstacle that is no mesh; the table has exactly one kind of shape."""
+    """Build the body of an obstacle other than a mesh from its table, which has exactly one kind of shape."""
     placement = build_placement(table.pose)
     if table.sphere is not None:
         return SphereBody(placement.points(np.array(table.sphere.center)), table.sphere.radius)
@@ -214,7 +215,7 @@ def _body(table: SpaceObstacleTable) -> Body:
 
 
 def build_placement(table: PlacementTable | None) -> RigidPlacement:
-    """Return the position and rotation of a body; the identity without a table."""
+    """Return the placement of a body, position and rotation; the identity where the obstacle has no such table."""
     if table is None:
         return RigidPlacement()
     position = np.array(table.position)
@@ -224,7 +225,7 @@ def build_placement(table: PlacementTable | None) -> RigidPlacement:
 
 
 def build_arm(table: ArmTable | SpaceArmTable) -> Arm:
-    """Return the arm; its links have the inertia of solid cylinders unless the table gives another."""
+    """Build the arm; its links have the inertia of solid cylinders unless the table gives other values."""
     in_space = isinstance(table, SpaceArmTable)
     masses = _each(table.masses or (DEFAULT_LINK_MASS if table.link_mass is None else table.link_mass), table.links)
     if table.inertia is not None:
@@ -264,7 +265,7 @@ def _across(up: FloatArray, direction: FloatArray) -> FloatArray:
 
 
 def build_limits(table: LimitsTable, links: int) -> Limits:
-    """Return the limits of an arm, with those of joints expanded to its 3 * ``links`` revolutes."""
+    """Build the limits of an arm, with joint limits expanded to one value for each of its 3 * ``links`` revolutes."""
     limits = table.values
     points = [(None, limits.pop("tip_velocity"), limits.pop("tip_acceleration"))]
     points += [(point.at, point.velocity, point.acceleration) for point in limits.pop("points")]
@@ -275,7 +276,7 @@ def build_limits(table: LimitsTable, links: int) -> Limits:
 
 
 def build_pose(table: PoseTable | SpacePoseTable, arm: Arm, mapping: MappingName) -> JointPose:
-    """Return a pose of the whole arm; the table defines it in exactly one way.
+    """Build a pose of the whole arm from its table, which defines the pose in exactly one way.
 
     Raises:
         ProblemError: the arm cannot be folded, or cannot be laid along the curve.
@@ -298,7 +299,7 @@ def build_pose(table: PoseTable | SpacePoseTable, arm: Arm, mapping: MappingName
 
 
 def pose_feed(table: PoseTable | SpacePoseTable, arm: Arm) -> float:
-    """Return the feed of a pose: as given, else the lower end of the feed axis [m]."""
+    """Return the feed of a pose [m]; the lower end of the feed axis where the table gives no feed."""
     return arm.base_range[0] if table.feed is None else table.feed
 
 
@@ -322,12 +323,12 @@ def build_options(table: PlannerTable) -> PlannerOptions:
 
 
 def _each(value: float | Sequence[float], links: int) -> FloatArray:
-    """Return one value per link, shape (links,), from one for all or a list."""
+    """Return one value per link, shape (links,), given one value for all links or a list of values."""
     return np.broadcast_to(np.asarray(value, dtype=np.float64), (links,)).copy()
 
 
 def each_revolute(value: float | Sequence[float], links: int) -> FloatArray:
-    """Return one value per revolute, shape (3 * links,), from one for all, one per ball joint, or one per revolute."""
+    """Return one value per revolute, shape (3 * links,), given one for all, one per ball joint, or one per revolute."""
     values = np.asarray(value, dtype=np.float64)
     if values.shape == (links,):
         return np.repeat(values, 3)

@@ -77,7 +77,7 @@ class ControllerPoints:
 
 
 def spared(problem: Problem, checks: Iterable[Check]) -> float:
-    """Return the deviation of any point of the arm from a plan that cannot violate a required gap [m].
+    """Return the largest deviation from a plan, of any point of the arm, that cannot violate a required gap [m].
 
     Args:
         problem: the problem.
@@ -119,7 +119,7 @@ def message_checks(
         message: the points.
         samples: indices of the points among the samples of the plan, shape (P,).
         factor: factor by which the message is slower than the plan.
-        spare: deviation from the plan allowed [m].
+        spare: allowed deviation from the plan [m].
     """
     settings = DEFAULT_VERIFICATION.for_problem(problem)
     stops = np.searchsorted(samples, plan.stops).tolist()
@@ -129,7 +129,7 @@ def message_checks(
 
 
 def _check_link_gaps(problem: Problem, plan: JointTrajectory, deviation: FloatArray) -> list[Check]:
-    """Return the checks of the gaps of links that deviate from a plan, to twice the contact tolerance.
+    """Check that links which deviate from a plan keep their gaps, to twice the contact tolerance; return the checks.
 
     Args:
         problem: the problem.
@@ -226,7 +226,7 @@ class _Choice:
     Attributes:
         problem: the problem.
         plan: the planned motion, perhaps slowed down.
-        tolerance: approximate deviation of a curve from the path of the plan allowed [m].
+        tolerance: allowed deviation of a curve from the path of the plan, approximately [m].
         smooth: whether curves are quintics instead of cubics.
     """
 
@@ -244,7 +244,7 @@ class _Choice:
         return np.array(chosen, dtype=np.intp)
 
     def _farthest(self, first: int, end: int) -> int:
-        """Return roughly the farthest sample, found by bisection, to which a curve fits; at least the next sample."""
+        """Return about the farthest sample to which a curve fits, found by bisection; at least the next sample."""
         good = first + 1
         bad = tried = min(first + _FARTHEST, end)
         if self.used(first, tried) <= 1.0:
@@ -256,14 +256,14 @@ class _Choice:
 
     @cached_property
     def _corners(self) -> IntArray:
-        """Samples that must be points, the ends, the stops, and where the arm comes to rest or starts to move."""
+        """Samples that must be points, namely the ends, the stops, and those where the arm halts or sets off."""
         still = np.all(self._rests, axis=1)
         changes = 1 + np.flatnonzero(still[1:] != still[:-1])
         return np.unique(np.concatenate(([0, len(self.plan.time) - 1], self.plan.stops, changes))).astype(np.intp)
 
     @cached_property
     def _rests(self) -> FloatArray:
-        """Which coordinates rest between neighbouring samples, shape (T − 1, c)."""
+        """Whether each coordinate rests between neighbouring samples, shape (T − 1, c)."""
         return np.asarray(np.abs(np.diff(self.plan.positions, axis=0)) <= 1e-3 * _STILL)
 
     @cached_property
@@ -272,10 +272,11 @@ class _Choice:
         return [(point_of(arm, limit.at), limit.velocity, limit.acceleration) for limit in self.problem.limits.points]
 
     def used(self, first: int, last: int) -> float:
-        """Return the largest share of limits and tolerance that the curve between two samples uses.
+        """Return the largest fraction of any limit, or of the tolerance, that the curve between two samples uses.
 
-        The curve is evaluated at the samples from ``first`` to ``last``. Shares of accelerations and jerks are roots,
-        so that slowing the motion down by the share brings them to their limits.
+        The curve is evaluated at the samples from ``first`` to ``last``. For accelerations the square root of the
+        fraction is taken, for jerks the cube root, so that slowing the motion down by the result makes it keep its
+        limits.
         """
         plan, span = self.plan, slice(first, last + 1)
         h = plan.time[last] - plan.time[first]
@@ -320,8 +321,8 @@ class _Choice:
 def _unit_curve(orders: int) -> FloatArray:
     """Return the matrix from end conditions to the coefficients of a polynomial on [0, 1], shape (2 n, 2 n).
 
-    The end conditions are value and derivatives at 0, then at 1, n = ``orders`` of them at each; coefficients are in
-    increasing powers.
+    The end conditions are the value and derivatives at 0, then those at 1, with n = ``orders`` conditions at each end.
+    The coefficients are in increasing powers.
     """
     rows = np.eye(2 * orders)
     for order in range(orders):
@@ -367,9 +368,9 @@ def trajectory_texts(points: ControllerPoints, *, bends_only: bool = False, effo
 
 
 def number_rows(table: FloatArray) -> list[str]:
-    """Return every row of a table as numbers in the format ``%.12g``, joined by commas.
+    """Return the text of each row of a table: numbers in the format ``%.12g``, joined by commas.
 
-    Every number has a decimal point, whole numbers too. Zeros in columns of zeros have no sign.
+    Every number has a decimal point, whole numbers included. In columns that contain only zeros, no zero has a sign.
 
     Args:
         table: the numbers, shape (rows, n).

@@ -1,7 +1,7 @@
 """Import of drawings, to which a problem file refers, as obstacles.
 
-A reader is a function of a file's bytes and of the distance allowed between a curve and its polyline, in the drawing's
-own unit. It returns the shapes found (see ``shapes``), and raises a ``ProblemError`` for anything unreadable.
+A reader takes a file's bytes and the largest distance allowed between a curve and its polyline, in the drawing's own
+unit. It returns the shapes found (see ``shapes``), and raises a ``ProblemError`` for anything unreadable.
 Placement, repair and naming are common to all formats.
 
 All later stages, and the copy of the problem in ``solution.json``, have plain obstacles and no longer need the drawing.
@@ -124,7 +124,7 @@ def divided(shape: Shape, largest: float) -> list[Shape]:
 
 
 def _is_flat(ring: FloatArray) -> bool:
-    """Return whether a ring is so thin that rounding would decide what lies inside."""
+    """Return whether a ring is so thin that rounding errors would decide which points lie inside."""
     hull = shapely.MultiPoint(ring).convex_hull
     return bool(hull.area <= _FLAT * (hull.length + float(np.abs(ring).max())) * hull.length)
 
@@ -220,11 +220,11 @@ def import_scene(path: Path, options: ImportOptions, taken: Collection[str] = ()
 
 
 def _of_each(shapes: Iterable[Shape], made: Callable[[Shape], list[Part]]) -> list[Part]:
-    """Return the concatenated results of a function of one shape, collecting its refusals into one error.
+    """Apply a function to every shape and return the concatenated results, collecting refusals into one error.
 
     Args:
         shapes: the shapes.
-        made: function of one shape, which raises ``ProblemError`` to refuse it.
+        made: function of one shape, which raises ``ProblemError`` to refuse the shape.
 
     Raises:
         ProblemError: shapes were refused; the message lists them by name.
@@ -288,7 +288,7 @@ def read_drawing(path: Path, kinds: Collection[str], what: str, most_bytes: int,
     Args:
         path: path of the file.
         kinds: known suffixes, in lower case.
-        what: kind of file expected, in a word, for messages.
+        what: expected kind of file, in a word, for messages.
         most_bytes: largest size; larger files are refused unread.
         blank: bytes that count as empty content; None for whitespace.
 

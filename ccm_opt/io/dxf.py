@@ -1,4 +1,4 @@
-"""Reading of DXF drawings: lines, arcs, circles, ellipses, polylines, splines, solids, hatches, and blocks of them.
+"""Reading of DXF drawings: lines, arcs, circles, ellipses, polylines, splines, solids, hatches, and their blocks.
 
 Only the model space counts, seen along z, without layers that are off or frozen. Open pieces on one layer whose
 ends meet are joined; a closed chain is an outline. Annotations and construction lines are left out and reported, even
@@ -222,7 +222,7 @@ def _parsed(content: bytes, found: _Findings) -> "Drawing":
 
 
 def _refuse_lost(drawing: "Drawing", content: bytes, empty: Sequence[str]) -> None:
-    """Refuse a drawing of which the parser kept fewer entities than the text of the file contains.
+    """Refuse a drawing if the parser returned fewer entities than the text of the file contains.
 
     Raises:
         ProblemError: entities were lost.
@@ -310,7 +310,7 @@ def _parts(inserted: _Placed, found: _Findings) -> list[_Placed]:
 
 
 def _kind_and_handle(entity: Entity) -> str:
-    """Return the name of an entity in no block: its layer, or on layer 0 its type and handle."""
+    """Return the name of an entity outside blocks: its layer, or on layer 0 its type and handle."""
     layer = str(entity.dxf.get("layer", "0"))
     return f"{entity.dxftype().lower()} {entity.dxf.get('handle', '')}".strip() if layer == "0" else layer
 
@@ -356,7 +356,7 @@ def _add(item: _Placed, distance: float, found: _Findings) -> None:
 
 
 def _turn_upright(entity: Entity) -> None:
-    """Mirror an entity drawn on the back of the x-y plane, and refuse one drawn in another plane.
+    """Mirror an entity whose normal points along -z, and refuse an entity drawn in another plane than x-y.
 
     Raises:
         ProblemError: the entity is not drawn in the x-y plane.

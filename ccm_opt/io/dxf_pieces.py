@@ -1,4 +1,4 @@
-"""Pieces of DXF drawings: conversion of entities to polylines, and joining of these into chains."""
+"""Pieces of DXF drawings: conversion of entities to polylines, and joining of polylines into chains."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -29,9 +29,9 @@ class Piece:
     Attributes:
         points: vertices, shape (k, 2); a closed piece does not repeat its first point.
         closed: whether the last point is joined to the first.
-        curved: whether it is a flattened curve.
-        half_width: half its line width.
-        name: name of its shape; a chain has that of its first piece.
+        curved: whether the polyline is a flattened curve.
+        half_width: half the line width.
+        name: name of the shape; a chain takes the name of its first piece.
     """
 
     points: FloatArray
@@ -52,7 +52,7 @@ def joined_pieces(pieces: Sequence[Piece], gap: float) -> list[Piece]:
         Chains in the order of their first pieces; a loop is a closed piece.
 
     Raises:
-        ProblemError: ends lie so densely that it cannot be told which of them meet.
+        ProblemError: ends lie so close together that it is ambiguous which of them meet.
     """
     pieces = _without_duplicates(pieces, gap)
     if not pieces:
@@ -77,7 +77,7 @@ def _chain(line: shapely.LineString, members: Sequence[Piece]) -> Piece:
 
 
 def _without_duplicates(pieces: Sequence[Piece], gap: float) -> list[Piece]:
-    """Return the pieces that do not lie on a longer one, and of equal pieces the first."""
+    """Return the pieces without those that lie on a longer piece or repeat an earlier one."""
     lines = np.array([shapely.LineString(piece.points) for piece in pieces])
     tree = shapely.STRtree(lines)
     middles = shapely.line_interpolate_point(lines, 0.5, normalized=True)
@@ -125,7 +125,7 @@ def hatch_rings(entity: Entity, distance: float) -> tuple[tuple[FloatArray, ...]
 
 
 def corner_points(entity: Entity) -> FloatArray:
-    """Return the corners of a SOLID or TRACE in order around it, shape (3 or 4, 2)."""
+    """Return the corners of a SOLID or TRACE in order around its outline, shape (3 or 4, 2)."""
     # A triangle repeats its last corner.
     points = np.array([(p.x, p.y) for p in entity.wcs_vertices()], dtype=np.float64)
     repeated = np.all(points == np.roll(points, 1, axis=0), axis=1)
@@ -170,7 +170,7 @@ def _turned(points: FloatArray, sweep: float) -> Piece:
 
 
 def _sweep(start: float, end: float) -> tuple[float, float]:
-    """Return the start and the counter-clockwise sweep of an arc; equal ends are a full turn [rad]."""
+    """Return the start angle and counter-clockwise sweep of an arc [rad]; equal ends mean a full turn."""
     sweep = math.fmod(end - start, 2.0 * math.pi)
     return start, sweep if sweep > _FULL_TURN else sweep + 2.0 * math.pi
 
@@ -191,14 +191,14 @@ def _polyline(entity: Entity, distance: float) -> Piece:
 
 
 def _vertex_width(vertex: Entity, polyline: Entity) -> float:
-    """Return the largest width of the leg after a vertex; the polyline's default where the vertex gives none."""
+    """Return the largest width of the leg after a vertex; the polyline's default width where the vertex gives none."""
     start = vertex.get("start_width", polyline.dxf.get("default_start_width", 0.0))
     end = vertex.get("end_width", polyline.dxf.get("default_end_width", 0.0))
     return float(max(start, end))
 
 
 def _polygonal(points: FloatArray, bulges: FloatArray, closed: bool, distance: float, half_width: float = 0.0) -> Piece:
-    """Return a polyline with bulges; an open one that ends where it began is closed too."""
+    """Return a polyline with bulges as a piece; a polyline that ends where it began counts as closed."""
     if len(points) < 2:
         raise ProblemError(f"it has {len(points)} vertices; expected at least two")
     # Many programs repeat the first vertex rather than set the flag.

@@ -1,7 +1,7 @@
 """Atomic writing of output folders.
 
-A new folder is assembled in a temporary folder next to its target, the workshop, and synced to disk before it is
-exchanged with the old one, in one step where the system supports that. So readers find either the old or the new
+A new folder is assembled in a temporary folder next to its target, called the workshop, and synced to disk. Then it is
+exchanged with the old folder, atomically where the system supports that, so readers find either the old or the new
 folder, complete. Writers lock the parent folder, one at a time. A workshop that a writer finds is therefore left over
 from a killed run: files of the user or of an earlier run in it are put back, the rest is removed.
 """
@@ -106,7 +106,7 @@ def _alone_in(folder: Path) -> Iterator[None]:
 
 
 def _assembled(workshop: Path, files: Mapping[str, bytes], target: Path, ours: Collection[str]) -> Path:
-    """Write the new folder in the workshop, with the user's entries of the old one, sync it, and return its path."""
+    """Write the new folder in the workshop with the user's entries of the old folder, sync it, and return its path."""
     new = workshop / "new"
     new.mkdir(parents=True)
     for name, content in files.items():
@@ -163,7 +163,7 @@ def _exchanged(one: Path, other: Path) -> bool:
 
 
 def _clear(workshop: Path, ours: Collection[str]) -> None:
-    """Remove a workshop, after restoring the user's entries in it and an old folder that was moved there."""
+    """Remove a workshop, after restoring from it the user's entries and any old folder that was moved there."""
     if not workshop.is_dir():
         return
     target = workshop.with_name(workshop.name.removeprefix(".").removesuffix(WORKSHOP))
@@ -271,14 +271,14 @@ def model_texts(
 
 
 def check_target(target: Path, record: str = RECORD) -> None:
-    """Refuse a folder that could not be written, without writing anything, so that no planning is wasted on it.
+    """Refuse an output folder that could not be written, before any time is spent on planning; nothing is written.
 
     Args:
         target: the folder.
         record: name of the record that identifies a folder of an earlier run of the same kind.
 
     Raises:
-        ProblemError: something else is in the place, or nothing can be written there.
+        ProblemError: something else is at this path, or nothing can be written there.
     """
     try:
         os.fsencode(target)

@@ -21,7 +21,8 @@ GEOMETRIES = frozenset(
 def read_geojson(content: bytes, distance: float) -> DrawingContent:
     """Return the shapes of a GeoJSON file.
 
-    A feature's ``properties.name`` names it, or else its ``id``, or else ``feature`` and its place from 1.
+    A shape is named after ``properties.name`` of its feature, else after the feature's ``id``, else ``feature`` with
+    the feature's number from 1.
 
     Args:
         content: content of the file.
@@ -93,7 +94,7 @@ def _geometry(data: object, name: str) -> shapely.Geometry:
 
 
 def _depth(text: str) -> int:
-    """Return the depth to which brackets are nested in a text."""
+    """Return the largest nesting depth of the brackets in a text."""
     steps = (1 if bracket in "([{" else -1 for bracket in re.findall(r"[][(){}]", text))
     return max(itertools.accumulate(steps), default=0)
 
@@ -164,7 +165,7 @@ def _wkt_geometry(text: str) -> shapely.Geometry:
 
 
 def geometry_shapes(geometry: shapely.Geometry, name: str, left_out: list[LeftOut]) -> list[Shape]:
-    """Return the shapes of a geometry, collections taken apart; a line string is a line even when it is closed.
+    """Return the shapes of a geometry, splitting collections; a line string is a line even when it is closed.
 
     Args:
         geometry: a geometry of any kind and nesting.

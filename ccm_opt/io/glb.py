@@ -1,8 +1,8 @@
 """Writing of motions and reading of meshes in binary glTF (GLB).
 
-Before trimesh reads a file, its document is inspected: the triangles of all nodes of the scene are counted, and trimesh
-must return as many. Cameras are removed, since trimesh drops nodes below one. Materials are not read, so that no other
-file is.
+Before trimesh reads a file, this module inspects the file's JSON document: it counts the triangles of all nodes of the
+scene, and trimesh must return equally many. Cameras are removed, because trimesh drops the children of camera nodes.
+Materials are not read, so that no other file is opened.
 """
 
 import io
@@ -44,13 +44,13 @@ _ROTATION_FROM_Z_UP = (-0.7071067811865476, 0.0, 0.0, 0.7071067811865476)
 
 @dataclass(frozen=True)
 class MovingNode:
-    """A mesh at one place, or at places over time.
+    """A node of the scene: a mesh, either fixed or moving over time.
 
     Attributes:
-        name: shown by programs.
-        mesh: number of its mesh.
-        places: of its origin, shape (T, 3) [m]; None for a node that stands at the origin.
-        turns: quaternions x, y, z, w, shape (T, 4).
+        name: name of the node, which viewers show.
+        mesh: number of the mesh, as returned by ``GlbWriter.add_mesh``.
+        places: positions of the mesh's origin over time, shape (T, 3) [m]; None for a node fixed at the origin.
+        turns: orientations over time as quaternions x, y, z, w, shape (T, 4); None for a fixed node.
     """
 
     name: str
@@ -61,7 +61,7 @@ class MovingNode:
 
 @dataclass
 class GlbWriter:
-    """Gathers meshes; ``written`` gives the file."""
+    """Builder of a GLB file: collects materials and meshes, which ``written`` turns into the file."""
 
     buffer: bytearray = field(default_factory=bytearray)
     views: list[dict[str, object]] = field(default_factory=list)
@@ -70,10 +70,15 @@ class GlbWriter:
     materials: list[dict[str, object]] = field(default_factory=list)
 
     def add_material(self, name: str, colour: tuple[float, float, float], opacity: float = 1.0) -> int:
-        """Add a dull colour, red, green and blue from 0 to 1, which is seen through below an opacity of 1.
+        """Add a matt material of one colour, transparent where its opacity is below 1.
+
+        Args:
+            name: name of the material.
+            colour: red, green and blue, each from 0 to 1.
+            opacity: opacity, from 0 to 1.
 
         Returns:
-            Its number.
+            The number of the material.
         """
         surface = {"baseColorFactor": [*colour, opacity], "metallicFactor": 0.0, "roughnessFactor": 0.8}
         blend = {"alphaMode": "BLEND"} if opacity < 1.0 else {}
@@ -81,7 +86,7 @@ class GlbWriter:
         return len(self.materials) - 1
 
     def add_mesh(self, vertices: FloatArray, faces: IntArray, material: int) -> int:
-        """Add a mesh without shared corners, so that its faces are lit flat; returns its number."""
+        """Add a mesh with separate vertices per triangle, so that viewers shade it flat, and return its number."""
         corners = vertices[faces].reshape(-1, 3)
         attributes = {"POSITION": self._accessor(corners.astype("<f4"), bounded=True)}
         indices = self._accessor(np.arange(len(corners), dtype="<u4"))
@@ -89,11 +94,11 @@ class GlbWriter:
         return len(self.meshes) - 1
 
     def written(self, nodes: Sequence[MovingNode], times: FloatArray) -> bytes:
-        """Return the file.
+        """Return the content of the GLB file.
 
         Args:
-            nodes: what is seen.
-            times: of the places of all moving nodes, shape (T,) [s].
+            nodes: nodes of the scene.
+            times: keyframe times of all moving nodes, shape (T,) [s].
         """
         samplers: list[dict[str, object]] = []
         channels: list[dict[str, object]] = []
@@ -124,7 +129,7 @@ class GlbWriter:
         return header + b"".join(struct.pack("<I4s", len(content), kind) + content for kind, content in chunks)
 
     def _accessor(self, values: npt.NDArray[np.generic], *, bounded: bool = False) -> int:
-        """Put numbers into the buffer; returns the number of their description."""
+        """Append an array to the buffer and return the index of the accessor that describes it."""
         content = values.tobytes()  # of four bytes each, so that what follows is aligned
         self.views.append({"buffer": 0, "byteOffset": len(self.buffer), "byteLength": len(content)})
         self.buffer += content
@@ -148,11 +153,11 @@ TIP = (0.75, 0.1, 0.1)
 
 
 def motion_glb(problem: Problem, trajectory: JointTrajectory) -> bytes:
-    """Return a plan as a film; the sides of the room are left out, or they would hide it.
+    """Return a planned motion as an animation in GLB, without the room's walls, which would hide the arm.
 
     Args:
-        problem: arm and obstacles.
-        trajectory: the motion; keyframes are taken from it at ``_FILM_RATE``, its ends included.
+        problem: the problem, which gives arm and obstacles.
+        trajectory: the motion, from which keyframes are taken at ``_FILM_RATE``, its two ends included.
     """
     arm = problem.arm
     writer = GlbWriter()
@@ -171,7 +176,7 @@ def motion_glb(problem: Problem, trajectory: JointTrajectory) -> bytes:
 
 
 def _obstacles(problem: Problem) -> Iterator[tuple[str, tuple[FloatArray, IntArray]]]:
-    """Yield the names and surfaces of the obstacles, without the sides of the room."""
+    """Yield the name and surface mesh of each obstacle; the room's walls are left out."""
     scene = solid_scene(problem.workspace, problem.arm)
     # What is outside the room comes behind its obstacles, and would hide them.
     for obstacle in scene.obstacles[: len(problem.workspace.obstacles)]:
@@ -180,7 +185,7 @@ def _obstacles(problem: Problem) -> Iterator[tuple[str, tuple[FloatArray, IntArr
 
 
 def _motions(arm: Arm, q: FloatArray) -> Iterator[tuple[FloatArray, FloatArray]]:
-    """Yield positions, shape (T, 3) [m], and quaternions, shape (T, 4), of every link over time."""
+    """Yield the motion of each link: positions, shape (T, 3) [m], and quaternions x, y, z, w, shape (T, 4)."""
     positions, turns = arm.embedded(arm.joint_positions_at(q)), arm.link_rotations(q)
     if arm.dimension == 2:
         flat, turns = turns, np.broadcast_to(np.eye(3), (*turns.shape[:2], 3, 3)).copy()
@@ -189,7 +194,7 @@ def _motions(arm: Arm, q: FloatArray) -> Iterator[tuple[FloatArray, FloatArray]]
 
 
 def film_times(time: FloatArray) -> tuple[FloatArray, IntArray]:
-    """Return the times of the keyframes of an animation [s], and the indices of their samples."""
+    """Return the keyframe times of an animation [s], and the indices of the samples at these times."""
     count = max(2, int(np.ceil((time[-1] - time[0]) * _FILM_RATE)) + 1)
     wanted = np.linspace(time[0], time[-1], min(count, len(time)))
     samples = np.unique(np.clip(np.searchsorted(time, wanted), 0, len(time) - 1))
@@ -203,7 +208,7 @@ def _joined(meshes: list[tuple[FloatArray, IntArray]]) -> tuple[FloatArray, IntA
 
 
 def quaternions(rotations: FloatArray) -> FloatArray:
-    """Return rotations over time, shape (T, 3, 3), as quaternions x, y, z, w without jumps of sign, shape (T, 4)."""
+    """Convert rotations over time, (T, 3, 3), to quaternions x, y, z, w, (T, 4), without jumps of sign."""
     from scipy.spatial.transform import Rotation  # noqa: PLC0415 - loaded only where a film is written
 
     found = Rotation.from_matrix(rotations).as_quat()
@@ -242,10 +247,10 @@ _LONGEST_REASON = 100
 
 
 def read_glb(content: bytes, settings: MeshSettings) -> RawMesh:
-    """Read the scene of a GLB file, every node where the file places it.
+    """Return the meshes of a GLB file's scene as one mesh, each node at its position in the scene.
 
     Raises:
-        ProblemError: the file cannot be read, or has something that is not.
+        ProblemError: the file cannot be read, or contains something that is not supported.
     """
     import trimesh  # noqa: PLC0415 - takes a second to load
 
@@ -275,7 +280,7 @@ def read_glb(content: bytes, settings: MeshSettings) -> RawMesh:
 
 
 def _opened(content: bytes) -> tuple[Any, bytes]:
-    """Return the document of a file without its cameras, and the chunks behind it."""
+    """Return the JSON document of a GLB file without its cameras, and the bytes of the following chunks."""
     start = _HEADER.size + _CHUNK.size
     if len(content) < start or content[:4] != b"glTF":
         raise ProblemError("not readable as GLB: the file signature is missing")
@@ -303,17 +308,17 @@ def _opened(content: bytes) -> tuple[Any, bytes]:
 
 
 def _tables(parent: Any, key: str) -> list[dict[str, Any]]:
-    """Return the tables of a list in a document, whatever else it holds."""
+    """Return the JSON objects in the list ``parent[key]``, skipping other entries; empty where there is no list."""
     found = parent.get(key) if isinstance(parent, dict) else None
     return [each for each in found if isinstance(each, dict)] if isinstance(found, list) else []
 
 
 class _Scene:
-    """The scene of a document, of which the triangles are counted.
+    """Counter of the triangles in the default scene of a GLB file.
 
     Args:
-        document: of the file; broken ones raise anything.
-        settings: bounds.
+        document: JSON document of the file; the methods may raise any exception for a broken document.
+        settings: bounds on mesh files.
     """
 
     def __init__(self, document: Any, settings: MeshSettings) -> None:
@@ -323,10 +328,10 @@ class _Scene:
         self._visits = 0
 
     def triangles(self) -> int:
-        """Count the triangles of all nodes.
+        """Return the number of triangles in all nodes of the scene.
 
         Raises:
-            ProblemError: something is not read.
+            ProblemError: the document contains something that is not supported, or exceeds a bound.
         """
         for what in self._refused():
             raise ProblemError(f"it has {what}, which is not supported; export it as plain triangles")
@@ -343,7 +348,7 @@ class _Scene:
         return count
 
     def _below(self, number: int, depth: int) -> int:
-        """Return the triangles of a node and of all below it."""
+        """Return the number of triangles in a node and all its descendants."""
         self._visits += 1
         if self._visits > self.settings.most_parts or depth > _DEEPEST_NODES:
             raise ProblemError("it has too many nodes, or they are nested too deeply or in a cycle")
@@ -358,7 +363,7 @@ class _Scene:
         return self._counts[number]
 
     def _of_primitive(self, primitive: dict[str, Any]) -> int:
-        """Return the triangles of a primitive."""
+        """Return the number of triangles in a primitive."""
         accessors = self.document["accessors"]
         mode = primitive.get("mode", _TRIANGLES)
         if mode not in {_TRIANGLES, _STRIP}:
@@ -379,7 +384,7 @@ class _Scene:
         return max(count - 2, 0) if mode == _STRIP else count // 3
 
     def _refused(self) -> Iterator[str]:
-        """Yield what is not read wherever it stands, in words."""
+        """Yield a phrase for each unsupported feature anywhere in the document, for messages."""
         required = self.document.get("extensionsRequired")
         text = json.dumps(self.document)
         for name in (*(required if isinstance(required, list) else []), *_SHAPING):

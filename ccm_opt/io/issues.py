@@ -1,7 +1,7 @@
 """Collection of the defects of a problem file under their key paths, and their messages with line numbers.
 
-Line numbers come from a small scanner: the text is known to be valid TOML (``tomllib`` reads the values), so it only
-has to follow brackets and keys (TOML 1.0, sections Keys, Table, Array of Tables, Inline Table).
+Line numbers come from a small scanner: the text is known to be valid TOML (``tomllib`` reads the values), so the
+scanner only has to follow brackets and keys (TOML 1.0, sections Keys, Table, Array of Tables, Inline Table).
 """
 
 import copy
@@ -297,20 +297,20 @@ def _key_locations() -> dict[str, tuple[str, ...]]:
 
 
 def unknown_key(key: str, guess: str | None, known: Sequence[str]) -> str:
-    """Return the message for an unknown key, with the guess or the keys valid in its table."""
+    """Return the message for an unknown key, with the key probably meant or the keys valid in this table."""
     if guess:
         return f"unknown key '{key}'; did you mean '{guess}'?"
     return f"unknown key '{key}'; valid keys here: {', '.join(known)}"
 
 
 def shown(value: object) -> str:
-    """Return the text of a value for a message, truncated when it is long."""
+    """Return the text of a value for a message, truncated when the text is long."""
     text = str(value).lower() if isinstance(value, bool) else repr(value)
     return text if len(text) <= _LONGEST_VALUE else f"{text[: _LONGEST_VALUE - 3]}..."
 
 
 def described(value: object) -> str:
-    """Return the type of a value in words and its text, for a message about a wrong type."""
+    """Return the type of a value in words, with the value as text, for a message about a wrong type."""
     if isinstance(value, (date, time)):
         return f"the date or time {value}"
     if isinstance(value, str):
@@ -323,7 +323,7 @@ def described(value: object) -> str:
 
 
 def _real_path(loc: tuple[int | str, ...], table: object) -> KeyPath:
-    """Return pydantic's location of an error as a key path, without its names of unions and validators."""
+    """Return pydantic's location of an error as a key path, without the names of unions and validators."""
     path: KeyPath = ()
     for k, part in enumerate(loc):
         # A missing key is not in the data, but it is the last part, and its table exists.
@@ -376,7 +376,7 @@ _EXPECTED = MappingProxyType(
 
 
 def _sentence(detail: ErrorDetails) -> str:
-    """Return a sentence about one error of pydantic: what was expected and what was given."""
+    """Return a sentence about one validation error of pydantic, with the expected and the given value."""
     kind = detail["type"]
     context = detail.get("ctx", {})
     value = detail["input"]
@@ -398,7 +398,7 @@ def _sentence(detail: ErrorDetails) -> str:
 
 @contextmanager
 def collected_warnings(name: str) -> Iterator[list[str]]:
-    """Collect the log warnings of a library during the block, instead of letting them go to standard error.
+    """Collect the log warnings of a library during the block, so that they do not go to standard error.
 
     Args:
         name: name of the library's logger.

@@ -192,7 +192,7 @@ def _refuse_unusable(mesh: RawMesh, settings: MeshSettings) -> None:
 
 
 def _used(vertices: FloatArray, faces: IntArray) -> BoolArray:
-    """Return which vertices belong to a triangle, shape (v,); the others do not matter, even if they are NaN."""
+    """Return whether each vertex belongs to a triangle, shape (v,); other vertices may be anything, even NaN."""
     used = np.zeros(len(vertices), dtype=np.bool_)
     used[faces] = True
     return used
@@ -207,7 +207,7 @@ _MIXERS = np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9],
 
 
 def repaired_mesh(raw: RawMesh, settings: MeshSettings = MESHES) -> RawMesh:
-    """Return a mesh with equal vertices merged, and without repeated triangles and those that are edges of others.
+    """Return a mesh with equal vertices merged, without repeated triangles and triangles degenerate to others' edges.
 
     Where two bodies touch, the triangles of both stay.
 
@@ -258,7 +258,7 @@ def _distinct_rows(points: FloatArray) -> tuple[FloatArray, IntArray]:
 
 
 def _without_area(vertices: FloatArray, faces: IntArray, settings: MeshSettings) -> BoolArray:
-    """Return which triangles are degenerate to points or lines, shape (m,)."""
+    """Return whether each triangle is degenerate, to a point or a line, shape (m,)."""
     corners = vertices[faces]
     sides = np.roll(corners, -1, axis=1) - corners
     lengths = np.sqrt(np.einsum("fij,fij->fi", sides, sides))
@@ -268,7 +268,7 @@ def _without_area(vertices: FloatArray, faces: IntArray, settings: MeshSettings)
 
 
 def _on_edges(vertices: FloatArray, flat: IntArray, others: IntArray) -> BoolArray:
-    """Return which triangles without area cover nothing but a vertex or an edge of others, shape (f,).
+    """Return whether each triangle without area covers only a vertex or an edge of other triangles, shape (f,).
 
     Args:
         vertices: vertices of the mesh, shape (v, 3).

@@ -1,6 +1,6 @@
 """Outlines of a drawing: the polygons that rings enclose, and the meaning of closed outlines.
 
-They are solids with holes, walls, or the room, as the key ``workspace.closed`` says.
+Depending on the key ``workspace.closed``, closed outlines are solids with holes, walls, or (the largest one) the room.
 """
 
 import re
@@ -42,7 +42,7 @@ def as_walls(shapes: Sequence[Shape], distance: float) -> list[Shape]:
 
 
 def with_holes(shapes: Sequence[Shape], distance: float) -> list[Shape]:
-    """Return shapes with unfilled outlines that lie within others of their layer turned into holes of those.
+    """Return shapes in which unfilled outlines inside other outlines of the same layer have become holes of these.
 
     An outline within a hole is solid again. Outlines that touch or cross each other are all solids.
 
@@ -93,7 +93,7 @@ def split_off_boundary(shapes: Sequence[Shape], growth: float, distance: float) 
 
 
 def _apart(shape: Shape, distance: float) -> list[Shape]:
-    """Return the rings of a shape as separate shapes, a circle as a polygon; a huge one as a coarser but wider one."""
+    """Return each ring of a shape as a shape, a circle as a polygon; a huge circle becomes a coarser, wider polygon."""
     if shape.is_circle:
         coarse = max(distance, _ROUND * shape.half_width)
         ring = flatten_arc(shape.rings[0][0], shape.half_width, 0.0, 2.0 * np.pi, coarse)[:-1]
@@ -102,7 +102,7 @@ def _apart(shape: Shape, distance: float) -> list[Shape]:
 
 
 def _nested(parts: Sequence[tuple[int, Shape]]) -> list[tuple[int, Shape]]:
-    """Return the solids among outlines, each with its holes and the index that its outline was given with."""
+    """Return the solids among outlines, each with its holes and the index given with its outline."""
     polygons = np.array([_simple(part.rings[0]) for _, part in parts])
     once = _without_duplicates(polygons)
     parts = [parts[k] for k in once]
@@ -123,7 +123,7 @@ def _nested(parts: Sequence[tuple[int, Shape]]) -> list[tuple[int, Shape]]:
 
 
 def _simple(ring: FloatArray) -> shapely.Polygon:
-    """Return the polygon of a ring; an empty one, which lies within nothing, where the ring is invalid or flat."""
+    """Return the polygon of a ring; an empty polygon where the ring is invalid or has no area."""
     polygon = shapely.Polygon(ring) if len(ring) > 2 else shapely.Polygon()
     return polygon if polygon.is_valid and polygon.area > 0.0 else shapely.Polygon()
 
@@ -181,7 +181,7 @@ def filled(rings: Sequence[FloatArray], rule: FillRule) -> list[shapely.Polygon]
 
     Args:
         rings: each of shape (k, 2), k >= 3.
-        rule: how rings within rings count.
+        rule: fill rule for rings within rings, see ``Shape.rule``.
 
     Returns:
         Valid polygons with area, at least one; holes are kept.

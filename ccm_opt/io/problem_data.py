@@ -51,7 +51,7 @@ KEPT_MESHES = "meshes"
 
 
 def recorded_data(problem: Problem) -> Table:
-    """Return the tables of a problem to keep in a record: in the plane those of its own file while they still hold.
+    """Return the tables of a problem for a record, in the plane the tables of its own file if they still apply.
 
     Args:
         problem: the problem, from a file, from Python, or changed by ``dataclasses.replace``.
@@ -248,14 +248,14 @@ def _meshes(problem: Problem) -> Iterator[tuple[str, str, MeshBody]]:
 def stored_meshes(problem: Problem) -> dict[str, bytes]:
     """Return the mesh files of a problem, byte for byte, so that an output folder can be verified on its own.
 
-    Meshes made in Python are written as OBJ, in world coordinates and with every digit: what is verified again is what
-    was certified.
+    Meshes made in Python are written as OBJ, in world coordinates and with every digit, so that a later verification
+    uses exactly the certified mesh.
     """
     return {name: body.content or _mesh_obj(body) for _, name, body in _meshes(problem)}
 
 
 def _mesh_obj(body: MeshBody) -> bytes:
-    """Return a mesh as OBJ in which every coordinate is read back as it is."""
+    """Return a mesh as OBJ text, with coordinates that are read back exactly."""
     rows = [f"v {' '.join(map(repr, place))}" for place in body.vertices.tolist()]
     rows += [f"f {' '.join(map(str, face))}" for face in (body.faces + 1).tolist()]
     return "\n".join((*rows, "")).encode()

@@ -191,7 +191,8 @@ def make_problem(
             whole workspace; in space the lower and upper corners, shape (2, 3), or None for no bounds.
         obstacles: shapely geometries, see ``obstacles_of``, in space bodies, or tables of
             ``[[workspace.obstacles]]``; as a list, or as a mapping by name.
-        clearance: required clearance between the arm's surface and walls; None for that of ``room``, or none.
+        clearance: required clearance between the arm's surface and walls; None takes the clearance of ``room``, if that
+            has one, else 0.
         start: "straight", "folded", a pose, or a table ``[start]``.
         unit: unit of all lengths not given in objects, and of lengths in messages: "m", "mm" or "in".
         description: one line for human readers.
@@ -202,7 +203,7 @@ def make_problem(
         folder: folder from which the paths of meshes start; required where an obstacle refers to a mesh.
 
     Raises:
-        ProblemFileError: with every defect, under the key that it would have in a problem file.
+        ProblemFileError: the problem has defects; the message lists each under its key in a problem file.
         ProblemError: ``unit`` is no unit, ``arm`` is no arm, or a body shares the name of another obstacle.
     """
     expect_that(lambda: unit in METRES, unit, f"one of {', '.join(METRES)} for unit=")

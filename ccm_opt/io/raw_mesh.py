@@ -16,10 +16,11 @@ class MeshSettings:
         most_bytes: largest size of a file. Taste: two million triangles as text.
         most_triangles: largest number of triangles of a mesh, or of all meshes of a problem together. Taste: distances
             would take gigabytes of memory with more.
-        most_unpacked: largest unpacked size of the models in a 3MF file [bytes]. Taste: as many triangles as text.
+        most_unpacked: largest unpacked size of the models in a 3MF file [bytes]. Taste: about
+            ``most_triangles`` triangles as text.
         deepest: deepest nesting of components in a 3MF file. Taste: programs nest two or three deep.
         most_parts: largest number of parts of a 3MF or GLB file, counted each time they are used. Taste.
-        least_height: height below which triangles have no area, as a share of the mesh's extent. Derived: some
+        least_height: height below which triangles have no area, as a fraction of the mesh's extent. Derived: a few
             roundings of a vertex in double precision.
         largest_coordinate: largest coordinate in the mesh's own unit. Derived: beyond it double precision no longer
             resolves a millionth.
@@ -139,13 +140,13 @@ def _cut(vertices: FloatArray, faces: IntArray) -> IntArray:
 
 
 def _normals(corners: FloatArray) -> FloatArray:
-    """Return normals of faces, of length twice the area, shape (f, 3), from their corners, shape (f, c, 3)."""
+    """Return the normals of faces, shape (f, 3), of length twice the area, given the corners, shape (f, c, 3)."""
     spokes = corners - corners[:, :1]
     return np.asarray(np.cross(spokes[:, 1:-1], spokes[:, 2:]).sum(axis=1))
 
 
 def _bends_inward(corners: FloatArray) -> BoolArray:
-    """Return which corners of faces are reflex, shape (f, c), from the corners, shape (f, c, 3)."""
+    """Return whether each corner of each face is reflex, shape (f, c), given the corners, shape (f, c, 3)."""
     edges = np.roll(corners, -1, axis=1) - corners
     turns = np.cross(np.roll(edges, 1, axis=1), edges)
     return np.asarray(np.einsum("fci,fi->fc", turns, _normals(corners)) < 0.0)

@@ -76,7 +76,7 @@ def _parts(key: str, setting: str) -> tuple[str, ...]:
 
 
 def _value(text: str) -> object:
-    """Return a text parsed as a TOML value, or the text itself where it is none."""
+    """Return a text parsed as a TOML value, or the text itself where it is not a TOML value."""
     try:
         return tomlkit.value(text)
     except (TOMLKitError, ValueError):
@@ -106,7 +106,7 @@ def _step(here: object, part: str, path: KeyPath, setting: str) -> str | int:
     """Return the next step of a path: a key of a table, or the number of a list's entry.
 
     Raises:
-        ProblemError: when there is no such entry, or the path leads through a value.
+        ProblemError: there is no such entry, or the path leads through a value.
     """
     if isinstance(here, Mapping):
         return part
@@ -155,7 +155,7 @@ BOUNDS = InputBounds()
 
 
 def text_defect(text: str) -> str:
-    """Return a sentence about a key with too many parts to be parsed in reasonable time; empty where there is none."""
+    """Return a sentence about a key with too many parts to parse in reasonable time; empty if there is no such key."""
     # Words with consecutive dots are skipped: such an ellipsis occurs in prose and comments, never in a key.
     longest = max((word.count(".") for word in _WORDS.split(text) if ".." not in word), default=0)
     if longest < BOUNDS.longest_key:
@@ -237,7 +237,7 @@ def parse_problem(
         text: text of a problem file.
         path_name: name of the text in messages.
         folder: folder from which the paths of ``workspace.file`` and meshes start; None refuses those keys.
-        allow_outside: as for ``load_problem``.
+        allow_outside: whether ``workspace.file`` and meshes may lie outside ``folder``.
 
     Returns:
         The problem, in SI units and radians; in space where the text says ``space = 3``.
@@ -252,7 +252,7 @@ def _read(changed: ChangedText, original: str, path_name: str, folder: Path | No
     """Read a problem from a changed text, reporting defects with the lines of the original text.
 
     Raises:
-        ProblemFileError: with every defect, its key path, and its line or the override that causes it.
+        ProblemFileError: the file has defects; the message lists each with its key path, and its line or override.
     """
     data = _parse_toml(changed.text, path_name)
     issues = Issues()
@@ -310,7 +310,7 @@ def _decoded(raw: bytes, path: str) -> str:
     """Return the text of a file's bytes, which must be UTF-8.
 
     Raises:
-        ProblemFileError: there are too many bytes, none but blanks, or they are not UTF-8.
+        ProblemFileError: there are too many bytes, only blanks, or bytes that are not UTF-8.
     """
     if len(raw) > BOUNDS.most_bytes:
         too_large = f"the file has more than {BOUNDS.most_bytes} bytes, the most that is read"

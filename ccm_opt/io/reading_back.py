@@ -60,7 +60,7 @@ def _refuse_constant(name: str) -> NoReturn:
 
 
 def _each_once(pairs: Sequence[tuple[str, object]]) -> dict[str, object]:
-    """Return a JSON object as a dictionary, refusing repeated keys, of which other programs may use another value.
+    """Return a JSON object as a dictionary, refusing repeated keys, whose values other programs may resolve otherwise.
 
     Raises:
         ValueError: a key is repeated.
@@ -145,7 +145,7 @@ def _survived(data: Mapping[str, Any]) -> SurvivedError:
     """Return a survived error from its record.
 
     Raises:
-        ValueError: the size is missing, or differs from the one in degrees.
+        ValueError: the size is missing, or differs from the size in degrees.
     """
     size, degrees = (_number(data.get(name)) for name in ("size", "size_deg"))
     if size is None or (degrees is not None and not math.isclose(degrees, math.degrees(size), rel_tol=1e-9)):
@@ -400,7 +400,7 @@ def load_motion(folder: Path, arm: Arm) -> SavedMotion:
     numbers = {name: np.asarray(arrays[name], dtype=np.float64) for name in shapes if name != "joint_names"}
 
     def of_base(name: str, rows_of: str = "time") -> FloatArray:
-        """Return an array of the base axes, shape (T, axes); with no columns for a fixed base."""
+        """Return an array of the base axes, shape (T, axes); it has no columns for a fixed base."""
         columns = [numbers[name]] if name in numbers else []
         return np.column_stack([np.zeros((len(numbers[rows_of]), 0)), *columns])
 
@@ -511,7 +511,7 @@ def _check_shapes(arrays: Mapping[str, npt.NDArray[np.generic]], path: Path, lin
     """Check that all arrays are present, numeric and finite, and agree in the numbers of samples, links and keyframes.
 
     Raises:
-        ProblemError: they do not.
+        ProblemError: an array is missing, unusable, or contradicts another.
     """
     sizes = {"links": links, "revolutes": 3 * links, "points": links + 1}
     for name, shape in shapes.items():

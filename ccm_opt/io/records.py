@@ -113,7 +113,7 @@ def goal_pose_data(record: GoalPoseRecord) -> Mapping[str, object]:
 
 
 def clearance_data(room: ClearanceRecord) -> Mapping[str, object]:
-    """Return the record of a motion's clearance without the arrays, which are in ``solution.npz``; [m], [s]."""
+    """Return the record of a motion's clearance [m, s], without the arrays, which are in ``solution.npz``."""
     possible = room.possible
     return {
         "wanted_gap": room.wanted,
@@ -198,7 +198,7 @@ def goal_data(errors: GoalErrors) -> dict[str, object]:
 
 
 def _check_data(check: Check) -> dict[str, object]:
-    """Return the record of a check, without the place of its least gap, which the record of clearance holds."""
+    """Return the record of a check, without the place of the least gap, which is in the record of clearance."""
     return {name: value for name, value in asdict(check).items() if name != "place"}
 
 
@@ -297,7 +297,7 @@ def arrays_npz(arrays: Mapping[str, npt.NDArray[np.generic]]) -> bytes:
 
 
 def bend_arrays(arrays: Mapping[str, npt.NDArray[np.generic]]) -> dict[str, npt.NDArray[np.generic]]:
-    """Return arrays without the revolutes that do not bend the arm: in the plane two of each three, in space one.
+    """Return arrays without the revolutes that do not bend the arm: in the plane two of every three, in space one.
 
     Args:
         arrays: arrays of a plan, by name.

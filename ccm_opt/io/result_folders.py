@@ -108,7 +108,7 @@ UNFINISHED = ".unfinished"
 
 
 def sibling_folder(target: Path, ending: str) -> Path:
-    """Return the folder itself or, where it holds an earlier result, a folder next to it with a suffix.
+    """Return ``target`` itself or, where this folder holds an earlier result, a folder next to it with a suffix.
 
     Args:
         target: the folder of the result.
@@ -153,7 +153,7 @@ def write_failure(
         pictures: content of pictures by file name.
 
     Returns:
-        The folder: ``out / <problem's name>``, with the suffix ``.failed`` where that holds an earlier plan.
+        The folder ``out / <problem's name>``, with the suffix ``.failed`` where that folder holds an earlier plan.
 
     Raises:
         ProblemError: the folder cannot be written, or a folder of something else is in its place.
@@ -180,7 +180,7 @@ def write_pose_failure(
         The folder, chosen as for ``write_failure``.
 
     Raises:
-        ProblemError: as for ``write_failure``.
+        ProblemError: the folder cannot be written, or a folder of something else is in its place.
     """
     record = pose_failure_json(problem, status, diagnosis, timings)
     files = {POSE_RECORD: record.encode(), **stored_meshes(problem)}

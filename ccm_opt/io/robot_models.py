@@ -95,12 +95,12 @@ def visual_radius(arm: Arm) -> float:
 
 
 def checked_share(arm: Arm, k: int) -> float:
-    """Return the share of link k that belongs to the mount, which may touch walls, from 0 to 1; k from 0."""
+    """Return the fraction of link ``k``, counted from 0, that lies in the mount, which may touch walls."""
     return float(np.clip(arm.mount_length / arm.link_length - k, 0.0, 1.0))
 
 
 def roll_pitch_yaw(turn: FloatArray) -> tuple[float, float, float]:
-    """Return the roll, pitch and yaw of a rotation, shape (3, 3): turns about the fixed x, then y, then z [rad]."""
+    """Return the roll, pitch and yaw [rad] of a rotation, shape (3, 3): turns about the fixed x, then y, then z."""
     level = float(np.hypot(turn[0, 0], turn[1, 0]))
     pitch = float(np.arctan2(-turn[2, 0], level))
     if level < _UPRIGHT:
@@ -179,7 +179,7 @@ def scene_meshes(scene: SolidScene, folder: str) -> dict[str, bytes]:
 
 
 def mesh_file(scene: SolidScene, obstacle: SolidObstacle, k: int) -> str:
-    """Return the name of the mesh file of an obstacle's solid, by its index ``k``; unused where it is no mesh."""
+    """Return the name of the mesh file of solid ``k`` of an obstacle; unused where the solid is no mesh."""
     return f"{obstacle.slug}-{k + 1}.stl" if scene.extruded else f"{obstacle.slug}.stl"
 
 
@@ -194,7 +194,7 @@ def triangles_stl(corners: FloatArray) -> bytes:
 
 
 def _add_urdf_shapes(link: ET.Element, purpose: str, shape: _Shape, mesh: str = "") -> None:
-    """Add a geometry to a link; URDF has no capsules, so one becomes a cylinder with a ball at either end.
+    """Add a geometry to a link; URDF has no capsules, so a capsule becomes a cylinder with a ball at either end.
 
     Args:
         link: element of the link.

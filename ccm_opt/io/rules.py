@@ -71,7 +71,7 @@ def _given(data: Mapping[str, object], path: KeyPath, kinds: Sequence[str]) -> l
 
 
 def _exactly_one(data: Mapping[str, object], path: KeyPath, table: type[Table], issues: Issues) -> None:
-    """Report a table that has none of its alternative keys, or several."""
+    """Report a table that has none or several of its alternative keys."""
     given_table = lookup(data, path)
     if not isinstance(given_table, Mapping):
         return
@@ -87,7 +87,7 @@ def _exactly_one(data: Mapping[str, object], path: KeyPath, table: type[Table], 
 
 
 def _refuse_equal_names(obstacles: list[object], issues: Issues) -> None:
-    """Report obstacles of equal names, given or by default, since messages identify obstacles by name."""
+    """Report obstacles with equal names, whether given or default, since messages identify obstacles by name."""
     first: dict[object, int] = {}
     for k, entry in enumerate(obstacles):
         given = entry.get("name") if isinstance(entry, Mapping) else None
@@ -244,7 +244,7 @@ def outside_message(
     Args:
         file: name of the file.
         box: least and greatest corner of the drawing or mesh, shape (2, d) [m].
-        origin: position of its own origin, shape (d,) [m].
+        origin: position of the drawing's or mesh's own origin, shape (d,) [m].
         room: least and greatest corner of the room, shape (2, d) [m].
         unit: unit of length of the problem file.
         scale: length of one unit of the drawing or mesh, in that unit.

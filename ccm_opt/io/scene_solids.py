@@ -156,14 +156,14 @@ def _solids(obstacle: Obstacle, thinnest: float, half_depth: float) -> Iterator[
 
 
 def _leg(tail: FloatArray, head: FloatArray, half: float) -> FloatArray:
-    """Return the corners of a straight piece of a wall of half thickness ``half``, without round ends, shape (4, 2)."""
+    """Return the corners, shape (4, 2), of a straight piece of wall of half thickness ``half``, without round ends."""
     along = (head - tail) / max(float(np.hypot(*(head - tail))), 1e-300)
     across = half * np.array([-along[1], along[0]])
     return np.array([tail - across, head - across, head + across, tail + across])
 
 
 def _extruded(corners: FloatArray, half_depth: float) -> Body:
-    """Return the extrusion of a convex polygon, counter-clockwise, shape (k, 2): a box if a rectangle, else a mesh."""
+    """Return the extrusion of a convex counter-clockwise polygon, shape (k, 2): of a rectangle a box, else a mesh."""
     sides = np.roll(corners, -1, axis=0) - corners
     lengths = np.hypot(*sides.T)
     uneven = float(np.abs(sides[0] + sides[2]).max()) + abs(float(sides[0] @ sides[1])) / lengths.max()

@@ -149,7 +149,7 @@ def _is_number(value: object) -> TypeGuard[float]:
 
 
 def _numbers_each(expected: str, *, zero: bool) -> BeforeValidator:
-    """Return a validator for one positive number or a list of such; pydantic's own union would report defects twice.
+    """Return a validator for a positive number or a list of them; pydantic's own union would report defects twice.
 
     Args:
         expected: what is expected, in words, for the message.
@@ -253,7 +253,7 @@ class Table(BaseModel):
 
         Args:
             part: the object.
-            own: values of keys that are no such attributes; None leaves a key out.
+            own: values of keys that are not attributes of the object; None leaves a key out.
         """
         nested = table_models(cls)
         said = {name: getattr(part, name.removesuffix("_deg"), None) for name in cls.model_fields} | own

@@ -24,17 +24,17 @@ class ImportBounds:
         most_bytes: largest size of a file. Taste.
         most_vertices: largest number of vertices of all obstacles. Taste: a planner would take hours with more.
         most_points: largest number of points of all shapes, counted while they are read, before repairs join some.
-            Derived: with more points, more than ``most_vertices`` would remain, except of outlines drawn repeatedly.
+            Derived: with more points, more than ``most_vertices`` would remain, unless outlines are drawn repeatedly.
         most_elements: largest number of elements, counted each time they are used or inserted. Derived: an element
             gives at least one vertex.
         most_nodes: largest number of elements of any kind, or of points in lists, in a file. Taste.
         deepest: deepest nesting of elements, which bounds recursion. Taste: people nest a dozen deep, and converters of
-            drawings some dozens.
+            drawings a few dozen deep.
         reported_defects: number of defects of a drawing listed in an error. Taste.
         largest_coordinate: largest coordinate, in the unit of the result. Derived: beyond it double precision no longer
             resolves a millionth.
-        most_nested: largest number of pairs of rings of one shape whose boxes meet. Measured: 0.5 s for as many, each
-            ring inside the next.
+        most_nested: largest number of pairs of rings of one shape whose boxes meet. Measured: this number takes
+            0.5 s when each ring lies inside the next.
     """
 
     most_bytes: int = 32 * 2**20

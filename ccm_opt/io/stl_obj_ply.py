@@ -48,7 +48,7 @@ def read_stl(content: bytes, _settings: MeshSettings) -> RawMesh:
     """Read all solids of an STL file.
 
     Raises:
-        ProblemError: it does not follow the format to its last byte.
+        ProblemError: the file does not follow the format to its last byte.
     """
     text = content.removeprefix(_BYTE_ORDER_MARK).lstrip()
     # The free text of binary files may begin with ``solid`` too, but their number of triangles has a byte of zero.
@@ -183,7 +183,7 @@ def _corners(words: list[bytes], vertices: int) -> list[int]:
 
     Args:
         words: words of the line.
-        vertices: number of vertices before it, from which negative numbers count backwards.
+        vertices: number of vertices before this line, from which negative numbers count backwards.
     """
     try:
         named = [int(word.partition(b"/")[0]) for word in words[1:]]
@@ -221,7 +221,7 @@ _CORNERS = ("vertex_indices", "vertex_index")
 
 @dataclass
 class _Element:
-    """An element announced in a PLY header: properties by name, each with its type and, for lists, that of lengths."""
+    """An element declared in a PLY header: properties by name, each with its type and, for lists, the length's type."""
 
     name: str
     count: int
@@ -230,7 +230,7 @@ class _Element:
 
 @dataclass(frozen=True)
 class _Rows:
-    """The data of an element: values of each property, those of lists concatenated, and the lengths of lists, (n,)."""
+    """The data of an element: values of each property, with lists concatenated, and the lengths of the lists, (n,)."""
 
     values: dict[str, npt.NDArray[Any]]
     lengths: dict[str, IntArray]
@@ -255,7 +255,7 @@ def read_ply(content: bytes, _settings: MeshSettings) -> RawMesh:
 
 
 def _opened(content: bytes) -> tuple[list[_Element], bytes]:
-    """Return the elements that the header announces, and the body as bytes, with numbers in text form converted."""
+    """Return the elements declared in the header, and the body as bytes, with numbers in text form converted."""
     end = _PLY_END.search(content)
     if not content.startswith(b"ply") or end is None:
         raise ValueError("it has no header from 'ply' to 'end_header'")
@@ -269,7 +269,7 @@ def _opened(content: bytes) -> tuple[list[_Element], bytes]:
 
 
 def _announced(lines: list[list[str]], order: str) -> list[_Element]:
-    """Return the elements announced in a header; all numbers of the text format are read in double precision."""
+    """Return the elements declared in a header; all numbers of the text format are read in double precision."""
     elements: list[_Element] = []
     for words in lines:
         match words:
@@ -330,7 +330,7 @@ def _too_short(element: _Element) -> ValueError:
 
 
 def _rows_alike(element: _Element, body: bytes, start: int) -> tuple[_Rows, int] | None:
-    """Return an element read at once, as ``_element``; None where its lists differ in length between rows."""
+    """Return an element as ``_element`` does, with all rows read at once; None where lists differ in length."""
     fields: list[tuple[str, np.dtype[Any], tuple[int, ...]]] = []
     counted: dict[str, int] = {}
     for number, (name, (kind, length)) in enumerate(element.properties.items()):
@@ -359,7 +359,7 @@ def _rows_alike(element: _Element, body: bytes, start: int) -> tuple[_Rows, int]
 
 
 def _rows_one_by_one(element: _Element, body: bytes, start: int) -> tuple[_Rows, int]:
-    """Return an element whose lists differ in length, read row by row, as ``_element``."""
+    """Return an element as ``_element`` does, with lists of different lengths, read row by row."""
     pieces: dict[str, list[bytes]] = {name: [] for name in element.properties}
     lengths: dict[str, list[int]] = {name: [] for name, (_, length) in element.properties.items() if length is not None}
     at = start

@@ -52,7 +52,7 @@ class Subpath:
     curved: bool = False
 
     def flattened(self, distance: float) -> tuple[FloatArray, bool]:
-        """Return its points, shape (k, 2), and whether it is closed; the first point is not repeated where ends meet.
+        """Return the subpath as points, shape (k, 2), the first not repeated at the end, and whether it is closed.
 
         Raises:
             ProblemError: a coordinate is not finite, or a curve needs too many chords.
@@ -66,7 +66,7 @@ class Subpath:
 
 
 def polyline(text: str, *, closed: bool) -> list[Subpath]:
-    """Return the subpath of a polyline or polygon; none where it has fewer than two points.
+    """Return the subpath of a polyline or polygon; none where the element has fewer than two points.
 
     Raises:
         ProblemError: the coordinates cannot be read.
@@ -84,7 +84,7 @@ def path_subpaths(text: str) -> list[Subpath]:
     """Return the subpaths of path data (SVG 1.1, section 8.3); those that draw nothing are left out.
 
     Raises:
-        ProblemError: the data cannot be read to their end.
+        ProblemError: the data cannot be read completely.
     """
     # svgelements silently skips invalid characters, and accepts data without an initial move.
     if not _PATH_TEXT.fullmatch(text):
@@ -186,7 +186,7 @@ def read_svg(content: bytes, distance: float) -> DrawingContent:
 
 
 def _outline(view: View, node: ET.Element) -> list[Subpath]:
-    """Return the subpaths of an element in its own coordinates; none where it has no extent."""
+    """Return the subpaths of an element in its own coordinates; none where the element has no extent."""
     text = node.attrib.get("d", "") if node.tag == "path" else node.attrib.get("points", "")
     if len(text) > _LONGEST_PATH:
         raise ProblemError(
@@ -228,7 +228,7 @@ def _round(view: View, node: ET.Element) -> list[Subpath]:
 
 
 def _half_axes(view: View, node: ET.Element) -> tuple[float, float]:
-    """Return both semi-axes; one that is missing, or auto, equals the other."""
+    """Return both semi-axes; a semi-axis that is missing or ``auto`` equals the other."""
     given = {key: node.attrib.get(key, "auto").strip() for key in ("rx", "ry")}
     known = [key for key in given if given[key] != "auto"]
     if not known:
@@ -272,7 +272,7 @@ def _shapes(place: Place, subpaths: list[Subpath], distance: float) -> list[Shap
 
 
 def _disc(place: Place, outline: Subpath, matrix: FloatArray) -> Shape | None:
-    """Return an element that is a circle after its transform as a disc; None for any other."""
+    """Return an element as a disc if it is a circle after its transform, else None."""
     if place.node.tag not in {"circle", "ellipse"}:
         return None
     arc = outline.segments[0]

@@ -1,7 +1,7 @@
 """The document of an SVG: its elements, their styles, lengths and transforms.
 
-Only style rules are applied whose selectors name the type, classes and id of one element; a shape that another rule
-would hide is imported, since an obstacle too many is better than one too few.
+The only style rules applied are those whose selector names the type, classes and id of a single element. A shape hidden
+by any other rule is imported, since a superfluous obstacle is better than a missing one.
 """
 
 import math
@@ -62,7 +62,11 @@ def parsed_document(content: bytes) -> ET.Element:
 
 
 class _Builder:
-    """Bounds what the parser finds and makes a tree of it; ``references`` may stand for entities."""
+    """Parser target that builds the element tree and enforces the bounds.
+
+    Args:
+        references: number of places in the text that may refer to an entity.
+    """
 
     def __init__(self, references: int) -> None:
         self.tree = ET.TreeBuilder()
@@ -71,7 +75,7 @@ class _Builder:
         self.references = references
 
     def start(self, name: str, attributes: dict[str, str]) -> None:
-        """Add an element to the one that is open."""
+        """Open an element as a child of the element that is currently open."""
         namespace, _, tag = name.rpartition(_SEPARATOR)
         self.namespace = self.namespace if self.count else namespace
         self.count += 1
@@ -83,7 +87,7 @@ class _Builder:
         self.tree.start(tag if namespace in {self.namespace, NAMESPACE} else FOREIGN, attributes)
 
     def end(self, name: str) -> None:
-        """Close the element that is open."""
+        """Close the element that is currently open."""
         self.depth -= 1
         self.tree.end(name)
 
@@ -102,7 +106,13 @@ _PART = re.compile(r"[.#][\w-]+")
 
 @dataclass(frozen=True)
 class _Rule:
-    """A style rule with one selector: ``tag`` may be empty, and an element must have all ``parts``, classes and ids."""
+    """A style rule with one selector.
+
+    Attributes:
+        tag: element type to which the rule applies; empty for any.
+        parts: classes (with a leading ``.``) and ids (with a leading ``#``), all of which the element must have.
+        style: values of the properties that the rule sets, by name.
+    """
 
     tag: str
     parts: frozenset[str]
@@ -110,28 +120,28 @@ class _Rule:
 
     @property
     def weight(self) -> tuple[int, int, int]:
-        """The specificity of CSS, ids before classes before elements."""
+        """Specificity of the selector as in CSS: the numbers of ids, classes and element types."""
         ids = sum(part.startswith("#") for part in self.parts)
         return ids, len(self.parts) - ids, bool(self.tag)
 
 
 @dataclass
 class StyleSheet:
-    """The rules of a drawing that matter.
+    """The style rules of a drawing that set any of ``PROPERTIES``.
 
     Attributes:
-        rules: in the order of their weight.
-        unread: selectors that could not be read and would hide shapes.
+        rules: the rules, sorted by increasing specificity.
+        unread: unsupported selectors of rules that set ``display`` or ``visibility``, which might hide shapes.
     """
 
     rules: list[_Rule] = field(default_factory=list)
     unread: list[str] = field(default_factory=list)
 
     def element_style(self, node: ET.Element) -> dict[str, str]:
-        """Return the properties of one element, those of its parents left out.
+        """Return the style properties of one element, without those inherited from its parents.
 
         Raises:
-            ProblemError: an attribute is longer than anything that a program writes.
+            ProblemError: an attribute is longer than the bound.
         """
         for key in ("style", "class", "transform"):
             if len(node.attrib.get(key, "")) > _LONGEST_ATTRIBUTE:
@@ -153,7 +163,7 @@ def style_sheet(root: ET.Element) -> StyleSheet:
     """Return the style sheet of a drawing.
 
     Raises:
-        ProblemError: it has more rules that matter than can be applied to every element.
+        ProblemError: the drawing has more relevant rules than can be applied to every element.
     """
     sheet = StyleSheet()
     for node in root.iter("style"):
@@ -165,7 +175,7 @@ def style_sheet(root: ET.Element) -> StyleSheet:
 
 
 def _rules(text: str, unread: list[str]) -> Iterator[_Rule]:
-    """Yield the rules of a sheet that matter; blocks that hold for some media only are skipped."""
+    """Yield the rules of a style sheet that set any of ``PROPERTIES``; blocks for certain media only are skipped."""
     # Split at ends of comments: what stands in a piece before the next beginning is no comment.
     plain = "".join(piece.partition("/*")[0] for piece in text.split("*/"))
     for block in plain.split("}"):
@@ -186,7 +196,7 @@ def _rules(text: str, unread: list[str]) -> Iterator[_Rule]:
 
 
 def _declarations(text: str) -> dict[str, str]:
-    """Return the properties that matter among ``name: value; …``."""
+    """Return the values of those ``PROPERTIES`` that a text of the form ``name: value; …`` sets."""
     found = {}
     for declaration in text.split(";"):
         name, _, value = declaration.partition(":")
@@ -218,22 +228,22 @@ PHYSICAL = re.compile(rf"({NUMBER.pattern})(mm|cm|in|pt|pc)", re.IGNORECASE)
 def affine(
     a: float = 1.0, b: float = 0.0, c: float = 0.0, d: float = 1.0, e: float = 0.0, f: float = 0.0
 ) -> FloatArray:
-    """Return the map (x, y) ↦ (a x + c y + e, b x + d y + f), its numbers in SVG's order, shape (3, 3)."""
+    """Return the matrix of (x, y) ↦ (a x + c y + e, b x + d y + f), shape (3, 3); arguments in SVG's order."""
     return np.array([[a, c, e], [b, d, f], [0.0, 0.0, 1.0]])
 
 
 class View(NamedTuple):
-    """Size of the picture in its own units, of which lengths in per cent are parts; None where it has no size."""
+    """Size of the picture in its own units, to which lengths in per cent refer; None where the picture has no size."""
 
     width: float | None
     height: float | None
 
 
 def numbers_in(text: str) -> list[float]:
-    """Return the numbers of a list with blanks or commas between them.
+    """Return the numbers of a text, separated by blanks or commas.
 
     Raises:
-        ProblemError: there is something else in it.
+        ProblemError: the text contains anything else, or a number that is not finite.
     """
     if not _BETWEEN.fullmatch(NUMBER.sub(" ", text)):
         raise ProblemError("it has a coordinate that is not a number")
@@ -247,12 +257,12 @@ def length_of(text: str, view: View, across: bool | None) -> float:
     """Return a length in user units.
 
     Args:
-        text: number and unit.
-        view: what per cent refers to.
-        across: whether it is one of width; None for neither width nor height, such as a radius.
+        text: a number with an optional unit.
+        view: size of the picture, to which lengths in per cent refer.
+        across: whether the length is horizontal; None for a length of neither direction, such as a radius.
 
     Raises:
-        ProblemError: it is no length, or depends on a size of fonts or of the picture that is not known.
+        ProblemError: the text is no length, or depends on an unknown size of a font or of the picture.
     """
     match = _LENGTH.fullmatch(text.strip())
     if match is None:
@@ -313,16 +323,19 @@ _FUNCTIONS: Mapping[tuple[str, int], Callable[..., FloatArray]] = {
 
 
 def fitted_view(box: str, width: float | None, height: float | None, aspect: str) -> FloatArray:
-    """Return the map from the coordinates of a nested picture to those around it (SVG 1.1, section 7.8).
+    """Return the transform from the coordinates of a nested picture to those around it (SVG 1.1, section 7.8).
 
     Args:
-        box: its attribute viewBox.
-        width: that it is given, or None.
-        height: likewise.
-        aspect: its attribute preserveAspectRatio.
+        box: attribute viewBox of the nested picture.
+        width: width given to the nested picture; None where none is given.
+        height: height given to the nested picture; None where none is given.
+        aspect: attribute preserveAspectRatio of the nested picture.
+
+    Returns:
+        The transform, shape (3, 3).
 
     Raises:
-        ProblemError: the box cannot be read, or its size is not known.
+        ProblemError: the viewBox cannot be read, or width or height is missing.
     """
     values = numbers_in(box)
     if len(values) != 4 or values[2] <= 0.0 or values[3] <= 0.0:

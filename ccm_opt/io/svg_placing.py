@@ -71,7 +71,8 @@ class Place:
 
     Attributes:
         node: the element.
-        matrix: transform from its coordinates to the picture's; its own transform is included once it is visited.
+        matrix: transform from the element's coordinates to the picture's; the element's own transform is included once
+            the element is visited.
         name: name of the shape, or of the nearest named group.
         layer: outermost named group around it.
         fill_rule: fill rule of nested rings.
@@ -103,7 +104,7 @@ class Picture:
 
     Attributes:
         places: shapes with their positions, in drawing order.
-        left_out: other elements that a user might miss, in the same order; unused definitions come last.
+        left_out: other elements that a user might miss, in drawing order; unused definitions come last.
         refusals: defects for which the drawing is refused.
         view: size of the picture.
     """
@@ -156,7 +157,7 @@ class Picture:
         self.left_out.append(LeftOut(_titled(node), reason))
 
     def _drawn(self, place: Place, *, outermost: bool) -> list[Place]:
-        """Record an element that is a shape; return the elements drawn by a group or a use."""
+        """Record an element that is a shape; for a group or a ``use``, return the elements that it draws."""
         node = place.node
         if node.tag in _SILENT and not place.single:  # a symbol is drawn where it is used
             return []
@@ -188,7 +189,7 @@ class Picture:
         return [replace(place, node=child, depth=place.depth + 1, size=(), single=False) for child in children]
 
     def _take(self, place: Place) -> None:
-        """Record a shape, or that it is hidden."""
+        """Record a shape, either as visible or as hidden."""
         if place.visible:
             self.places.append(place)
         else:
@@ -233,7 +234,7 @@ class Picture:
         return corner @ fitted_view(given["viewBox"], width, height, given.get("preserveAspectRatio", "xMidYMid"))
 
     def _used(self, place: Place) -> list[Place]:
-        """Return the element that a ``use`` draws, moved to the position of the use; empty where it is no shape.
+        """Return the element that a ``use`` draws, moved to the position of the use; empty where it draws no shape.
 
         Raises:
             ProblemError: its target is missing, in another file, or contains the use itself. The drawing is refused,
@@ -288,7 +289,7 @@ def _shapes_in(node: ET.Element) -> int:
 
 
 def _shape_name(place: Place) -> str:
-    """Return the name of a shape: that of its use, its own, that of the group around it, its id, or its kind."""
+    """Return the name of a shape: of the first that exists of its use, itself, its group, its id, and its kind."""
     node = place.node
     own = own_name(node)
     if place.used:

@@ -193,14 +193,14 @@ def _check_between(found: Mapping[str, Any], issues: Issues, drawing: ImportedDr
 
 
 def _has_shape(table: Table) -> bool:
-    """Return whether an obstacle has a shape other than a mesh, so that its table alone defines it."""
+    """Return whether an obstacle has a shape other than a mesh, so that the table alone defines the obstacle."""
     return any(getattr(table, kind) is not None for kind in table.rules.exactly_one if kind != "mesh")
 
 
 def _check_built_pose(
     table: ArmTable | SpaceArmTable, pose: _Pose, mapping: MappingName, path: KeyPath, issues: Issues
 ) -> None:
-    """Report the defects of a pose that show only when it is built.
+    """Report the defects of a pose that only its construction reveals.
 
     The arm must fold, or fit the curve; the feed must be within its range; joints in the guide tube must be straight.
     """

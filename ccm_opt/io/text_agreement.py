@@ -1,7 +1,7 @@
 """Checks that the text files of an output folder agree with its arrays.
 
-Each text is compared with the one that would be written, line by line, numbers by value. The times in a file of points
-show which samples of the plan it contains, and how much slower it is.
+Each text is compared line by line, numbers by value, with the text that would be written. The times in a file of points
+show which samples of the plan the file contains, and by which factor its motion is slower.
 """
 
 import re
@@ -267,7 +267,7 @@ def _difference(lines: Sequence[str], variants: Iterable[Sequence[str]], toleran
     Args:
         lines: the lines.
         variants: the lines allowed.
-        tolerance: relative difference allowed for numbers.
+        tolerance: allowed relative difference of numbers.
     """
     farthest, said = -1, ""
     for wanted in variants:
@@ -339,7 +339,7 @@ def record_data_check(
 
 
 def _of_places(value: object) -> object:
-    """Return a part of the record of clearance with only those entries of places that are compared."""
+    """Return a part of the record of clearance, reduced to those entries of places that are compared."""
     if isinstance(value, Mapping):
         if "nearest" in value:
             return {"nearest": _of_places(value["nearest"])}
@@ -354,7 +354,7 @@ def _off(found: object, wanted: object, path: str, allowed: float) -> Iterator[s
         found: value in the record.
         wanted: value expected.
         path: path of the value.
-        allowed: difference allowed for numbers.
+        allowed: allowed difference of numbers.
     """
     if isinstance(wanted, Mapping):
         if not isinstance(found, Mapping):

@@ -1,7 +1,7 @@
-"""3MF: the core of the format and its production extension; what else gives an object its shape is refused by name.
+"""Reading of 3MF files: the core format and the production extension; other extensions that define shapes are refused.
 
-The parts of the archive that the relationships link are met element by element by expat, which bounds how entities
-multiply and loads no external ones. Objects are placed afterwards, as the build section says.
+The linked parts of the archive are parsed one element at a time by expat, which limits the expansion of entities and
+loads no external ones. Afterwards the objects are placed as the build section specifies.
 """
 
 import io
@@ -49,10 +49,10 @@ _BROKEN = (zipfile.BadZipFile, zlib.error, expat.ExpatError, ET.ParseError, Runt
 
 
 def read_3mf(content: bytes, settings: MeshSettings) -> RawMesh:
-    """Read everything that a 3MF file builds, supports included, in the unit of the file.
+    """Read all objects that a 3MF file builds, supports included, as one mesh in the unit of the file.
 
     Raises:
-        ProblemError: it is no 3MF file, is damaged, exceeds a bound, or holds a shape that is not read.
+        ProblemError: the content is no 3MF file, is damaged, exceeds a bound, or contains an unsupported shape.
     """
     try:
         parts = _unpacked(content, settings)
@@ -75,7 +75,7 @@ def read_3mf(content: bytes, settings: MeshSettings) -> RawMesh:
 
 
 def _unpacked(content: bytes, settings: MeshSettings) -> dict[str, bytes]:
-    """Return the models and relationships in the archive by path; nothing is unpacked further than is allowed."""
+    """Return the models and relationships in the archive by path, unpacking no more bytes than the bound allows."""
     found: dict[str, bytes] = {}
     left = settings.most_unpacked
     with zipfile.ZipFile(io.BytesIO(content)) as archive:
@@ -95,7 +95,7 @@ def _unpacked(content: bytes, settings: MeshSettings) -> dict[str, bytes]:
 
 
 def _linked(parts: dict[str, bytes], source: str) -> Iterator[str]:
-    """Yield the paths of the models to which a part, or the archive itself, is linked."""
+    """Yield the paths of the models to which a part, or the archive itself, has a relationship."""
     folder, name = posixpath.split(source)
     links = ET.fromstring(parts.get(posixpath.join(folder, "_rels", f"{name}.rels"), b"<none/>"))  # noqa: S314 - expat
     for link in links.iter("{http://schemas.openxmlformats.org/package/2006/relationships}Relationship"):
@@ -105,7 +105,13 @@ def _linked(parts: dict[str, bytes], source: str) -> Iterator[str]:
 
 @dataclass(frozen=True)
 class _Use:
-    """A use of an object, by the build section or as a component: path of its part, its number, and its transform."""
+    """A use of an object, in the build section or as a component of another object.
+
+    Attributes:
+        path: path of the part of the archive that defines the object.
+        number: id of the object in that part.
+        transform: rotation and scale above the translation, shape (4, 3).
+    """
 
     path: str
     number: str
@@ -114,7 +120,14 @@ class _Use:
 
 @dataclass
 class _Object:
-    """An object: its triangles, or its components; ``shape`` is the name of the element that defines which."""
+    """An object, made of either triangles or components.
+
+    Attributes:
+        shape: name of the element that defines the object: "mesh" or "components"; empty for neither.
+        coordinates: coordinates x, y, z of all vertices, one vertex after the other.
+        corners: vertex indices of all triangles, three each.
+        components: uses of other objects.
+    """
 
     shape: str = ""
     coordinates: "array[float]" = field(default_factory=lambda: array("d"))
@@ -123,11 +136,11 @@ class _Object:
 
 
 class _Model:
-    """A model of the archive: its unit, its objects by number, and what it builds.
+    """A model of the archive: unit of length, objects by id, and items of the build section.
 
     Raises:
-        ProblemError: an object has a shape that is not read.
-        KeyError, ValueError, OverflowError, expat.ExpatError: it is no model, or damaged.
+        ProblemError: the unit is unknown, or an object or extension is not supported.
+        KeyError, ValueError, OverflowError, expat.ExpatError: the text is no model, or is damaged.
     """
 
     def __init__(self, path: str, text: bytes) -> None:
@@ -202,7 +215,7 @@ class _Model:
             shape.shape = kind
 
     def _use(self, given: dict[str, str]) -> _Use:
-        """Return a use of an object; its transform has shape (4, 3), rotation and scale above the translation."""
+        """Return the use of an object that an element with the given attributes describes."""
         path = next((given[key] for key in given if key.endswith(" path")), self._path)
         transform = np.array(given.get("transform", "1 0 0 0 1 0 0 0 1 0 0 0").split(), dtype=np.float64)
         if transform.shape != (12,) or not np.isfinite(transform).all():
@@ -212,7 +225,15 @@ class _Model:
 
 @dataclass
 class _Building:
-    """Assembles objects within the bounds; ``taken`` are the objects built so far."""
+    """Assembly of the objects of a file, within the bounds.
+
+    Attributes:
+        models: models of the archive by path.
+        settings: bounds on mesh files.
+        taken: path and id of every object used so far.
+        visits: number of uses so far.
+        triangles: number of triangles so far.
+    """
 
     models: dict[str, _Model]
     settings: MeshSettings
@@ -221,7 +242,7 @@ class _Building:
     triangles: int = 0
 
     def placed(self, use: _Use, outer: FloatArray, depth: int) -> Iterator[RawMesh]:
-        """Yield the meshes of an object and its components, transformed to the coordinates of the build.
+        """Yield the meshes of an object and its components, in the coordinates of the build section.
 
         Raises:
             ProblemError: an object is missing, or the assembly has too many parts or triangles, or is nested too deep.

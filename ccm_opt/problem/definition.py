@@ -34,7 +34,7 @@ _Array: TypeAlias = tuple[str, FloatArray, tuple[int, ...]]  # name, value, shap
 
 
 def defects(problem: "Problem") -> Iterator[str]:
-    """Yield a sentence for every defect in the values of a problem, however it was made.
+    """Yield a sentence for every defect in the values of a problem, whether from a file or made in Python.
 
     Problem files are checked more closely when they are read, see ``ccm_opt.io``.
     """
@@ -62,7 +62,7 @@ _MOST_CONTACT_WORDS = "a thousandth of the arm's length"
 
 
 def _broken(*rules: tuple[bool | np.bool_, str]) -> Iterator[str]:
-    """Yield the message of every rule that does not hold; a rule is (holds, message)."""
+    """Yield the message of every rule that is violated; a rule is a pair (holds, message)."""
     yield from (line for holds, line in rules if not holds)
 
 
@@ -155,7 +155,7 @@ def _pose_defects(problem: "Problem", d: int) -> Iterator[str]:
 
 
 def drive_defects(arm: Arm, limits: Limits, planner: PlannerOptions, simulation: SimulationOptions) -> Iterator[str]:
-    """Yield the defects of masses, limits and options, which have the same meaning in the plane and in space."""
+    """Yield the defects of masses, limits and options, whose meaning is the same in the plane and in space."""
     for name, value, shape in _positive_arrays(arm, limits):
         yield from array_defects(name, value, shape, positive=True)
     for key, name, names in (
@@ -189,7 +189,7 @@ def drive_defects(arm: Arm, limits: Limits, planner: PlannerOptions, simulation:
 
 
 def _point_defects(arm: Arm, limits: Limits) -> Iterator[str]:
-    """Yield the limits on points: on the arm, positive, and one for each."""
+    """Yield the defects of limits on points: points off the arm, values not positive, and points limited twice."""
     for k, point in enumerate(limits.points):
         name = f"limits.points[{k}]"
         others = [other.at for other in limits.points[:k]]
@@ -204,7 +204,7 @@ def _point_defects(arm: Arm, limits: Limits) -> Iterator[str]:
 
 
 def _positive(name: str, value: float | None) -> tuple[bool, str]:
-    """Return the rule that a limit, where given, is positive, as (holds, message)."""
+    """Return the rule (holds, message) that a limit must be positive where it is given."""
     return value is None or value > 0.0, f"{name} must be positive, got {value}; leave it out for no limit"
 
 
@@ -213,7 +213,7 @@ def feed_defects(arm: Arm, limits: Limits, placed: Sequence[tuple[str, float]]) 
 
     Args:
         arm: the arm; without a feed axis, every position but 0 is a defect.
-        limits: of the drives, the feed's among them.
+        limits: limits of the drives, including the feed axis.
         placed: name and feed position [m] of each pose.
     """
     if not arm.base_axes:
@@ -254,7 +254,7 @@ def _positive_arrays(arm: Arm, limits: Limits) -> Iterator[_Array]:
 
 
 def array_defects(name: str, value: FloatArray, shape: tuple[int, ...], *, positive: bool) -> Iterator[str]:
-    """Yield the first defect of an array that must have a given shape, be finite and, if asked, positive."""
+    """Yield the first defect of an array that must have a given shape and finite, optionally positive, values."""
     if not hasattr(value, "shape"):
         yield f"{name} must be an array of shape {shape}, got a {type(value).__name__}"
     elif value.shape != shape:
@@ -292,13 +292,13 @@ class Problem:
         stops: intermediate goals, in order.
         planner: planner options.
         simulation: simulation options.
-        joint_error: error of any joint at any time under which the motion must still be collision-free [rad]; 0 asks
-            for no such margin.
+        joint_error: error of any joint at any time despite which the motion must stay collision-free [rad]; 0 requires
+            no such margin.
         verification: how strictly plans are judged.
         source: text of the problem file, kept for the record; empty for problems built in Python or with a drawing.
         length_unit: unit in which messages state lengths, taken from the problem file: ``m``, ``mm`` or ``in``. All
             values are in metres regardless.
-        drawing: report on the drawing from which obstacles were imported; None where there was none.
+        drawing: report on the drawing from which obstacles were imported; None without a drawing.
 
     Raises:
         ProblemError: a field has the wrong type or shape, or is out of bounds; the message lists every such field.
@@ -349,10 +349,10 @@ class Problem:
 
     @property
     def default_gap(self) -> float:
-        """Wanted gap where the options set none, 1.5 % of the arm's length or half its radius, the smaller [m].
+        """Preferred clearance if options set none, 1.5 % of the arm's length or half the radius if that is less [m].
 
-        That is about the space one would leave around a hose of that size. An arm of zero radius gets 1.5 % of its
-        length.
+        This is about the distance that one would keep around a hose of the arm's size. An arm of zero radius gets 1.5 %
+        of its length.
         """
         share = WANTED_SHARE_OF_LENGTH * self.arm.length
         return share if self.arm.radius == 0.0 else min(share, WANTED_SHARE_OF_RADIUS * self.arm.radius)
@@ -375,7 +375,7 @@ class Problem:
         """Refuse a value that is not a problem.
 
         Raises:
-            ProblemError: the value is no ``Problem``; the message says what was given and how to load a problem.
+            ProblemError: the value is no ``Problem``; the message states its type and how to load a problem.
         """
         expect(value, Problem, "a ccm_opt.Problem", "ccm_opt.load_problem reads one from a file")
 

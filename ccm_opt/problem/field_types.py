@@ -85,7 +85,7 @@ give a factor of a thousand, and no drawing that fits its arm is ten times small
 
 
 def odd_times(ratio: float) -> str | None:
-    """Return, in words, how many times larger or smaller than the arm a drawing is; None where the size is plausible.
+    """Return a phrase for how many times larger or smaller than the arm a drawing is; None for a plausible size.
 
     Args:
         ratio: size of the drawing divided by the length of the arm.
@@ -101,8 +101,8 @@ class LeftOut:
     """An element of a drawing that was not imported as an obstacle.
 
     Attributes:
-        what: kind of the element and its name, where it has one, for example ``text 'title'``.
-        reason: why it was left out, for example ``text is not an obstacle``.
+        what: kind of the element, with its name where one exists, for example ``text 'title'``.
+        reason: why the element was left out, for example ``text is not an obstacle``.
     """
 
     what: str
@@ -116,15 +116,16 @@ class ImportedDrawing:
     Attributes:
         file: name of the drawing's file.
         obstacles: number of obstacles imported.
-        box: bounding box of these obstacles as placed in the workspace: least x and y, greatest x and y, shape (4,)
-            [m].
+        box: bounding box of these obstacles as placed in the workspace, shape (4,): least x and y, then greatest x
+            and y [m].
         layers: names of layers, or of the outermost named groups, with the number of obstacles on each; empty where
             the drawing has none.
         left_out: elements that were not imported, in the order of the drawing.
         unit: unit of length stated in the drawing, for information only: the scale in the problem file decides; empty
             where the drawing states none.
         metres: length of one unit of the drawing as it was read [m].
-        stated_metres: the same by the physical size that the drawing states [m]; None where it states none.
+        stated_metres: length of one unit according to the drawing's stated physical size [m]; None where the drawing
+            states none.
     """
 
     file: str

@@ -25,7 +25,7 @@ ControllerName = Literal["computed-torque", "pd"]
 class Weights:
     """Weights of the planner's costs: 1 is the usual weight, 0 drops a cost, 10 makes it count ten times as much.
 
-    All weigh the optimisation of motions; bending and clearance weigh the goal configuration too.
+    All of them apply to the optimisation of motions; bending and clearance apply to that of the goal pose too.
 
     Attributes:
         path_length: joint rotation along the motion.
@@ -53,16 +53,16 @@ class PlannerOptions:
             too.
         routes: number of corridors tried, shortest first.
         seed: seed of every random choice and of the order of candidates; 0 tries the most promising first.
-        tries: number of plans made, with this seed and the ones after it; the best is kept.
-        optimiser: how the motion found is optimised over all its keyframes; "none" leaves it as found, with detours.
+        tries: number of plans made, with ``seed`` and the seeds after it; the best plan is kept.
+        optimiser: how the motion found is optimised over all its keyframes; "none" keeps the motion with its detours.
         retiming: how the path is timed: as fast as its limits allow, or by Paul's transitions between keyframes.
         weights: weights of the costs when configurations and motions are optimised.
         wanted_gap: clearance beyond radius and required clearance that goal pose and motion aim for where the scene
             allows it [m]; 0 asks for none, None for ``Problem.default_gap``.
-        effort_share: share of every drive's limits on velocity, acceleration, jerk and effort that plans may use, above
-            0 and at most 1, so that feedback has a reserve; larger where gravity alone takes nearly that share.
-        follow_within: most that an arm on a feed axis may leave the path of its tip [m], kept by every plan; None for
-            no bound.
+        effort_share: fraction of every drive's limits on velocity, acceleration, jerk and effort that plans may use,
+            above 0 and at most 1, so that feedback has a reserve; raised where gravity alone takes nearly as much.
+        follow_within: maximum deviation of an arm on a feed axis from the path of its tip [m], kept by every plan; None
+            for no bound.
     """
 
     method: MethodName = "nlp"
@@ -101,7 +101,7 @@ value stands for any value but the default."""
 
 
 def options_without_effect(options: PlannerOptions, *, in_space: bool) -> Iterator[tuple[str, str]]:
-    """Yield the planner options that were set but have no effect on a kind of problem.
+    """Yield the planner options that were set but have no effect, in the plane or in space.
 
     Args:
         options: options of the problem; those at their defaults count as not set.
@@ -123,11 +123,12 @@ class Disturbances:
     """How the simulated arm differs from the model that its controller uses.
 
     Attributes:
-        mass_error: share by which the links are heavier than modelled, above -1.
+        mass_error: fraction by which the links are heavier than modelled, above -1.
         payload: unmodelled point mass at the tip [kg].
         friction: unmodelled viscous friction of every revolute [N m s/rad].
         angle_noise: standard deviation of measured angles [rad]; of the bends alone while the arm stays in its plane.
-        velocity_noise: standard deviation of measured joint speeds, likewise [rad/s].
+        velocity_noise: standard deviation of measured joint speeds [rad/s]; of the bends alone while the arm stays in
+            its plane.
         start_delay: time for which brakes still hold the arm after the motion begins [s].
         seed: seed of the noise.
     """
@@ -150,8 +151,8 @@ class SimulationOptions:
         step: integration step [s].
         controller: tracking law, computed torque or PD.
         bandwidth: natural frequency ωn for which both laws are tuned [1/s].
-        proportional_gain: gain of the PD law for every joint [N m/rad]; None chooses one for this arm and bandwidth.
-        derivative_gain: damping gain of the PD law for every joint [N m s/rad]; None likewise.
+        proportional_gain: gain of the PD law for every joint [N m/rad]; None chooses a gain for this arm and bandwidth.
+        derivative_gain: damping gain of the PD law for every joint [N m s/rad]; None chooses a gain as well.
         disturbances: differences between the simulated arm and the controller's model.
     """
 

@@ -18,7 +18,7 @@ from ccm_opt.robot.mapping import map_curve
 
 @dataclass(frozen=True)
 class JointPose:
-    """A whole-arm pose given by its joints; as a goal it makes no further demand on the tip.
+    """A pose of the whole arm, given by its joints; as a goal, it makes no further demand on the tip.
 
     Attributes:
         bends: joint angles, shape (links,) [rad]; in space each joint bends about its local z, then about the new y,
@@ -103,7 +103,7 @@ class JointPose:
         return arm.configuration(self.bends, self.feed)
 
     def whole(self, arm: Arm) -> FloatArray | None:
-        """Return the configuration demanded of the whole arm, shape (c,) [rad, m]."""
+        """Return the configuration required of the whole arm, shape (c,) [rad, m]."""
         return self.configuration(arm)
 
     def tip(self, arm: Arm) -> FloatArray:
@@ -147,7 +147,7 @@ class TipGoal:
         return None
 
     def tip(self, _arm: Arm) -> FloatArray:
-        """Return the position demanded of the tip, shape (d,) [m]."""
+        """Return the required position of the tip, shape (d,) [m]."""
         return self.position
 
     @classmethod
@@ -192,7 +192,7 @@ Goal: TypeAlias = TipGoal | JointPose
 
 @dataclass(frozen=True)
 class Tolerances:
-    """How close to its goal the motion must end: position of the tip [m] and heading of the last link [rad]."""
+    """Tolerances at the goal on the position of the tip [m] and on the heading of the last link [rad]."""
 
     position: float = 1e-3
     heading: float = float(np.deg2rad(1.0))

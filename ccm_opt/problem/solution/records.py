@@ -23,10 +23,10 @@ class SurvivedError:
             words.
         time: time of the limiting contact [s]; None when nothing limits the error.
         link: number of the limiting link, from 1; None when none does.
-        worst: signs of the errors of all bends that lead to contact soonest, shape (links,), in space (2 links,); 0
-            where the sign does not matter.
+        worst: signs of the errors of all bends, in the combination that leads to contact at the smallest error, shape
+            (links,), in space (2 links,); 0 where the sign does not matter.
         place: limiting point on the link's axis, shape (2,), in space (3,) [m]; empty when nothing limits the error.
-        limited: whether something limits the error; if not, larger errors were simply not checked.
+        limited: whether something limits the error; if not, larger errors were not checked.
     """
 
     name: str
@@ -67,11 +67,11 @@ class SimulationVerdict:
     """Whether the simulated arm followed its plan; the plan itself is verified independently of the simulation.
 
     Attributes:
-        outcome: "followed"; "saturated", a drive met its limit; "strayed", some joint was far off its plan, 0.1 rad
-            by default; "touched", the arm met a wall or itself; "diverged", the arm left the plan for good, and the run
+        outcome: "followed"; "saturated", a drive met its limit; "strayed", a joint was far off its plan, 0.1 rad by
+            default; "touched", the arm met a wall or itself; "diverged", the arm left the plan for good, and the run
             was stopped; "not simulated", no step was run.
-        step: integration step of the judged run [s].
-        reason: one sentence: which joint or link, when, and why; empty when followed.
+        step: integration step of the simulation on which the verdict rests [s].
+        reason: one sentence that names the joint or link, the time and the cause; empty when followed.
         joint: name of the revolute, or of the base axis, whose drive was at fault; empty for none.
         link: number of the link that touched, counted from 1; None when none did.
         obstacle: name of the wall that the link touched, or the other link's number in words; empty for none.
@@ -104,14 +104,15 @@ class GoalPoseRecord:
 
     Attributes:
         reached: whether the motion ends in this pose.
-        reason: why it does not, in words; empty when it does.
+        reason: why the motion does not end in this pose, in words; empty when it does.
         configuration: bends of every joint, and the feed where there is one, shape (c,) [rad, m].
         curve: the curve that the links follow.
         gap: least clearance of any link beyond radius and required clearance, capped at the preferred clearance [m].
         wanted_gap: clearance beyond radius and required clearance above which the objective rewards no more [m].
         costs: weighted terms of the objective by name; they sum to the objective.
-        multipliers: multipliers of the constraints that shape the pose, by name: how much the objective would fall for
-            one unit of the constraint (one arm's length, one radian, one unit of the user's); the largest first.
+        multipliers: multipliers of the constraints that shape the pose, by name, the largest first: the decrease of
+            the objective if the constraint were relaxed by one unit (one arm's length, one radian, one unit of the
+            user's).
         iterations: iterations of the solver.
         size: numbers of variables and constraint rows.
         status: the solver's return status.
@@ -151,7 +152,7 @@ class NearPlace:
     Attributes:
         gap: distance between the surfaces, for a wall less the required clearance [m]; the search distance where
             nothing is within it.
-        wanted: gap wanted of this pair [m]; links that are close along the arm cannot have the full preferred
+        wanted: preferred gap of this pair [m]; links that are close along the arm cannot have the full preferred
             clearance.
         time: time of this gap [s].
         link: number of the link, from 1; 0 where nothing is within the search distance.
@@ -182,7 +183,7 @@ class ShortStretch:
     Attributes:
         begin: time of its first sample [s].
         end: time of its last sample [s].
-        nearest: the place in it with the largest shortfall.
+        nearest: the place in the stretch with the largest shortfall.
         cause: why the gap falls short.
     """
 
@@ -194,11 +195,11 @@ class ShortStretch:
 
 @dataclass(frozen=True)
 class PossibleGap:
-    """An upper bound on the least gap of any motion; perhaps no motion attains it.
+    """An upper bound on the least gap of any motion, which perhaps no motion attains.
 
     Attributes:
         value: the bound [m].
-        by: what determines the bound.
+        by: what determines the bound, in words.
         walls: names of the two walls that determine the bound, which then holds for motions between them; empty where
             it holds for all motions.
     """
@@ -219,12 +220,12 @@ class ClearanceRecord:
         wall_gaps: least gap to a wall at the samples, shape (N,) [m].
         self_gaps: least gap between two links at the samples, shape (N,) [m].
         reach: search distance, at which the gaps in the arrays are capped [m].
-        nearest: the least gap of the whole motion, between samples too.
+        nearest: the least gap of the whole motion, including times between samples.
         ends: the least gap at the start, at every stop and at the goal, in order.
         short: stretches with less than the preferred clearance, in order.
         possible: upper bound on the attainable gap; None where it is not known.
-        price: time that the preferred clearance costs against the same plan without one [s]; None where that is not
-            known.
+        price: time by which the motion takes longer than the same plan without a preferred clearance [s]; None where
+            this is not known.
     """
 
     time: FloatArray
@@ -246,7 +247,7 @@ class ClearanceRecord:
 
     @property
     def at_start(self) -> NearPlace:
-        """The least gap of the start pose, which bounds that of any motion from it."""
+        """The least gap of the start pose, which bounds the least gap of any motion from this pose."""
         return self.ends[0]
 
     @property

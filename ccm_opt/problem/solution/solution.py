@@ -18,7 +18,7 @@ from ccm_opt.robot.configuration import Curve
 
 
 class Presenter(Protocol):
-    """Interface of whatever draws, animates and saves plans; it keeps plotting out of this package."""
+    """Interface of objects that draw, animate and save plans; it keeps plotting out of this package."""
 
     def plot(self, plan: Any) -> Any:
         """Return a figure of a plan."""
@@ -38,7 +38,7 @@ _PRESENTERS: list[Presenter] = []
 
 
 def present_with(presenting: Presenter) -> None:
-    """Register a presenter, which draws and saves plans from now on."""
+    """Register the presenter that draws, animates and saves plans from now on."""
     _PRESENTERS.append(presenting)
 
 
@@ -59,9 +59,10 @@ class GoalErrors:
 
     Attributes:
         position: distance of the tip from its goal [m]; None for a goal of joints.
-        direction: angle between the direction of the last link and the one asked for [rad]; None where any will do.
+        direction: angle between the direction of the last link and the required direction [rad]; None where any
+            direction will do.
         roll: rotation of the last link about its own axis, relative to the base frame turned to the same direction by
-            the shortest rotation [rad]; it follows from the bends.
+            the shortest rotation [rad]; the roll follows from the bends.
     """
 
     position: float | None
@@ -83,10 +84,10 @@ class Solution:
         metrics: figures of merit, named with their units.
         timings: CPU time by stage [s].
         versions: versions of Python and of the packages that made the plan.
-        room: clearance of the motion over time; None where not asked for.
-        tolerance: errors that the motion survives; empty where not asked for.
-        tries: outcome of every try, where several were asked for.
-        not_checked: what was not checked although a reader might assume so, a clause each; usually empty.
+        room: clearance of the motion over time; None where not requested.
+        tolerance: errors that the motion survives; empty where not requested.
+        tries: outcome of every try, where several were requested.
+        not_checked: checks that a reader might expect but that were not made, a clause each; usually empty.
     """
 
     problem: Problem
@@ -136,7 +137,7 @@ class Solution:
         return goal_errors(self.problem, self.trajectory.positions[-1])
 
     def with_clearance_record(self, room: ClearanceRecord) -> Self:
-        """Return a copy of this plan with ``room`` as the record of its clearance."""
+        """Return a copy of this plan with ``room`` as the record of the clearance."""
         return replace(self, room=room)
 
     def plot(self) -> Any:
@@ -171,7 +172,7 @@ def goal_errors(problem: Problem, last: FloatArray) -> GoalErrors:
 
 
 def angle_between(first: FloatArray, second: FloatArray) -> float:
-    """Return the angle between two vectors, shape (3,), accurate for small angles too [rad]."""
+    """Return the angle [rad] between two vectors, shape (3,), accurate for small angles too."""
     return float(np.arctan2(np.linalg.norm(np.cross(first, second)), first @ second))
 
 
@@ -181,8 +182,8 @@ def roll_against(base: FloatArray, turn: FloatArray) -> float:
     The base frame is turned by the shortest rotation that takes its x axis to that of the frame.
 
     Args:
-        base: the base frame, its axes as columns, shape (3, 3).
-        turn: the frame, likewise.
+        base: axes of the base frame as columns, shape (3, 3).
+        turn: axes of the frame as columns, shape (3, 3).
     """
     start = base[:, 0]
     end = turn[:, 0]
@@ -205,7 +206,7 @@ class BindingSide:
         link: number of the link, from 1 at the base.
         place: end of the link that touches the side, shape (d,) [m].
         towards: unit normal of the side, pointing outwards.
-        multiplier: how much the objective would fall if the side moved by one arm's length.
+        multiplier: decrease of the objective if the side moved outwards by one arm's length.
     """
 
     link: int
@@ -221,8 +222,8 @@ class PoseOutcome:
     Attributes:
         start: the initial guess, in words.
         cost: cost of the pose found; None when none was found.
-        gap: its least clearance beyond radius and required clearance, capped at the preferred clearance [m]; None when
-            none was found.
+        gap: least clearance of the pose beyond radius and required clearance, capped at the preferred clearance [m];
+            None when no pose was found.
         reason: why no pose was found; empty when one was.
     """
 
@@ -240,7 +241,7 @@ class StaticPose:
         problem: the problem whose goal was solved for.
         pose: record of the goal-pose NLP's solution.
         configuration: the pose itself, shape (c,) [rad, m].
-        curve: the curve that its links follow: a ``Configuration`` in the plane, a ``SpaceConfiguration`` in space.
+        curve: the curve that the links follow: a ``Configuration`` in the plane, a ``SpaceConfiguration`` in space.
         nearest: the nearest pair, of a link and an obstacle or of two links, with the gap between them, in words.
         residuals: violation of each of the user's constraints at the goal, soft ones too, by name.
         outcomes: outcome of every initial guess, the best first; the pose is that of the first.
@@ -342,7 +343,7 @@ def _runs(headings: FloatArray, taken: BoolArray) -> list[tuple[float, float]]:
 
     Args:
         headings: headings tried, increasing, shape (K,) [rad].
-        taken: whether a pose was found with each, shape (K,).
+        taken: whether a pose was found with each heading, shape (K,).
     """
     count = len(taken)
     turn = 2.0 * np.pi
@@ -368,7 +369,7 @@ class ParetoPlan:
         solution: verified plan, with the record of its clearance and its price; None when there is none.
         reason: why there is no plan; empty when there is one.
         cpu: CPU time of planning, timing and verification [s].
-        dominated_by: number, from 1, of a plan that is no worse in duration and gap and better in one of them; 0 when
+        dominated_by: number, from 1, of a plan that is no worse in duration and gap and better in at least one; 0 when
             there is none.
     """
 
@@ -392,7 +393,7 @@ class ParetoPlan:
 
     @property
     def energy(self) -> float:
-        """Energy exchanged by the drives, the time integral of effort times speed in size [J]; inf without a motion."""
+        """Energy exchanged by the drives, the time integral of |effort × velocity| [J]; inf without a motion."""
         if self.solution is None:
             return np.inf
         joints = self.solution.joints
@@ -415,7 +416,7 @@ class ParetoPlans:
         problem: the problem solved.
         plans: plans in the order of their preferred clearances, the first without one.
         recommended: number, from 1, of the recommended plan.
-        most_time: share by which the recommended plan may be slower than the fastest.
+        most_time: fraction of the shortest duration by which the recommended plan may be slower than the fastest.
     """
 
     problem: Problem

@@ -31,10 +31,10 @@ class JointPath:
         keyframes: coordinates at the planner's keyframes, shape (K, c) [rad, m].
         curves: the continuum curve to which each keyframe was fitted, length K.
         candidate: name of the tactic that found the motion.
-        spare: certified least gap beyond contact of the whole path [m]; timing may use it up.
+        spare: certified least gap of the whole path beyond contact [m], which timing may use up.
         goal_pose: record of the goal-pose NLP for the final pose; None where it was not run, or found nothing.
-        parts: the paths joined into this one, where there are several; the spline has a corner between two of them,
-            where the arm has to rest.
+        parts: the paths that were joined into this path, where there are several; the spline has a corner between
+            successive parts, at which the arm has to rest.
     """
 
     spline: "BSpline"
@@ -71,8 +71,8 @@ class JointTrajectory:
     Attributes:
         time: times of the samples, shape (T,) [s], from 0, steps of at most 5 ms.
         positions: all coordinates: bends, counter-clockwise, then the base axes, shape (T, c) [rad, m].
-        velocities: shape (T, c) [rad/s, m/s].
-        accelerations: shape (T, c) [rad/s², m/s²].
+        velocities: velocities of all coordinates, shape (T, c) [rad/s, m/s].
+        accelerations: accelerations of all coordinates, shape (T, c) [rad/s², m/s²].
         coordinates: meaning of the columns; by default each is the bend of a joint.
         stops: indices of the samples at which the arm rests at its intermediate goals, in order.
         timed_by: method that timed each stretch from rest to rest: ``"toppra"``, ``"sweeps"`` with the reason,
@@ -153,9 +153,9 @@ class JointStates:
     Attributes:
         names: names of the revolutes, in the order of ``joint_names``.
         angles: angles of the revolutes, shape (T, 3 * links) [rad].
-        velocities: shape (T, 3 * links) [rad/s].
-        accelerations: shape (T, 3 * links) [rad/s²].
-        torques: shape (T, 3 * links) [N m].
+        velocities: velocities of the revolutes, shape (T, 3 * links) [rad/s].
+        accelerations: accelerations of the revolutes, shape (T, 3 * links) [rad/s²].
+        torques: torques of the revolutes, shape (T, 3 * links) [N m].
         base_forces: forces of the base axes along their directions, shape (T, axes) [N]; when left out, the base is
             fixed.
     """
@@ -183,9 +183,9 @@ class SimulatedMotion:
         angles: angles of the revolutes, shape (T, 3 * links) [rad]; after an early stop the last pose is repeated.
         torques: applied torques, shape (T, 3 * links) [N m]; 0 after an early stop.
         tracking_error: largest joint error at any integration step [rad].
-        saturated: whether any effort met its limit.
+        saturated: whether any drive reached its limit on effort.
         base_positions: positions of the base axes, shape (T, axes) [m]; when left out, the base is fixed.
-        saturated_time: total time for which some effort was at its limit [s].
+        saturated_time: total time during which at least one drive was at its limit on effort [s].
         verdict: whether the arm followed its plan.
     """
 
@@ -207,14 +207,14 @@ class SimulatedMotion:
 
 @dataclass(frozen=True)
 class Check:
-    """One limit, checked over the whole motion by the verifier.
+    """Result of the verifier's check of one limit over the whole motion.
 
     Attributes:
-        name: for example ``wall clearance`` or ``joint torque``.
+        name: name of the check, for example ``wall clearance`` or ``joint torque``.
         worst: worst value over the motion, in ``unit``.
         limit: the limit on that value, in ``unit``.
-        unit: unit of both.
-        where: link or joint, obstacle, and time of the worst value, in words.
+        unit: unit of ``worst`` and ``limit``.
+        where: link or joint, obstacle and time at which the worst value occurs, in words.
         passed: whether the limit holds.
         place: place of the least gap, for checks of gaps; None for other checks, and where nothing is near.
     """
