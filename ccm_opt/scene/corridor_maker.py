@@ -5,7 +5,8 @@ nearest walls first, skipping walls that are already outside. This is the first 
 with the cell in place of the ellipse, so the result contains the cell.
 
 Candidates are the regions grown from the cells on the route and from the edges between them. Each covers a span of the
-taut string. As few as overlap well are kept, and each overlap gets a portal, a chord that the taut string crosses.
+taut string. The fewest that overlap well are kept, and each overlap gets a portal, a chord that the taut string
+crosses.
 """
 
 import itertools
@@ -112,7 +113,7 @@ class Cover:
         return {}
 
     def link(self, here: int, there: int) -> "Link":
-        """Return the overlap of two candidates, computed once."""
+        """Return the overlap of two candidates, which is cached."""
         if (here, there) not in self._links:
             pair = self.candidates[here], self.candidates[there]
             self._links[here, there] = link_between(*pair, self.taut, self.slack)
@@ -356,7 +357,7 @@ def nearest_points(cell: FloatArray, walls: FloatArray) -> tuple[FloatArray, Flo
 
 
 def _touching_half_plane(cell: FloatArray, wall: FloatArray, region: FloatArray) -> tuple[FloatArray, float]:
-    """Return the half-plane between a touching cell and wall that leaves most of the region.
+    """Return the half-plane between a touching cell and wall that keeps the largest part of the region.
 
     Two convex sets that do not overlap are separated by the line of an edge of one of them (separating axis theorem);
     perpendiculars to the wall at its ends are tried as well. A line along a cell that is a segment would keep only one
@@ -423,7 +424,7 @@ class CorridorMaker:
         return {}
 
     def grown(self, seed: FloatArray) -> ConvexRegion:
-        """Return the region grown from a convex free polygon or segment, vertices (m, 2) [m], computed once."""
+        """Return the region, cached, that is grown from a convex free polygon or segment with vertices (m, 2) [m]."""
         key = seed.tobytes()
         if key not in self._grown:
             self._grown[key] = grow(seed, self.triangulation.walls, self._room)

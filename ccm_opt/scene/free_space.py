@@ -417,7 +417,7 @@ class FreeSpace:
     def taut_path(self, polyline: FloatArray, shrink: float = 0.0) -> FloatArray:
         """Return the shortest path homotopic to a polyline, with the same ends.
 
-        It runs straight through narrow gates if ``gate_runs`` is set.
+        The path runs straight through narrow gates if ``gate_runs`` is set.
 
         Args:
             polyline: shape (m, 2) [m]; may leave free space slightly and double back.

@@ -1,7 +1,7 @@
 """Narrow gates of free space, chains of triangles between junctions, and widths between walls.
 
 A link is stiff. Through a gate with almost no play it passes only at a right angle to the gate, and so must the link
-that follows; a taut string, which bends right in the gate, would lead it in at a slant.
+that follows; a taut string, which bends right in the gate, would lead the link in at a slant.
 
 Lengths are measured between a few sample points on every edge: straight lines lead from the sample points of one edge
 to those of another edge of the same triangle, and are composed along a chain as min-plus matrix products. The result
@@ -30,7 +30,7 @@ Membership = Callable[[FloatArray], BoolArray]
 
 @dataclass(frozen=True)
 class GateRuns:
-    """Which gates are narrow, and how far paths run straight on either side of them.
+    """Definition of narrow gates, and the length for which paths run straight on either side of these gates.
 
     Attributes:
         narrow: width of free space below which a passage is a narrow gate [m].
@@ -97,7 +97,7 @@ def straight_through_gates(
     Args:
         path: taut path, shape (k, 2) [m].
         portals: portals that the path crosses, shape (n, 2, 2) [m].
-        runs: which gates are narrow, and the length of the runs.
+        runs: definition of narrow gates, and the length of the straight runs.
         taut: function that pulls the parts between the gates taut.
         free: function that returns which points are free, so that runs may pass through them.
     """

@@ -1,6 +1,6 @@
 """Shells of a mesh: connected pieces of its surface, their orientation, and whether they are closed.
 
-The triangles of a shell join over edges, which are matched by their vertices. If some edges stay without a partner,
+The triangles of a shell join over edges, which are matched by their vertices. If any edges stay without a partner,
 vertices that coincide up to rounding are welded, and edges that lie on each other are split at each other's vertices
 (T-junctions). Neither moves the surface.
 """

@@ -324,8 +324,8 @@ class TautString:
 
         Returns:
             Unit directions from right to left, each with its squareness: the cosine of the angle between the string and
-            the chord's normal, at a vertex the smaller one of its two legs, and at least a thousandth. The directions
-            are the normals of the legs at that place and of their mean, and the edges crossed there.
+            the chord's normal, at a vertex the smaller of the cosines of its two legs, and at least a thousandth. The
+            directions are the normals of the legs at that place and of their mean, and the edges crossed there.
         """
         legs = np.flatnonzero((self.knots[:-1] <= place) & (place <= self.knots[1:]) & (np.diff(self.knots) > 0.0))
         tangents = _units(self.path[legs + 1] - self.path[legs])

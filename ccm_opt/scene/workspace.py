@@ -271,8 +271,8 @@ def obstacles_of(shapes: Shapes, *, unit: LengthUnit = "m") -> tuple[Obstacle, .
         unchanged.
 
     Raises:
-        ProblemError: some shapes are not geometries, are empty, have no area or cross themselves; the message lists all
-            of them.
+        ProblemError: a shape is not a geometry, is empty, has no area or crosses itself; the message lists all such
+            shapes.
     """
     given = Arguments("these obstacles", unit)
     found: list[Obstacle] = []

@@ -58,8 +58,8 @@ def nearest_lines(start: FloatArray, end: FloatArray, triangles: FloatArray) -> 
 def _candidates(start: FloatArray, line: FloatArray, triangles: FloatArray) -> list[tuple[FloatArray, BoolArray]]:
     """Return the candidates for the nearest pair of points of each segment and triangle.
 
-    Each candidate is the difference of two points, shape (P, 3), with a mask of whether both lie on their bodies, shape
-    (P,).
+    Each candidate is the difference of two points, shape (P, 3), with a mask of shape (P,) that is set where both
+    points lie on their bodies.
     """
     everywhere = np.ones(len(start), dtype=bool)
     found: list[tuple[FloatArray, BoolArray]] = []
@@ -168,7 +168,7 @@ def _is_enclosed(triangles: FloatArray, point: FloatArray) -> bool:
 
 
 def _leave_a_cavity(about: "list[_Piece]", point: FloatArray) -> bool:
-    """Return whether the pieces around a point are nested with alternating orientations so that it is in a cavity."""
+    """Return whether nested pieces of alternating orientation around a point leave the point in a cavity."""
     about.sort(key=lambda each: -abs(each.volume))
     return len(about) % 2 == 0 and all(
         outer.alike and inner.alike and outer.turns(point) * inner.turns(point) < 0.0 and outer.contains(inner)

@@ -131,7 +131,7 @@ def check_sample_efforts(
 
 
 def _allowed_beside(held: FloatArray, limit: FloatArray, problem: Problem) -> FloatArray:
-    """Return the greatest effort allowed anywhere in the two steps around each inner sample, shape (T − 2, N).
+    """Return the greatest effort allowed at any time in the two steps around each inner sample, shape (T − 2, N).
 
     Args:
         held: efforts that hold the arm still at the samples, shape (T, N).

@@ -130,7 +130,7 @@ def open_none(pairs: Pairs, travel: FloatArray) -> tuple[Pairs, BoolArray]:
 
 
 def least_allowed_gap(limit: float, thickness: float, settings: VerificationSettings) -> float:
-    """Return the gap that a pair must keep: the limit less the contact tolerance, or more so that axes never touch.
+    """Return the gap that a pair must keep: the limit less the contact tolerance, raised where axes could touch.
 
     Args:
         limit: required gap [m].

@@ -247,8 +247,8 @@ class SurfaceTree:
         Args:
             segments: end points, shape (k, 2, 3) [m].
             reach: distances are capped here [m].
-            slack: amount by which distances may be reported too small, never too large [m]. Along finely meshed walls a
-                little slack saves most of the time.
+            slack: largest amount by which reported distances may be too small; they are never too large [m]. Along
+                finely meshed walls a little slack saves most of the time.
 
         Returns:
             Distances, at most the reach, negative inside a rounding, shape (k,) [m].

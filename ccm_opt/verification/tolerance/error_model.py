@@ -111,7 +111,7 @@ DEFAULT_TOLERANCE = ToleranceSettings()
 
 
 def largest_error(arm: Arm, model: ErrorModel, settings: ToleranceSettings = DEFAULT_TOLERANCE) -> float:
-    """Return the largest error of a model that is studied [unit]."""
+    """Return the largest error that is studied for a model [unit]."""
     turned = float(np.sum(model.turns))
     return settings.largest_turn / turned if turned > 0.0 else settings.largest_length * arm.length
 

@@ -97,7 +97,7 @@ def survived_error(
 
 
 class _SurfacesWithErrors(WallProof):
-    """Proves how large an error the gaps to surfaces tolerate, in units of the error times the greatest lever.
+    """Proves the largest errors that the gaps to surfaces tolerate, each multiplied by the greatest lever.
 
     Args:
         motion: motion of the arm.
@@ -158,7 +158,7 @@ class _SurfacesWithErrors(WallProof):
 
 
 class _LinksWithErrors(LinkProof):
-    """Proves how large an error the gaps between links tolerate, in units of the error times the greatest lever.
+    """Proves the largest errors that the gaps between links tolerate, each multiplied by the greatest lever.
 
     Args:
         motion: motion of the arm.
