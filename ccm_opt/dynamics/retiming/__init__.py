@@ -29,8 +29,8 @@ def timings(
 ) -> Iterator[JointTrajectory]:
     """Yield timed motions along a path in order of preference; the first that the verifier accepts should be used.
 
-    TOPP-RA stays on the path and yields one motion. Paul's transitions leave the path, each motion by less than the one
-    before.
+    TOPP-RA stays on the path and yields one motion. Paul's transitions leave the path, each motion by less than the
+    previous one.
 
     Args:
         path: the path and its keyframes.

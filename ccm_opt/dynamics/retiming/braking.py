@@ -55,13 +55,13 @@ def braked(
     *,
     share: float = 1.0,
 ) -> JointTrajectory:
-    """Return the motion up to a moment, followed by braking to rest along its own path in the shortest time.
+    """Return the motion up to a given time, followed by braking to rest along its own path in minimum time.
 
     Args:
         trajectory: a motion that keeps its limits.
-        time: when braking begins, at the next sample of the motion [s].
+        time: time at or after which braking begins, at the next sample of the motion [s].
         arm: the arm.
-        limits: on speeds, accelerations and efforts; none on jerk.
+        limits: limits on speeds, accelerations and efforts, without limits on jerk.
         inverse_dynamics: inverse dynamics of the arm.
         share: share of the drives' limits that may be used, as in the motion; see ``robot.coordinates``.
 
@@ -98,13 +98,13 @@ def braked(
 def _fall(
     path: TimedPath, limits: Sequence[MotionLimit], caution: float, begin: float, whole: float, step: float
 ) -> JointTrajectory:
-    """Return the motion from a moment of the planned one to rest; its time begins at 0.
+    """Return the braking motion from a given time of the planned motion to rest; its own time begins at 0.
 
     Args:
-        path: the planned motion over the share of its time.
+        path: the planned motion over the fraction of its duration, in [0, 1].
         limits: limits of motions along the path.
         caution: share of every limit that is used.
-        begin: moment of the planned motion at which braking begins [s].
+        begin: time of the planned motion at which braking begins [s].
         whole: duration of the planned motion [s].
         step: time between two samples [s].
     """
@@ -141,7 +141,7 @@ def _fall(
 def _least_change(
     path: TimedPath, limits: Sequence[MotionLimit], caution: float, s: float, speed: float, step: float
 ) -> float:
-    """Return the least s̈ within the limits over a step that begins at a place of the path, at most 0 [1/s²]."""
+    """Return the minimum s̈, at most 0, within the limits over a step from a point of the path [1/s²]."""
     # In a step the arm advances by at most ṡ h; the limits are evaluated at several places of that stretch.
     rows = path_rows(limits, path.spline, np.minimum(s + np.array(_CHECKED_PLACES) * speed * step, 1.0))
 

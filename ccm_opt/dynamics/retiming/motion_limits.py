@@ -55,13 +55,13 @@ class SpeedRows:
 
 
 class MotionLimit(ABC):
-    """A limit on motions along a path. What a limit does not say it leaves free."""
+    """A limit on motions along a path; a method that is not overridden imposes no limit."""
 
     kept_by_legs: bool = False
     """Whether the straight legs and turns of Paul's transitions are made so that they keep the limit."""
 
     def slowness(self, spline: BSpline, s: FloatArray) -> FloatArray:
-        """Return 1/ṡ for the greatest path speed that the limit allows, 0 where it allows any, shape (P,) [s]."""
+        """Return 1/ṡ at the maximum path speed within the limit, 0 where any speed is allowed, shape (P,) [s]."""
         del spline
         return np.zeros(len(s))
 
@@ -69,16 +69,16 @@ class MotionLimit(ABC):
         """Return the limit as rows at given points of the path.
 
         Raises:
-            RetimingError: not even a motion at rest keeps the limit at some of the points.
+            RetimingError: even at rest, the arm violates the limit at a point of the path.
         """
         del spline, s
         return None
 
     @abstractmethod
     def stretches(self, samples: MotionSamples) -> FloatArray:
-        """Factor on time that brings every sample, and the step after it, within the limit, shape (T,).
+        """Return the factors on time that bring each sample and the step after it within the limit, shape (T,).
 
-        1 or less where the limit is kept.
+        A factor is at most 1 where the limit is already satisfied.
         """
 
 
@@ -87,15 +87,15 @@ class CoordinateLimit(MotionLimit):
     """A bound on one derivative of every coordinate.
 
     Attributes:
-        order: of the derivative.
-        limit: of every coordinate, shape (n,) [rad or m per s to the order], inf where there is none.
+        order: order of the derivative.
+        limit: limit of every coordinate, shape (n,) [rad/s^order or m/s^order], inf where there is none.
     """
 
     order: ClassVar[int]
     limit: FloatArray
 
     def stretches(self, samples: MotionSamples) -> FloatArray:
-        """Return factors on time by derivatives, differences of the next lower one, and second differences, (T,)."""
+        """Return the factors on time, shape (T,), for the derivative and for its difference quotients from samples."""
         values = (samples.place, samples.velocity, samples.acceleration)
         found = of_samples(self._share(mean_rates(values[self.order - 1], samples.steps)))
         if self.order < len(values):
@@ -113,18 +113,18 @@ class CoordinateLimit(MotionLimit):
 
 
 class CoordinateVelocity(CoordinateLimit):
-    """Every coordinate's velocity."""
+    """Limits on the velocities of all coordinates."""
 
     order = 1
     kept_by_legs = True
 
     def slowness(self, spline: BSpline, s: FloatArray) -> FloatArray:
-        """Return the greatest |q'| / v of all coordinates."""
+        """Return the maximum of |q'| / v over all coordinates."""
         return self._share(spline(s, 1))
 
 
 class CoordinateAcceleration(CoordinateLimit):
-    """Every coordinate's acceleration."""
+    """Limits on the accelerations of all coordinates."""
 
     order = 2
     kept_by_legs = True
@@ -143,12 +143,12 @@ _BESIDE = 1e-10
 
 
 class CoordinateJerk(CoordinateLimit):
-    """Every coordinate's jerk."""
+    """Limits on the jerks of all coordinates."""
 
     order = 3
 
     def slowness(self, spline: BSpline, s: FloatArray) -> FloatArray:
-        """Return the 1/ṡ at which q''' ṡ³, due to the path's shape, takes its share of the limit."""
+        """Return 1/ṡ at the speed where q''' ṡ³, the jerk due to the path's shape, uses its share of the limit."""
         return np.asarray(np.cbrt(np.maximum(*map(self._share, third_derivative_sides(spline, s))) / _JERK_SHARE))
 
 
@@ -163,7 +163,7 @@ _AXIS = ("first (yaw)", "second (bend)", "third")
 
 
 def drive_name(number: int, coordinates: Coordinates) -> str:
-    """Ball, counted from 1, and axis of a revolute in words, or an axis of the base, counted after the revolutes."""
+    """Return a name for a drive: ball joint (counted from 1) and axis of a revolute, or an axis of the base."""
     if number < coordinates.revolutes:
         return f"joint {number // 3 + 1}, {_AXIS[number % 3]} axis"
     return f"the {coordinates.base_names[number - coordinates.revolutes]} axis"
@@ -173,11 +173,11 @@ def too_weak(number: int, share: float, place: float, limits: Limits, coordinate
     """Return the error for a drive that cannot hold the arm still.
 
     Args:
-        number: of the drive.
-        share: of its limit that it needs.
-        place: path parameter.
-        limits: of the problem.
-        coordinates: of the arm.
+        number: number of the drive.
+        share: share of its limit that the drive needs to hold the arm still.
+        place: path parameter at which the drive is too weak.
+        limits: limits of the problem.
+        coordinates: coordinates of the arm.
     """
     turning = number < coordinates.revolutes
     kind = "torque" if turning else "force"
@@ -202,10 +202,10 @@ def too_weak(number: int, share: float, place: float, limits: Limits, coordinate
 
 
 class DriveEffort(MotionLimit):
-    """Every drive's torque, and the force on the feed axis, as shares of their limits.
+    """Limits on the torques of all revolutes and on the force on the feed axis, as fractions of their limits.
 
     Args:
-        path: whose drives are limited.
+        path: path of the arm whose drives are limited.
 
     Raises:
         ProblemError: when the feed force is limited and the dynamics cannot report it.
@@ -225,14 +225,14 @@ class DriveEffort(MotionLimit):
 
     @property
     def limited(self) -> bool:
-        """Whether any drive is."""
+        """Whether any drive has a limit."""
         return self._torque_limited or len(self._force) > 0
 
     def rows(self, spline: BSpline, s: FloatArray) -> SpeedRows:
-        """Return a row a drive that does anything.
+        """Return one row for each limited drive that has to act.
 
         Raises:
-            RetimingError: naming the drive that cannot hold the arm still, and where.
+            RetimingError: a drive cannot hold the arm still; names the drive and the place on the path.
         """
         q, first, second = (np.asarray(spline(s, nu)) for nu in range(3))
         rest = np.zeros_like(q)
@@ -250,7 +250,7 @@ class DriveEffort(MotionLimit):
         return SpeedRows(rows[0], rows[1], rows[2], rows[3] if np.any(self._friction) else None)
 
     def stretches(self, samples: MotionSamples) -> FloatArray:
-        """Return the factors on time that the efforts at the samples require, shape (T,)."""
+        """Return the factors on time that bring the efforts at the samples within the limits, shape (T,)."""
         rest = np.zeros_like(samples.place)
         # All but friction and static load is linear in q̈ or quadratic in q̇, and falls with λ².
         static = self._shares(samples.place, rest, rest)
@@ -261,12 +261,12 @@ class DriveEffort(MotionLimit):
         return np.asarray(np.max(slowings(moving / usable, static / usable, 1.0, rubbing), axis=1))
 
     def _shares(self, place: FloatArray, velocity: FloatArray, acceleration: FloatArray) -> FloatArray:
-        """Return the shares of the limits, shape (N, 3 * links), and one more column for a limited feed force.
+        """Return efforts as fractions of their limits, shape (N, 3 * links), plus a column for a limited feed force.
 
         Args:
-            place: columns of the path, shape (N, n) [rad, m].
-            velocity: [rad/s, m/s].
-            acceleration: [rad/s², m/s²].
+            place: coordinates on the path, shape (N, n) [rad, m].
+            velocity: velocities of the coordinates, shape (N, n) [rad/s, m/s].
+            acceleration: accelerations of the coordinates, shape (N, n) [rad/s², m/s²].
         """
         path = self._path
         motion = [path.revolutes(values[:, path.coordinates.bends]) for values in (place, velocity, acceleration)]
@@ -278,12 +278,12 @@ class DriveEffort(MotionLimit):
         return np.column_stack((torques, *forces))
 
     def _damping(self, velocity: FloatArray) -> FloatArray:
-        """Return the shares that are proportional to velocity, likewise."""
+        """Return the viscous efforts, proportional to velocity, as fractions of the limits."""
         shares = self._path.revolutes(velocity[:, self._path.coordinates.bends]) * self._friction
         return np.concatenate((shares, np.zeros((len(shares), len(self._force)))), axis=1)
 
     def _viscous(self) -> FloatArray:
-        """Friction of every revolute over its torque limit: the odd part of the torques at unit velocities."""
+        """Return the ratio of viscous friction to torque limit of each revolute, from torques at velocities of ±1."""
         layout = self._path.coordinates
         place = np.zeros((2, layout.revolutes))
         ones = np.ones((1, layout.revolutes))
@@ -294,7 +294,7 @@ class DriveEffort(MotionLimit):
         return np.asarray(np.where(np.abs(odd) > 1e-9 * np.max(np.abs(torques)), odd, 0.0) / self._torque)
 
     def _check_static_load(self, s: FloatArray, static: FloatArray) -> None:
-        """Where every drive can hold the arm still, some slow motion keeps all limits."""
+        """Raise ``RetimingError`` where a drive cannot hold the arm still; elsewhere slow motions keep all limits."""
         load = np.abs(static)
         point, drive = np.unravel_index(np.argmax(load), load.shape)
         if load[point, drive] >= 1.0:
@@ -303,13 +303,13 @@ class DriveEffort(MotionLimit):
 
 
 class PointSpeed(MotionLimit):
-    """Velocity and acceleration of one point of the arm.
+    """Limits on the velocity and acceleration of one point of the arm.
 
     Args:
-        point: of the arm.
-        velocity: greatest speed [m/s], inf for none.
-        acceleration: greatest acceleration in any direction [m/s²], inf for none.
-        directions: of the rows, over half a turn.
+        point: the limited point of the arm.
+        velocity: maximum speed [m/s]; inf for no limit.
+        acceleration: maximum acceleration in any direction [m/s²]; inf for no limit.
+        directions: number of directions of the rows over half a turn.
     """
 
     def __init__(self, point: MovingPoint, velocity: float, acceleration: float, directions: int) -> None:
@@ -321,10 +321,10 @@ class PointSpeed(MotionLimit):
         self._normals = np.stack((np.cos(angles), np.sin(angles)))
 
     def rows(self, spline: BSpline, s: FloatArray) -> SpeedRows:
-        """Return a row for the speed, and one for each pair of opposite sides of the polygon around the disc.
+        """Return a row for the speed, and rows that replace the disc of accelerations by a circumscribed polygon.
 
-        A row in ṡ², unlike a bound on ṡ, is tightened only where it is passed between grid points: points of the arm
-        change their speed along the path much faster than joints.
+        A row in ṡ², unlike a bound on ṡ, is tightened only where the motion exceeds it between grid points: points of
+        the arm change their speed along the path much faster than joints.
         """
         q, first, second = (np.asarray(spline(s, nu)) for nu in range(3))
         # Along the path ṗ = p' ṡ and p̈ = p' s̈ + p'' ṡ²: velocity and acceleration at ṡ = 1, s̈ = 0.
@@ -342,7 +342,7 @@ class PointSpeed(MotionLimit):
         return SpeedRows(a, np.concatenate(squares, axis=1), np.zeros_like(a))
 
     def stretches(self, samples: MotionSamples) -> FloatArray:
-        """Return the factors on time by the samples, by differences, and by the motion that is linear between, (T,)."""
+        """Return the factors on time, shape (T,), for samples, their differences, and linear motion between them."""
         step = samples.steps
         places = self._point.position(samples.place)
         velocities = self._point.velocity(samples.place, samples.velocity)
@@ -356,7 +356,7 @@ class PointSpeed(MotionLimit):
         return np.asarray(np.maximum(speed / self._velocity, np.sqrt(growth / self._acceleration)))
 
     def _speed_between(self, samples: MotionSamples) -> FloatArray:
-        """Bound on the speed within the steps, in which coordinates are linear in time, shape (T − 1,) [m/s].
+        """Return a bound on the speed within steps whose coordinates are linear in time, shape (T − 1,) [m/s].
 
         Between the ends of a step the point's velocity leaves its own chord by at most h² / 8 · max|p⃛|.
         """
@@ -368,7 +368,7 @@ class PointSpeed(MotionLimit):
 
 
 def _in_their_plane(first: FloatArray, second: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return pairs of vectors, shape (N, 2) or (N, 3), as they lie in a plane that holds both, shape (N, 2) each."""
+    """Return pairs of vectors, each (N, 2) or (N, 3), in coordinates of the plane that they span, each (N, 2)."""
     if first.shape[1] == 2:
         return first, second
     length = np.linalg.norm(first, axis=1)
@@ -386,10 +386,10 @@ def _length(vectors: FloatArray) -> FloatArray:
 
 
 def limits_along(path: TimedPath, settings: ProfileSettings = DEFAULT_TIMING.profile) -> tuple[MotionLimit, ...]:
-    """Return every limit that motions along a path must keep.
+    """Return all limits that motions along a path must satisfy.
 
     Raises:
-        ProblemError: points are limited, and there is no arm to say where they are.
+        ProblemError: points are limited, but no arm is given on which to locate them.
     """
     bounds = path.bounds
     limits: list[MotionLimit] = [CoordinateVelocity(bounds.velocity), CoordinateAcceleration(bounds.acceleration)]

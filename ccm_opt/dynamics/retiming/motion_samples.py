@@ -23,11 +23,11 @@ class MotionSamples:
     """A motion of the path's columns at sample times.
 
     Attributes:
-        s: path parameter, shape (T,).
-        time: shape (T,) [s].
-        place: shape (T, n) [rad, m].
-        velocity: shape (T, n) [rad/s, m/s].
-        acceleration: shape (T, n) [rad/s², m/s²].
+        s: path parameters, shape (T,).
+        time: sample times, shape (T,) [s].
+        place: coordinates, shape (T, n) [rad, m].
+        velocity: velocities, shape (T, n) [rad/s, m/s].
+        acceleration: accelerations, shape (T, n) [rad/s², m/s²].
     """
 
     s: FloatArray
@@ -38,29 +38,30 @@ class MotionSamples:
 
     @property
     def steps(self) -> FloatArray:
-        """Time from sample to sample, shape (T − 1, 1) [s]."""
+        """Time steps between samples, shape (T − 1, 1) [s]."""
         return np.diff(self.time)[:, None]
 
     def slowed(self, factor: float) -> "MotionSamples":
-        """Return the same samples with all times longer by a factor."""
+        """Return the samples of the motion slowed down by a factor."""
         slower = self.velocity / factor
         return MotionSamples(self.s, self.time * factor, self.place, slower, self.acceleration / factor**2)
 
     def trajectory(self, coordinates: Coordinates, *timed_by: str) -> JointTrajectory:
-        """Return the trajectory of the arm whose coordinates the columns are, and which was timed by what is named."""
+        """Return the samples as a trajectory in given coordinates, with the names of the methods that timed it."""
         motion = (self.time, self.place, self.velocity, self.acceleration)
         return JointTrajectory(*motion, coordinates, timed_by=timed_by)
 
 
 def mean_rates(values: FloatArray, step: FloatArray) -> FloatArray:
-    """Return the difference quotients of values at the samples, less what rounding may have added, shape (T − 1, n)."""
+    """Return difference quotients of sampled values, less a bound on their rounding error, shape (T − 1, n)."""
     return _less_rounding(np.diff(values, axis=0) / step, values, step)
 
 
 def second_differences(values: FloatArray, step: FloatArray) -> FloatArray:
-    """Differences of mean rates with rest before and after, so that pauses and further legs may follow, shape (T, n).
+    """Return differences of mean rates, with rest before and after the motion, shape (T, n).
 
-    The rest is mirrored: a motion that begins with constant acceleration shows that acceleration at its first sample.
+    Rest before and after allows pauses and further legs. The rest is mirrored: a motion that begins with constant
+    acceleration shows that acceleration at its first sample.
     """
     mean = np.diff(values, axis=0) / step
     around = np.concatenate((-mean[:1], mean, -mean[-1:]))
@@ -76,19 +77,19 @@ def of_samples(of_steps: FloatArray) -> FloatArray:
 
 
 def _less_rounding(quotient: FloatArray, values: FloatArray, step: FloatArray) -> FloatArray:
-    """Return a difference quotient, drawn towards zero by what rounding of the values can have added to it."""
+    """Return a difference quotient, reduced towards zero by a bound on its rounding error."""
     noise = _ROUNDING * np.max(np.abs(values)) / step
     return np.asarray(np.sign(quotient) * np.maximum(np.abs(quotient) - noise, 0.0))
 
 
 def share_allowed(static: FloatArray, allowed: float) -> FloatArray:
-    """What a row may reach: ``allowed``, but never less than halfway from its static part to the true limit, 1."""
+    """Return the allowed value of rows: ``allowed``, or half-way from the static part to the limit 1 if larger."""
     share: FloatArray = np.maximum(allowed, 0.5 * (1.0 + np.abs(static)))
     return share
 
 
 def slowing(moving: FloatArray, static: FloatArray, allowed: float, damping: FloatArray | None = None) -> float:
-    """Return the least factor on time that brings all rows within what they may reach.
+    """Return the smallest factor on time that brings all rows within their allowed values.
 
     Arguments as for ``slowings``.
     """
@@ -96,16 +97,17 @@ def slowing(moving: FloatArray, static: FloatArray, allowed: float, damping: Flo
 
 
 def slowings(moving: FloatArray, static: FloatArray, allowed: float, damping: FloatArray | None = None) -> FloatArray:
-    """Return the least factor on time that brings each row within what it may reach; below 1 when there is room.
+    """Return the smallest factor on time that brings each row within its allowed value; may be below 1.
 
-    Time longer by λ makes of a row m / λ² + d / λ + c. Without d the least λ² is m / (L − c), with L what is allowed.
-    With it λ = (d + √(d² + 4 m (L − c))) / 2 (L − c) is safe, and every longer time too.
+    Slowing by a factor λ turns a row into m / λ² + d / λ + c. Without d, the smallest λ² is m / (L − c), where L is
+    the allowed value.
+    With d, λ = (d + √(d² + 4 m (L − c))) / 2 (L − c) is safe, and so is every larger factor.
 
     Args:
-        moving: part m of the rows.
-        static: part c, within ±1, of the same shape.
+        moving: part m of the rows, due to motion.
+        static: part c of the rows, at rest, within ±1, of the shape of ``moving``.
         allowed: share of the limit that may be used, see ``share_allowed``.
-        damping: part d, None for none.
+        damping: part d of the rows, due to viscous friction; None without friction.
     """
     share = share_allowed(static, allowed)
     if damping is not None:
@@ -117,7 +119,7 @@ def slowings(moving: FloatArray, static: FloatArray, allowed: float, damping: Fl
 
 
 def _damped_slowings(moving: FloatArray, damping: FloatArray, static: FloatArray, share: FloatArray) -> FloatArray:
-    """Return the same with friction; rows that keep their limit ask for a longer time only where the others do."""
+    """Return ``slowings`` with friction; satisfied rows demand a longer time only where other rows do."""
     if np.all(np.abs(moving + damping + static) <= share):
         return np.zeros_like(moving)
     factors = np.ones_like(moving)

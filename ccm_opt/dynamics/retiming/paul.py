@@ -65,9 +65,9 @@ class Legs:
     """A motion along a polygon, with transitions at its via points.
 
     Attributes:
-        vias: shape (K, n) [rad, m].
-        times: from via point to via point, shape (K − 1,) [s].
-        halves: half the time of each transition, shape (K,) [s]; two neighbours fit into the leg between them.
+        vias: coordinates of the via points, shape (K, n) [rad, m].
+        times: durations of the legs between via points, shape (K − 1,) [s].
+        halves: half of the duration of each transition, shape (K,) [s]; the halves at both ends of a leg fit into it.
     """
 
     vias: FloatArray
@@ -76,37 +76,37 @@ class Legs:
 
     @cached_property
     def speeds(self) -> FloatArray:
-        """Velocities before, on and after the legs, shape (K + 1, n); zero before the first and after the last."""
+        """Velocities before, on and after the legs, zero before the first and after the last leg, shape (K + 1, n)."""
         speeds = np.diff(self.vias, axis=0) / self.times[:, None]
         rest = np.zeros((1, self.vias.shape[1]))
         return np.concatenate((rest, speeds, rest))
 
     @cached_property
     def passed(self) -> FloatArray:
-        """When each via point is passed, or would be without its transition, shape (K,) [s]."""
+        """Times at which the motion passes the via points, or would without transitions, shape (K,) [s]."""
         # Time counts from the start of the first transition, τ₀ before the first via point.
         return np.asarray(self.halves[0] + np.concatenate(([0.0], np.cumsum(self.times))))
 
     @property
     def duration(self) -> float:
-        """Time from rest to rest [s]."""
+        """Duration from rest to rest [s]."""
         return float(self.passed[-1] + self.halves[-1])
 
     @cached_property
     def _breaks(self) -> FloatArray:
-        """Begin and end of every transition, in order, shape (2 K,) [s]."""
+        """Start and end times of all transitions in order, shape (2 K,) [s]."""
         pairs = np.stack((self.passed - self.halves, self.passed + self.halves), axis=1)
         # Transitions may touch, and rounding must not put their ends out of order for the search.
         return np.maximum.accumulate(pairs.ravel())
 
     def piece(self, time: FloatArray) -> tuple[IntArray, BoolArray]:
-        """Return the last via point whose transition has begun, and whether that transition is still going on."""
+        """Return the last via point whose transition has begun, and whether the transition is still in progress."""
         number = np.clip(np.searchsorted(self._breaks, time, side="right") - 1, 0, len(self._breaks) - 2)
         # The breaks alternate: even pieces are transitions, odd ones the straight legs after them.
         return number // 2, number % 2 == 0
 
     def at(self, time: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return the places, velocities and accelerations at given times, each of shape (N, n)."""
+        """Return coordinates, velocities and accelerations at given times, each of shape (N, n)."""
         via, turning = self.piece(time)
         since = (time - self.passed[via])[:, None]
         before = self.speeds[via]
@@ -129,7 +129,7 @@ class Legs:
         return q, qd, qdd
 
     def slowed(self, factor: float) -> "Legs":
-        """Return the same motion with all times longer by a factor."""
+        """Return the motion slowed down by a factor."""
         return replace(self, times=self.times * factor, halves=self.halves * factor)
 
 
@@ -145,22 +145,23 @@ def retime_paul(
     arm: Arm | None = None,
     share: float = 1.0,
 ) -> JointTrajectory:
-    """Return a motion along the keyframes of a path by Paul's transitions, from rest to rest, within the limits.
+    """Return a motion along a path's keyframes with Paul's transitions, from rest to rest, within the limits.
 
     Args:
-        path: its keyframes are the via points; the spline between them is not used.
-        limits: of every revolute; ball i's bend is revolute 3 i + 1; of the feed axis; and of points of the arm.
-        inverse_dynamics: (angles, velocities, accelerations), each (N, 3 * links), to torques of that shape [N m].
-        revolutes: bends (N, links) to revolute angles (N, 3 * links); linear, so it serves rates too.
+        path: path whose keyframes are the via points; the spline between them is not used.
+        limits: limits of every revolute (ball i bends by revolute 3 i + 1), of the feed axis, and of points of the arm.
+        inverse_dynamics: map from angles, velocities and accelerations, each of shape (N, 3 * links), to torques of
+            that shape [N m].
+        revolutes: linear map from bends, shape (N, links), to revolute angles, shape (N, 3 * links); also maps rates.
         window: largest half transition as a share of the shorter leg beside it, at most ½.
         step: largest time between two samples [s].
-        coordinates: what the columns of the path are; when None, a bend a link, and a feed axis if one is left over.
-        arm: whose points are limited; needed when the limits name some.
-        share: of the limits of the drives that may be used, see ``robot.coordinates``.
+        coordinates: the columns of the path; when None, one bend per link, and a feed axis if a column is left.
+        arm: arm whose points are limited; needed only when the limits name points.
+        share: share of the drives' limits that may be used, see ``robot.coordinates``.
 
     Returns:
         Samples at equal times, the first and last at rest at the path's ends. The motion leaves the polygon of
-        keyframes at its corners; it is for the caller to verify it.
+        keyframes at its corners; the caller has to verify the motion.
 
     Raises:
         RetimingError: a joint cannot even hold the arm at some point of the polygon, or no slower motion keeps the
@@ -195,13 +196,13 @@ def retime_paul(
 def fastest_legs(vias: FloatArray, axes: DriveLimits, window: float, least: float) -> Legs:
     """Return legs with nearly the shortest times that the limits on speed and acceleration allow.
 
-    Legs are lengthened until the limits hold, then shortened by turns wherever they still do.
+    Legs are slowed down until the limits hold, then alternately shortened wherever the limits still hold.
 
     Args:
-        vias: shape (K ≥ 2, n).
-        axes: limits.
+        vias: coordinates of the via points, shape (K ≥ 2, n).
+        axes: limits of the drives.
         window: largest half transition as a share of the shorter leg beside it.
-        least: least half transition [s].
+        least: minimum duration of a half transition [s].
     """
     lengths = np.abs(np.diff(vias, axis=0))
     legs = lengthened(vias, np.max(lengths / (_SHARE * axes.velocity), axis=1), axes, window, least)
@@ -212,7 +213,7 @@ def fastest_legs(vias: FloatArray, axes: DriveLimits, window: float, least: floa
 
 
 def lengthened(vias: FloatArray, times: FloatArray, axes: DriveLimits, window: float, least: float) -> Legs:
-    """Return legs with at least the given times, lengthened where they violate a speed or acceleration limit."""
+    """Return legs that last at least the given times, longer where a speed or acceleration limit requires it."""
     legs = with_transitions(vias, np.maximum(times, least / window), axes, window, least)
     for _ in range(_ROUNDS):
         need = needed(legs, axes)
@@ -223,7 +224,7 @@ def lengthened(vias: FloatArray, times: FloatArray, axes: DriveLimits, window: f
 
 
 def with_transitions(vias: FloatArray, times: FloatArray, axes: DriveLimits, window: float, least: float) -> Legs:
-    """Give legs their transitions: as short as acceleration lets them be, but within the window."""
+    """Return legs with the shortest transitions that the acceleration limits and the window allow."""
     # A half transition takes at most its share of the shorter leg beside it; beyond both ends there is no leg.
     most = window * np.minimum(np.append(times, np.inf), np.append(np.inf, times))
     legs = Legs(vias, times, most)
@@ -234,7 +235,7 @@ def with_transitions(vias: FloatArray, times: FloatArray, axes: DriveLimits, win
 
 
 def needed(legs: Legs, axes: DriveLimits) -> FloatArray:
-    """Factor on the time of each leg that its speed and the transitions at its ends need, shape (K − 1,)."""
+    """Return the factor on the time of each leg that its speed and transitions require, shape (K − 1,)."""
     # The first and the last speed are the rest before and after the motion, not those of legs.
     speed = np.max(np.abs(legs.speeds[1:-1]) / (_SHARE * axes.velocity), axis=1)
     change = np.abs(np.diff(legs.speeds, axis=0))
@@ -245,7 +246,7 @@ def needed(legs: Legs, axes: DriveLimits) -> FloatArray:
 
 
 def _shortened(legs: Legs, axes: DriveLimits, window: float, least: float, factor: float, colour: int) -> Legs:
-    """Shorten every second leg where it and its neighbours still keep the limits; they share no via point."""
+    """Return legs with every second one shortened where the limits still hold; these share no via point."""
     times = legs.times.copy()
     # Never so short that the least half transition would not fit into the window.
     times[colour::2] = np.maximum(factor * times[colour::2], least / window)
@@ -257,7 +258,7 @@ def _shortened(legs: Legs, axes: DriveLimits, window: float, least: float, facto
 
 
 def _leg_time_factors(legs: Legs, limits: Sequence[MotionLimit], step: float) -> FloatArray:
-    """Factor on the time of each leg that brings its samples within the limits, shape (K − 1,)."""
+    """Return the factor on the time of each leg that brings its samples within the limits, shape (K − 1,)."""
     stretch = np.zeros(len(legs.times))
     if not limits:
         return stretch
@@ -286,7 +287,7 @@ def _sampled(legs: Legs, step: float) -> MotionSamples:
 
 
 def _distinct(keyframes: FloatArray) -> FloatArray:
-    """Return the keyframes without those that repeat the one before; the last is kept."""
+    """Return the keyframes without those that repeat the previous keyframe; the last one is kept."""
     kept = [keyframes[0]]
     for row in keyframes[1:]:
         if np.max(np.abs(row - kept[-1])) > _NO_LEG:
@@ -298,13 +299,13 @@ def _distinct(keyframes: FloatArray) -> FloatArray:
 
 
 def _standing(keyframes: FloatArray, step: float) -> Legs:
-    """Return a motion that stands still for one step."""
+    """Return a motion that stays at its keyframe for one step."""
     ends = keyframes[[0, -1]]
     return Legs(np.array([ends[0], ends[0]]), np.array([0.5 * step]), np.array([0.25 * step, 0.25 * step]))
 
 
 def _polygon(vias: FloatArray) -> BSpline:
-    """Return the polygon as a spline of degree 1 over [0, 1]; one via point alone counts twice."""
+    """Return the polygon as a spline of degree 1 over [0, 1]; a single via point is repeated."""
     vias = vias if len(vias) > 1 else np.repeat(vias, 2, axis=0)
     knots = np.concatenate(([0.0], np.linspace(0.0, 1.0, len(vias)), [1.0]))
     return BSpline(knots, vias, 1)

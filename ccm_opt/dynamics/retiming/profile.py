@@ -24,8 +24,8 @@ class PathRows:
     """Limits at points of the path.
 
     Attributes:
-        s: path parameter, shape (P,).
-        slowness: 1/ṡ of the greatest path speed that all limits allow, shape (P,) [s].
+        s: path parameters, shape (P,).
+        slowness: 1/ṡ at the maximum path speed within all limits, shape (P,) [s].
         a: coefficient of s̈, shape (P, R) [s²].
         b: coefficient of ṡ², shape (P, R) [s²].
         c: constant part, shape (P, R).
@@ -46,14 +46,14 @@ class PathRows:
         return PathRows(self.s[pick], self.slowness[pick], self.a[pick], self.b[pick], self.c[pick], d)
 
     def with_friction(self, speed: FloatArray, share: float) -> "PathRows":
-        """Return the rows with friction linear in ṡ²: by the tangent of d √(ṡ²) at given speeds ṡ.
+        """Return the rows with friction d ṡ linearised in ṡ² at given speeds ṡ.
 
-        At v the tangent is d v / 2 + ṡ² d / 2 v. Its constant part is bounded, which means a slower v for that row, so
-        that some room is left for moving.
+        The tangent of d √(ṡ²) at ṡ = v is d v / 2 + ṡ² d / 2 v. Its constant part is bounded, by a slower v for that
+        row, so that the row still leaves a margin for motion.
 
         Args:
             speed: ṡ, shape (P,) [1/s].
-            share: of the room above the static part that the constant part may take.
+            share: share of the margin above the static part that the constant part may use.
         """
         if self.d is None:
             return self
@@ -70,10 +70,10 @@ class PathRows:
 
 
 def path_rows(limits: Sequence[MotionLimit], spline: BSpline, s: FloatArray) -> PathRows:
-    """Write all limits down at given points of the path.
+    """Return the rows of all limits at given points of the path.
 
     Raises:
-        RetimingError: not even an arm at rest keeps them somewhere, or the path is not finite.
+        RetimingError: even at rest, the arm violates a limit somewhere, or the path is not finite.
     """
     slowness = np.max([limit.slowness(spline, s) for limit in limits], axis=0)
     stacked = [rows for limit in limits if (rows := limit.rows(spline, s)) is not None]
@@ -109,12 +109,12 @@ def _check_finite(rows: PathRows) -> None:
 
 @dataclass(frozen=True)
 class SpeedProfile:
-    """Squared speeds at the grid points.
+    """A speed profile along the path, by the squared speeds at its grid points.
 
     Attributes:
         s: grid points, shape (N + 1,).
         squared: ṡ², shape (N + 1,) [1/s²]; 0 at both ends.
-        timed_by: what found them: ``"toppra"``, or ``"sweeps"`` and why not toppra.
+        timed_by: method that found the speeds: ``"toppra"``, or ``"sweeps"`` with the reason why toppra was not used.
     """
 
     s: FloatArray
@@ -123,20 +123,20 @@ class SpeedProfile:
 
     @cached_property
     def acceleration(self) -> FloatArray:
-        """s̈ of each interval, shape (N,) [1/s²]."""
+        """Path acceleration s̈ in each interval, shape (N,) [1/s²]."""
         # d(ṡ²)/ds = 2 s̈.
         return np.asarray(0.5 * np.diff(self.squared) / np.diff(self.s))
 
     @cached_property
     def times(self) -> FloatArray:
-        """When each grid point is passed, shape (N + 1,) [s]."""
+        """Times at which the motion passes the grid points, shape (N + 1,) [s]."""
         # At constant s̈ the mean speed of an interval is the mean of those at its ends.
         speed = np.sqrt(self.squared)
         return np.concatenate(([0.0], np.cumsum(2.0 * np.diff(self.s) / (speed[1:] + speed[:-1]))))
 
     @property
     def duration(self) -> float:
-        """Time from start to end [s]."""
+        """Duration from start to end [s]."""
         return float(self.times[-1])
 
     def at(self, time: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -149,28 +149,28 @@ class SpeedProfile:
         return np.clip(s, self.s[k], self.s[k + 1]), np.maximum(speed + since * growth, 0.0), growth
 
     def jumps(self, gain: FloatArray, least: float) -> FloatArray:
-        """Return when s̈ jumps so that what depends on it changes at once by more than ``least``, increasing [s].
+        """Return the times at which s̈ jumps and a dependent quantity thereby jumps by more than ``least`` [s].
 
         Args:
-            gain: change for a change of s̈ by 1, at every grid point, shape (N + 1,) [s²].
-            least: of the change.
+            gain: change of the dependent quantity per unit change of s̈ at every grid point, shape (N + 1,) [s²].
+            least: smallest jump of the dependent quantity that counts.
         """
         change = gain[1:-1] * np.abs(np.diff(self.acceleration))
         return np.asarray(self.times[1:-1][change > least])
 
     def slowed(self, factor: float) -> "SpeedProfile":
-        """Return the same profile with all times longer by a factor."""
+        """Return the profile slowed down by a factor."""
         return replace(self, squared=self.squared / factor**2)
 
 
 @dataclass(frozen=True)
 class DenseCheck:
-    """What the limits' rows are worth between the grid points of a profile.
+    """Result of evaluating the limits' rows between the grid points of a profile.
 
     Attributes:
-        excess: greatest |row| of each interval less what is allowed, shape (N,).
-        stretch: factor on time that brings every row and every velocity within what is allowed.
-        stretches: for each interval the factor that its rows need by themselves, friction aside, shape (N,).
+        excess: maximum |row| of each interval minus the allowed value, shape (N,).
+        stretch: factor on time that brings all rows and velocities within the allowed values.
+        stretches: factor on time that the rows of each interval alone require, without friction, shape (N,).
     """
 
     excess: FloatArray
@@ -179,7 +179,7 @@ class DenseCheck:
 
 
 def check_profile(profile: SpeedProfile, dense: PathRows, steps: int, allowed: float) -> DenseCheck:
-    """Evaluate every limit at every dense point of a profile, at grid points from both sides, and at peaks between.
+    """Check all limits at the dense points of a profile, at grid points from both sides, and at peaks between.
 
     With s̈ constant and ṡ² linear in an interval, and every knot a grid point, accelerations are parabolas there, and
     torques nearly so. The peak of the parabola through three neighbouring points counts as a point.
@@ -187,7 +187,7 @@ def check_profile(profile: SpeedProfile, dense: PathRows, steps: int, allowed: f
     Args:
         profile: speeds at the grid points.
         dense: rows at ``steps`` equal steps of every interval.
-        steps: of the dense points in an interval.
+        steps: number of steps between dense points in an interval.
         allowed: share of each limit that may be used.
     """
     # Every grid point stands in two rows, as an end and as a start, for s̈ jumps there.
@@ -208,10 +208,10 @@ def check_profile(profile: SpeedProfile, dense: PathRows, steps: int, allowed: f
 
 
 def _peaks(values: FloatArray) -> FloatArray:
-    """Return what peaks beside inner points are above them, by parabolas through three points; shape (N, steps − 1, R).
+    """Return the heights of parabolic peaks above the inner points next to them, shape (N, steps − 1, R).
 
     Args:
-        values: at the equally distant points of every interval, shape (N, steps + 1, R).
+        values: values at equally spaced points of every interval, shape (N, steps + 1, R).
     """
     before = values[:, :-2]
     here = values[:, 1:-1]
@@ -246,14 +246,14 @@ def path_grid(spline: BSpline, settings: GridSettings = DEFAULT_TIMING.grid) -> 
     """Return the grid points of the path parameter, 0 and 1 included.
 
     Every knot is a grid point, since the third derivative jumps there; a span gets grid points in proportion to its
-    length in joint space, and a share evenly, for spans where the path turns rather than moves.
+    length in joint space; a fraction is spread evenly, for spans where the path turns rather than moves.
 
     Args:
-        spline: over [0, 1].
-        settings: wanted number of grid intervals, and how they are spread; the result has somewhat more.
+        spline: spline of the path over [0, 1].
+        settings: preferred number of grid intervals and their distribution; the result has slightly more intervals.
 
     Returns:
-        Increasing, shape (N + 1,).
+        Increasing path parameters, shape (N + 1,).
     """
     knots = np.unique(np.clip(spline.t, 0.0, 1.0))
     # Two intervals a span at least, however many keyframes there are, up to a bound.
@@ -271,13 +271,13 @@ def path_grid(spline: BSpline, settings: GridSettings = DEFAULT_TIMING.grid) -> 
 
 
 def stops(spline: BSpline, knots: FloatArray, share: float) -> FloatArray:
-    """Inner knots at which the whole path comes to a stop, q' = 0, as at control points that stand three in a row."""
+    """Return inner knots at which the path stops, q' = 0, as where three control points in a row coincide."""
     rates = np.max(np.abs(spline(knots, 1)), axis=1)
     return np.asarray(knots[1:-1][rates[1:-1] < share * np.max(rates)])
 
 
 def _around_stops(points: FloatArray, places: FloatArray) -> FloatArray:
-    """Grid points drawn closer and closer to stops from both sides, where the path speed grows without bound."""
+    """Return grid points, increasingly dense on both sides of stops, where the path speed grows without bound."""
     at = np.searchsorted(points, places)
     ramp = _STOP_RATIO ** np.arange(1, _STOP_POINTS + 1)
     near = [points[at, None] + (points[at + side] - points[at])[:, None] * ramp for side in (-1, 1)]
@@ -285,12 +285,12 @@ def _around_stops(points: FloatArray, places: FloatArray) -> FloatArray:
 
 
 def span_lengths(spline: BSpline, knots: FloatArray) -> FloatArray:
-    """Length in joint space of the path between knots, by eight chords a span, shape (len(knots) − 1,) [rad]."""
+    """Return lengths in joint space between knots, from eight chords per span, shape (len(knots) − 1,) [rad]."""
     points = spline(refine(knots, 8))
     chords = leg_lengths(points)
     return np.asarray(np.sum(chords.reshape(-1, 8), axis=1))
 
 
 def refine(grid: FloatArray, steps: int) -> FloatArray:
-    """Return the grid with every interval cut into equal steps, shape (steps * N + 1,)."""
+    """Return the grid with every interval divided into ``steps`` equal parts, shape (steps * N + 1,)."""
     return np.interp(np.arange(steps * (len(grid) - 1) + 1) / steps, np.arange(len(grid)), grid)

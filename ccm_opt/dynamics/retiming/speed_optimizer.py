@@ -97,7 +97,7 @@ class _Lines(NamedTuple):
     slope: FloatArray
 
     def least(self, x: float, bound: float) -> tuple[float, float]:
-        """Return the least of all at x and a constant bound, with its slope."""
+        """Return the minimum of all bounds at x and of a constant bound, with the slope of the minimum."""
         values = self.start + self.slope * x
         k = values.argmin() if len(values) else -1
         return (float(values[k]), float(self.slope[k])) if k >= 0 and values[k] < bound else (bound, 0.0)
@@ -108,10 +108,10 @@ class _Stage:
     """The rows β x + γ y ≤ 1 of one interval as bounds on y.
 
     Attributes:
-        above: of the rows with γ > 0.
-        below: of those with γ < 0, negated.
-        most: bound on x.
-        reach: bound on y.
+        above: upper bounds on y, from the rows with γ > 0.
+        below: negated lower bounds on y, from the rows with γ < 0.
+        most: upper bound on x.
+        reach: upper bound on y.
     """
 
     above: _Lines
@@ -133,13 +133,13 @@ class _Stage:
         return cls(above, below, min(most, float(np.min(bounds))), reach)
 
     def room(self, x: float) -> tuple[float, float, float, float]:
-        """Return the greatest and least y at a given x, and their slopes."""
+        """Return the maximum and minimum y at a given x, and their slopes."""
         high, rise = self.above.least(x, self.reach)
         low, fall = self.below.least(x, 0.0)
         return high, -low, rise, -fall
 
     def greatest(self, most_steps: int) -> float:
-        """Return the greatest x that leaves some y."""
+        """Return the maximum x for which a feasible y exists."""
         x = self.most
         for _ in range(most_steps):
             high, low, rise, fall = self.room(x)
@@ -156,7 +156,7 @@ def reachable_speeds(
     """Find ṡ² of the fastest motion from rest to rest at the grid points; arguments as for ``fastest_profile``.
 
     Returns:
-        Shape (N + 1,) [1/s²]; positive inside.
+        Squared speeds, positive between the ends, shape (N + 1,) [1/s²].
     """
     beta, gamma = _scaled_rows(rows, slack)
     count = len(beta)
@@ -180,7 +180,7 @@ def reachable_speeds(
 
 
 def _scaled_rows(rows: PathRows, slack: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """β and γ of every interval, each of shape (N, 4 R): rows at its begin and at its end, upper and lower side."""
+    """Return β and γ of every interval: both sides of the rows at its start and end, each of shape (N, 4 R)."""
     # With s̈ = (y − x) / 2Δ a row has β = b − a / 2Δ and γ = a / 2Δ at the start of its interval,
     # and β = −a / 2Δ and γ = b + a / 2Δ at its end.
     width = 2.0 * np.diff(rows.s)[:, None]
@@ -203,12 +203,12 @@ def fastest_profile(
 
     Args:
         rows: limits at the grid points, shape (N + 1, R).
-        slack: what is left of each row's limit, shape (N + 1, R), above |c|.
+        slack: allowed value of each row, above |c|, shape (N + 1, R).
         cap: bound on ṡ², shape (N + 1,) [1/s²].
-        settings: of the speed profile.
+        settings: settings of the speed profile.
 
     Returns:
-        The profile, its speeds positive inside; ``timed_by`` says what found them.
+        The profile, with positive speeds between the ends; ``timed_by`` names the method that found them.
     """
     capped = np.minimum(cap, _SPEED_CAP / _time_unit(rows) ** 2)
     try:
@@ -222,7 +222,7 @@ def toppra_speeds(rows: PathRows, slack: FloatArray, cap: FloatArray) -> FloatAr
     """Find ṡ² at the grid points by toppra's linear programs, shape (N + 1,) [1/s²].
 
     Raises:
-        RetimingError: they fail, or toppra is not there.
+        RetimingError: a linear program fails, or toppra is not installed.
     """
     unit = _time_unit(rows)
     solver = _solver(rows, slack, cap * unit**2, unit)
@@ -245,12 +245,12 @@ def _failed(rows: PathRows, point: int) -> RetimingError:
 
 
 def _time_unit(rows: PathRows) -> float:
-    """Return a time near the motion's duration, so that the solver's absolute tolerances fit any limits [s]."""
+    """Return a time unit near the motion's duration, so that the solver's absolute tolerances suit any limits [s]."""
     return max(float(np.mean(rows.slowness)), float(np.sqrt(np.mean(np.max(np.abs(rows.a), axis=1)))), 1e-9)
 
 
 def _solver(rows: PathRows, slack: FloatArray, cap: FloatArray, unit: float) -> Any:
-    """Build toppra's solver on rows a s̈ + b ṡ² + c within ±slack, time in units of ``unit``."""
+    """Return toppra's solver for rows a s̈ + b ṡ² + c within ±slack, with time in units of ``unit`` [s]."""
     try:
         with warnings.catch_warnings():
             # Python warns of its texts where it has to be translated first, which is an error where warnings are.
@@ -272,7 +272,7 @@ def _solver(rows: PathRows, slack: FloatArray, cap: FloatArray, unit: float) -> 
     bound = np.stack((np.zeros(len(cap)), cap), axis=1)
 
     class InterpolatedRows(toppra.constraint.LinearConstraint):  # type: ignore[misc]
-        """The rows, discretised by interpolation: each holds at both ends of an interval."""
+        """Rows of limits, discretised by interpolation: each row holds at both ends of an interval."""
 
         def __init__(self) -> None:
             super().__init__()
@@ -291,11 +291,11 @@ def _solver(rows: PathRows, slack: FloatArray, cap: FloatArray, unit: float) -> 
 
 
 def fastest_within(dense: PathRows, settings: ProfileSettings = DEFAULT_TIMING.profile) -> SpeedProfile:
-    """Return the fastest profile of all rounds, each stretched until it keeps the limits.
+    """Return the fastest profile of several rounds, each slowed down until it satisfies the limits.
 
     Args:
-        dense: the limits at ``settings.substeps`` equal steps of every interval of the grid.
-        settings: shares and rounds.
+        dense: rows of the limits at ``settings.substeps`` equal steps of every interval of the grid.
+        settings: used shares of the limits, and number of rounds.
     """
     substeps = settings.substeps
     rows = dense.every(substeps)
@@ -331,12 +331,12 @@ def fastest_within(dense: PathRows, settings: ProfileSettings = DEFAULT_TIMING.p
 
 @dataclass(frozen=True)
 class _Bounds:
-    """What a round of TOPP-RA must keep beside the rows.
+    """Bounds that apply in a round of TOPP-RA in addition to the rows.
 
     Attributes:
-        tightening: taken off what the rows at a grid point may reach, shape (N + 1,).
+        tightening: reduction of the allowed value of the rows at each grid point, shape (N + 1,).
         cap: bound on ṡ², shape (N + 1,) [1/s²].
-        share: of every limit that is used at the grid points.
+        share: share of every limit that is used at the grid points.
     """
 
     tightening: FloatArray
@@ -347,33 +347,33 @@ class _Bounds:
     def before_the_first_round(cls, dense: PathRows, substeps: int, share: float) -> "_Bounds":
         """Return bounds without tightening, with ṡ capped by the velocity limits.
 
-        The greatest slowness in an interval bounds ṡ at both of its ends. ṡ² is linear in an interval, so the bound
-        holds inside, too.
+        The maximum slowness in an interval bounds ṡ at both ends. ṡ² is linear in an interval, so the bound also holds
+        inside.
         """
         inside = dense.slowness[:-1].reshape(-1, substeps).max(axis=1)
         widest = _to_ends(np.maximum(inside, dense.slowness[substeps::substeps]), 0.0)
         return cls(np.zeros(len(widest)), (share / np.maximum(widest, 1e-12)) ** 2, share)
 
     def slack(self, rows: PathRows) -> FloatArray:
-        """Return what each row may reach: its share less the tightening, but always some room above the static part."""
+        """Return the allowed value of each row: its share less the tightening, but always above the static part."""
         static = np.abs(rows.c)
         return np.asarray(np.maximum(self.share - self.tightening[:, None], static + 0.25 * (1.0 - static)))
 
     def tighten_rows(self, check: DenseCheck) -> "_Bounds":
-        """Return the rows tightened by what the intervals beside them passed the limits by."""
+        """Return the bounds tightened at grid points by the excess in the adjacent intervals."""
         return replace(self, tightening=self.tightening + _to_ends(np.maximum(check.excess, 0.0), 0.0))
 
     def capped_by(self, check: DenseCheck, profile: SpeedProfile) -> "_Bounds":
-        """Speed bounded to what would keep the limits in the intervals that passed them, were only they slowed down."""
+        """Return the bounds with ṡ capped in violating intervals as if they alone were slowed down to the limits."""
         slowing = _to_ends(np.maximum(check.stretches, 1.0), 1.0)
         slower = np.minimum(self.cap, profile.squared / slowing**2)
         return replace(self, cap=np.where(slowing > 1.0, slower, self.cap))
 
 
 def _to_ends(of_intervals: FloatArray, outside: float) -> FloatArray:
-    """Return the greater value of the two intervals beside each grid point.
+    """Return, for each grid point, the maximum over the two adjacent intervals.
 
-    ``outside`` stands before and after the path.
+    ``outside`` is the value before and after the path.
     """
     return np.asarray(np.maximum(np.append(of_intervals, outside), np.append(outside, of_intervals)))
 
@@ -383,8 +383,8 @@ class SmoothProfile:
     """A motion along the path parameter with continuous s̈.
 
     Attributes:
-        position: s over time, a polynomial of fourth degree in each piece.
-        factor: by which time is longer.
+        position: s over time, a piecewise polynomial of degree 4.
+        factor: factor by which the motion is slowed down.
     """
 
     position: PPoly
@@ -396,7 +396,7 @@ class SmoothProfile:
 
     @property
     def duration(self) -> float:
-        """Time from rest to rest [s]."""
+        """Duration from rest to rest [s]."""
         return float(self.position.x[-1]) * self.factor
 
     @property
@@ -418,12 +418,12 @@ class SmoothProfile:
         return np.asarray(self._derivatives[2](np.clip(time / self.factor, 0.0, self.position.x[-1])) / self.factor**3)
 
     def slowed(self, factor: float) -> "SmoothProfile":
-        """Return the same profile with all times longer by a factor."""
+        """Return the profile slowed down by a factor."""
         return replace(self, factor=self.factor * factor)
 
 
 def smoothed(profile: SpeedProfile, window: float) -> SmoothProfile:
-    """Return the mean of a motion over two windows of time, one after the other, each of given length [s]."""
+    """Return a motion averaged twice over a moving window of given length [s]."""
     times = profile.times
     speeds = np.sqrt(profile.squared)
     shifts = (0.0, window, 2.0 * window)
@@ -446,13 +446,13 @@ def smoothed(profile: SpeedProfile, window: float) -> SmoothProfile:
 def jerk_limited(
     spline: BSpline, profile: SpeedProfile, axes: DriveLimits, settings: SmoothingSettings = DEFAULT_TIMING.smoothing
 ) -> SmoothProfile:
-    """Return the shortest of several smoothed motions, each slowed until it keeps speed, acceleration and jerk limits.
+    """Return the fastest of several smoothed motions, each slowed down to its speed, acceleration and jerk limits.
 
     Args:
         spline: the path.
-        profile: the fastest motion along it.
+        profile: the fastest motion along the path.
         axes: limits of the drives.
-        settings: lengths of smoothing windows to try, and number of places at which limits are evaluated.
+        settings: lengths of smoothing windows to try, and number of times at which limits are evaluated.
     """
 
     def tried(window: float) -> SmoothProfile:
@@ -468,7 +468,7 @@ def jerk_limited(
 
 
 def _needed(spline: BSpline, motion: SmoothProfile, axes: DriveLimits, looks: int) -> float:
-    """Factor on time that brings velocity, acceleration and jerk within their limits at many times."""
+    """Return the factor on time that brings velocity, acceleration and jerk at many times within their limits."""
     # Jerk may peak at the corners of s⃛ and, where the path is crooked, anywhere between them.
     time = np.union1d(motion.corners, np.linspace(0.0, motion.duration, looks))
     s, v, growth = (values[:, None] for values in motion.at(time))
@@ -488,7 +488,7 @@ def _needed(spline: BSpline, motion: SmoothProfile, axes: DriveLimits, looks: in
 
 
 def unresolved_gains(samples: MotionSamples) -> FloatArray:
-    """Velocity gained in each step beyond what the accelerations at its ends explain, shape (T − 1, n) [rad/s, m/s]."""
+    """Return velocity changes of steps not explained by the accelerations at their ends, (T − 1, n) [rad/s, m/s]."""
     step = samples.steps
     gained = np.diff(samples.velocity, axis=0)
     most = step * np.maximum(samples.acceleration[1:], samples.acceleration[:-1])
@@ -499,15 +499,15 @@ def unresolved_gains(samples: MotionSamples) -> FloatArray:
 def refine_unresolved(
     samples: MotionSamples, acceleration: FloatArray, settings: SamplingSettings = DEFAULT_TIMING.sampling
 ) -> FloatArray | None:
-    """Sample times with those steps halved that hide too much of what a column's acceleration does.
+    """Return sample times with steps halved where acceleration varies too much between samples.
 
     Args:
-        samples: of a motion.
-        acceleration: limit of every column, shape (n,) [rad/s², m/s²].
-        settings: what may stay unseen.
+        samples: samples of a motion.
+        acceleration: acceleration limit of every column, shape (n,) [rad/s², m/s²].
+        settings: allowed change of velocity that samples leave unexplained.
 
     Returns:
-        Times [s]; None where the samples show enough.
+        Sample times [s]; None where no step needs to be halved.
     """
     step = samples.steps
     unseen = unresolved_gains(samples)

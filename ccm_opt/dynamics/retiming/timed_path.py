@@ -23,7 +23,7 @@ Revolutes: TypeAlias = Callable[[FloatArray], FloatArray]
 
 
 def likely_coordinates(limits: Limits, columns: int) -> Coordinates:
-    """Return the default coordinates of a path's columns: one bend per link, and a feed axis if a column is left."""
+    """Return default coordinates of a path's columns: one bend per link, and a feed axis if one column is left."""
     links = len(limits.velocity) // 3
     return joint_coordinates(links, 1, (FEED,) * min(columns - links, 1))
 
@@ -43,7 +43,7 @@ def _wrong_columns(columns: int, coordinates: Coordinates) -> RetimingError:
 
 @dataclass(frozen=True)
 class TimedPath:
-    """A path with its limits.
+    """A path with the limits and the dynamics of the arm that follows it.
 
     Attributes:
         spline: the arm's coordinates over the path parameter in [0, 1].
@@ -65,10 +65,10 @@ class TimedPath:
 
     @cached_property
     def bounds(self) -> DriveLimits:
-        """The usable part of the limits on the columns of the path.
+        """Usable part of the limits on the columns of the path.
 
         Raises:
-            RetimingError: the path has other columns, or a column has no limit on velocity or acceleration.
+            RetimingError: the columns do not match the limits, or a column has no limit on velocity or acceleration.
         """
         columns = np.shape(self.spline(0.0))[-1]
         layout = self.coordinates
@@ -81,7 +81,7 @@ class TimedPath:
 
     @property
     def weighed(self) -> BSpline:
-        """The path with base displacements in arm lengths, if the arm is known: their weight is independent of size."""
+        """The path with base displacements in arm lengths if the arm is known, so that the arm's size has no effect."""
         weights = np.ones(len(self.coordinates))
         if self.arm is not None:
             weights[self.coordinates.base] = 1.0 / self.arm.length
@@ -89,5 +89,5 @@ class TimedPath:
 
     @property
     def smooth(self) -> bool:
-        """Whether jerk is limited."""
+        """Whether the limits include jerk."""
         return bool(np.any(np.isfinite(self.bounds.jerk)))

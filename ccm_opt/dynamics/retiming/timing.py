@@ -52,11 +52,11 @@ logger = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class Chords:
-    """How far the straight pieces between samples may leave the path.
+    """Allowed deviation of the straight chords between samples from the path.
 
     Attributes:
-        link_length: of the arm [m].
-        sag: most that any point of the arm may be off its way [m].
+        link_length: length of a link [m].
+        sag: maximum deviation of any point of the arm from its path [m].
     """
 
     link_length: float
@@ -64,7 +64,7 @@ class Chords:
 
     @classmethod
     def beside(cls, path: JointPath, link_length: float, settings: SamplingSettings) -> "Chords":
-        """Return chords with an allowed deviation that is a share of the gap certified for a path.
+        """Return chords whose allowed deviation is a fraction of the gap certified for a path.
 
         The deviation allowed is at least ``settings.hair``.
         """
@@ -84,19 +84,19 @@ def sample_motion(
     settings: SamplingSettings = DEFAULT_TIMING.sampling,
     jumps: FloatArray | None = None,
 ) -> MotionSamples:
-    """Sample a path travelled at a speed profile: q̇ = q' ṡ, q̈ = q' s̈ + q'' ṡ².
+    """Return samples of the motion along a path with a speed profile: q̇ = q' ṡ, q̈ = q' s̈ + q'' ṡ².
 
     Args:
-        spline: of the arm's coordinates.
-        profile: how the path parameter grows.
+        spline: spline of the arm's coordinates over the path parameter.
+        profile: path parameter as a function of time.
         step: largest time between two samples [s].
-        chords: how far chords between samples may leave the path; None for anyhow.
-        coordinates: what the columns of the spline are.
-        settings: of sampling.
-        jumps: times at which accelerations jump, so that samples are to stand there; None for none [s].
+        chords: allowed deviation of chords between samples from the path; None for no bound.
+        coordinates: the columns of the spline.
+        settings: settings of sampling.
+        jumps: times at which accelerations jump and samples are placed [s]; None where there are none.
 
     Raises:
-        RetimingError: the motion is too slow to be sampled like this.
+        RetimingError: the motion is too slow to be sampled with this step.
     """
     most = _MOST_NUMBERS // spline.c.shape[1]
     if profile.duration / step > most:
@@ -124,7 +124,7 @@ def _too_slow(duration: float, step: float, most: int) -> RetimingError:
 
 
 def samples_at(spline: BSpline, profile: Profile, time: FloatArray) -> MotionSamples:
-    """Return the motion of a path at given times, the first and last of which are those of its ends, shape (T,) [s]."""
+    """Return the motion along a path at times, shape (T,) [s], from its start to its end."""
     s, speed, growth = (values[:, None] for values in profile.at(time))
     # Both ends are free of rounding, so that start and goal are met exactly and at rest.
     s[[0, -1], 0] = (0.0, 1.0)
@@ -134,12 +134,12 @@ def samples_at(spline: BSpline, profile: Profile, time: FloatArray) -> MotionSam
 
 
 def with_jumps(time: FloatArray, jumps: FloatArray, apart: float) -> FloatArray:
-    """Sample times with those of jumps among them, but for jumps that stand next to a sample anyhow.
+    """Return sample times with times of jumps inserted, except jumps very close to a sample.
 
     Args:
-        time: strictly increasing, shape (T,) [s].
-        jumps: increasing, within the motion, shape (J,) [s].
-        apart: share of a step that a jump is at least away from its ends, and from the jump before.
+        time: sample times, strictly increasing, shape (T,) [s].
+        jumps: times of jumps, increasing, within the motion, shape (J,) [s].
+        apart: minimum time between a jump and the ends of its step or the previous jump, as a fraction of the step.
     """
     after = np.clip(np.searchsorted(time, jumps, side="right"), 1, len(time) - 1)
     least = apart * (time[after] - time[after - 1])
@@ -156,7 +156,7 @@ def near_the_path(
     coordinates: Coordinates,
     settings: SamplingSettings,
 ) -> FloatArray:
-    """Sample times with more between them where chords would leave the path; no step is cut into too many pieces."""
+    """Return sample times with steps divided, up to a number of pieces, where chords would leave the path."""
     # Bounds the number of samples: a path with a kink would otherwise be cut for ever.
     shortest = np.min(np.diff(time)) / settings.most_pieces
     for _ in range(_CUTTINGS):
@@ -171,13 +171,13 @@ def near_the_path(
 
 
 def sag(spline: BSpline, s: FloatArray, link_length: float, coordinates: Coordinates) -> FloatArray:
-    """Return how far any point of the arm may leave its way on the chords between points of the path.
+    """Return bounds on the deviation of any point of the arm on chords between points of the path.
 
     Args:
-        spline: of the arm's coordinates.
+        spline: spline of the arm's coordinates over the path parameter.
         s: path parameters, not decreasing, shape (T,).
-        link_length: [m].
-        coordinates: what the columns of the spline are.
+        link_length: length of a link [m].
+        coordinates: the columns of the spline.
 
     Returns:
         Bounds, shape (T − 1,) [m].
@@ -193,7 +193,7 @@ def sag(spline: BSpline, s: FloatArray, link_length: float, coordinates: Coordin
 
 
 def _cut(time: FloatArray, pieces: IntArray) -> FloatArray:
-    """Cut every step into a number of equal pieces."""
+    """Return times with every step divided into a given number of equal pieces."""
     places = np.concatenate(([0], np.cumsum(pieces)))
     return np.interp(np.arange(places[-1] + 1), places, time)
 
@@ -213,19 +213,19 @@ def _report(left: FloatArray, chords: Chords, count: int) -> None:
 def joined(
     trajectories: Sequence[JointTrajectory], pauses: Sequence[float] = (), *, step: float = DEFAULT_TIMING.sampling.step
 ) -> JointTrajectory:
-    """Return one motion along several legs, each from rest to rest, with pauses between them.
+    """Return one motion composed of several legs, each from rest to rest, with pauses between them.
 
     Args:
-        trajectories: at least one; each begins where the one before ends.
+        trajectories: the legs, at least one; each begins where the previous one ends.
         pauses: time at rest after each leg but the last, length ``len(trajectories) − 1`` [s]; none when left out.
         step: largest time between two samples of a pause [s].
 
     Returns:
-        Its ``stops`` are the samples at which the legs end, beside those that the legs have themselves. The sample at
-        a stop without a pause reports the acceleration at the end of the leg.
+        The motion, whose ``stops`` are the samples at which legs end and the stops of the legs. The sample at a
+        stop without a pause reports the acceleration at the end of the leg.
 
     Raises:
-        RetimingError: a leg does not begin where the one before ends.
+        RetimingError: a leg does not begin where the previous one ends.
         ValueError: the pauses do not fit the legs.
     """
     pauses = pauses or [0.0] * (len(trajectories) - 1)
@@ -239,7 +239,7 @@ def joined(
 
 
 def reversed_trajectory(trajectory: JointTrajectory) -> JointTrajectory:
-    """Return the same motion backward: velocities change their sign, accelerations do not; a retraction."""
+    """Return the reversed motion, for example a retraction: velocities change their sign, accelerations do not."""
     last = len(trajectory.time) - 1
     return replace(
         trajectory,
@@ -252,7 +252,7 @@ def reversed_trajectory(trajectory: JointTrajectory) -> JointTrajectory:
 
 
 def _paused(trajectory: JointTrajectory, pause: float, step: float) -> JointTrajectory:
-    """Return the motion with its last pose held for some time."""
+    """Return the motion with its last pose held for a given time [s]."""
     count = int(np.ceil(pause / step - 1e-9))
     if count == 0:
         return trajectory
@@ -263,13 +263,13 @@ def _paused(trajectory: JointTrajectory, pause: float, step: float) -> JointTraj
 
 
 def _after(first: JointTrajectory, leg: JointTrajectory, stop: int) -> JointTrajectory:
-    """Return two motions in a row; the first sample of the second is the last of the first."""
+    """Return two consecutive motions as one; the first sample of the second is the last one of the first."""
     later = tuple(len(first.time) - 1 + number for number in leg.stops)
     return replace(chained(first, leg.part(slice(1, None))), stops=(*first.stops, stop, *later))
 
 
 def chained(first: JointTrajectory, second: JointTrajectory) -> JointTrajectory:
-    """Return the samples of both, the time of the second counted from the end of the first."""
+    """Return the samples of two consecutive motions; the second begins at the end of the first."""
     return replace(
         first,
         time=np.concatenate((first.time, first.time[-1] + second.time)),
@@ -330,30 +330,31 @@ def retime(
 ) -> JointTrajectory:
     """Return the fastest motion along a path from rest to rest, within the limits.
 
-    A motion exists whenever every drive can hold the arm still all along the path; if in doubt it is a slow one.
+    A motion, possibly a slow one, exists whenever every drive can hold the arm still all along the path.
 
     Args:
         path: spline of the bends, and of the feed when there is a feed axis, over u in [0, 1].
-        limits: of every revolute; ball i's bend is revolute 3 i + 1; of the feed axis; and of points of the arm.
-        inverse_dynamics: (angles, velocities, accelerations), each (N, 3 * links), to torques of that shape [N m]. With
-            a feed axis it takes its accelerations (N,) as well, and has the method ``feed_forces``.
-        revolutes: bends (N, links) to revolute angles (N, 3 * links); linear, so it serves rates too.
+        limits: limits of every revolute (ball i bends by revolute 3 i + 1), of the feed axis, and of points of the arm.
+        inverse_dynamics: map from angles, velocities and accelerations, each of shape (N, 3 * links), to torques of
+            that shape [N m]. With a feed axis, the map also takes feed accelerations, shape (N,), and has the method
+            ``feed_forces``.
+        revolutes: linear map from bends, shape (N, links), to revolute angles, shape (N, 3 * links); also maps rates.
         step: largest time between two samples [s]; that of the settings when None.
-        link_length: of the arm [m]; by it, steps are cut where chords between samples would leave the path by more
-            than half the gap that the path is certified to spare. None leaves the steps as they are.
-        coordinates: what the columns of the path are; when None, a bend a link, and a feed axis if one is left over.
-        arm: whose points are limited; needed when the limits name some.
-        share: of the limits of the drives that may be used, see ``robot.coordinates``.
-        settings: numbers of timing.
+        link_length: length of a link [m]; when given, steps are divided where chords between samples would leave the
+            path by more than half of the gap certified for the path.
+        coordinates: the columns of the path; when None, one bend per link, and a feed axis if a column is left.
+        arm: arm whose points are limited; needed only when the limits name points.
+        share: share of the drives' limits that may be used, see ``robot.coordinates``.
+        settings: settings of timing.
 
     Returns:
-        Samples, the first and last at rest at the path's ends; angles, velocities and accelerations are those of one
-        motion, to rounding, and neither they nor their finite differences pass a limit. ``timed_by`` says what found
-        the speeds.
+        Samples, the first and last at rest at the path's ends. Angles, velocities and accelerations are consistent up
+        to rounding, and neither they nor their finite differences exceed a limit. ``timed_by`` names the method that
+        found the speeds.
 
     Raises:
         RetimingError: a drive cannot even hold the arm still at some point of the path.
-        ProblemError: points are limited and there is no arm, or it is shorter than where they are.
+        ProblemError: points are limited, but no arm is given, or a point lies beyond the arm.
     """
     columns = coordinates or likely_coordinates(limits, path.spline.c.shape[1])
     timed = TimedPath(path.spline, limits, inverse_dynamics, revolutes, columns, arm, share)
@@ -372,7 +373,7 @@ def retime(
 
 
 def needed_stretch(samples: MotionSamples, limits: Sequence[MotionLimit]) -> float:
-    """Factor on time that brings every sample and every difference within the limits; 1 or less when all are."""
+    """Return the factor on time that brings all samples and differences within the limits; at most 1 if all are."""
     return max(float(np.max(limit.stretches(samples))) for limit in limits)
 
 
@@ -381,9 +382,9 @@ class _Timing:
     """The stages of timing one path.
 
     Attributes:
-        path: what is timed.
-        limits: every limit of it.
-        settings: numbers of timing.
+        path: the path to time.
+        limits: all limits on motions along the path.
+        settings: settings of timing.
     """
 
     path: TimedPath
@@ -395,12 +396,12 @@ class _Timing:
         return path_grid(self.path.weighed, self.settings.grid)
 
     def rows(self, s: FloatArray) -> PathRows:
-        """Return the limits at points of the path, at which every drive can hold the arm still, or it is an error."""
+        """Return the rows of the limits at points of the path; fails where a drive cannot hold the arm still."""
         return path_rows(self.limits, self.path.spline, s)
 
     @cached_property
     def _dense(self) -> PathRows:
-        """The limits at the grid points and between them."""
+        """Rows of the limits at the grid points and between them."""
         return self.rows(refine(self._grid, self.settings.profile.substeps))
 
     def fastest(self) -> SpeedProfile:
@@ -408,7 +409,7 @@ class _Timing:
         return fastest_within(self._dense, self.settings.profile)
 
     def smooth(self, fastest: SpeedProfile) -> SmoothProfile:
-        """Return the motion with bounded jerk, slowed down until all limits hold at every look."""
+        """Return the motion with bounded jerk, slowed down until all limits hold wherever they are evaluated."""
         spline = self.path.spline
         coordinates = self.path.coordinates
         profile = jerk_limited(spline, fastest, self.path.bounds, self.settings.smoothing)
@@ -417,7 +418,7 @@ class _Timing:
         return profile.slowed(max(needed_stretch(looks, self.limits) / self.settings.profile.dense_share, 1.0))
 
     def sampled(self, profile: Profile, step: float, chords: Chords | None) -> MotionSamples:
-        """Return the samples that keep the limits, of the motion or one a little slower."""
+        """Return samples of the motion, slowed down slightly if needed, that satisfy the limits."""
         settings = self.settings.sampling
         for _ in range(_RESAMPLINGS):
             # Sampled a little finer than asked, so that a small stretch does not make the steps too long.
@@ -441,7 +442,7 @@ class _Timing:
         raise _no_speed(profile)
 
     def _densified_samples(self, samples: MotionSamples, profile: Profile) -> MotionSamples:
-        """Return the samples, with more between them where accelerations swing unseen."""
+        """Return the samples with steps divided where accelerations vary between samples."""
         settings = self.settings.sampling
         for _ in range(_CUTTINGS):
             time = refine_unresolved(samples, self.path.bounds.acceleration, settings)
@@ -451,7 +452,7 @@ class _Timing:
         return samples
 
     def _jumps(self, profile: Profile) -> FloatArray | None:
-        """Return when the motion's accelerations jump; None for a motion whose jerk is limited."""
+        """Return the times at which accelerations jump [s]; None for a motion whose jerk is limited."""
         if isinstance(profile, SmoothProfile):
             return None
         # Rows are shares of the limits, so the greatest coefficient of s̈ is what a change of it does to any of them.

@@ -22,8 +22,8 @@ class ProfileSettings:
     Attributes:
         dense_share: share of every limit that may be used between grid points. Derived: between the grid's share and
             1, so that samples, which fall elsewhere, keep the limit too.
-        substeps: steps of the dense check inside one grid interval. Taste.
-        newton_steps: most steps of Newton's method for one controllable speed. Taste; a few suffice as a rule.
+        substeps: number of steps of the dense check inside one grid interval. Taste.
+        newton_steps: maximum number of steps of Newton's method per controllable speed. Taste; a few usually suffice.
         directions: number of directions over half a turn in which the acceleration of a point is bounded. Derived:
             the polygon of twice as many sides leaves the circle by 1 / cos(π / 32) − 1 = 0.5 %, which the grid's share
             covers.
@@ -60,7 +60,7 @@ class SamplingSettings:
         step: largest time between two samples [s]. Taste: 250 samples a second, as drives of robots take them.
         hair: chord deviation that is always allowed [m]. Derived: half of the verifier's tolerance, with which the
             driver replaces it for the arm and the problem; the default is for an arm of one metre.
-        most_pieces: most pieces that a step is divided into so that chords stay near the path. Taste; it bounds the
+        most_pieces: maximum number of pieces of a step divided so that chords stay near the path. Taste; it bounds the
             number of samples.
         unseen_share: share of a joint's change of velocity that its sampled accelerations may leave unexplained; steps
             are halved until it is met. Derived: half of what the verifier allows.

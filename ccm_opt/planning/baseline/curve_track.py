@@ -58,7 +58,7 @@ class SegmentTrack:
         return float(sum(segment.length for segment in self.segments))
 
     def first(self, length: float) -> tuple[CurvatureSegment, ...]:
-        """Return the segments of the first ``length`` metres, the last one cut, exactly."""
+        """Return the segments of the first ``length`` metres, with the last segment cut exactly."""
         return self._divided(length)[0]
 
     def after(self, length: float) -> "SegmentTrack":
@@ -70,7 +70,7 @@ class SegmentTrack:
         return Configuration(position, self.segments)
 
     def _divided(self, length: float) -> tuple[tuple[CurvatureSegment, ...], tuple[CurvatureSegment, ...]]:
-        """Return the segments of the first ``length`` metres, and the others; the one across the boundary is split."""
+        """Return the segments of the first ``length`` metres and the remaining ones; splits the one at the boundary."""
         before: list[CurvatureSegment] = []
         least = SHORTEST * self.length
         for k, segment in enumerate(self.segments):
@@ -84,14 +84,14 @@ class SegmentTrack:
 
 
 def track_through(corners: FloatArray, sharpest: float) -> SegmentTrack:
-    """Return the straight lines between corners and a cubic spiral round each (section 4.1).
+    """Return straight lines between corners, with a cubic spiral around each inner corner (section 4.1).
 
     A turn by α that begins and ends at the distance c from its corner has the length 2 c cos(α/2) / D(α) and the peak
-    curvature 1.5 α / length (Kanayama and Hartman). Legs between two corners are shared by halves.
+    curvature 1.5 α / length (Kanayama and Hartman). Two neighbouring corners may each use half of their leg.
 
     Args:
-        corners: shape (k ≥ 2, 2) [m].
-        sharpest: largest curvature of a turn [1/m].
+        corners: the corners in order, shape (k ≥ 2, 2) [m].
+        sharpest: maximum curvature of a turn [1/m].
 
     Raises:
         ProblemError: a turn is too sharp for the length of its legs.
@@ -122,7 +122,7 @@ def track_through(corners: FloatArray, sharpest: float) -> SegmentTrack:
 
 
 def _spiral(heading: float, turn: float, reach: float, sharpest: float, corner: FloatArray) -> CurvatureSegment:
-    """Return a cubic spiral as a curvature segment, exactly.
+    """Return a cubic spiral, exactly represented as a curvature segment.
 
     κ = (6 α / ℓ³) s (ℓ - s) has the second derivative -12 α / ℓ³.
 
@@ -142,7 +142,7 @@ def _spiral(heading: float, turn: float, reach: float, sharpest: float, corner: 
 
 
 def without_near(points: Sequence[FloatArray], least: float) -> FloatArray:
-    """Return points without those nearer than ``least`` [m] to the previous or the last one; the last always stays."""
+    """Return points without those closer than ``least`` [m] to the previous or the last point; keeps the last one."""
     kept = [points[0]]
     for point in points[1:-1]:
         if np.hypot(*(point - kept[-1])) >= least and np.hypot(*(points[-1] - point)) >= least:

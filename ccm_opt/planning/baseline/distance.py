@@ -22,8 +22,8 @@ class TipPose:
     """Goal pose of a tip.
 
     Attributes:
-        position: shape (2,) [m].
-        heading: [rad], or None when any heading will do.
+        position: position of the tip, shape (2,) [m].
+        heading: heading of the tip [rad]; None when any heading is allowed.
     """
 
     position: FloatArray
@@ -40,7 +40,7 @@ class DistanceWeights:
 
 @dataclass(frozen=True)
 class Precision:
-    """Largest errors that count as at the goal: position as a share of the reach, heading [rad]."""
+    """Largest errors of a tip at the goal: position as a fraction of the reach, and heading [rad]."""
 
     position: float = 4e-4
     heading: float = 6e-3
@@ -48,14 +48,14 @@ class Precision:
 
 @dataclass(frozen=True)
 class Distance:
-    """One distance function.
+    """Squared distance of tips from a goal, weighted by position, heading and base rotation.
 
     Attributes:
         goal: goal of the tip.
-        reach: R, the unit of length [m].
+        reach: R, the reach of the arm and unit of length [m].
         weights: weights of heading and base rotation.
-        base_heading: θ_ref [rad].
-        precision: largest errors that count as at the goal.
+        base_heading: reference θ_ref of the base heading [rad].
+        precision: largest errors of a tip at the goal.
     """
 
     goal: TipPose
@@ -81,6 +81,6 @@ class Distance:
 
     @property
     def threshold(self) -> float:
-        """A value of d² below that of every configuration outside the precision."""
+        """Threshold of d², below the value of every configuration outside the precision."""
         least = self.precision.position**2
         return least if self.goal.heading is None else min(least, self.weights.heading * self.precision.heading**2)

@@ -52,10 +52,10 @@ class Climb:
         objective: the distance function.
         threshold: value of the objective at which the climb has arrived.
         moves: the operators.
-        most_steps: most moves.
+        most_steps: maximum number of moves.
         push: weight of the world's crowding relative to the distance; where both balance, the climb continues without
-            it.
-        patience: moves without headway after which the climb ends; unlimited by default.
+            crowding.
+        patience: number of moves without progress after which the climb ends; unlimited by default.
     """
 
     objective: Objective
@@ -81,7 +81,7 @@ def climb(world: World, start: Configuration, task: Climb) -> Generator[Shapes, 
         The configuration after each move, as a batch of one.
 
     Returns:
-        How the climb ended.
+        Reason why the climb ended.
     """
     here = Shapes.from_configurations([start])
     left = float(task.objective(here)[0])
@@ -119,7 +119,7 @@ def climb(world: World, start: Configuration, task: Climb) -> Generator[Shapes, 
 
 
 def end_of(world: World, start: Configuration, task: Climb) -> tuple[Configuration, Ending]:
-    """Return the last configuration of a climb, and how the climb ended."""
+    """Return the last configuration of a climb and the reason why it ended."""
     here = None
     moves = climb(world, start, task)
     while True:
@@ -136,7 +136,7 @@ def _order(values: FloatArray, now: float, pushed: bool) -> IntArray:
     Args:
         values: values of the candidates, shape (m,).
         now: current value of the climb.
-        pushed: whether walls push, so that a move has to gain more to count.
+        pushed: whether crowding counts, so that a move has to gain more to be accepted.
     """
     gain = _GAIN_WHILE_PUSHED if pushed else _LEAST_GAIN
     improving = np.flatnonzero(values < (1.0 - gain) * now)
@@ -144,7 +144,7 @@ def _order(values: FloatArray, now: float, pushed: bool) -> IntArray:
 
 
 def _first_allowed(world: World, here: Shapes, candidates: Shapes, order: IntArray) -> int | None:
-    """Return the first candidate that the world allows, or None; batches checked at once grow."""
+    """Return the first candidate that the world allows, or None; candidates are checked in growing batches."""
     count = _TRIED_AT_ONCE
     while len(order) > 0:
         some = order[:count]
@@ -161,9 +161,9 @@ class SchemaStep:
     """One configuration of a motion made by schemas.
 
     Attributes:
-        schema: schema that made the step, for example ``SCM-7``; two where they work together.
+        schema: name of the schema that made the step, for example ``SCM-7``; two names where schemas work together.
         configuration: the arm after the step.
-        stage: part of a plan that the step belongs to, in words.
+        stage: description of the part of the plan that the step belongs to.
     """
 
     schema: str
@@ -182,7 +182,7 @@ class SchemaStopped(MotionNotFound):
     Attributes:
         schema: name of the schema.
         configuration: last configuration of the arm.
-        reason: reason, in words.
+        reason: description of the reason.
     """
 
     def __init__(self, schema: str, configuration: Configuration, reason: str) -> None:
@@ -194,7 +194,7 @@ class SchemaStopped(MotionNotFound):
 
 
 def run(schema: Generator[SchemaStep, None, _Result]) -> tuple[tuple[SchemaStep, ...], _Result]:
-    """Return all steps of a schema, and its result."""
+    """Run a schema to its end and return all of its steps and its result."""
     steps: list[SchemaStep] = []
     while True:
         try:

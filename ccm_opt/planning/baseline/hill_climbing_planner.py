@@ -74,7 +74,7 @@ def region_plan(
         A configuration at the goal.
 
     Raises:
-        SchemaStopped: a schema could not continue; names it.
+        SchemaStopped: a schema could not continue; names the schema.
     """
     yield SchemaStep("start", start, "1 start")
     subgoal, track = passage
@@ -88,7 +88,7 @@ def region_plan(
 
 
 def _interface(world: World, start: Configuration) -> Schema:
-    """Run SCM-6, if possible; otherwise yield nothing, and the curvature jumps where the track begins."""
+    """Run SCM-6 if possible; otherwise yield nothing, so that the curvature jumps where the track begins."""
     try:
         steps, here = run(scm_6(world, start))
     except SchemaStopped:
@@ -102,7 +102,7 @@ def passages(
 ) -> Iterator[Passage]:
     """Yield passages from near the base to the goal: past the obstacle ahead, then along the routes from the base.
 
-    Those longer than the arm are left out, since the arm cannot follow them.
+    Passages longer than the arm are left out, since the arm cannot follow them.
 
     Args:
         world: the world; its curvature limit applies.
@@ -110,7 +110,7 @@ def passages(
         room: free space of the arm's axis.
         goal: goal of the tip.
         obstacle: point of the obstacle ahead, shape (2,) [m], or None.
-        routes: number of routes that are tried, shortest first.
+        routes: number of routes to try, shortest first.
     """
     shrink = _CORNER_DISTANCE * start.length
     firsts = []
@@ -127,7 +127,7 @@ def passages(
 def _first_open_track(
     world: World, room: FreeSpace, first: TipPose, way: FloatArray, goal: TipPose, length: float, shrink: float
 ) -> SegmentTrack | None:
-    """Return the free track with the longest straight runs, for an arm of a given length [m]; None without one."""
+    """Return the free track with the longest straight runs for an arm of a given length [m]; None if there is none."""
     for share in _STRAIGHT_RUNS:
         try:
             track = _track(world, room, first, way, goal, share * length, shrink)
@@ -187,10 +187,10 @@ _TYPES_TRIED = 4
 
 @dataclass(frozen=True)
 class HillClimbingPlanner:
-    """Plans as the 1990 paper does; satisfies the ``Planner`` protocol.
+    """Plans motions by the method of the 1990 paper; satisfies the ``Planner`` protocol.
 
     Attributes:
-        stages: names and times the stages.
+        stages: recorder of the names and durations of the stages.
     """
 
     stages: Stages = field(default_factory=Stages)
@@ -218,12 +218,12 @@ _Stop: TypeAlias = tuple[str, str, str]
 
 
 def first_plan(follower: Follower) -> tuple[str, tuple[SchemaStep, ...]]:
-    """Return the name and steps of the first plan that arrives.
+    """Return the name and steps of the first plan that reaches the goal.
 
     Raises:
-        MotionNotFound: none does; the diagnosis names the schema at which each stopped.
-        TimeLimitReached: the time limit passed, or a plan used up its share of the time and no other arrives; lists the
-            stops.
+        MotionNotFound: no plan reaches the goal; the diagnosis names the schema at which each plan stopped.
+        TimeLimitReached: the time limit passed, or a plan used up its share of the time and no other plan reaches the
+            goal; lists the schemas at which plans stopped.
     """
     stops: list[_Stop] = []
     some_cut_short = False
@@ -281,7 +281,7 @@ def by_type(world: World, start: Configuration, goal: TipPose, rank: int) -> Sch
 
 
 def obstacle_ahead(problem: Problem, goal: FloatArray) -> FloatArray | None:
-    """Return the point nearest to the base of the first obstacle before the goal, shape (2,) [m]; None without one."""
+    """Return the point of the first obstacle before the goal nearest to the base, shape (2,) [m], or None."""
     base = shapely.Point(problem.arm.base)
     sight = shapely.LineString([problem.arm.base, goal])
 
@@ -299,10 +299,10 @@ def obstacle_ahead(problem: Problem, goal: FloatArray) -> FloatArray | None:
 
 
 def followed_joint_path(follower: Follower, name: str, steps: tuple[SchemaStep, ...]) -> JointPath:
-    """Return the smooth, certified path through the steps of a plan.
+    """Return a smooth, certified joint path through the steps of a plan.
 
     Raises:
-        MotionNotFound: no smooth path near them can be certified.
+        MotionNotFound: no smooth path near the steps can be certified.
     """
     arm = follower.problem.arm
     curves = (follower.start, *(step.configuration for step in steps))

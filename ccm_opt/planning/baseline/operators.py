@@ -21,11 +21,11 @@ class Shapes:
     """A batch of configurations with the same number of segments and the same base.
 
     Attributes:
-        base: shape (2,) [m].
+        base: position of the base, shape (2,) [m].
         heading: heading at the base, shape (m,) [rad].
         lengths: lengths of the segments, shape (m, segments) [m].
-        curvature: C_a..C_e, shape (m, segments, 5) [1/m].
-        knots: S_b..S_d, shape (m, segments, 3).
+        curvature: curvatures C_a..C_e of the segments, shape (m, segments, 5) [1/m].
+        knots: relative arc lengths S_b..S_d of the inner interpolation points, shape (m, segments, 3).
         moments: second derivatives of C at the ends of the segments, shape (m, segments, 2) [1/m³].
     """
 
@@ -109,7 +109,7 @@ class Shapes:
     def points(self, count: int) -> FloatArray:
         """Return points at equal arc lengths, the base first, shape (m, count + 1, 2) [m].
 
-        They are sums of chords along mean headings: close, but not exact.
+        The points are sums of chords along mean headings, which is an approximation.
         """
         step = (self.length / count)[:, None, None]
         chords = step * unit_vector(self.mean_headings(count))
@@ -149,7 +149,7 @@ class Shapes:
         return pieces.reshape(len(self), -1, 4)
 
     def _second_derivatives(self, a: FloatArray) -> FloatArray:
-        """Return M_0..M_4 of every segment, shape (m, segments, 5), from a 3 × 3 system each, solved by elimination."""
+        """Return the spline moments M_0..M_4, shape (m, segments, 5), from a 3 × 3 system for each segment."""
         slopes = np.diff(self.curvature, axis=2) / a
         rows = 6.0 * np.diff(slopes, axis=2)
         ends = self.moments
@@ -225,13 +225,13 @@ class StepSizes:
     not specify step sizes; these are this package's choice.
 
     Attributes:
-        least_spacing: least distance of interpolation points, and of the outer ones from the ends, as a share of the
-            segment. Points that are nearer already, as in a part of a divided segment, may keep their distance.
+        least_spacing: minimum distance of interpolation points from each other and from the ends, as a fraction of the
+            segment. Points that are closer already, as in a part of a divided segment, may keep their distance.
         turn: change of C times the segment's length [rad].
         slide: change of S.
         rotation: turn of the base [rad].
-        stretch: change of length, as a share of it.
-        scales: factors on all of these, decreasing.
+        stretch: relative change of length.
+        scales: decreasing factors on all step sizes.
     """
 
     least_spacing: float = 0.08
@@ -257,7 +257,7 @@ class Moves:
     sizes: StepSizes = StepSizes()
 
     def candidates(self, here: Shapes) -> Shapes:
-        """Return every operator in both directions at every scale, applied to a batch of one, without invalid ones."""
+        """Return a batch of one changed by every operator, in both directions and at every scale, if valid."""
         scales = np.asarray(self.sizes.scales)
         signed = np.stack((scales, -scales), axis=1).ravel()
         pairs: list[tuple[Operator, int]] = [
@@ -274,7 +274,7 @@ class Moves:
 
 
 def _apply(many: Shapes, rows: slice, operator: Operator, segment: int, signed: FloatArray, sizes: StepSizes) -> None:
-    """Apply one operator to some rows of a fresh batch."""
+    """Apply one operator to several rows of a new batch, in place."""
     if operator in UP_AND_DOWN:
         lengths = many.lengths[rows, segment]
         many.curvature[rows, segment, UP_AND_DOWN.index(operator)] += signed * sizes.turn / lengths
@@ -287,7 +287,7 @@ def _apply(many: Shapes, rows: slice, operator: Operator, segment: int, signed: 
 
 
 def _spacing(knots: FloatArray) -> FloatArray:
-    """Return the least distance of S_b, S_c, S_d from each other and from 0 and 1, shape (m, segments, 3) to (m,)."""
+    """Return the minimum distance of S_b, S_c, S_d from each other, 0 and 1, shape (m, segments, 3) to (m,)."""
     edge = np.zeros((*knots.shape[:2], 1))
     gaps = np.diff(np.concatenate((edge, knots, edge + 1.0), axis=2), axis=2)
     least: FloatArray = gaps.min(axis=(1, 2))

@@ -86,7 +86,7 @@ REACH = "4 reach from the subgoal"
 def subgoals(base: FloatArray, obstacle: FloatArray) -> tuple[TipPose, TipPose]:
     """Return the subgoals midway between the base and a point of the obstacle, each (2,) [m].
 
-    Their headings are the two perpendicular to the line.
+    Their headings are the two directions perpendicular to the line from the base to that point.
     """
     line = obstacle - base
     direction = vector_heading(line)
@@ -110,17 +110,17 @@ def fold_plan(
         start: configuration of the arm.
         subgoal: subgoal in front of the obstacle.
         goal: goal of the tip.
-        sliding: let the boundary slide ahead with the feed from the beginning.
+        sliding: whether the boundary slides ahead with the feed from the beginning.
         folds: cache of folds shared with other plans.
 
     Yields:
-        Steps; ``stage`` begins with the number of their part of the figure.
+        Steps, whose ``stage`` begins with the number of the step in Figure 5.
 
     Returns:
         A configuration at the goal.
 
     Raises:
-        SchemaStopped: a schema could not continue; names it.
+        SchemaStopped: a schema could not continue; names the schema.
     """
     yield SchemaStep("start", start, "1 start")
     here = yield from (folds or Folds()).to(world, start, subgoal)
@@ -134,7 +134,7 @@ def fold(world: World, start: Configuration, subgoal: TipPose) -> Schema:
     Where SCM-8 meets an obstruction, or SCM-7 gets stuck at once, SCM-7 begins at an earlier step of SCM-8.
 
     Raises:
-        SchemaStopped: SCM-7 does not arrive from any of these steps.
+        SchemaStopped: SCM-7 does not reach the subgoal from any step of SCM-8.
     """
     selection = scm_1(world, start, subgoal)
     turned, _ = run(scm_8(world.of_curve, start, selection.configuration(start.base), as_far_as_free=True))
@@ -156,7 +156,7 @@ def fold(world: World, start: Configuration, subgoal: TipPose) -> Schema:
 
 
 def _progress_share(start: Configuration, end: Configuration, subgoal: TipPose) -> float:
-    """Return the share of the tip's distance to a subgoal that has been covered."""
+    """Return the fraction of the tip's initial distance to a subgoal that has been covered."""
     before = float(np.hypot(*(start.tip[0] - subgoal.position)))
     after = float(np.hypot(*(end.tip[0] - subgoal.position)))
     return 1.0 - after / before
@@ -177,10 +177,10 @@ class Folds:
     known: dict[tuple[float, ...], FoldOutcome] = field(default_factory=dict)
 
     def to(self, world: World, start: Configuration, subgoal: TipPose) -> Schema:
-        """Run the ``fold`` to a subgoal, or repeat its cached outcome.
+        """Run ``fold`` to a subgoal, or repeat the cached outcome.
 
         Raises:
-            SchemaStopped: the fold did not arrive.
+            SchemaStopped: the fold does not reach the subgoal.
         """
         key = (*subgoal.position, np.inf if subgoal.heading is None else subgoal.heading)
         if key not in self.known:
@@ -197,10 +197,10 @@ class Folds:
 
 
 def reach(world: World, start: Configuration, goal: TipPose, *, sliding: bool = False) -> Schema:
-    """Trace the curve to the goal with a tip segment (SCM-4, SCM-5), while the one before holds the subgoal (SCM-3).
+    """Trace the curve to the goal with a tip segment (SCM-4, SCM-5), while the previous one holds the subgoal (SCM-3).
 
-    When the base segment is short enough the segments are merged and the arm climbs to the goal (SCM-0). Where that
-    stops, the boundary moves ahead along the curve and the feed continues; with ``sliding`` the boundary moves
+    When the base segment is short enough, the segments are merged and the arm climbs to the goal (SCM-0). Where the
+    climb stops, the boundary moves ahead along the curve and the feed continues; with ``sliding`` the boundary moves
     throughout.
     """
     curve = scm_4(world, start, goal, longest=start.length).segment
@@ -208,12 +208,12 @@ def reach(world: World, start: Configuration, goal: TipPose, *, sliding: bool = 
 
 
 def trace(world: World, start: Configuration, track: SegmentTrack, goal: TipPose, *, sliding: bool) -> Schema:
-    """Feed the arm along a track that begins at its tip, and climb to the goal when its end is near.
+    """Feed the arm along a track that begins at its tip, and climb to the goal when the track's end is near.
 
     A climb that stops is tried again when half of the remaining length is fed, and where the feed ends.
 
     Raises:
-        SchemaStopped: the feed does not come near enough, or the climb does not arrive.
+        SchemaStopped: the feed does not come near enough, or the climb does not reach the goal.
     """
     total = start.length
     step = FEED * total
@@ -246,7 +246,7 @@ def trace(world: World, start: Configuration, track: SegmentTrack, goal: TipPose
 
 
 def _arrival_if_any(world: World, start: Feeding, goal: TipPose) -> tuple[tuple[SchemaStep, ...], Configuration] | None:
-    """Return the steps and end of the last part of Figure 5, or None where it does not arrive."""
+    """Return the steps and final configuration of the last part of Figure 5, or None if the goal is not reached."""
     try:
         return run(_arrival(world, start, goal))
     except SchemaStopped:
@@ -254,10 +254,10 @@ def _arrival_if_any(world: World, start: Feeding, goal: TipPose) -> tuple[tuple[
 
 
 def _arrival(world: World, start: Feeding, goal: TipPose) -> Schema:
-    """Run the last part of Figure 5 from where little of the curve is left; no step is yielded unless it arrives.
+    """Run the last part of Figure 5, where little of the curve is left; yields steps only if the goal is reached.
 
     Raises:
-        SchemaStopped: too much of the curve is left, or the climb does not arrive.
+        SchemaStopped: too much of the curve is left, or the climb does not reach the goal.
     """
     if start.left > _NEAR_GOAL * start.configuration.length:
         reason = f"{long_length(start.left)} of the curve to the goal are left"
@@ -269,10 +269,10 @@ def _arrival(world: World, start: Feeding, goal: TipPose) -> Schema:
 
 
 def merge_and_climb(world: World, start: Configuration, goal: TipPose) -> Schema:
-    """Merge the segments where one can follow them, and climb to the goal by SCM-0; else climb with both.
+    """Merge the segments if one segment can replace them, and climb to the goal by SCM-0 with one or both.
 
     Raises:
-        SchemaStopped: the arm arrives neither with merged nor with separate segments.
+        SchemaStopped: the arm reaches the goal neither with merged nor with separate segments.
     """
     try:
         steps, here = run(_merged_climb(world, start, goal))
@@ -287,7 +287,7 @@ def _merged_climb(world: World, start: Configuration, goal: TipPose) -> Schema:
 
     Raises:
         ProblemError: the segments cannot be merged.
-        SchemaStopped: a schema does not arrive.
+        SchemaStopped: a schema does not reach its goal.
     """
     if len(start.segments) < 2:
         raise ProblemError("got an arm of one segment, expected two that can be merged; climb with the one")
@@ -298,13 +298,13 @@ def _merged_climb(world: World, start: Configuration, goal: TipPose) -> Schema:
 
 
 def _last_climb(world: World, start: Configuration, goal: TipPose) -> Schema:
-    """Run SCM-0 with the push and the patience of a plan."""
+    """Run SCM-0 with the weight of crowding and the patience that plans use."""
     most = _LAST_CLIMB
     return (yield from scm_0(world, start, goal, most_steps=most, push=PUSH, patience=PATIENCE))
 
 
 def staged(schema: Generator[SchemaStep, None, _Result], stage: str) -> Generator[SchemaStep, None, _Result]:
-    """Yield the steps of a schema, marked with their stage of a plan."""
+    """Yield the steps of a schema, labelled with a stage of the plan."""
     while True:
         try:
             step = next(schema)
@@ -324,10 +324,10 @@ Taste."""
 
 
 def clearance_field(workspace: Workspace, need: float, cells: int = _FIELD_CELLS) -> Gap:
-    """Return the distance of places from the nearest wall less a required distance, interpolated in a grid.
+    """Return a function for the distance of points from the nearest wall beyond ``need``, interpolated in a grid.
 
     Args:
-        workspace: the workspace; places outside it take the value at its edge.
+        workspace: the workspace; points outside it take the value at its edge.
         need: distance that the arm requires [m].
         cells: number of cells along the longer side of the workspace.
     """
@@ -349,13 +349,13 @@ def clearance_field(workspace: Workspace, need: float, cells: int = _FIELD_CELLS
 
 @dataclass(frozen=True)
 class Follower:
-    """The jointed arm that follows curves.
+    """The jointed arm that follows the curves of the baseline.
 
     Attributes:
         problem: problem with the arm and its workspace.
         ends: start and goal on the links.
         certificate: certificate of moves.
-        deadline: when to stop.
+        deadline: time at which to stop.
     """
 
     problem: Problem
@@ -371,7 +371,7 @@ class Follower:
             problem: the problem.
 
         Raises:
-            UnreachableGoal: start or goal are impossible.
+            UnreachableGoal: the start or the goal is impossible.
         """
         ends = resolve_ends(problem)
         deadline = Deadline.after(_PLANNING_SHARE * problem.planner.time_limit)
@@ -401,14 +401,14 @@ class Follower:
         return self.problem.arm.joint_positions(headings)[:, -1], headings[:, -1]
 
     def passes(self, here: Shapes, there: Shapes) -> BoolArray:
-        """Return which moves keep the joint limits and touch nothing on their way.
+        """Return a mask of the moves that satisfy the joint limits and touch nothing on their way.
 
         Args:
             here: one curve, the arm's current one.
             there: m curves to move to.
 
         Returns:
-            Shape (m,).
+            Mask, shape (m,).
 
         Raises:
             TimeLimitReached: the deadline has passed.
@@ -442,7 +442,7 @@ class Follower:
 
     @property
     def hurried_world(self) -> World:
-        """The world of the schemas for one plan, whose share of the time left begins now."""
+        """World of the schemas for one plan, whose share of the remaining time begins now."""
         # A share of the time left now, so that late plans have less but every one has some.
         until = Deadline.after(_PLAN_SHARE * self.deadline.left)
 
@@ -471,7 +471,7 @@ class Follower:
 
 
 def look_at_clock(deadline: Deadline) -> None:
-    """Check the deadline.
+    """Raise an error if the deadline has passed.
 
     Raises:
         TimeLimitReached: the deadline has passed.
@@ -481,7 +481,7 @@ def look_at_clock(deadline: Deadline) -> None:
 
 
 def _certificate(problem: Problem, ends: Ends) -> Certificate:
-    """Return the certificate of contact, with a small gap where the start has one.
+    """Return the certificate of contact, with a small spare gap if the start has one.
 
     A start that touches something must be allowed to leave.
     """
@@ -493,9 +493,9 @@ def _certificate(problem: Problem, ends: Ends) -> Certificate:
 
 
 def _with_few_segments(configuration: Configuration, tolerance: float) -> Configuration:
-    """Return the curve with neighbouring segments merged from the base on, headings within a tolerance [rad].
+    """Return the curve with neighbouring segments merged from the base on if headings stay within a tolerance [rad].
 
-    Every segment multiplies the moves that a climb has to try, so that each one saved is worth its error.
+    Every segment multiplies the moves that a climb has to try, so each merged segment is worth the error.
     """
     k = 0
     while k < len(configuration.segments) - 1:

@@ -143,7 +143,7 @@ def _middles(beginnings: list[Configuration]) -> tuple[Configuration, ...]:
 def _reselected(changed: Configuration, segment: int, held: TipPose) -> tuple[Configuration, ...]:
     """Return the base segment as the natural curve of its type and length, as SCM-1 would select it.
 
-    Empty for other segments, or where the pose is out of reach.
+    The result is empty for other segments, or where the pose is out of reach.
     """
     if segment > 0 or float(np.hypot(*(held.position - changed.base))) > changed.segments[0].length:
         return ()
@@ -176,20 +176,20 @@ def scm_0(
         world: the world.
         start: configuration of the arm.
         goal: goal of the tip.
-        precision: largest errors that count as at the goal.
+        precision: largest errors of a tip at the goal.
         weights: weights of the distance function.
-        most_steps: most moves.
+        most_steps: maximum number of moves.
         push: weight of the world's crowding; none in the pure climb.
-        patience: moves without headway after which it ends; unlimited in the pure climb.
+        patience: number of moves without progress after which the climb ends; unlimited in the pure climb.
 
     Yields:
-        Every move.
+        The configuration after every move.
 
     Returns:
         A configuration within the precision.
 
     Raises:
-        SchemaStopped: in a local minimum, or where all improving moves are blocked.
+        SchemaStopped: the climb is in a local minimum, or all improving moves are blocked.
     """
     here = start
     distance = Distance(goal, start.length, weights or DistanceWeights(), precision=precision or Precision())
@@ -219,7 +219,7 @@ def scm_7(world: World, start: Configuration, goal: TipPose, precision: Precisio
         world: the world.
         start: configuration of the arm.
         goal: goal of the tip.
-        precision: largest errors that count as at the goal.
+        precision: largest errors of a tip at the goal.
 
     Yields:
         The configuration at every subgoal, with the moves in between where they are needed.
@@ -265,7 +265,7 @@ def _hop(world: World, start: Configuration, subgoal: TipPose, precision: Precis
 
 
 def miss(world: World, configuration: Configuration, goal: TipPose) -> str:
-    """Return, in words, how far the tip is from a goal."""
+    """Return a description of the tip's distance from a goal."""
     (position,), (heading,) = world.tips(Shapes.from_configurations([configuration]))
     text = f"the tip {short_length(float(np.hypot(*(position - goal.position))))}"
     if goal.heading is not None:
@@ -284,7 +284,7 @@ def scm_2(world: World, start: Configuration, target: Configuration) -> Schema:
         target: a configuration of the same base and length.
 
     Yields:
-        Configurations evenly on the way.
+        Configurations evenly spaced on the way.
 
     Returns:
         The target.
@@ -352,7 +352,7 @@ def direction_to_tip(world: World, configuration: Configuration) -> float:
 
 
 def _shares(start: Configuration, target: Configuration) -> list[float]:
-    """Return shares of the interpolation between which no heading changes by more than the stride."""
+    """Return interpolation parameters in [0, 1] between which no heading changes by more than the stride."""
     arc = np.linspace(0.0, start.length, _STRIDE_SAMPLES)
     most = float(np.abs(target.heading_at(arc) - start.heading_at(arc)).max())
     count = max(1, int(np.ceil(most / _STRIDE)))

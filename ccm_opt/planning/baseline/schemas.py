@@ -43,7 +43,7 @@ class Feeding:
         configuration: the arm.
         track: the track, which begins at the end of segment ``holder``.
         holder: index of the last segment that is not on the track.
-        out: length on the track [m].
+        out: length of the arm on the track [m].
     """
 
     configuration: Configuration
@@ -101,19 +101,19 @@ Feed: TypeAlias = Generator[SchemaStep, None, Feeding]
 def scm_3(world: World, start: Configuration, segment: int, length: float) -> Schema:
     """Run SCM-3: maintain the current tip position and orientation while a segment gets longer or shorter.
 
-    The tip is that of the segment; the segments after it move along unchanged. The curvature at its end is kept.
+    The tip is the end of the segment, where the curvature is kept; the segments after it move along unchanged.
 
     Args:
         world: the world.
         start: configuration of the arm.
         segment: index of the segment.
-        length: its length at the end [m].
+        length: final length of the segment [m].
 
     Yields:
         Configurations with evenly changing length.
 
     Returns:
-        The last of them.
+        The last configuration.
 
     Raises:
         SchemaStopped: the pose cannot be held.
@@ -135,13 +135,13 @@ def scm_5(world: World, start: Configuration, curve: CurvatureSegment, length: f
         world: the world.
         start: configuration of the arm; its tip segment lies on the curve.
         curve: the segment that the tip segment may become.
-        length: its length at the end [m].
+        length: final length of the segment [m].
 
     Yields:
         Configurations with evenly changing length of the tip segment.
 
     Returns:
-        The last of them.
+        The last configuration.
 
     Raises:
         SchemaStopped: there is an obstruction.
@@ -167,14 +167,14 @@ def pass_length(world: World, start: Feeding, least: float, most: float = np.inf
     Args:
         world: the world.
         start: the arm, and its length on the track.
-        least: length that stays off the track [m].
-        most: most length that is passed on [m].
+        least: minimum length that stays off the track [m].
+        most: maximum length that is fed out [m].
 
     Yields:
         Configurations of constant total length.
 
     Returns:
-        The last of them: all of the track is covered, or no length is left to give, or there is an obstruction.
+        The last configuration: the track is fully covered, no length is left to feed, or there is an obstruction.
     """
     here = start
     held = end_pose(start.configuration, start.holder)
@@ -200,7 +200,7 @@ def pass_length(world: World, start: Feeding, least: float, most: float = np.inf
 
 
 def slide_boundary(world: World, start: Feeding, length: float) -> Feed:
-    """Move the boundary to the track ahead along it; the segment before takes the length that it passes (SCM-3).
+    """Move the start of the track ahead along the track; the segment before takes over the length (SCM-3).
 
     "Segment boundaries can be moved smoothly along the length of the arm" (section 2.2). The subgoal that is held moves
     along with the boundary, so that a fold opens. The part of the arm on the track stays where it is.
@@ -214,7 +214,7 @@ def slide_boundary(world: World, start: Feeding, length: float) -> Feed:
         Configurations of constant total length.
 
     Returns:
-        The last of them: the boundary has moved that far, or there is an obstruction.
+        The last configuration: the boundary has moved that far, or there is an obstruction.
     """
     here = start
     moved = 0.0
@@ -235,7 +235,7 @@ def slide_boundary(world: World, start: Feeding, length: float) -> Feed:
 
 
 def begin_feeding(world: World, start: Configuration, track: SegmentTrack) -> Feeding:
-    """Return the arm with a first piece of a track at its tip; the segments before it give up its length (SCM-3).
+    """Return the arm with the first piece of a track at its tip; the segments before it shorten by its length (SCM-3).
 
     Raises:
         SchemaStopped: the tip cannot be held.
@@ -265,7 +265,7 @@ def resized(configuration: Configuration, segment: int, length: float) -> Config
 
 
 def _scaled(configuration: Configuration, which: slice, scale: float) -> Configuration:
-    """Return some segments scaled in length and curvature, so that they keep their shape."""
+    """Return a range of segments scaled in length and curvature, so that they keep their shape."""
     shapes = Shapes.from_configurations([configuration])
     shapes.lengths[0, which] *= scale
     shapes.curvature[0, which] /= scale
@@ -279,7 +279,7 @@ def fed(configuration: Configuration, curve: CurvatureSegment, length: float) ->
 
 
 def _parts(first: float, last: float, stride: float) -> list[float]:
-    """Return the lengths evenly spaced from one to another, no farther apart than the stride [m]."""
+    """Return evenly spaced lengths from ``first`` to ``last``, at most a stride apart [m]."""
     count = max(1, int(np.ceil(abs(last - first) / stride)))
     return [first + (last - first) * k / count for k in range(1, count + 1)]
 
@@ -370,8 +370,8 @@ def scm_4(world: World, start: Configuration, goal: TipPose, longest: float = np
     The segment begins at the tip of the arm, along its heading and without curvature there, as SCM-6 leaves it. The
     type follows from both poses alone. Its first guess is a half wave and a whole wave of curvature that turn as the
     poses require; hill climbing over its interpolation points and its length then meets the goal. The paper does not
-    define the optimal length. Here it is the natural one, with which that climb arrives, or the longest available where
-    the arm cannot give as much.
+    define the optimal length. Here it is the natural one, with which the climb reaches the goal, or the longest
+    available where the arm is too short for that.
 
     Args:
         world: the world.
@@ -401,10 +401,10 @@ def scm_4(world: World, start: Configuration, goal: TipPose, longest: float = np
 def _met(
     world: World, start: Configuration, guess: CurvatureSegment, goal: TipPose, operators: tuple[Operator, ...]
 ) -> CurvatureSegment:
-    """Return the segment with its end at the goal that a climb makes of a guess.
+    """Return the segment with its end at the goal, found from a guess by hill climbing.
 
     Raises:
-        SchemaStopped: the climb does not arrive.
+        SchemaStopped: the climb does not reach the goal.
     """
     here = Configuration(start.tip[0], (guess,))
     distance = Distance(goal, guess.length, precision=_SELECTED_PRECISION)

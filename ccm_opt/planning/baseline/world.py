@@ -46,15 +46,15 @@ def _curve_tips(shapes: Shapes) -> tuple[FloatArray, FloatArray]:
 
 @dataclass(frozen=True)
 class World:
-    """The world as the schemas see it; by default it is open space.
+    """Environment in which the schemas plan; open space by default.
 
     Attributes:
-        passes: moves that the arm can make, given joint limits, walls, the arm itself, and the sweep on the way.
-        tips: tip of the whole arm: that of the curve, or that of the jointed arm that follows the curve.
-        gap: approximate distance of points from contact.
-        curvature_limit: limit of |C|; values beyond a share of it count as crowding [1/m].
-        thickness: distance that the arm must keep from itself [m]; 0 when it need not.
-        base_range: least and greatest heading of the base [rad].
+        passes: returns the moves allowed by joint limits, walls and the arm itself, sweep on the way included.
+        tips: returns the tips of whole arms: of the curve, or of the jointed arm that follows the curve.
+        gap: returns the approximate distance of points from contact.
+        curvature_limit: limit of |C|; values beyond a fraction of this limit count as crowding [1/m].
+        thickness: distance that the arm must keep from itself [m]; 0 for none.
+        base_range: minimum and maximum heading of the base [rad].
     """
 
     passes: Passes = field(default=_anything)

@@ -30,13 +30,13 @@ _PLANES = 8
 
 @dataclass(frozen=True)
 class HalfPlanes:
-    """Half-planes n·x ≤ b in which one link has to stay over one interval.
+    """Half-planes n·x ≤ b, in each of which one link has to stay over one interval.
 
     Attributes:
         interval: index of the interval, shape (m,).
         link: index of the link, shape (m,).
         normal: n, unit, shape (m, 2).
-        bound: b, at the wall's surface, shape (m,) [m].
+        bound: b, so that the line n·x = b touches the wall's surface, shape (m,) [m].
     """
 
     interval: IntArray
@@ -45,7 +45,7 @@ class HalfPlanes:
     bound: FloatArray
 
     def take(self, mask: BoolArray) -> "HalfPlanes":
-        """Return the half-planes that a mask, shape (m,), selects."""
+        """Return the half-planes selected by a mask, shape (m,)."""
         return HalfPlanes(self.interval[mask], self.link[mask], self.normal[mask], self.bound[mask])
 
 
@@ -111,13 +111,13 @@ def _corners(sweep: PlanarSweep, interval: IntArray, link: IntArray) -> FloatArr
 
 
 def motion_rows(sweep: PlanarSweep, contact: ContactLimit, workspace: Workspace) -> IntervalRows:
-    """Return all rows of a motion, from the regions about its own sweep.
+    """Return the rows that keep a motion clear of walls and links, from free regions around its own sweep.
 
     Rows at the fixed start demand no margin.
 
     Args:
         sweep: the motion.
-        contact: limit with the margin, the reach beyond which pairs get no rows, and the gap wanted of the smooth path.
+        contact: limit with the margin, the reach beyond which pairs get no rows, and the smooth path's preferred gap.
         workspace: the workspace.
     """
     arm = sweep.space.arm
@@ -148,10 +148,10 @@ def motion_rows(sweep: PlanarSweep, contact: ContactLimit, workspace: Workspace)
 
 
 def _most_in_gates(sweep: PlanarSweep, contact: ContactLimit) -> FloatArray | None:
-    """Return the largest gap from walls that links are asked for in each interval, shape (K, links) [m].
+    """Return the maximum gap from walls that is demanded of each link in each interval, shape (K, links) [m].
 
-    None where there are no gates. In gates it is the certificate's spare: an interval has a single slack variable, and
-    asking for more than a gate offers would relax all other rows of the interval with it.
+    None if there are no gates. In gates this maximum is the certificate's spare: an interval has a single slack
+    variable, and asking for more than a gate offers would relax all other rows of the interval with it.
     """
     if contact.gates is None:
         return None
@@ -161,16 +161,16 @@ def _most_in_gates(sweep: PlanarSweep, contact: ContactLimit) -> FloatArray | No
 
 
 def clearance_reward(rows: IntervalRows, more: FloatArray, sweep: PlanarSweep, smooth: PlanarSweep) -> IntervalRows:
-    """Return rows that ask for a larger gap of the smooth path rather than of its control polygon.
+    """Return rows that demand a larger gap of the smooth path rather than of its control polygon.
 
     A row for contact subtracts the chord deviation, which bounds the motion between two keyframes however the links
-    turn. The wanted gap is compared with the actual loss instead: how much closer the smooth path comes than the
+    turn. The preferred gap is compared with the actual loss instead: how much closer the smooth path comes than the
     keyframes, at the keyframe and halfway through the interval. The larger of the two demands counts. The loss changes
     little from one step to the next and is treated as constant.
 
     Args:
         rows: rows for contact.
-        more: gap asked for beyond that of the rows, shape (m,) [m].
+        more: gap demanded beyond that of the rows, shape (m,) [m].
         sweep: the motion through the keyframes.
         smooth: poses of the smooth path at the keyframes.
     """
@@ -187,7 +187,7 @@ def clearance_reward(rows: IntervalRows, more: FloatArray, sweep: PlanarSweep, s
 
 
 def wall_rows(planes: HalfPlanes, sweep: PlanarSweep, need: FloatArray) -> IntervalRows:
-    """Return the rows that hold both ends of a link, at both ends of an interval, behind half-planes.
+    """Return the rows that keep both ends of each link inside its half-planes at both ends of an interval.
 
     Args:
         planes: the half-planes.

@@ -25,12 +25,12 @@ FOLLOWING_SHARE = 0.97
 
 @dataclass(frozen=True)
 class LeaderDistances:
-    """Distances of an arm's centre line beyond the hole from the path of its leader.
+    """Distances between the centre line of an arm, beyond the hole, and the path of its leader.
 
     Attributes:
-        distance: of every point, shape (k,) [m].
+        distance: distance of every sampled point from the path, shape (k,) [m].
         pose: index of the pose that the point belongs to, shape (k,).
-        leg: leg of the path that is nearest, shape (k,).
+        leg: index of the leg of the path nearest to the point, shape (k,).
         path: corners of the path, shape (m, 3) [m].
     """
 
@@ -68,7 +68,7 @@ def distances_from_leader(arm: Arm, poses: FloatArray) -> LeaderDistances | None
 def leaders_path(arm: Arm, poses: FloatArray, joints: FloatArray) -> FloatArray:
     """Return the leader's path from the hole on, shape (m, d) [m].
 
-    It is the arm as it lies at the start, then the path of its tip.
+    The path consists of the centre line at the start, followed by the path of the tip.
 
     Args:
         arm: arm with a feed axis.
@@ -98,17 +98,20 @@ class FollowingLimit(LimitOf[CurveUnknowns]):
     within: float
 
     def failures(self, q: FloatArray, depth: int | None = None) -> IntArray:
-        """Return the intervals in which the arm leaves the path by more, at samples; the motion begins at the first."""
+        """Return the intervals in which, at samples, the arm deviates from the path by more than the bound.
+
+        The path of the leader begins with the arm at the first configuration.
+        """
         del depth
         away, owner = self._away(q)
         return np.unique(np.minimum(owner[away > FOLLOWING_SHARE * self.within], len(q) - 2))
 
     def worst_deviation(self, q: FloatArray) -> float:
-        """Return how far a motion, shape (K, c), leaves the path at most [m]."""
+        """Return the maximum deviation of a motion, shape (K, c), from the path of the leader [m]."""
         return float(np.max(self._away(q)[0]))
 
     def _away(self, q: FloatArray) -> tuple[FloatArray, IntArray]:
-        """Return the distance at samples of a motion, shape (m,) [m], and the interval that each lies in."""
+        """Return distances from the path at samples of a motion, shape (m,) [m], and the interval of each sample."""
         per = max(1, -(-_POSES // max(len(q) - 1, 1)))
         along = np.linspace(0.0, len(q) - 1.0, per * (len(q) - 1) + 1)
         samples = np.column_stack([np.interp(along, np.arange(len(q)), column) for column in q.T])

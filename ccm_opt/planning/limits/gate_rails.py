@@ -59,12 +59,12 @@ Taste."""
 
 @dataclass(frozen=True)
 class LineCrossings:
-    """Where the axes of K poses cross g lines; all entries are 0 where an axis does not cross a line.
+    """Crossings of the axes of K poses with g lines; all entries are 0 where an axis does not cross a line.
 
     Attributes:
         link: index of the crossing link, shape (K, g).
-        share: share of that link that lies before the crossing, shape (K, g).
-        aside: distance of the crossing to the left of the line's middle, shape (K, g) [m].
+        share: fraction of that link that lies before the crossing, shape (K, g).
+        aside: signed distance of the crossing to the left of the line's middle, shape (K, g) [m].
         crossed: whether the axis crosses the line near its middle, shape (K, g).
     """
 
@@ -90,7 +90,7 @@ class GateLines:
 
     @classmethod
     def from_rails(cls, rails: tuple[FloatArray, ...], workspace: Workspace) -> "GateLines":
-        """Return the lines across gates between walls.
+        """Return the lines across the gates whose middle lines are given.
 
         Args:
             rails: middle lines with their straight runs before and behind, each of shape (k ≥ 3, 2) [m].
@@ -109,7 +109,7 @@ class GateLines:
 
     # ------------------------------------------------------------ crossings
     def crossings(self, points: FloatArray, farthest: float) -> LineCrossings:
-        """Return where axes cross the lines, for each line the crossing nearest to its middle.
+        """Return the crossings of axes with the lines: for each line, the crossing nearest to its middle.
 
         Args:
             points: joints and tips of poses, shape (K, links + 1, 2) [m].
@@ -153,7 +153,7 @@ class GateLines:
     def restored(self, space: LinkSpace, coordinates: FloatArray) -> FloatArray:
         """Return the coordinates of poses moved until their axes cross all lines in the middle.
 
-        Newton's method, with the least turns of links.
+        Uses Newton's method with the smallest turns of links.
 
         Args:
             space: the link space.
@@ -203,9 +203,9 @@ class GateLines:
 
 
 def _narrowest(middle: FloatArray, workspace: Workspace) -> list[FloatArray]:
-    """Return both ends of the stretch of a middle line, shape (k, 2), where walls are nearest.
+    """Return both ends of the section of a middle line, shape (k, 2), at which walls are nearest.
 
-    A short stretch is reduced to the one place at its centre.
+    A short section is reduced to its centre.
     """
     arcs = arc_lengths(middle)
     places = points_at(middle, arcs, np.linspace(0.0, arcs[-1], _PLACES)) if arcs[-1] > 0.0 else middle[:1]
@@ -243,7 +243,7 @@ class GateRails(Limit):
 
     @cached_property
     def _legs(self) -> tuple[FloatArray, FloatArray]:
-        """Straight pieces of all rails, start points, shape (m, 2) [m], and directions with lengths.
+        """Start points of the straight pieces of all rails, shape (m, 2) [m], and their directions with lengths.
 
         The directions are unit vectors in the first two columns of shape (m, 3); the third is the piece's length [m].
         """
@@ -307,7 +307,7 @@ class GateRails(Limit):
     def missed(self, space: LinkSpace, pose: Pose) -> tuple[FloatArray, FloatArray]:
         """Return the slopes of the lines that a pose crosses, and how far it has to move across each.
 
-        Shapes (k, p) and (k,) [m].
+        The slopes have the shape (k, p), the distances the shape (k,) [m].
         """
         found = self.lines.crossings(pose.points[None], _ACROSS * space.nominal_length)
         crossed = found.crossed[0]
@@ -318,7 +318,7 @@ class GateRails(Limit):
         return np.asarray(self.lines.slopes(pose.moving[None], space.arm.headings(pose.q)[None], found)[0])
 
     def met(self, pose: Pose) -> bool:
-        """Return whether a pose crosses every line within the play of its middle."""
+        """Return whether a pose crosses every line within ``play`` of the line's middle."""
         found = self.lines.crossings(pose.points[None], np.inf)
         return bool(np.all(np.abs(found.aside) <= self.play))
 

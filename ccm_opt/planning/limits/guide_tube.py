@@ -61,7 +61,7 @@ class GuideTubeLimit(Limit):
 
     # ------------------------------------------------------------ the single step
     def linearised(self, space: LinkSpace, pose: Pose, turn: float) -> LimitRows:
-        """Return equations for the bends that are held, cones for the others, and the range of the base."""
+        """Return equations for joints held in the tube, cones for the other joints, and bounds on the base."""
         bends = space.bends(pose.q)
         room = self._beyond(pose.q) - self._reserve
         held = (room < 0.0) & (bends == 0.0)
@@ -87,7 +87,7 @@ class GuideTubeLimit(Limit):
         return LimitRows(np.vstack(rows), np.concatenate(lower), np.concatenate(upper), len(straight), keeps=keeps)
 
     def restored(self, space: LinkSpace, pose: Pose, most: float) -> Pose:
-        """Return the pose with bends of held joints exactly 0 and the base within its range.
+        """Return the pose with the bends of held joints set to 0 and the base clipped to its range.
 
         Only errors of the size of the solver's accuracy are corrected.
         """
@@ -97,7 +97,7 @@ class GuideTubeLimit(Limit):
 
     # ------------------------------------------------------------ at the goal
     def keeps_at_goal(self, space: LinkSpace, near: Pose, final: Pose) -> bool:
-        """Return whether no held joint is bent, and the base is in its range."""
+        """Return whether the final pose bends no joint held in the tube and keeps the base within its range."""
         del space, near
         low, high = self._range_left(final.q)
         in_range = bool(low <= 0.0 <= high)
@@ -105,7 +105,7 @@ class GuideTubeLimit(Limit):
 
     # ------------------------------------------------------------ the optimisation of a motion
     def keyframe_equations(self, sweep: "PlanarSweep", u: FloatArray) -> tuple[KeyframeRows, ...]:
-        """Return equations that keep the joints before the first that may bend straight."""
+        """Return equations that keep all joints straight up to the first joint that may bend."""
         del u
         straight = np.arange(self.arm.links) < self._first_free(sweep.configurations)[:, None]
         straight[0] = False  # the start is fixed
@@ -114,7 +114,7 @@ class GuideTubeLimit(Limit):
         return (KeyframeRows(keyframe, sweep.space.bend_rows[joint], zero, zero),)
 
     def keyframe_rows(self, sweep: "PlanarSweep", u: FloatArray) -> tuple[KeyframeRows, ...]:
-        """Return rows on the base: within its range, and bent joints outside the tube.
+        """Return rows that keep the base within its range and bent joints outside the tube.
 
         Joints that bend at this keyframe or at a neighbouring one count.
         """
@@ -154,7 +154,7 @@ class GuideTubeLimit(Limit):
 
     # ------------------------------------------------------------ words
     def describe(self, q: FloatArray) -> str:
-        """Return a phrase where the base is at an end of its range, else an empty string."""
+        """Return a phrase that says that the base is at an end of its range, or an empty string if it is not."""
         low, high = self._range_left(q)
         if min(-float(low), float(high)) > _AT_END:
             return ""
@@ -191,7 +191,7 @@ class GuideTubeLimit(Limit):
     def _first_free(self, poses: FloatArray) -> IntArray:
         """Return the index of the first joint that may bend at each keyframe, shape (K,).
 
-        The number of links where none may.
+        The number of links is returned where no joint may bend.
         """
         base = self._base(poses)
         least = _least_around(base, _MIXED)
@@ -207,9 +207,9 @@ class GuideTubeLimit(Limit):
         return np.asarray(np.abs(poses[:, : self.arm.links]) > TINY)
 
     def _held_bent(self, poses: FloatArray) -> BoolArray:
-        """Return in which intervals between poses some held joint is bent, shape (K, c) to (K − 1,).
+        """Return the intervals between poses in which a held joint is bent, as a mask, shape (K, c) to (K − 1,).
 
-        For a single pose, whether it has one, shape (1,).
+        For a single pose, return whether a held joint is bent, shape (1,).
         """
         bent = self._bent(poses)
         beyond = self._beyond(poses)
@@ -240,7 +240,7 @@ class GuideTubeLimit(Limit):
 
 
 def _least_around(values: NDArray[Number], reach: int) -> NDArray[Number]:
-    """Return, for each value, the least of it and its ``reach`` neighbours to either side, shape (K,)."""
+    """Return, for each value, the minimum over the value and ``reach`` neighbours on either side, shape (K,)."""
     around = np.pad(values, reach, mode="edge")
     least: NDArray[Number] = np.lib.stride_tricks.sliding_window_view(around, 2 * reach + 1).min(axis=1)
     return least

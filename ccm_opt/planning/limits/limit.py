@@ -38,13 +38,13 @@ _EQUATION = 5
 
 
 def always(pose: Pose) -> bool:
-    """Return True: the exact check of a limit whose linearised rows are exact."""
+    """Return True, as the exact check of limits whose linearised rows are exact."""
     del pose
     return True
 
 
 def unbounded_excess(delta: FloatArray) -> float:
-    """Return 0: the excess of a step where the limit does not bound its length."""
+    """Return 0, as the excess of limits that do not bound the length of a step."""
     del delta
     return 0.0
 
@@ -107,7 +107,7 @@ class KeyframeRows:
 
 @dataclass(frozen=True)
 class Quadratic:
-    """A quadratic form ½ Σ that couples neighbouring keyframes of a motion with K intervals.
+    """A quadratic model of a cost that couples neighbouring keyframes of a motion with K intervals.
 
     Attributes:
         gradient: gradient with respect to the coordinates of each keyframe, shape (K + 1, p).
@@ -144,7 +144,7 @@ class LimitOf(Generic[AnyUnknowns_contra]):
 
     @property
     def breaks(self) -> tuple[float, ...]:
-        """Path parameters inside (0, 1) at which the limit starts or stops applying, increasing."""
+        """Increasing path parameters inside (0, 1) at which the limit starts or stops to apply."""
         return ()
 
     def placed(self, u: float) -> "Self":
@@ -177,17 +177,17 @@ class LimitOf(Generic[AnyUnknowns_contra]):
 
     # ------------------------------------------------------------ at the goal
     def miss(self, q: FloatArray) -> float:
-        """Return by how much a configuration violates the limit, in the limit's unit.
+        """Return the violation of the limit at a configuration, in the limit's unit.
 
-        For limits that have to be met exactly; 0 otherwise.
+        The violation is reported by limits that have to be met exactly; other limits return 0.
         """
         del q
         return 0.0
 
     def restoration(self, pose: Pose, most: float) -> tuple[FloatArray, FloatArray]:
-        """Return the rows of violated requirements, per radian, shape (k, p), and their wanted change [rad].
+        """Return the rows of violated requirements, per radian, shape (k, p), and their required changes [rad].
 
-        The wanted change, shape (k,), is at most ``most`` [rad].
+        The required changes, shape (k,), are at most ``most`` [rad].
         """
         del most
         return np.zeros((0, len(pose.v))), np.zeros(0)
@@ -207,7 +207,7 @@ class LimitOf(Generic[AnyUnknowns_contra]):
 
     # ------------------------------------------------------------ the optimisation of a motion
     def interval_rows(self, sweep: Any) -> "tuple[IntervalRows, ...]":
-        """Return the rows over whole intervals; each interval may violate them by slack at a price."""
+        """Return the rows over whole intervals; an interval may violate its rows by a penalised slack."""
         del sweep
         return ()
 
@@ -232,7 +232,7 @@ class LimitOf(Generic[AnyUnknowns_contra]):
         return ()
 
     def restored_keyframes(self, space: AnyUnknowns_contra, coordinates: FloatArray, u: FloatArray) -> FloatArray:
-        """Return the keyframes, shape (K + 1, p), moved back onto the limit; the same array where none moves."""
+        """Return keyframes, shape (K + 1, p), moved back onto the limit; the given array if none has to move."""
         del space, u
         return coordinates
 
@@ -265,7 +265,7 @@ class LimitOf(Generic[AnyUnknowns_contra]):
         return "", 0.0
 
     def describe(self, q: FloatArray) -> str:
-        """Return in words which part of the limit is violated, or else at its bound; empty when neither."""
+        """Return a description of the part that is violated or at its bound; empty if there is none."""
         del q
         return ""
 
@@ -277,7 +277,7 @@ Limit: TypeAlias = LimitOf[LinkSpace]
 def restored_keyframes(
     limits: Iterable[LimitOf[AnyUnknowns_contra]], space: AnyUnknowns_contra, unknowns: FloatArray, u: FloatArray
 ) -> FloatArray:
-    """Return the keyframes moved back onto several limits, shape (K + 1, p); the same array where none moves.
+    """Return keyframes moved back onto several limits, shape (K + 1, p); the given array if none has to move.
 
     Args:
         limits: applied in this order.

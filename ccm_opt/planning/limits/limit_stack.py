@@ -56,7 +56,7 @@ _FEED = 0.3
 
 @dataclass(frozen=True)
 class AtRest(LimitOf[CurveUnknowns]):
-    """Pulls every step towards a straight, even curve, and optionally towards no motion at all.
+    """Pulls every step towards a straight, evenly bent curve and, optionally, towards no motion at all.
 
     Attributes:
         still: whether to keep the arm still where no other term asks for motion.
@@ -156,11 +156,10 @@ class ContactLimit(LimitOf[CurveUnknowns]):
         finder: finds near pairs; its margin is kept where there is clearance for it, its reach selects the pairs that
             get rows.
         certificate: proves gaps between keyframes.
-        settings: of the step.
+        settings: settings of the step.
         over_motion: returns the rows of a whole motion.
-        wanted: gap that the optimisation of a motion asks for where there is that much [m].
-        gates: gates, in which links are asked for no larger gap than the certificate asks for; None where there are
-            none.
+        wanted: preferred gap in the optimisation of a motion, where there is enough clearance [m].
+        gates: gates, in which links only need the gap of the certificate; None where there are no gates.
     """
 
     finder: ContactFinder
@@ -172,7 +171,7 @@ class ContactLimit(LimitOf[CurveUnknowns]):
 
     # ------------------------------------------------------------ the single step
     def linearised(self, space: CurveUnknowns, pose: Pose, turn: float) -> LimitRows:
-        """Return a row for each near pair: its gap may close by at most a share of its excess over the margin."""
+        """Return a row for each near pair, whose gap may close by at most a fraction of its excess over the margin."""
         del turn
         settings = self.settings
         unit = space.nominal_length
@@ -201,7 +200,7 @@ class ContactLimit(LimitOf[CurveUnknowns]):
         )
 
     def _keeps(self, before: Contacts, trial: Pose) -> bool:
-        """Return whether, by the contacts found, a pose keeps its gaps or loses none against the pose before it."""
+        """Return whether a pose keeps its gaps, or at least has none smaller than in the pose before it."""
         # The proof of a step also covers its end.
         if self.settings.proof_depth is not None:
             return True
@@ -213,13 +212,13 @@ class ContactLimit(LimitOf[CurveUnknowns]):
         return keeps_clear(after, allowed, self.settings.keep_share) and not self.finder.crosses(trial.points)
 
     def keeps_at_goal(self, space: CurveUnknowns, near: Pose, final: Pose) -> bool:
-        """Return whether the pose on the goal keeps its gaps, or loses none against the pose near it."""
+        """Return whether the pose on the goal keeps its gaps, or at least has none smaller than in the near pose."""
         del space
         return self._keeps(self.finder.find(near.points), final)
 
     # ------------------------------------------------------------ whole motions
     def interval_rows(self, sweep: Sweep) -> tuple[IntervalRows, ...]:
-        """Return the rows from the regions about the motion's own sweep, and from its near pairs of links."""
+        """Return the rows from free regions around the motion's own sweep, and from its near pairs of links."""
         return (self.over_motion(sweep, self),)
 
     def failures(self, q: FloatArray, depth: int | None = None) -> IntArray:
@@ -228,13 +227,13 @@ class ContactLimit(LimitOf[CurveUnknowns]):
 
 
 def keeps_clear(contacts: Contacts, allowed: float, keep_share: float) -> bool:
-    """Return whether every gap is at least its share of the margin, less the allowed shortfall [m]."""
+    """Return whether every gap is at least ``keep_share`` of its margin, less the allowed shortfall [m]."""
     floor = keep_share * contacts.margin - allowed
     return bool(np.all(contacts.gap >= np.minimum(floor, keep_share * contacts.margin)))
 
 
 def allowed_shortfall(contacts: Contacts, keep_share: float) -> float:
-    """Return how far the worst gap already is below its share of the margin, at least 0 [m]."""
+    """Return the largest shortfall of a gap from ``keep_share`` of its margin, at least 0 [m]."""
     return max(0.0, float(np.max(keep_share * contacts.margin - contacts.gap, initial=0.0)))
 
 
@@ -282,7 +281,7 @@ class JointLimit(LimitOf[CurveUnknowns]):
     accepted: float
 
     def linearised(self, space: CurveUnknowns, pose: Pose, turn: float) -> LimitRows:
-        """Return rows for the bends that the step could bring to their bound."""
+        """Return rows for the bends that could reach their bound in the step."""
         bends = space.bends(pose.q)
         limits = self.share * space.bend_limits
         tight = np.abs(bends) + 2.0 * turn > limits  # a bend is the difference of two headings
@@ -329,7 +328,7 @@ class JointLimit(LimitOf[CurveUnknowns]):
         return not np.any(np.abs(space.bends(sweep.configurations)) > np.minimum(allowed, space.bend_limits))
 
     def failures(self, q: FloatArray, depth: int | None = None) -> IntArray:
-        """Return the intervals at an end of which a coordinate, including that of the base, is beyond its limits."""
+        """Return the intervals with an end at which a coordinate, including the base's, is beyond its limits."""
         del depth
         beyond = np.any((q < self.arm.lower_limits - _BEYOND) | (q > self.arm.upper_limits + _BEYOND), axis=1)
         return np.flatnonzero(beyond[:-1] | beyond[1:])
@@ -359,10 +358,10 @@ def overbent(limits: FloatArray, bends: FloatArray, held: FloatArray, tolerance:
 
 @dataclass(frozen=True)
 class TurnLimit(LimitOf[CurveUnknowns]):
-    """Bounds the turn of every link in a step, and the travel of the base."""
+    """Bounds the turn of every link and the travel of the base in a step."""
 
     def linearised(self, space: CurveUnknowns, pose: Pose, turn: float) -> LimitRows:
-        """Return one row per link that turns about one axis: −turn ≤ Δφ ≤ turn, which is exact.
+        """Return an exact row, −turn ≤ Δφ ≤ turn, for every link that turns about one axis.
 
         Links that turn about three axes have no rows; there the whole step is shortened instead.
         """
@@ -391,7 +390,7 @@ def assembled_limits(
     Args:
         arm: the arm.
         contact: limit that keeps gaps open.
-        settings: of the step.
+        settings: settings of the step.
         further: further limits of this motion.
     """
     joints = JointLimit(arm, settings.limit_share, settings.accepted_share)

@@ -13,7 +13,7 @@ from ccm_opt.robot.arm import Arm
 
 
 class IntervalCertificate(Protocol):
-    """Certifies piecewise-linear motions of an arm interval by interval."""
+    """Certifies every interval of piecewise-linear motions of an arm."""
 
     @property
     def arm(self) -> Arm:
@@ -26,7 +26,7 @@ class IntervalCertificate(Protocol):
         ...
 
     def failures(self, q: FloatArray, /, depth: int | None = None) -> IntArray:
-        """Return the sorted intervals that are not certified, of a motion with configurations of shape (K, c)."""
+        """Return the sorted uncertified intervals of a motion with configurations q, shape (K, c) [rad, m]."""
         ...
 
 
@@ -64,7 +64,7 @@ class MotionCertificate:
 def failed_intervals(limits: tuple[LimitOf[Any], ...], q: FloatArray, depth: int | None = None) -> IntArray:
     """Return the intervals in which some limit cannot be certified, sorted.
 
-    Arguments as for ``MotionCertificate.failures``.
+    The arguments are those of ``MotionCertificate.failures``.
     """
     failing = np.zeros(0, dtype=np.intp)
     for limit in limits:

@@ -22,11 +22,11 @@ _PLANES = 6
 
 
 def motion_rows(sweep: Sweep, contact: ContactLimit, finder: SurfaceFinder) -> IntervalRows:
-    """Return all rows of a motion.
+    """Return the rows that keep a motion in space clear of surfaces and of its own links.
 
     Args:
         sweep: the motion.
-        contact: limit with the gap wanted beyond the margin.
+        contact: limit with the preferred gap beyond the margin.
         finder: finder of the contacts.
     """
     room = finder.margin + contact.wanted
@@ -36,7 +36,7 @@ def motion_rows(sweep: Sweep, contact: ContactLimit, finder: SurfaceFinder) -> I
 
 
 def _wall_rows(sweep: Sweep, finder: SurfaceFinder, room: float) -> IntervalRows:
-    """Return the rows of half-spaces about the links at all times of rows but the start."""
+    """Return the rows of free half-spaces around the links at all times of rows except the start."""
     kept = finder.kept + room
     chords = np.linalg.norm(np.diff(sweep.timed_joints, axis=0), axis=2)
     travel = min(float(np.max(chords, initial=0.0)), _MOST_TRAVEL * sweep.space.nominal_length)
@@ -53,7 +53,7 @@ def _wall_rows(sweep: Sweep, finder: SurfaceFinder, room: float) -> IntervalRows
 def _half_spaces(
     sweep: Sweep, tree: SurfaceTree, points: FloatArray, reach: float
 ) -> tuple[IntArray, IntArray, FloatArray, FloatArray]:
-    """Return the half-spaces n·x ≥ b about the links of several poses.
+    """Return free half-spaces n·x ≥ b around the links of several poses.
 
     Args:
         sweep: the motion.
@@ -75,7 +75,7 @@ def _half_spaces(
 
 
 def room_lacking(sweep: Sweep, finder: SurfaceFinder, wanted: float) -> FloatArray:
-    """Return the shortfall of the gap from surfaces at the times of rows but the first, at least 0, shape (K m,) [m].
+    """Return shortfalls ≥ 0 of the gap from surfaces at all times of rows except the first, shape (K m,) [m].
 
     Args:
         sweep: the motion.
@@ -88,7 +88,7 @@ def room_lacking(sweep: Sweep, finder: SurfaceFinder, wanted: float) -> FloatArr
 def _rows_of_points(
     interval: IntArray, share: FloatArray, point: IntArray, normal: FloatArray, need: FloatArray
 ) -> IntervalRows:
-    """Return rows that keep points at least ``need`` [m] along their normals from the origin, as half-spaces demand."""
+    """Return the rows normal · point ≥ ``need`` [m], with which half-spaces bound points of the arm."""
     none = np.zeros(len(point), dtype=np.intp)
     return IntervalRows(interval, share, point, none + STILL, none, none, -normal, need)
 
@@ -102,12 +102,12 @@ def _free_points(sweep: Sweep, point: IntArray) -> IntArray:
 
 
 def distance_lacking(arm: Arm, tree: SurfaceTree, points: FloatArray, kept: float) -> FloatArray:
-    """Return how far the axes of the links beyond the mount are closer to surfaces than required.
+    """Return by how much the axes of links beyond the mount are closer to surfaces than required.
 
     Args:
         arm: the arm.
         tree: tree of the surfaces.
-        points: joints and tip of some poses, shape (k, links + 1, 3) [m].
+        points: joints and tips of several poses, shape (k, links + 1, 3) [m].
         kept: required distance between axes and surfaces [m].
 
     Returns:

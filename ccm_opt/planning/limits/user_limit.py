@@ -141,14 +141,14 @@ class UserLimit(LimitOf[CurveUnknowns]):
         return self.rows.at(q, self.u)
 
     def turns(self, slopes: FloatArray) -> FloatArray:
-        """Return how much a turn of the whole arm changes each row of slopes, shapes (m, c) to (m,); never 0."""
+        """Return the change of each row per turn of the whole arm, from slopes of shape (m, c); never 0, shape (m,)."""
         return slope_norms(self.terms.quantities.heading_slopes(slopes))
 
     # ------------------------------------------------------------ the single step
     def linearised(self, space: CurveUnknowns, pose: Pose, turn: float) -> LimitRows:
-        """Return equations and a row for each gap that could close in the step.
+        """Return the equations, and a row for each gap that could close in the step.
 
-        Equations are asked to be met at once, or as far as half of the largest turn leads.
+        Equations have to be met in this step, or as far as half of the largest turn allows.
         """
         del space
         now = self.values(pose.q)
@@ -175,7 +175,7 @@ class UserLimit(LimitOf[CurveUnknowns]):
         )
 
     def _pull(self, rows: FloatArray, gaps: FloatArray, turn: float) -> Term:
-        """Return the term that opens gaps inside their margin, with urgency where they are violated."""
+        """Return the term that opens gaps inside their margin, with a higher weight on violated gaps."""
         margin = _MARGIN
         near = gaps < margin
         short = margin - gaps[near]
@@ -189,7 +189,7 @@ class UserLimit(LimitOf[CurveUnknowns]):
     ) -> tuple[FloatArray, FloatArray]:
         """Return orthonormal combinations of the equations' rows, and the change that each needs.
 
-        Equations that are far from met ask for half of the largest turn of a link, so that the QP stays feasible.
+        Equations that are far from met demand half of the largest turn of a link, so that the QP stays feasible.
         """
         if not len(slopes):
             return slopes, equations
@@ -206,8 +206,8 @@ class UserLimit(LimitOf[CurveUnknowns]):
     def _keeps(self, before: "RowValues", after: "RowValues") -> bool:
         """Return whether a step from ``before`` to ``after`` is acceptable.
 
-        Every gap has to keep its share of the margin, or not shrink, and the equations have to be met or come closer to
-        it.
+        Every gap has to keep its fraction of the margin, or not shrink; the equations have to be met, or their
+        residuals to shrink.
         """
         # A pose that begins inside the margin may stay there, but must not lose more.
         floor = np.minimum(_KEEP_SHARE * _MARGIN * self.turns(before.gap_slopes), before.gaps)
@@ -226,7 +226,7 @@ class UserLimit(LimitOf[CurveUnknowns]):
         return pose if moved is None else moved
 
     def moved_onto_rows(self, space: CurveUnknowns, pose: Pose, most: float, *, gaps: bool) -> Pose | None:
-        """Return a pose moved onto the equations by Newton's method with least change of the links.
+        """Return a pose moved onto the equations by Newton's method with the smallest change of the links.
 
         Args:
             space: the map from the unknowns to configurations.
@@ -235,7 +235,7 @@ class UserLimit(LimitOf[CurveUnknowns]):
             gaps: whether to restore violated gaps and joint limits too.
 
         Returns:
-            None when the method does not converge within ``most``.
+            The pose; None when the method does not converge within ``most``.
         """
         start = pose
         limits = _JOINT_SHARE * space.bend_limits
@@ -268,14 +268,14 @@ class UserLimit(LimitOf[CurveUnknowns]):
         return 0.0 if miss <= _MET_AT_GOAL else miss
 
     def restoration(self, pose: Pose, most: float) -> tuple[FloatArray, FloatArray]:
-        """Return the rows of equations and of gaps inside their margin, per radian, and their wanted change.
+        """Return rows of equations and of gaps inside their margin, per radian, and their required changes.
 
         Args:
             pose: pose at which they are violated.
             most: largest turn of the whole arm [rad].
 
         Returns:
-            Rows, shape (k, p), and wanted changes, shape (k,), at most ``most`` [rad].
+            Rows, shape (k, p), and required changes, shape (k,), at most ``most`` [rad].
         """
         values = self.values(pose.q)
         margins = _MARGIN * self.turns(values.gap_slopes)
@@ -314,7 +314,7 @@ class UserLimit(LimitOf[CurveUnknowns]):
         return (KeyframeRows(np.array(keyframes, dtype=np.intp), np.vstack(rows), zero, zero),)
 
     def keyframe_rows(self, sweep: "Sweep", u: FloatArray) -> tuple[KeyframeRows, ...]:
-        """Return the rows of the gaps near closing at every keyframe, per radian of the whole arm."""
+        """Return rows for the gaps that are nearly closed at keyframes, per radian of the whole arm."""
         keyframes: list[int] = []
         rows = [np.zeros((0, sweep.unknowns.shape[1]))]
         least = [np.zeros(0)]
@@ -338,7 +338,7 @@ class UserLimit(LimitOf[CurveUnknowns]):
         return (UserCosts(self.terms, u),)
 
     def restored_keyframes(self, space: CurveUnknowns, coordinates: FloatArray, u: FloatArray) -> FloatArray:
-        """Return the keyframes, the inner ones moved onto their equations and out of violated gaps.
+        """Return the keyframes, with the inner ones moved onto their equations and out of violated gaps.
 
         Keyframes for which that fails are unchanged.
         """
@@ -358,7 +358,7 @@ class UserLimit(LimitOf[CurveUnknowns]):
     # ------------------------------------------------------------ between keyframes
     @cached_property
     def _lasting(self) -> BoolArray:
-        """Which rows are gaps that apply over the whole motion and do not depend on the path parameter."""
+        """Mask of the gaps that apply over the whole motion and do not depend on the path parameter."""
         rows = self.terms.path_rows
         return np.asarray(~rows.equal & (rows.first <= 0.0) & (rows.last >= 1.0) & ~rows.parametric)
 
@@ -391,9 +391,9 @@ class UserLimit(LimitOf[CurveUnknowns]):
 
     # ------------------------------------------------------------ the smooth path
     def path_violations(self, q: FloatArray, u: float) -> tuple[FloatArray, FloatArray]:
-        """Return the slopes by the configuration of equations and violated gaps, and the change each needs.
+        """Return derivatives of equations and violated gaps with respect to the configuration, and required changes.
 
-        Shapes (k, c) and (k,).
+        The derivatives have the shape (k, c), the changes the shape (k,).
         """
         values = self.terms.path_rows.at(q, u)
         reserve = _RESERVE * _KEEP_SHARE * _MARGIN * self.turns(values.gap_slopes)
@@ -404,7 +404,7 @@ class UserLimit(LimitOf[CurveUnknowns]):
         return slopes, np.append(-values.equations, _KNOT_RESERVES * reserve[broken] - values.gaps[broken])
 
     def misses_path(self, q: FloatArray, u: FloatArray) -> BoolArray:
-        """Return at which samples a row is violated by more than its share of the allowed violation, shape (K,)."""
+        """Return a mask of the samples at which a row exceeds its fraction of the allowed violation, shape (K,)."""
         rows = self.terms.path_rows
         table = rows.table(q, u)
         miss = np.where(rows.equal, np.abs(table), -table)
@@ -418,7 +418,7 @@ class UserLimit(LimitOf[CurveUnknowns]):
 
     @property
     def advice(self) -> tuple[str, ...]:
-        """What the user can try when no motion is found."""
+        """Advice to the user when no motion is found."""
         return ("relax the constraints, or make them soft",)
 
     def refuse_ends(self, start: FloatArray, goal: FloatArray | None) -> None:
@@ -442,7 +442,7 @@ class UserLimit(LimitOf[CurveUnknowns]):
         return rows.names[k], float(miss[k])
 
     def describe(self, q: FloatArray) -> str:
-        """Return in words which constraint is violated, or else at its bound; empty when none is."""
+        """Return a description of the constraint that is violated or at its bound; empty if there is none."""
         name, miss = self.worst(q)
         if miss > _MET_AT_GOAL:
             return f"constraint '{name}' is violated by {miss:.3g}"
@@ -452,5 +452,5 @@ class UserLimit(LimitOf[CurveUnknowns]):
         return f"constraint '{rows.names[int(np.flatnonzero(near)[0])]}' is at its bound" if near.any() else ""
 
     def _slope_norms(self, q: FloatArray) -> FloatArray:
-        """Return the norm of the slope of every row, applicable here or not, shape (rows,)."""
+        """Return the norms of the slopes of all rows, whether they apply here or not, shape (rows,)."""
         return self.turns(np.asarray(self.rows.slopes(q, self.u)[1]))

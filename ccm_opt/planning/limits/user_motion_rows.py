@@ -66,7 +66,7 @@ class UserCosts:
 
     @cached_property
     def _weights(self) -> "tuple[tuple[CompiledCost, ...], list[FloatArray]]":
-        """All costs, and the weight of each at every keyframe, its mean over the keyframes it applies to."""
+        """All costs, and their weights at every keyframe, divided by the number of keyframes that they apply to."""
         costs = self.terms.all_costs
         weights = []
         for cost in costs:
@@ -131,6 +131,6 @@ def _refuse_at_start(compiled: "CompiledConstraint", start: "FloatArray", allowe
 
 
 def slope_norms(slopes: FloatArray) -> FloatArray:
-    """Return the norm of every row's slope by the link headings, shape (m,); never 0."""
+    """Return the norms of the rows' derivatives with respect to the link headings, never 0, shape (m,)."""
     norms: FloatArray = np.maximum(np.linalg.norm(slopes, axis=1), TINY)
     return norms

@@ -30,7 +30,7 @@ class RowCurvature:
 
     Attributes:
         diagonal: blocks of each keyframe, shape (K + 1, p, p).
-        beside: blocks of the difference between keyframes k and k + 1, shape (K, p, p).
+        beside: blocks for the difference between keyframes k and k + 1, shape (K, p, p).
     """
 
     diagonal: FloatArray
@@ -94,7 +94,7 @@ class Sweep:
         return self._with_marks(np.stack([pose.moving for pose in self.poses]))
 
     def unknowns_at(self, share: float) -> FloatArray:
-        """Return the unknowns when a share of each interval has passed, shape (K, p)."""
+        """Return the unknowns at a fraction ``share`` of each interval, shape (K, p)."""
         return np.asarray((1.0 - share) * self.unknowns[:-1] + share * self.unknowns[1:])
 
     @cached_property
@@ -130,7 +130,7 @@ class Sweep:
 
     @cached_property
     def timed_moving(self) -> FloatArray:
-        """Derivatives of these points with respect to the unknowns at their time, shape (K m + 1, n + 3, d, p) [m]."""
+        """Derivatives of ``timed_points`` with respect to the unknowns at each time, (K m + 1, n + 3, d, p) [m]."""
         if self.parts == 1:
             return self.moving
         between = self.space.poses(self._between.reshape(-1, self.unknowns.shape[1]))
@@ -159,20 +159,20 @@ class Sweep:
     def deviation(self, rows: "IntervalRows") -> FloatArray | float:
         """Return a bound on how far the points of rows may leave their chord, shape (m,) [m].
 
-        0 where the rows account for it themselves.
+        The bound is 0 where the rows account for the deviation themselves.
         """
         del rows
         return 0.0
 
     def deviation_slopes(self, rows: "IntervalRows") -> FloatArray | float:
-        """Return the derivatives of the deviation by the change of the unknowns over the interval, shape (m, p) [m]."""
+        """Return derivatives of the deviation with respect to the change of unknowns in the interval, (m, p) [m]."""
         del rows
         return 0.0
 
     def lost(self, rows: "IntervalRows") -> FloatArray:
-        """Return the excess, at least 0, of n·(P_a − P_b) half-way over the mean of its ends, shape (m,) [m].
+        """Return the excess ≥ 0 of n·(P_a − P_b) half-way over the mean of its end values, shape (m,) [m].
 
-        0 where the deviation bounds it.
+        The excess is 0 where the bound on the deviation covers it.
         """
         way = self.halfway_off[rows.interval, rows.plus] - self.halfway_off[rows.interval, rows.minus]
         return np.asarray(np.maximum(np.einsum("md,md->m", rows.normal, way), 0.0))
@@ -191,14 +191,14 @@ class IntervalRows:
     """Rows g ≤ 0 over a motion; all arrays have length m.
 
     Attributes:
-        interval: number k of the interval.
-        share: share of the interval that has passed: 0 at its start, 1 at its end.
-        plus: number a of the point counted positively.
-        minus: number b of the point counted negatively; ``STILL`` for a wall.
-        high: joint up to which the deviation counts.
-        low: joint from which on the deviation counts.
-        normal: n, shape (m, d).
-        constant: c [m].
+        interval: index k of the interval of each row.
+        share: time of the row as a fraction of the interval: 0 at its start, 1 at its end.
+        plus: index a of the point with positive sign.
+        minus: index b of the point with negative sign; ``STILL`` for a wall.
+        high: index of the joint up to which the deviation counts.
+        low: index of the joint from which on the deviation counts.
+        normal: direction n, shape (m, d).
+        constant: constant c of the row [m].
     """
 
     interval: IntArray
@@ -214,11 +214,11 @@ class IntervalRows:
         return len(self.interval)
 
     def take(self, chosen: BoolArray | IntArray) -> "IntervalRows":
-        """Return the rows selected by a mask or by their numbers."""
+        """Return the rows selected by a mask or by indices."""
         return IntervalRows(*(getattr(self, each.name)[chosen] for each in fields(self)))
 
     def part(self, sweep: Sweep) -> IntArray:
-        """Return the part of the motion that each row's time ends, or begins where it is a start, shape (m,)."""
+        """Return the index of the part of the motion that ends at each row's time, or begins at a start, shape (m,)."""
         return np.asarray(np.maximum(self._time(sweep) - 1, sweep.parts * self.interval))
 
     @property
@@ -251,7 +251,7 @@ class IntervalRows:
 
 
 def joined_rows(parts: list[IntervalRows]) -> IntervalRows:
-    """Return the rows of several lists in one."""
+    """Return the rows of several sets, concatenated."""
     return IntervalRows(
         *(np.concatenate([getattr(part, each.name) for part in parts]) for each in fields(IntervalRows))
     )
@@ -262,7 +262,7 @@ def pair_rows(sweep: Sweep, margin: float, reach: float) -> IntervalRows:
 
     Args:
         sweep: the motion.
-        margin: gap to keep beyond two radii, where the links in between leave that much [m].
+        margin: gap to keep beyond two radii, where the links in between allow that gap [m].
         reach: pairs with a gap above this are left out [m].
     """
     arm = sweep.space.arm
@@ -296,11 +296,11 @@ def pair_rows(sweep: Sweep, margin: float, reach: float) -> IntervalRows:
 
 
 def representatives(rows: IntervalRows, values: FloatArray, group: int) -> IntArray:
-    """Return the numbers of the tightest row for each interval, time, group of neighbouring joints and direction.
+    """Return the indices of the tightest rows: one per interval, time, group of neighbouring joints and direction.
 
     Args:
         rows: the rows.
-        values: of the rows, shape (m,).
+        values: values of the rows, shape (m,).
         group: number of joints in a group.
     """
     keys = (
@@ -320,7 +320,7 @@ def representatives(rows: IntervalRows, values: FloatArray, group: int) -> IntAr
 
 
 def _directions(normal: FloatArray) -> IntArray:
-    """Return the number of the direction class of each normal, shape (m,)."""
+    """Return the index of the direction class of each normal, shape (m,)."""
     if normal.shape[1] == 2:
         sector = np.floor(np.arctan2(normal[:, 1], normal[:, 0]) * _SECTORS / (2.0 * np.pi)).astype(np.intp)
         return np.asarray(sector % _SECTORS)

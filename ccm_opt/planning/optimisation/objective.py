@@ -46,11 +46,11 @@ deviation."""
 
 @dataclass(frozen=True)
 class JointSlowness:
-    """Slowness of joints relative to the average joint, as factors.
+    """Factors of slowness of joints relative to the average joint.
 
     Attributes:
-        speed: mean of all speed limits over a joint's own, shape (links,).
-        acceleration: mean of all acceleration limits over a joint's own, shape (links,).
+        speed: ratio of the mean speed limit to that of each joint, shape (links,).
+        acceleration: ratio of the mean acceleration limit to that of each joint, shape (links,).
     """
 
     speed: FloatArray
@@ -76,7 +76,7 @@ class Objective:
         curve: the map of the unknowns.
         intervals: number K of intervals.
         weights: weights of the parts.
-        slowness: slowness of the coordinates, for the weight of the duration; None when all are alike.
+        slowness: slowness of the coordinates, for the weight of the duration; None when all coordinates are equal.
         scale: factor of each coordinate, shape (c,); None when all count alike.
     """
 
@@ -222,7 +222,7 @@ class Objective:
         return (1, self.intervals * self._first_weights), (2, self._second_factor * self._second_weights)
 
     def _ties(self, configurations: FloatArray) -> FloatArray:
-        """Return the derivative of the part quadratic in the coordinates, by these, shape (K + 1, c)."""
+        """Return the gradient of the quadratic part with respect to the coordinates, shape (K + 1, c)."""
         return np.asarray(
             sum(
                 _normal(self.intervals, order) @ configurations * weights for order, weights in self._coordinate_weights
@@ -256,12 +256,12 @@ Restored = Callable[[FloatArray], FloatArray]
 
 
 def decimated(coordinates: FloatArray, failures: Failures, first_stride: int) -> FloatArray:
-    """Return fewer keyframes of a certified motion, every leg between them certified; legs that fail are halved.
+    """Return fewer keyframes of a certified motion with certified legs between them; legs that fail are halved.
 
     Args:
         coordinates: coordinates at the keyframes, shape (K, p).
         failures: returns the legs that are not certified.
-        first_stride: keyframes that a leg skips at first.
+        first_stride: initial stride from keyframe to keyframe of the legs.
 
     Returns:
         A subset of the rows, both ends included; no leg cuts a corner, since every one is certified.
@@ -280,12 +280,12 @@ def decimated(coordinates: FloatArray, failures: Failures, first_stride: int) ->
 
 
 def subdivided(coordinates: FloatArray, sizes: FloatArray, intervals: int) -> FloatArray:
-    """Return the path with more keyframes: legs are cut into equal parts so that the longest part is shortest.
+    """Return the path with more keyframes: legs are divided into equal parts that minimise the longest part.
 
     Args:
         coordinates: coordinates at the keyframes, shape (K, p).
         sizes: length of each leg, in any measure, shape (K - 1,).
-        intervals: number of intervals wanted; a path that has more already stays unchanged.
+        intervals: required number of intervals; a path that already has more stays unchanged.
     """
     parts = np.ones(len(sizes), dtype=np.intp)
     while parts.sum() < intervals:
@@ -307,7 +307,7 @@ def resampled(
     Args:
         coordinates: coordinates at the path's keyframes, shape (K, p).
         u: their path parameters, increasing from 0 to 1, shape (K,).
-        intervals: number of steps at first; legs that fail are halved.
+        intervals: initial number of steps; legs that fail are halved.
         failures: returns the legs that are not certified.
         restored: moves keyframes onto the limits.
         rounds: number of times that legs may be halved.
@@ -327,13 +327,13 @@ def resampled(
 
 @dataclass(frozen=True)
 class WallNearness:
-    """The cost of some wall rows; satisfies ``MotionCost``.
+    """The cost of nearness to walls, from wall rows; satisfies ``MotionCost``.
 
     Attributes:
         rows: rows of one motion, fixed while the motion's change is computed.
         weight: weight of the cost.
-        distance: D [m].
-        nominal_share: number of nominal links to a link of the arm.
+        distance: distance D from walls below which rows cost [m].
+        nominal_share: number of nominal links per link of the arm.
     """
 
     rows: IntervalRows

@@ -61,8 +61,8 @@ def optimise(
     Args:
         motion: piecewise linear in its unknowns, certified; its keyframes meet all equations.
         task: arm, workspace, goal, limits and deadline.
-        margin: gap that rows ask for beyond contact, as a share of the arm's length; the usual one when None.
-        rounds: most steps; those of the settings when None.
+        margin: gap that rows demand beyond contact, as a fraction of the arm's length; the default when None.
+        rounds: maximum number of steps; that of the settings when None.
 
     Returns:
         The last certified motion: with a shorter joint path (or better by the task's weights) and few keyframes, with
@@ -89,7 +89,7 @@ def _optimised_on_limits(
 ) -> CurveMotion[Any]:
     """Return the motion optimised through keyframes that limits have moved.
 
-    The given motion when none can be certified.
+    Returns the given motion when no optimised motion can be certified.
     """
     settings = task.settings.optimisation
     taken = _MOVED_ROUNDS if rounds is None else _MOVED_ROUNDS * rounds // settings.rounds
@@ -110,8 +110,8 @@ def _optimised(
 ) -> CurveMotion[Any]:
     """Return the motion optimised with few keyframes.
 
-    A crooked motion needs many keyframes to be certified, and fewer once it has been straightened: after some rounds it
-    is thinned again, if possible.
+    A crooked motion needs many keyframes to be certified, and fewer once it has been straightened: after several rounds
+    the motion is thinned again, if possible.
     """
     settings = task.settings.optimisation
     left = settings.rounds if rounds is None else rounds
@@ -140,7 +140,7 @@ def _optimised(
 
 
 def finer(motion: CurveMotion[Any], whole: MotionProgram[Any], times: float) -> tuple[FloatArray, FloatArray]:
-    """Return the unknowns of a motion with ``times`` as many, nearly even intervals, and their path parameters."""
+    """Return unknowns at keyframes for ``times`` as many, nearly even intervals, and their path parameters."""
     ways = whole.ways(motion.unknowns)
     labelled = np.column_stack((motion.unknowns, motion.path_parameters))
     keyframes = subdivided(labelled, ways, int(np.ceil(times * len(ways))))
@@ -150,7 +150,7 @@ def finer(motion: CurveMotion[Any], whole: MotionProgram[Any], times: float) -> 
 def _few_keyframes(
     motion: CurveMotion[Any], task: SearchTask, whole: MotionProgram[Any], gap: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Return keyframes and path parameters: the motion's own when few, else fewer with a certified gap [m]."""
+    """Return keyframes and path parameters: the motion's own if there are few, else fewer with a certified gap [m]."""
     settings = task.settings.optimisation
     if settings.intervals <= len(motion.unknowns) - 1 <= _MANY * settings.intervals:
         return motion.unknowns, motion.path_parameters
@@ -160,9 +160,10 @@ def _few_keyframes(
 
 
 def _few_in_gates(motion: CurveMotion[Any], whole: MotionProgram[Any]) -> tuple[FloatArray, FloatArray]:
-    """Return few certified keyframes in the middle of gates, and their path parameters; else the motion's own.
+    """Return few certified keyframes centred in gates, or the motion's own keyframes, with their path parameters.
 
-    Straight legs between poses in a gate leave its middle by the square of their turn: thinned keyframes are restored.
+    Straight legs between poses in a gate leave its middle in proportion to the square of their
+    turn, so thinned keyframes are restored.
     """
     u = motion.path_parameters
     restored = replace(whole, u=u).restored
@@ -193,9 +194,9 @@ def thinned(
 
     Args:
         motion: certified motion.
-        task: its task.
-        intervals: least number of intervals; that of the settings when None.
-        gap: gap beyond contact that legs have to keep, where larger than the usual one [m].
+        task: task of the motion.
+        intervals: minimum number of intervals; that of the settings when None.
+        gap: gap beyond contact that legs have to keep, where larger than the default [m].
     """
     settings = task.settings.optimisation
     intervals = settings.intervals if intervals is None else intervals
@@ -228,13 +229,13 @@ def with_more_room(
 ) -> CurveMotion[Any]:
     """Return an optimised motion or, where it lacks clearance, the better of it and one with more keyframes.
 
-    The latter is optimised with a higher price of missing clearance.
+    The motion with more keyframes is optimised with a higher price of missing clearance.
 
     Args:
         motion: optimised motion, certified.
-        begun: certified motion from which the other is optimised.
-        task: their task.
-        margin: gap that rows of the optimisation ask for, see ``optimise``.
+        begun: certified motion from which the motion with more keyframes is optimised.
+        task: task of the motions.
+        margin: gap that rows of the optimisation demand, see ``optimise``.
     """
     # In the middle of a gate with hardly any play, no more clearance is possible.
     if task.wanted_gap == 0.0 or task.optimiser == "none" or motion.u is not None or task.program(motion).yielding:
@@ -251,7 +252,7 @@ def with_more_room(
 
 
 def _lacking(motion: CurveMotion[Any], task: SearchTask) -> float:
-    """Return how much more of the wanted gap the smooth path along a motion lacks on its way than at its ends [m]."""
+    """Return by how much more the smooth path falls short of the preferred gap on its way than at its ends [m]."""
     control = at_least_four(motion.unknowns)
     unknowns = clamped_spline(control)(places_along(len(control), _CLEARANCE_SAMPLES))
     lacking = task.room_lacking(motion.curve.configurations(unknowns))

@@ -41,7 +41,7 @@ _VIOLATED = 1e-3
 
 @dataclass(frozen=True)
 class QuadraticStep:
-    """The solution of the QP.
+    """Solution of the QP of one step.
 
     Attributes:
         change: change of the unknowns of all keyframes, shape (K + 1, p); 0 for the first.
@@ -68,7 +68,7 @@ class LinearMotion:
         active: the rows that a step may reach.
         keyframe_rows: rows on single keyframes, which have to hold.
         equations: equations on single keyframes, which have to hold.
-        end_rows: rows that hold the last keyframe, or the tip in its goal, its position first, shape (r, p).
+        end_rows: rows that hold the last keyframe, or the tip at its goal with the position first, shape (r, p).
         end_fixed: whether the last keyframe is fixed.
         unit: length of a nominal link, by which rows are scaled [m].
     """
@@ -94,7 +94,7 @@ class LinearMotion:
         return value + sum(cost.foreseen(self.sweep, change) for cost in self.costs)
 
     def worst_rows(self, sweep: Sweep) -> FloatArray:
-        """Return the largest row violation in every part of a motion's intervals, at least 0, shape (K m,) [m]."""
+        """Return the largest row violation ≥ 0 in every part of the motion's intervals, shape (K m,) [m]."""
         # All rows count here, not only the thinned ones of the QP: a row that was left out may have become the worst.
         worst = np.zeros(sweep.intervals * sweep.parts)
         np.maximum.at(worst, self.rows.part(sweep), self.rows.values(sweep))
@@ -128,11 +128,11 @@ class KeyframeProgram:
 
     @property
     def width(self) -> int:
-        """Number of variables of one stage, those of a keyframe, and the slack before it."""
+        """Number of variables of one stage, which has the unknowns of a keyframe and the slack before the keyframe."""
         return int(self.motion.sweep.unknowns.shape[1]) + self.motion.sweep.parts
 
     def solve(self) -> QuadraticStep | None:
-        """Solve the QP; None where that fails."""
+        """Return the solution of the QP; None where the solver fails."""
         p = self.width - self.motion.sweep.parts
         motion = self.motion
         result, multipliers = self._solved()
@@ -146,9 +146,9 @@ class KeyframeProgram:
         return QuadraticStep(np.vstack((np.zeros(p), x[:, :p])), np.maximum(x[:, p:], 0.0).ravel(), multipliers, pull)
 
     def _solved(self) -> tuple[Any, FloatArray]:
-        """Return the solver's result, None where it fails, and the multipliers of all upper bounds.
+        """Return the solver's result, or None where it fails, and the multipliers of all upper bounds.
 
-        Where rows are many, the tightest enter first, then those that a solution violates, until there are none.
+        Where there are many rows, the tightest enter first, then rows that a solution violates, until none is violated.
         """
         matrix, lower, upper = self.inequalities()
         stage = np.concatenate((self.motion.active.interval, *(r.keyframe for r in self.motion.keyframe_rows)))
@@ -225,7 +225,7 @@ class KeyframeProgram:
         return bounds.ravel()
 
     def equations(self) -> Any:
-        """Return the rows that hold the last keyframe, or its tip in the goal, and the equations of other keyframes."""
+        """Return the rows that hold the last keyframe, or its tip at the goal, and the equations of other keyframes."""
         # Right-hand sides are 0: the last keyframe is already on the goal, and a step only has to keep it there to
         # first order.
         end = self.motion.end_rows
@@ -285,14 +285,14 @@ class KeyframeProgram:
 
 @lru_cache(maxsize=8)
 def _block_places(intervals: int) -> tuple[IntArray, IntArray]:
-    """Return rows and columns of the blocks, from 1: second differences couple a keyframe to the next but one."""
+    """Return block rows and columns, from 1, of the Hessian; second differences couple keyframes up to two apart."""
     row, column = np.indices((intervals, intervals)).reshape(2, -1) + 1
     near = np.abs(row - column) <= 2
     return row[near], column[near]
 
 
 def _largest(values: FloatArray, group: IntArray, most: int) -> IntArray:
-    """Return the indices of the largest values of each group, at most so many of each; both of shape (m,)."""
+    """Return the indices of the largest values, at most ``most`` per group; both arrays have the shape (m,)."""
     order = np.lexsort((-values, group))
     ordered = group[order]
     place = np.arange(len(group)) - np.searchsorted(ordered, ordered)

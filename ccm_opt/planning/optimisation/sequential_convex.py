@@ -78,18 +78,18 @@ class MotionProgram(Generic[SweepType]):
     Attributes:
         curve: the map of its unknowns.
         sweep: builds the motion through keyframes, shape (K + 1, p).
-        limits: all limits that the motion has to keep.
-        failures: returns the intervals of a motion that are not certified, by its keyframes, shape (K + 1, p).
+        limits: all limits that the motion has to satisfy.
+        failures: returns the uncertified intervals of a motion from its keyframes, shape (K + 1, p).
         goal: goal of the tip; None where the last keyframe is fixed.
         end_fixed: whether the last keyframe is fixed.
         u: path parameters of the keyframes, shape (K + 1,).
-        deadline: when to stop.
+        deadline: time at which to stop.
         weights: weights of the parts of the objective.
-        wanted_gap: gap that rows ask for where possible [m].
+        wanted_gap: preferred gap, which rows demand where possible [m].
         seen: distance from their bound below which rows enter the QP [m].
         groups: number of links above which rows are for groups of neighbouring joints.
         steps: settings of the steps.
-        slowness: slowness of the coordinates, for the weight of the duration; None when all are alike.
+        slowness: slowness of the coordinates, for the weight of the duration; None when all coordinates are equal.
         scale: factor of each coordinate, shape (c,); None when all count alike.
         many: number of intervals above which rows enter the QP within half the distance only.
         lack: returns the clearance that a motion lacks over all its intervals, in nominal links, where it counts in the
@@ -124,11 +124,11 @@ class MotionProgram(Generic[SweepType]):
 
     @property
     def unit(self) -> float:
-        """Length of a nominal link, by which rows are scaled, whatever curve the motion was planned in [m]."""
+        """Length of a nominal link, by which rows are scaled independently of the curve of the motion [m]."""
         return self.arm.length / NOMINAL_LINKS
 
     def ways(self, unknowns: FloatArray) -> FloatArray:
-        """Return the distance that the drives move from keyframe to keyframe, shape (K + 1, p) to (K,)."""
+        """Return the distances that the drives move between keyframes, shape (K,), from unknowns, shape (K + 1, p)."""
         drives = self.curve.drives(self.curve.configurations(unknowns))
         steps = np.diff(drives if self.scale is None else drives * self.scale, axis=0)
         return np.asarray(np.linalg.norm(steps, axis=1))
@@ -143,7 +143,7 @@ class MotionProgram(Generic[SweepType]):
         return joined_rows([rows for limit in self.limits for rows in limit.interval_rows(sweep)])
 
     def end_rows(self, sweep: SweepType) -> FloatArray:
-        """Return the rows that hold the last keyframe, or the tip in its goal, shape (r, p).
+        """Return the rows that hold the last keyframe, or the tip at its goal, shape (r, p).
 
         For a goal of the tip, the rows of its position, in nominal links, come first.
 
@@ -158,7 +158,7 @@ class MotionProgram(Generic[SweepType]):
     def restored(self, unknowns: FloatArray) -> FloatArray:
         """Return the keyframes restored onto the limits, shape (K + 1, p).
 
-        The same array where no limit moves them.
+        The given array is returned if no limit has to move a keyframe.
         """
         return restored_keyframes(self.limits, self.curve, unknowns, self.u)
 
@@ -181,7 +181,7 @@ class MotionProgram(Generic[SweepType]):
     def nearness(self, rows: IntervalRows, sweep: SweepType) -> tuple[WallNearness, ...]:
         """Return the cost of nearness to walls from the tightest wall rows of a motion.
 
-        Empty where clearance has no weight.
+        The result is empty where clearance has no weight.
         """
         if self.weights.clearance == 0.0:
             return ()
@@ -191,7 +191,7 @@ class MotionProgram(Generic[SweepType]):
         return (WallNearness(nearest, self.weights.clearance, distance, NOMINAL_LINKS / self.arm.links),)
 
     def active_rows(self, rows: IntervalRows, sweep: SweepType, within: float) -> IntervalRows:
-        """Return the rows that a step may reach, thinned to one for each joint, or group of joints, and direction."""
+        """Return the rows that a step may reach, reduced to one per joint, or group of joints, and direction."""
         values = rows.values(sweep)
         near = np.flatnonzero(values > -within)
         near_rows = rows.take(near)
@@ -249,7 +249,7 @@ class _Iterate(Generic[SweepType]):
         motion: motion from which the next step begins.
         prices: prices of slack in each part of an interval, shape (K m,).
         damping: weight on the squared turns of the next step.
-        curvature: curvature of the rows, by the last multipliers; None at first.
+        curvature: curvature of the rows under the last multipliers; None before the first step.
         gained: decrease of the merit in the last step.
     """
 
@@ -260,7 +260,7 @@ class _Iterate(Generic[SweepType]):
     gained: float = 0.0
 
     def refused(self, damping: float, prices: FloatArray) -> "_Iterate[SweepType]":
-        """Return the iterate with the same motion after a refused step with this damping, with other prices."""
+        """Return the iterate after a refused step with a given damping: the motion is unchanged, the prices are new."""
         raised = _REFUSED_GROWTH * max(damping, _RAISED_DAMPING)
         return replace(self, damping=raised, prices=prices)
 
@@ -276,11 +276,11 @@ def sequential_convex(
     Args:
         program: limits and objective of the motion.
         unknowns: unknowns at the keyframes, shape (K + 1, p).
-        rounds: most steps.
-        enough: whether a motion is good enough for the steps to end; when None, they end where they gain little.
+        rounds: maximum number of steps.
+        enough: returns whether a motion is good enough to stop; when None, steps end once they gain little.
 
     Returns:
-        The last iterate's unknowns, shape (K + 1, p); certified.
+        Unknowns of the last iterate, which is certified, shape (K + 1, p).
     """
     settings = program.steps
     sweep = program.sweep(unknowns)
@@ -396,9 +396,9 @@ def _raised(prices: FloatArray, failing: IntArray, sweep: Sweep) -> FloatArray:
 
 
 def _yielding_shares(program: MotionProgram[SweepType], start: SweepType, change: FloatArray) -> FloatArray:
-    """Return shares of a step for each keyframe, shape (K + 1, 1), reduced near intervals that would not be certified.
+    """Return the fraction of a step for each keyframe, shape (K + 1, 1), reduced near uncertified intervals.
 
-    In a gate with hardly any play few intervals block a step that all others could take.
+    In a gate with hardly any play, a few intervals block a step that all other intervals could take.
     """
     shares = np.ones(len(change))
     keyframes = np.arange(len(change))
@@ -414,7 +414,7 @@ def _yielding_shares(program: MotionProgram[SweepType], start: SweepType, change
 
 
 def _damping(damping: float, share: float, gain: float) -> float:
-    """Return the next damping: more after a shortened step, less after a good one."""
+    """Return the damping of the next step, increased after a shortened step and reduced after a good one."""
     if share < 1.0:
         return max(damping, _RAISED_DAMPING) * _SHORTENED_GROWTH
     if gain > _GOOD:
