@@ -53,7 +53,7 @@ class LeaderPath:
         points: positions of the samples, shape (m, 2) [m].
         headings: unwrapped headings of the samples, shape (m,) [rad].
         straight: arc length up to which the path is the feed axis [m].
-        name: how the path was found, for messages.
+        name: name of the method that found the path, for messages.
     """
 
     arc: FloatArray
@@ -73,7 +73,7 @@ class LeaderPath:
         return CubicHermiteSpline(self.arc, self.points, tangents)
 
     def positions(self, arc: FloatArray) -> FloatArray:
-        """Return the points at arc lengths, shape (...) to (..., 2) [m]; straight on beyond the path's ends."""
+        """Return the points at arc lengths, shape (...) to (..., 2) [m]; beyond its ends the path goes straight on."""
         inside = np.clip(arc, self.arc[0], self.arc[-1])
         beyond = np.asarray(arc - inside)[..., None]
         first, last = unit_vector(self.headings[[0, -1]])
@@ -103,9 +103,9 @@ class LeaderPath:
         return float(arc[0])
 
     def _next(self, arc: FloatArray, chord: float) -> FloatArray:
-        """Return the arc lengths a chord away from ``arc``: ahead, or for a negative chord behind [m].
+        """Return the arc lengths one chord ahead of ``arc``, or behind it if the chord is negative [m].
 
-        Newton's method.
+        They are found by Newton's method.
         """
         here = self.positions(arc)
         length = abs(chord)
@@ -146,8 +146,8 @@ class LeaderPath:
 def pose_path(arm: Arm, bends: FloatArray, feed: float, straight: float) -> LeaderPath | None:
     """Return a smooth path through all joints of a pose that follows the feed axis up to a given arc length.
 
-    Beyond the axis it is a cubic spline through the joints, so that a joint that slides to its neighbour's place takes
-    over the neighbour's bend gradually, and the arm's links are exact chords of the path.
+    Beyond the axis the path is a cubic spline through the joints. A joint that slides to its neighbour's place thus
+    takes over the neighbour's bend gradually, and the arm's links are exact chords of the path.
 
     Args:
         arm: arm with a feed axis.
@@ -185,7 +185,7 @@ def path_through(
     Args:
         arm: arm with a feed axis.
         leaves: arc length at which the path leaves the axis [m].
-        points: points in order, shape (k, 2) [m]; without any the path is a piece of the axis.
+        points: points in order, shape (k, 2) [m]; if there are none, the path is a piece of the axis.
         name: name of the path.
         end_heading: heading at the last point [rad], or None when any is acceptable.
     """
@@ -225,7 +225,7 @@ def _parameters(chords: FloatArray, count: int) -> FloatArray:
 def _on_axis(arm: Arm, leaves: float) -> FloatArray:
     """Return the arc lengths of samples on the feed axis before the path leaves it [m].
 
-    They begin a link length before the base's range.
+    The samples begin a link length before the base's range.
     """
     low, _ = arm.base_range
     arc = np.arange(min(low, leaves) - arm.link_length, leaves, arm.link_length)
@@ -236,7 +236,7 @@ def _on_axis(arm: Arm, leaves: float) -> FloatArray:
 def travel_between_samples(arm: Arm, limits: Limits) -> float:
     """Return how far the base can move between two samples of a trajectory [m].
 
-    Given that the trajectory is timed under ``feed_limits``.
+    The bound holds for trajectories that are timed under ``feed_limits``.
     """
     return SAMPLE_PERIOD * (feed_limits(arm, limits).feed_velocity or 0.0)
 
@@ -244,8 +244,8 @@ def travel_between_samples(arm: Arm, limits: Limits) -> float:
 def feed_limits(arm: Arm, limits: Limits) -> Limits:
     """Return the limits under which a fed arm is timed; the travel of its base between two samples is bounded.
 
-    Joints may bend only once they are out of the guide tube by what the base can travel from one sample to the next, so
-    a base that is allowed to be very fast is slowed down to let its joints bend early.
+    Joints may bend only once they are farther out of the guide tube than the base can travel from one sample to the
+    next, so a base that is allowed to be very fast is slowed down to let its joints bend early.
     """
     if limits.feed_velocity is None:
         return limits
@@ -258,7 +258,7 @@ _NO_BEND = 1e-10
 
 
 def slide(arm: Arm, path: LeaderPath, start: float, end: float) -> FloatArray:
-    """Return the keyframes of the arm carried along a path from one feed to another [m], shape (K, links + 1)."""
+    """Return keyframes, shape (K, links + 1), that carry the arm along a path from one feed to another [m]."""
     feeds = feeds_between(arm, start, end)
     joints = path.joints(feeds, arm.links, arm.link_length)
     bends = arm.bends(path.link_headings(joints))
@@ -273,7 +273,7 @@ def pose_on_path(arm: Arm, path: LeaderPath, feed: float) -> FloatArray:
 
 
 def feeds_between(arm: Arm, start: float, end: float) -> FloatArray:
-    """Return the feeds from one to another, both included, at most a ``feed_step`` apart [m]."""
+    """Return feeds from ``start`` to ``end``, both included, spaced by at most a ``feed_step`` [m]."""
     if start == end:
         return np.array([start])
     # Whole steps stay whole when rounding puts the distance slightly above them.
@@ -282,12 +282,12 @@ def feeds_between(arm: Arm, start: float, end: float) -> FloatArray:
 
 
 def feed_step(arm: Arm) -> float:
-    """Return the feed between two keyframes [m]."""
+    """Return the largest change of the feed between two keyframes [m]."""
     return max(_FEED_STEP * arm.link_length, _LEAST_FEED_STEP * arm.length)
 
 
 def joined_keyframes(*pieces: FloatArray) -> FloatArray:
-    """Return the keyframes of several pieces joined, each of which begins where the one before ends."""
+    """Return the joined keyframes of several pieces, each of which begins where the previous one ends."""
     first, *others = [piece for piece in pieces if len(piece)]
     beginnings_dropped = [piece[1:] for piece in others]
     return np.concatenate((first, *beginnings_dropped))

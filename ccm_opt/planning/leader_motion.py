@@ -4,7 +4,8 @@ The path is that of the pose in which a motion ends: along the axis of the guide
 a cubic spline through the joints beyond. An arm fed along it ends in that pose. The next link comes out of the tube
 straight and leaves the path a little; the joints beyond lead back onto it, so that the tip stays on its path.
 
-A start that lies on another path is first drawn back along its own, until what is out of the tube lies on both.
+An arm that starts on another path is first drawn back along that path, until its part outside the tube lies on both
+paths.
 """
 
 from dataclasses import dataclass
@@ -93,7 +94,7 @@ class OwnPath:
         return float(self.pose[-1])
 
     def slide(self, first: float) -> FloatArray:
-        """Return keyframes of the arm on the path, from a feed [m] to the pose, shape (K, c)."""
+        """Return keyframes, shape (K, c), of the arm on the path, from the feed ``first`` [m] to the pose."""
         arm = self.arm
         bends = self.straight > 0.0
         before = min(free_before(arm), 0.5 * self.straight) if bends else free_before(arm)
@@ -116,14 +117,14 @@ class OwnPath:
 def path_behind_tip(task: SpaceTask, motion: SpaceMotion, *, optimised: bool) -> JointPath | None:
     """Return the certified path to the end of a motion on which the arm lies on the path of its tip.
 
-    None where there is none, or where it is not worth its time and room. Under a limit on how far the arm may leave the
-    path of its tip it is always worth them.
+    None where there is no such path, or where it costs too much time and clearance. Under a limit on how far the arm
+    may leave the path of its tip, it is accepted at any cost.
 
     Args:
         task: task of an arm on a feed axis.
         motion: certified motion.
-        optimised: whether the path is held against the motion; if not, it has to be as fast as the feed allows, with
-            all the room that is wanted.
+        optimised: whether the path is compared with the motion; if not, the path has to be as fast as the feed allows,
+            with all of the preferred clearance.
     """
     keyframes = keyframes_behind_tip(task.arm, motion.configurations[0], motion.configurations[-1])
     if keyframes is None:
@@ -140,7 +141,7 @@ def path_behind_tip(task: SpaceTask, motion: SpaceMotion, *, optimised: bool) ->
 
 
 def _best(behind: FloatArray, task: SpaceTask) -> bool:
-    """Return whether no motion between the same ends, shape (K, c), can be much faster or have more room."""
+    """Return whether no motion between the ends of ``behind`` (K, c) can be much faster or have more clearance."""
     lacking = task.room_lacking(behind)
     fastest = abs(behind[-1, -1] - behind[0, -1]) * task.slowness[-1]
     roomy = np.max(lacking) - np.max(lacking[[0, -1]]) <= _LOST_ROOM * task.wanted_gap
@@ -150,7 +151,7 @@ def _best(behind: FloatArray, task: SpaceTask) -> bool:
 def _worth(behind: FloatArray, optimised: FloatArray, task: SpaceTask) -> bool:
     """Return whether to prefer the motion behind the tip to the optimised one; both have shape (K, c).
 
-    It may lose little clearance, and may take longer where it gains some.
+    The motion behind the tip may lose a little clearance, and may take longer where it gains clearance.
     """
     gained = np.max(task.room_lacking(optimised)) - np.max(task.room_lacking(behind))
     roomier = gained > _GAINED_ROOM * task.wanted_gap
@@ -159,14 +160,14 @@ def _worth(behind: FloatArray, optimised: FloatArray, task: SpaceTask) -> bool:
 
 
 def _time(q: FloatArray, task: SpaceTask) -> float:
-    """Return the sum of what the slowest drive turns between configurations, shape (K, c) [rad]."""
+    """Return the sum, over the steps between configurations (K, c), of the slowest drive's turn [rad]."""
     return float(np.sum(np.max(np.abs(np.diff(q, axis=0)) * task.slowness, axis=1)))
 
 
 def keyframes_behind_tip(arm: Arm, start: FloatArray, end: FloatArray) -> FloatArray | None:
     """Return keyframes on the paths of two poses, back along the first and in along the second, shape (K, c).
 
-    None where they do not meet these poses, or each other.
+    None where the paths do not meet these poses, or each other.
 
     Args:
         arm: arm on a feed axis.
@@ -233,10 +234,10 @@ def not_behind_tip(task: SpaceTask, limit: FollowingLimit, motion: SpaceMotion) 
 
 
 def tube_bound(arm: Arm, pose: FloatArray) -> float:
-    """Return how far a pose, shape (c,), leaves the path of its tip at least, since links in the tube are straight [m].
+    """Return a lower bound on how far a pose (c,) leaves the path of its tip, as links in the tube are straight [m].
 
-    The tip goes straight on until the joint behind it has left the tube. What lies within a link of the hole and off
-    the axis is off that path, unless the tip came back there.
+    The tip goes straight on until the joint behind it has left the tube. Any part of the arm that lies within a link
+    length of the hole but off the axis is off that path, unless the tip came back there.
     """
     joints = arm.joint_positions_at(pose)
     share = np.linspace(0.0, 1.0, _SAMPLES + 1)[:, None]

@@ -134,7 +134,7 @@ class ElasticBand:
         return (np.zeros(m) if shift is None else shift), normals
 
     def _quadratic_cost(self, scaled_curvature: FloatArray, h: float) -> tuple[FloatArray, FloatArray]:
-        """Return the Hessian (m, m) and gradient (m,) of a step's objective by the shifts.
+        """Return the Hessian (m, m) and gradient (m,) of a step's objective with respect to the shifts.
 
         The objective is half the sum of bending Σ w (κ h²)², its change (e/h)² Σ (Δκ h²)², length -2t Σ κ h² a and a
         ridge.
@@ -163,7 +163,7 @@ class ElasticBand:
         return hessian, gradient
 
     def _bounds(self, band: FloatArray, tangents: FloatArray, curvature: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return how far every point may move to the right (negative) and to the left, shapes (m,) [m].
+        """Return how far every point may move to the right (negative) and to the left, each of shape (m,) [m].
 
         Where the passage is too narrow, both bounds lead to its middle.
 
@@ -191,9 +191,9 @@ class ElasticBand:
         return np.minimum(low, high), high
 
     def _gaps(self, band: FloatArray, tangents: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the distances of points from edges and vertices of walls, and to which side each wall lies.
+        """Return the distances of points from the walls' edges and vertices, and the side on which each of these lies.
 
-        Both of shape (m, walls): distances [m], and sines in [-1, 1] that are positive to the left.
+        Both have shape (m, walls): the distances [m], and the sides as sines in [-1, 1] that are positive to the left.
         """
         walls = self.walls
         # A vertex is an edge whose two ends coincide.
@@ -222,7 +222,7 @@ def _with_ghosts(band: FloatArray, headings: tuple[float, float | None], h: floa
 def divided(path: FloatArray, spacing: float) -> FloatArray:
     """Return points at equal distances along a path, shape (m, 2) [m].
 
-    Along a polyline, or where its points are dense along a cubic spline through them.
+    The distances are measured along the polyline or, where its points are dense, along a cubic spline through them.
     """
     arc = arc_lengths(path)
     # At least four pieces, so that some points between the ends can move.
@@ -249,7 +249,7 @@ class LeaderPaths:
     def bands(self, straight: float) -> Iterator[LeaderPath]:
         """Yield smoothed routes in different homotopy classes, shortest first for each margin.
 
-        Only paths for which the base is in its range at the end.
+        Routes that would take the base out of its range at the end are left out.
 
         Args:
             straight: arc length at which the path may leave the axis [m].
@@ -277,7 +277,8 @@ class LeaderPaths:
     def _band_kinds(self) -> tuple[tuple[float, int], ...]:
         """Pairs of a band's margin beyond radius and clearance [m], and its tightness power, in order of trial.
 
-        With short links, shares of the links are less than the wanted gap, and make turns as tight around corners.
+        With short links, margins that are fractions of a link are less than the preferred clearance, and lead to
+        equally tight turns around corners.
         """
         margins = tuple(self.problem.arm.link_length * share for share in _BAND_MARGINS)
         wanted = _BAND_GAP * self.problem.wanted_gap
@@ -315,7 +316,7 @@ class LeaderPaths:
         """Return the free space with a margin beyond radius and clearance.
 
         Args:
-            margin: share of a link's sagitta at its joint limit.
+            margin: margin, as a fraction of a link's sagitta at its joint limit.
         """
         arm = self.problem.arm
         workspace = self.problem.workspace

@@ -107,9 +107,9 @@ def fed_strategies(problem: Problem, change: ShapeChange) -> tuple[Strategy[Moti
 
 
 def _kept(motion: Motion, task: MotionTask, failures: list[Failure]) -> Motion | None:
-    """Return the motion where it keeps all limits, or else one tracked under the user's limits.
+    """Return the motion if it keeps all limits, or else a motion that tracks it under the user's limits.
 
-    None where neither succeeds.
+    None where neither keeps all limits.
     """
     arm = task.arm
     q = motion.configurations
@@ -131,7 +131,7 @@ def _kept(motion: Motion, task: MotionTask, failures: list[Failure]) -> Motion |
 
 
 def _keeping_up(settings: MotionSettings, found: Motion) -> MotionSettings:
-    """Return settings with which tracking advances no faster than steps can follow.
+    """Return settings under which tracking advances no faster than the arm's steps can follow.
 
     A long feed takes many steps.
     """
@@ -163,8 +163,8 @@ class LedWays:
     def quick(self) -> Iterator[Motion]:
         """Yield motions that are found quickly.
 
-        For each path, the motion that follows the path from the start on; where there is none, the first two motions
-        onto the path and the one without any feed, the shortest first.
+        For each path these are the motion that follows the path from the start on or, where there is none, the first
+        two motions onto the path and the motion without any feed, the shortest first.
         """
         at_once = self.at_once()
         for number, path in enumerate(self._paths()):
@@ -174,7 +174,7 @@ class LedWays:
             yield from sorted(filter(None, (first, *others)), key=lambda motion: motion.busiest)
 
     def changing(self) -> Iterator[Motion]:
-        """Yield motions with a change of shape: to the first few paths, then without any feed."""
+        """Yield motions with a change of shape: first those onto the first few paths, then those without any feed."""
         for number, path in enumerate(self._paths()):
             if number == _PATHS_CHANGED_TO:
                 break
@@ -184,7 +184,7 @@ class LedWays:
     # ------------------------------------------------------------ lengths and the start's path
     @cached_property
     def _travel(self) -> float:
-        """Most travel of the base between two samples of a trajectory [m]."""
+        """Largest travel of the base between two samples of a trajectory [m]."""
         return travel_between_samples(self.problem.arm, self.problem.limits)
 
     @property
@@ -209,7 +209,7 @@ class LedWays:
         return self._current_path(self.task.start)
 
     def _current_path(self, q: FloatArray) -> LeaderPath | None:
-        """Return the path that the arm lies on; None when it bends too near to the hole to have come along one."""
+        """Return the path that the arm lies on; None when the arm bends too near to the hole to lie on one."""
         return pose_path(self.problem.arm, q[:-1], float(q[-1]), self._least_straight)
 
     # ------------------------------------------------------------ paths
@@ -227,7 +227,7 @@ class LedWays:
                 yield _path_to_member(path, self.task.goal, self.problem.arm)
 
     def _members(self) -> tuple[GoalMember, ...]:
-        """Return the members of the goal to lead paths to."""
+        """Return the members of the goal to which paths are led."""
         goal = self.task.goal
         if not goal.is_set:
             return (GoalMember(goal.position, goal.heading),)
@@ -276,7 +276,7 @@ class LedWays:
 
     # ------------------------------------------------------------ motions along a path
     def _along(self, path: LeaderPath, *, changing: bool) -> Iterator[Motion]:
-        """Yield motions along the start's shape to some feed, from there onto the path, and along it to its end.
+        """Yield motions along the start's shape to a certain feed, then onto the path, and along the path to its end.
 
         A change of shape leads onto the path where the start's shape does not lie on it.
 
@@ -326,7 +326,7 @@ class LedWays:
         return None if changed is None else joined_keyframes(keyframes, rest, changed)
 
     def _drawn_to(self, feed: float) -> FloatArray | None:
-        """Return keyframes along the start's own shape to a feed; None when it bends too near to the hole."""
+        """Return keyframes along the start's own shape to a feed; None when that shape bends too near to the hole."""
         if feed == self.task.start[-1]:
             return self.task.start[None]
         if self._start_path is None:
@@ -393,7 +393,7 @@ def _way_end(way: FloatArray, goal: GoalPose) -> GoalMember:
 
 
 def _path_to_member(path: LeaderPath, goal: GoalPose, arm: Arm) -> LeaderPath:
-    """Return a path to a member of a goal set, cut where the tip of an arm on it enters the set.
+    """Return a path to a member of a goal set, cut where the tip of an arm on the path enters the set.
 
     For a goal that is not a set, the path itself.
     """

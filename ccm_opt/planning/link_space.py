@@ -1,10 +1,10 @@
 """The space in which motions in the plane are planned: configurations q = B v + q₀ by coordinates v of the curve.
 
-The curve has ``SEGMENTS`` equal segments that share curvature values at their ends, so
-v = [θ(0), C_0, …, C_20]: 22 numbers at any number of links. θ(s) is linear in v; with A_j the mean over link j of
-∂θ/∂v, A v is the mean heading of the curve on each link, and the bend of joint j is (A_j − A_{j−1}) v: the rows of B.
-The offset q₀ = q_start − B v_start reproduces the start exactly whatever mapping made it. A whole-arm goal adds one
-more coordinate, which blends the goal's offset in.
+The curve has ``SEGMENTS`` equal segments that share curvature values at their ends, so v = [θ(0), C_0, …, C_20]: 22
+numbers at any number of links. θ(s) is linear in v; with A_j the mean over link j of ∂θ/∂v, A v is the mean heading of
+the curve on each link, and the bend of joint j is (A_j − A_{j−1}) v: the rows of B. The offset q₀ = q_start − B v_start
+reproduces the start exactly, however the start was computed. A whole-arm goal adds one more coordinate, which adds the
+goal's offset gradually.
 
 A curve of few coordinates cannot be straight up to a hole and bend behind it, wherever the hole is along the arm; so
 for an arm on a feed axis every bend is a coordinate of its own, v = [bends, feed in link lengths]. The guide tube is a
@@ -72,7 +72,7 @@ class LinkSpace(CurveUnknowns):
         return replace(space, offset=q - slopes @ start), start
 
     def fitted(self, q: FloatArray) -> FloatArray:
-        """Return the coordinates of the curve whose mean headings come nearest to the links'.
+        """Return the coordinates of the curve whose mean headings come nearest to the headings of the links.
 
         Shape (..., c) to (..., p). Few links leave many curves with the same mean headings; the smoothest of them is
         taken.
@@ -92,7 +92,7 @@ class LinkSpace(CurveUnknowns):
     def closest(self, q: FloatArray) -> FloatArray:
         """Return the coordinates whose links are turned least from given configurations, shape (K, c) to (K, p).
 
-        Least squares over the links; coordinates that blend a goal in are free too.
+        The result is a least-squares fit over the links, in which coordinates that blend a goal in are free too.
         """
         headings = self.arm.poses(q) - self.arm.poses(self.offset)
         return np.asarray(np.linalg.lstsq(self.turns, headings.T, rcond=None)[0].T)
@@ -117,7 +117,7 @@ class LinkSpace(CurveUnknowns):
 
     @cached_property
     def turns(self) -> FloatArray:
-        """Derivatives by v of the links' headings, and of the base's travel in link lengths, shape (c, p)."""
+        """Derivatives of link headings, and of the base's travel in link lengths, with respect to v, shape (c, p)."""
         links = self.arm.links
         return np.vstack((np.cumsum(self.slopes[:links], axis=0), self.slopes[links:] / self.arm.link_length))
 
@@ -140,11 +140,11 @@ class LinkSpace(CurveUnknowns):
 
     @cached_property
     def _turning(self) -> FloatArray:
-        """Derivatives of the links' headings, about the one axis of the plane, shape (links, 1, p)."""
+        """Derivatives of the link headings (about the plane's one axis) with respect to v, shape (links, 1, p)."""
         return self.turns[: self.arm.links, None]
 
     def jacobians(self, headings: FloatArray) -> FloatArray:
-        """Return the derivatives of joint and tip positions by v [m per unit].
+        """Return the derivatives of joint and tip positions with respect to v [m per unit].
 
         Args:
             headings: headings of the links, shape (..., links) [rad].
@@ -171,24 +171,24 @@ class LinkSpace(CurveUnknowns):
 
     @property
     def bend_rows(self) -> FloatArray:
-        """Derivatives of the joint bends by v, shape (links, p)."""
+        """Derivatives of the joint bends with respect to v, shape (links, p)."""
         return self.slopes[: self.arm.links]
 
     @property
     def drive_rows(self) -> FloatArray:
-        """Derivatives of the drives' positions by v, shape (c, p)."""
+        """Derivatives of the drives' positions with respect to v, shape (c, p)."""
         return self.slopes
 
     @cached_property
     def curvature_rows(self) -> FloatArray:
-        """Derivatives of the curve's curvature at its knots by v, shape (KNOTS, p) [1/m]."""
+        """Derivatives of the curve's curvature at its knots with respect to v, shape (KNOTS, p) [1/m]."""
         rows = np.zeros((KNOTS, self.dimension))
         rows[:, 1 : KNOTS + 1] = np.eye(KNOTS)
         return rows
 
     @property
     def heading_metric(self) -> FloatArray:
-        """Metric of the squared turns of the links by v, shape (p, p)."""
+        """Metric of the squared turns of the links in terms of v, shape (p, p)."""
         return self.turns.T @ self.turns
 
     @cached_property
@@ -197,7 +197,7 @@ class LinkSpace(CurveUnknowns):
         return np.arange(self.dimension) <= KNOTS
 
     def metric(self, pose: Pose) -> FloatArray:
-        """Return the metric of the squared turns of the links, the same for all poses, slightly regularised, (p, p)."""
+        """Return the metric of the links' squared turns, slightly regularised and equal for all poses, shape (p, p)."""
         del pose
         return self._metric
 
@@ -235,12 +235,12 @@ class FedSpace(LinkSpace):
         return q / np.diag(self.slopes)
 
     def drives(self, q: FloatArray) -> FloatArray:
-        """Return the joint bends, and the base's travel as a turn of equal duration, shape (..., c) [rad]."""
+        """Return the joint bends, and the base's travel converted to a turn of equal duration, shape (..., c) [rad]."""
         return self.fitted(q) * self._weights
 
     @cached_property
     def drive_rows(self) -> FloatArray:
-        """Derivatives of the drives' positions, in the unit of ``drives``, by v, shape (c, p)."""
+        """Derivatives of the drives' positions, in the unit of ``drives``, with respect to v, shape (c, p)."""
         return np.diag(self._weights)
 
     @cached_property
@@ -254,18 +254,18 @@ class FedSpace(LinkSpace):
 
     @cached_property
     def curvature_rows(self) -> FloatArray:
-        """Derivatives of the curvature at every joint, bend over link length, by v, shape (links, p) [1/m]."""
+        """Derivatives of every joint's curvature (bend over link length) with respect to v, shape (links, p) [1/m]."""
         return self.bend_rows / self.arm.link_length
 
     @cached_property
     def of_shape(self) -> BoolArray:
-        """Mask of the coordinates that shape the arm, all, since none blends a goal in. Shape (p,)."""
+        """Mask of the coordinates that shape the arm, shape (p,); all are set, since none blends a goal in."""
         return np.ones(self.dimension, dtype=bool)
 
     def spread(self, pose: Pose, rows: FloatArray) -> FloatArray:
-        """Return M⁻¹ Rᵀ for rows R, as in any space, but without the base and the joints in the guide tube, (p, k).
+        """Return M⁻¹ Rᵀ for rows R, shape (p, k), with entries 0 for the base and the joints in the guide tube.
 
-        These do not move: their entries are 0.
+        The base and these joints do not move.
         """
         free = np.zeros(self.dimension, dtype=bool)
         free[: self.arm.links] = ~self.arm.held(float(self.arm.coordinates.advance(pose.q)))

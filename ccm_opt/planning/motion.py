@@ -49,7 +49,7 @@ class CurveMotion(Generic[CurveType]):
         return cls(curve, np.array([pose.v for pose in poses]), np.array([pose.q for pose in poses]), candidate)
 
     def without_blending(self, curve: CurveType) -> "CurveMotion[CurveType]":
-        """Return the motion in a map with further unknowns, which blend in another end; these are set to 0."""
+        """Return the motion in a map with further unknowns, which blend in another end and are set to 0."""
         further = curve.dimension - self.unknowns.shape[1]
         return replace(self, curve=curve, unknowns=np.pad(self.unknowns, ((0, 0), (0, further))))
 
@@ -58,7 +58,7 @@ class CurveMotion(Generic[CurveType]):
         return replace(self, unknowns=unknowns, configurations=self.curve.configurations(unknowns))
 
     def bent_to(self, end: FloatArray) -> Iterator["CurveMotion[CurveType]"]:
-        """Yield the motion deformed to another end by a change that grows along it, each time starting later.
+        """Yield the motion deformed to another end by a change that grows along the motion, starting later each time.
 
         Args:
             end: unknowns of the other end, shape (p,).
@@ -82,7 +82,7 @@ class CurveMotion(Generic[CurveType]):
 
     @property
     def path_parameters(self) -> FloatArray:
-        """Path parameters of the keyframes, their own, or their share of the joint path's length, shape (K,)."""
+        """Path parameters of the keyframes as given, or else as fractions of the joint path's length, shape (K,)."""
         if self.u is not None:
             return self.u
         arcs = arc_lengths(self.curve.drives(self.configurations))

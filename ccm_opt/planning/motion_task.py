@@ -69,10 +69,12 @@ class MotionTask(SearchTask):
 
     Attributes:
         workspace: the workspace.
-        guesses: configurations of possible goal poses to interpolate to, each of shape (c,); computed on demand.
+        guesses: configurations, each of shape (c,), of possible goal poses as targets of interpolation; computed on
+            demand.
         tip_paths: classes of tip motions, most promising first.
         clamped: whether the first link must keep its heading.
-        further_guesses: more such poses, used when the first do not help; computed on demand.
+        further_guesses: more configurations of possible goal poses, used when the first do not help; computed on
+            demand.
         slowness: slowness of the joints; None when all are alike.
         end_poses: offers better goal configurations than the one in which a motion of an arm ends, the best first, all
             of shape (c,).
@@ -105,7 +107,7 @@ class MotionTask(SearchTask):
 
     @cached_property
     def contact_certificate(self) -> Certificate:
-        """The certificate of contact that motions must pass, with a small spare gap, but no more than the ends have.
+        """Certificate of contact that motions must pass, with a small spare gap that is at most the gap at the ends.
 
         Motions that touch no deeper than rounding may leave and reach ends that are in contact.
         """
@@ -135,7 +137,7 @@ class MotionTask(SearchTask):
         return replace(self, settings=replace(self.settings, step=replace(step, limit_share=step.full_limit_share)))
 
     def bends_all_it_may(self, q: FloatArray) -> bool:
-        """Return whether a configuration, shape (c,), bends any joint at least as far as planning allows."""
+        """Return whether any joint of a configuration, shape (c,), is bent at least as far as planning allows."""
         share = self.settings.step.limit_share
         hair = self.settings.certificate.rounding + 1e-3 * (1.0 - share)
         return bool(np.any(np.abs(q[: self.arm.links]) > (share - hair) * self.arm.bend_limits))
@@ -232,7 +234,7 @@ class MotionTask(SearchTask):
         )
 
     def room_lacking(self, q: FloatArray) -> FloatArray:
-        """Return how far the gap of each configuration, shape (k, c), falls short of the wanted gap, shape (k,) [m]."""
+        """Return each configuration's shortfall from the preferred clearance, shape (k, c) to (k,) [m]."""
         finder = self.finder(0.0, self.wanted_gap)
         gaps = [finder.find(points).gap.min(initial=finder.reach) for points in self.arm.joint_positions_at(q)]
         return self.wanted_gap - np.array(gaps)
@@ -242,7 +244,7 @@ class MotionTask(SearchTask):
     ) -> tuple[FloatArray, BSpline, tuple[Configuration, ...]]:
         """Return the keyframes, the path and the nearest curves; a fed arm is exactly straight in its guide tube.
 
-        Leaders bend there by rounding errors, which are set to 0.
+        Leaders' paths bend in the tube by rounding errors, which are set to 0.
         """
         del legs
         if self.arm.base_axes:
@@ -252,7 +254,7 @@ class MotionTask(SearchTask):
     def free(self, q: FloatArray) -> FloatArray:
         """Return 1 for each bend that a knot may change, shape (c,).
 
-        0 for a clamped base, joints in a guide tube and the feed.
+        The result is 0 for a clamped base, joints in a guide tube and the feed.
         """
         arm = self.arm
         free = np.zeros(len(q))

@@ -35,7 +35,7 @@ _VERTICES_KEPT = 0.7
 def simplified(obstacle: Obstacle, error: float) -> Obstacle:
     """Return an obstacle that contains the given one, grown by at most twice the error [m] and with far fewer vertices.
 
-    The obstacle itself where that saves few vertices.
+    Return the obstacle itself where the simplification saves few vertices.
     """
     core = obstacle.core
     before = shapely.get_num_coordinates(core)
@@ -53,7 +53,7 @@ def simplified(obstacle: Obstacle, error: float) -> Obstacle:
 def neighbourhood(problem: Problem, ends: Ends) -> Problem:
     """Return the problem with only the walls that the arm can come near to.
 
-    Their outlines are simplified within a share of the arm's gap.
+    The walls' outlines are simplified within a fraction of the arm's gap.
     """
     arm = problem.arm
     workspace = problem.workspace
@@ -68,7 +68,7 @@ def neighbourhood(problem: Problem, ends: Ends) -> Problem:
 
 
 def _outline_error(problem: Problem, near: Workspace, ends: Ends) -> float:
-    """Return how far outlines may grow [m]: a small share of the arm's length, and of the gaps at the ends."""
+    """Return how far outlines may grow [m], a small fraction of the arm's length and of the gaps at the ends."""
     arm = problem.arm
     shapes: list[shapely.Geometry] = [shapely.LineString(arm.joint_positions_at(ends.start))]
     if ends.goal_pose is None:

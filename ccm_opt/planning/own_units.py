@@ -53,7 +53,7 @@ class OwnUnits:
     """Units in which a problem's arm is one unit long.
 
     Attributes:
-        metres: metres to a unit of length.
+        metres: number of metres in a unit of length.
     """
 
     metres: float
@@ -92,7 +92,7 @@ class OwnUnits:
         )
 
     def diagnosis_in_metres(self, diagnosis: Diagnosis) -> Diagnosis:
-        """Return a diagnosis with its figures in metres; its words are in metres already."""
+        """Return a diagnosis with its figures converted to metres; its text is in metres already."""
         return replace(
             diagnosis,
             evidence={key: self._figure(key, value) for key, value in diagnosis.evidence.items()},
@@ -100,7 +100,7 @@ class OwnUnits:
         )
 
     def findings_in_metres(self, findings: tuple[Finding, ...]) -> tuple[Finding, ...]:
-        """Return findings with their figures in metres."""
+        """Return findings with their figures converted to metres."""
         return tuple(self._finding(finding) for finding in findings)
 
     def record_in_metres(self, record: GoalPoseRecord) -> GoalPoseRecord:
@@ -240,7 +240,7 @@ class OwnUnits:
         )
 
     def _figure(self, key: str, value: object) -> object:
-        """Return a figure of a diagnosis in metres: its name tells if it is a length, a curvature or neither."""
+        """Return a figure of a diagnosis in metres; its name says whether it is a length, a curvature or neither."""
         if isinstance(value, Mapping):
             return {name: self._figure(name, each) for name, each in value.items()}
         if isinstance(value, list | tuple):
@@ -276,7 +276,7 @@ def _stretched(curve: Configuration, factor: float) -> Configuration:
 
 @contextmanager
 def planning_units(problem: Problem) -> Iterator[OwnUnits]:
-    """Provide units of a problem's arm for a block, with its words and failures reported in metres.
+    """Provide the units of a problem's arm within a block whose messages and failures are reported in metres.
 
     Raises:
         NoPlanFound: raised by the block; converted to metres.

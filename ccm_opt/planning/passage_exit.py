@@ -1,7 +1,7 @@
 """Motions out of narrow passages: planned backwards from the goal, or slid out.
 
-In a gate with hardly any play an arm can only slide along itself. The way out is the easier one: a bow grows once it
-has begun, while a tip that is led in from afar brings the links behind it to the gate askew.
+In a gate with hardly any play an arm can only slide along itself. Moving out is easier than moving in: a bow grows once
+it has begun, while a tip that is led in from afar brings the links behind it to the gate at an angle.
 """
 
 from collections.abc import Callable, Iterator
@@ -53,7 +53,7 @@ def backward_tasks(task: MotionTask, stepper: Stepper) -> Iterator[MotionTask | 
 
 
 def laid_backward_tasks(task: MotionTask, stepper: Stepper) -> Iterator[MotionTask]:
-    """Yield such tasks from poses laid through narrow gates; none where the goal is a pose of the whole arm."""
+    """Yield backward tasks from poses laid through narrow gates; none where the goal is a pose of the whole arm."""
     if task.goal_pose is None:
         for guess in _laid_through_gates(task):
             goal = pose_at_goal(task, stepper, guess)
@@ -132,7 +132,7 @@ def pose_at_goal(task: MotionTask, stepper: Stepper, guess: FloatArray) -> Pose 
 def _pose_centred_in_gates(stepper: Stepper, goal: GoalPose, pose: Pose) -> Pose | None:
     """Return the pose at the goal, near another, whose axis is in the middle of the gates it lies in; else None.
 
-    From the very edge of a gate's play no step leads away.
+    No step leads away from a pose at the very edge of a gate's play.
     """
     rails = tuple(limit for limit in stepper.limits if isinstance(limit, GateRails))
     if not rails:
@@ -214,7 +214,7 @@ class SlidingOut:
         return float(self._arcs[-1]) - self.mouth
 
     def terms(self, pose: Pose) -> list[Term]:
-        """Return the terms that draw the strand in the gates back along itself, and curvature to be small and even."""
+        """Return the terms that draw the strand in the gates back along itself, and keep curvature small and even."""
         unit = self.space.nominal_length
         links = self.space.arm.links
         per_link = self.space.nominal_per_link
@@ -244,7 +244,7 @@ class SlidingOut:
         """Draw back farther if the strand keeps up.
 
         Returns:
-            Whether it does.
+            Whether the strand keeps up.
         """
         if self.back >= self.length or not self._keeps_up(pose):
             return False
@@ -328,7 +328,7 @@ def ways_on(stepper: Stepper, whole_arm: FloatArray | None) -> list[tuple[WayOn,
 
 
 def gate_entry(stepper: Stepper, start: Pose, path: TipPath) -> float | None:
-    """Return the arc length from the base at which the arm enters the first gate that it lies in, or None [m]."""
+    """Return the arc length from the base at which the arm enters the first gate that it lies in [m], or None."""
     axis = shapely.LineString(start.points)
     beside = _BESIDE * stepper.space.nominal_length
     lain_in = [rail for rail in path.rails if shapely.distance(shapely.Point(rail[len(rail) // 2]), axis) < beside]
@@ -337,14 +337,14 @@ def gate_entry(stepper: Stepper, start: Pose, path: TipPath) -> float | None:
 
 
 def _straight_on(stepper: Stepper, whole_arm: FloatArray, path: TipPath, guide: Guide, pose: Pose) -> Guide:
-    """Return the guide from outside the gates straight to a pose of the whole arm."""
+    """Return the guide that leads an arm outside the gates straight to a pose of the whole arm."""
     del path
     del guide
     return PoseLed(stepper.space, pose.v, whole_arm)
 
 
 def _by_tip(stepper: Stepper, path: TipPath, guide: Guide, pose: Pose) -> Guide:
-    """Return the guide that leads the tip from outside the gates along the rest of its path."""
+    """Return the guide that leads the tip, once it is outside the gates, along the rest of its path."""
     del guide
     line = shapely.LineString(path.taut)
     rest = path.taut[arc_lengths(path.taut) > line.project(shapely.Point(pose.points[-1]))]

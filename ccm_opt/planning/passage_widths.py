@@ -38,8 +38,8 @@ SPARE = 1.001
 def required_nominal_links(task: MotionTask) -> float:
     """Return the number of nominal links to the arm's length that the first tip path requires.
 
-    More than usual where passages are narrow. A nominal link shorter than a link is of no use, so arms of few links are
-    always planned with the usual number.
+    The number is larger than usual where passages are narrow. A nominal link shorter than a link is of no use, so arms
+    of few links are always planned with the usual number.
     """
     if not task.tip_paths or task.arm.links <= NOMINAL_LINKS:
         return NOMINAL_LINKS
@@ -52,9 +52,10 @@ def required_nominal_links(task: MotionTask) -> float:
 
 
 def fitting_margins(task: MotionTask) -> tuple[float, ...]:
-    """Return the planning margins, in nominal links, that leave the path to the goal open; smaller ones if none does.
+    """Return the planning margins, in nominal links, that leave the path to the goal open, or else smaller ones.
 
-    A wide margin closes passages that hardly admit the arm, and goals that hardly admit the tip: trying it costs time.
+    A wide margin closes passages that hardly admit the arm, and goals that hardly admit the tip; trying such a margin
+    wastes time.
     """
     gap = gap_beside_arm(task) * task.nominal_links / task.arm.length
     if gap <= 0.0:
@@ -93,7 +94,7 @@ def passage_widths(walls: Walls, path: FloatArray, widest: float) -> FloatArray:
     """Return the width of the passage at places evenly spread along a path, shape (``WIDTH_SAMPLES``,) [m].
 
     The width is measured across the path, to the first wall on the left and on the right; a side without a wall counts
-    as ``widest``, and so does a greater sum.
+    as ``widest``, and widths above ``widest`` are capped.
 
     Args:
         walls: the walls.
@@ -125,7 +126,7 @@ def evenly_along(path: FloatArray) -> tuple[FloatArray, FloatArray]:
 def _crossings(walls: Walls, places: FloatArray, directions: FloatArray, widest: float) -> tuple[IntArray, FloatArray]:
     """Return the crossings of lines through places (m, 2) with edges: place and signed distance, each of shape (k,).
 
-    Distances [m] are less the rounding of the wall; crossings farther than ``widest`` [m] may be left out.
+    Distances [m] are reduced by the rounding of the wall; crossings farther than ``widest`` [m] may be left out.
     """
     # This query returns every edge crossed within reach, and few others.
     reach = SPARE * (widest + float(walls.rounding.max(initial=0.0)))

@@ -1,4 +1,4 @@
-"""Smooth paths through knots moved onto limits that have equations or depend on the path parameter.
+"""Smooth paths through knots that are moved onto limits with equations, or limits on the path parameter's course.
 
 A cubic spline through points of a smooth curve leaves it by O(h⁴) (de Boor, *A Practical Guide to Splines*, chapter V),
 so halving the spans in which equations are violated brings the path back onto them quickly.
@@ -95,7 +95,7 @@ def _first_knots(base: BSpline, breaks: list[float], least: int) -> FloatArray:
 def moved_onto(
     limits: tuple[UserLimit, ...], bends: FloatArray, free: Free, q: FloatArray, u: float
 ) -> FloatArray | None:
-    """Return a pose moved by least change onto the equations, out of violated gaps and within joint limits.
+    """Return the pose moved by the least change that meets the equations, the violated gaps and the joint limits.
 
     Args:
         limits: limits that the path has to meet.

@@ -82,7 +82,7 @@ wall."""
 
 @dataclass(frozen=True)
 class _Planned:
-    """What is planned in space.
+    """Result of planning in space.
 
     Attributes:
         motions: certified motions, of which the first with a smooth path is taken.
@@ -140,7 +140,7 @@ def _bent(known: Motion, coordinates: FloatArray, stepper: Stepper, task: Motion
 
 
 def _tracked(known: Motion, start: FloatArray, stepper: Stepper, task: MotionTask) -> Motion | None:
-    """Return the known motion tracked by steps clear of the current walls, then settled; None on failure."""
+    """Return the known motion tracked by steps that avoid the current walls, then settled; None on failure."""
     reference = Reference.of(known, stepper.space)
     try:
         way = follow_reference(stepper, reference, task.limited_goal, stepper.pose(start), task.deadline)
@@ -162,7 +162,7 @@ class MotionPlanner:
         plane: settings of every stage in the plane.
         space: settings of every stage in space.
         first_found: whether, in space, the first motion found is returned without optimisation.
-        sampled: whether RRT-Connect is all that looks for a motion.
+        sampled: whether RRT-Connect is the only method of searching for a motion.
     """
 
     stages: Stages = field(default_factory=Stages)
@@ -328,7 +328,7 @@ class MotionPlanner:
         return SAMPLED_WAYS if self.sampled else WAYS
 
     def _planned(self, problem: Problem, task: SpaceTask) -> _Planned:
-        """Return the optimised motion, then the one found, with the record of their end pose or None.
+        """Return the optimised motion and the motion as found, with the record of their end pose or None.
 
         The found motion is kept because its path may have clearance where the shorter, optimised one has none.
         """
@@ -352,7 +352,7 @@ class MotionPlanner:
     def _lifted(self, problem: Problem, task: SpaceTask) -> _Planned | None:
         """Return the motion of an arm with many links, planned for an arm with few links and then refined.
 
-        None where the arm has few links anyway, or where the refinement fails.
+        Return None where the arm has few links anyway, or where the refinement fails.
         """
         few = nominal_task(task)
         if few is None:
@@ -367,13 +367,13 @@ class MotionPlanner:
 
 
 def _bounded(problem: Problem, task: SpaceTask) -> SpaceTask:
-    """Return the task with the limit on how far the arm may leave the path of its tip, where there is one."""
+    """Return the task with the limit, if any, on how far the arm may leave the path of its tip."""
     within = problem.planner.follow_within
     return task if within is None else replace(task, held=(*task.held, FollowingLimit(task.arm, within)))
 
 
 def _smoothed(problem: Problem, task: SpaceTask, motions: tuple[SpaceMotion, ...]) -> JointPath:
-    """Return the path along the first of some motions that has one, or that of the arm behind its tip.
+    """Return the path along the first motion that has one, or the path on which the arm follows its tip.
 
     Raises:
         MotionNotFound: no path can be certified.

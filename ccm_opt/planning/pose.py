@@ -82,7 +82,7 @@ class CurveUnknowns(ABC):
 
     Attributes:
         arm: the arm.
-        nominal_links: number of nominal links to the arm's length; nominal links are the unit of lengths in steps.
+        nominal_links: number of nominal links in the arm's length; the length of a nominal link is the unit of steps.
     """
 
     arm: Arm
@@ -95,7 +95,7 @@ class CurveUnknowns(ABC):
 
     @property
     def nominal_per_link(self) -> float:
-        """Number of nominal links to a link; the weight of a term that is summed over all links."""
+        """Number of nominal links in a link, the weight of a term that is summed over all links."""
         return self.nominal_links / self.arm.links
 
     # ------------------------------------------------------------ configurations
@@ -184,23 +184,23 @@ class CurveUnknowns(ABC):
 
     @property
     def following_rows(self) -> FloatArray:
-        """Change of the curve on which a fed arm lies, shape (m, p) [1/m]; no rows where it moves with the base."""
+        """Change of the curve on which a fed arm lies, shape (m, p) [1/m]; no rows if the curve moves with the base."""
         return np.zeros((0, self.dimension))
 
     # ------------------------------------------------------------ metrics
     @property
     def heading_metric(self) -> FloatArray:
-        """Matrix of the squared turns of the links by the unknowns, shape (p, p); 0 where they depend on the pose."""
+        """Metric of the links' squared turns in terms of the unknowns, shape (p, p); 0 where it depends on the pose."""
         return np.zeros((self.dimension, self.dimension))
 
     @abstractmethod
     def metric(self, pose: Pose) -> FloatArray:
-        """Return the metric M of the unknowns: how much they turn and move the links, squared, shape (p, p)."""
+        """Return the metric M of the squared turns and travel of the links in terms of the unknowns, shape (p, p)."""
 
     def spread(self, pose: Pose, rows: FloatArray) -> FloatArray:
         """Return M⁻¹ Rᵀ for rows R, shape (k, p) to (p, k).
 
-        Its span contains the changes that change the rows while moving the links least.
+        The columns of M⁻¹ Rᵀ span the changes of the unknowns that change the rows while moving the links least.
         """
         return np.asarray(np.linalg.solve(self.metric(pose), rows.T))
 
@@ -218,7 +218,7 @@ def least_change(space: CurveUnknowns, pose: Pose, rows: FloatArray, change: Flo
         space: the map of the unknowns.
         pose: pose at which the metric is taken.
         rows: derivatives of the rows with respect to the unknowns, shape (k, p).
-        change: wanted change of the rows, shape (k,).
+        change: required change of the rows, shape (k,).
     """
     # min ½ δᵀ M δ subject to S δ = c: δ = M⁻¹ Sᵀ (S M⁻¹ Sᵀ)⁻¹ c. Least squares, because rows may be dependent.
     spread = space.spread(pose, rows)

@@ -53,13 +53,14 @@ class PoseSearchSettings:
     """Settings of the search for the best pose at a goal.
 
     Attributes:
-        drawn: most poses that are sampled, each of which the goal-pose NLP improves. Taste: each takes a quarter of a
-            second.
-        rounds: most solutions from each initial guess. Measured: among the shared problems the fork gains by ten.
-        draw_share: share of the time limit that sampling in space may take where a motion leads to a pose, too. Taste:
-            ducts admit so few poses that sampling finds none in any time; 1.5 s by default, in which an open scene
-            yields all that are wanted.
-        motion_share: share of the time limit that the search for a motion in space may take, whose end is another
+        drawn: maximum number of sampled poses, each of which the goal-pose NLP improves. Taste: each takes a quarter of
+            a second.
+        rounds: maximum number of solutions from each initial guess. Measured: among the shared problems, the fork gains
+            from ten.
+        draw_share: fraction of the time limit that sampling in space may take where a motion leads to a pose, too.
+            Taste: ducts admit so few poses that sampling finds none in any time; the default amounts to 1.5 s, in which
+            an open scene yields the full number of poses.
+        motion_share: fraction of the time limit for the search for a motion in space, the end of which is another
             initial guess. Taste.
     """
 
@@ -119,7 +120,7 @@ def in_plane(
 
 
 def in_space(task: SpaceTask, search: PoseSearchSettings) -> Iterator[PoseBeginning]:
-    """Yield the end of a motion to the goal, where one is found, and poses sampled at the goal."""
+    """Yield the end pose of a motion to the goal, if one is found, and poses sampled at the goal."""
     limit = max(task.deadline.left, 0.0)
     try:
         motion = any_motion(task.deadline_within(search.motion_share * limit))
@@ -159,7 +160,7 @@ def brought_poses(
     members: tuple[GoalMember, ...],
     settings: CurvePlannerSettings = DEFAULT_CURVE_PLANNER,
 ) -> Iterator[FloatArray]:
-    """Yield random poses with the tip on members of the goal that touch nothing as far as samples show.
+    """Yield random poses with the tip on members of the goal, in which sampled checks find no contact.
 
     Args:
         problem: problem with the walls, and a seed.

@@ -60,7 +60,7 @@ class PoseTree:
         poses: poses of the nodes.
         parents: number of each node's parent, -1 for a root.
         edges: poses from the parent, without it, to the node.
-        uses: number of times that each node was sampled.
+        uses: number of times that each node has been chosen for an extension.
     """
 
     arm: Arm
@@ -91,7 +91,7 @@ class PoseTree:
         return len(self) - 1
 
     def distances(self, pose: Pose) -> FloatArray:
-        """Return the distance of every node to a pose: of joints in arm lengths plus of headings, shape (nodes,).
+        """Return every node's distance to a pose, of joints [arm lengths] plus weighted headings, shape (nodes,).
 
         The headings distinguish poses that look the same but are wound round the base differently.
         """
@@ -112,7 +112,7 @@ class PoseTree:
         return distances
 
     def least_used(self, choice: IntArray) -> int:
-        """Return the number of the least sampled of some nodes, and count it as sampled once more."""
+        """Return the number of the least used of several nodes, and count one more use of that node."""
         node = min((int(k) for k in choice), key=lambda k: self.uses[k])
         self.uses[node] += 1
         return node
@@ -137,7 +137,7 @@ class ExtensionSampler:
     Attributes:
         stepper: stepper of the link space.
         free_space: free space of the tip, punctured at the base.
-        routes: routes from the base to where the tip should get to, each of shape (k, 2) [m].
+        routes: routes from the base to the places that the tip should reach, each of shape (k, 2) [m].
         shrink: distance kept from corners where possible [m].
         rng: source of every random choice.
     """
@@ -149,7 +149,7 @@ class ExtensionSampler:
     rng: np.random.Generator
 
     def draw(self, tree: PoseTree, other: PoseTree) -> Extension:
-        """Return a sampled extension of a tree; some are drawn towards the other tree."""
+        """Return a sampled extension of a tree, sometimes one that leads towards the other tree."""
         kinds: list[tuple[float, Callable[[], Extension]]] = [
             (_TO_SHAPE, partial(self.to_shape, tree)),
             (_TO_BUMP, partial(self.to_bump, tree)),
@@ -208,7 +208,7 @@ class ExtensionSampler:
     def folded(self, tree: PoseTree, other: PoseTree) -> Extension:
         """Return an extension that pulls the arm of a random node over to a random route like a rope.
 
-        An extension to a shape when the route is too long.
+        When the route is too long, return an extension to a random shape instead.
         """
         node = self._any(tree)
         side = int(self.rng.choice((-1, 1)))
@@ -242,7 +242,7 @@ class ExtensionSampler:
         return self.stepper.pose(self.stepper.space.nearest(q))
 
     def _middles(self) -> FloatArray:
-        """Return the middles of the links, as shares of the arm's length, shape (links,)."""
+        """Return the middles of the links, as fractions of the arm's length, shape (links,)."""
         links = self.stepper.space.arm.links
         return (np.arange(links) + 0.5) / links
 

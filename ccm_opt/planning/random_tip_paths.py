@@ -1,12 +1,12 @@
 """Random paths of the tip among many walls.
 
 Routes from the base, shortest first, seldom lead along the arm's current shape, since among many walls there are
-hundreds that are hardly longer than the shortest. But the arm keeps to its homotopy class, and the length that its tip
-draws back bows out between the walls.
+hundreds that are hardly longer than the shortest. But the arm keeps to its homotopy class, and the length by which its
+tip is drawn back bows out between the walls.
 
-Leading a tip costs a twentieth of a second, and which margin and which side of which wall lets the arm through cannot
-be predicted. So it is tried often: first along the arm's shape and along the shortest path, then via random places,
-from the start and from where other walks have stalled.
+Leading a tip costs a twentieth of a second, and it cannot be predicted with which margin, and on which side of each
+wall, the arm gets through. So the tip is led many times: first along the arm's shape and along the shortest path, then
+via random places, from the start and from where other walks have stalled.
 """
 
 from collections.abc import Iterator
@@ -77,7 +77,7 @@ class TipWays:
     settings: TipWalkSettings
 
     def straight_on(self, pose: Pose) -> FloatArray | None:
-        """Return the path back along the arm to the joint nearest to the goal, and over to the goal, shape (k, 2) [m].
+        """Return the path back along the arm to the joint nearest to the goal, then to the goal, shape (k, 2) [m].
 
         None where the path is blocked.
         """
@@ -87,7 +87,7 @@ class TipWays:
         return self._led_onto(np.vstack((back, entry)), place, self.shrink)
 
     def drawn(self, pose: Pose, rng: np.random.Generator) -> tuple[FloatArray | None, bool]:
-        """Return a random path, shape (k, 2) [m], or None where it is blocked, and whether it leads onto the goal."""
+        """Return a random path, shape (k, 2) [m] (None where it is blocked), and whether it leads onto the goal."""
         entry, place = self._run_in(pose)
         tip = pose.points[-1:]
         shrink = self.shrink * float(rng.choice(_ROUNDING))
@@ -112,7 +112,7 @@ class TipWays:
         return taut if np.array_equal(taut[-1], place) else np.vstack((taut, place))
 
     def _run_in(self, pose: Pose) -> tuple[FloatArray, FloatArray]:
-        """Return where the run onto the goal begins and ends, each of shape (2,) [m].
+        """Return the places where the straight run onto the goal begins and ends, each of shape (2,) [m].
 
         The run leads onto the member of the goal nearest to a pose.
         """
@@ -121,7 +121,7 @@ class TipWays:
         return run_in(self.free_space, member.position, member.heading, length), member.position
 
     def _free_place(self, middle: FloatArray, rng: np.random.Generator) -> FloatArray:
-        """Return a place at some distance from another, shape (2,) [m]; free where a few samples find one."""
+        """Return a random place near another, shape (2,) [m], which is free if one of a few samples is."""
         angles = rng.uniform(-np.pi, np.pi, _PLACES_DRAWN)
         distances = self.arm.length * rng.uniform(_NEAREST, _FARTHEST, _PLACES_DRAWN)
         places = middle + distances[:, None] * unit_vector(angles)
@@ -166,7 +166,7 @@ def find_by_walks(task: MotionTask, failures: list[Failure], *, late: bool = Fal
 
 
 def _straight_on(run: PlanarRun, ways: TipWays) -> Iterator[GuideCandidate]:
-    """Yield the tip led along the arm's shape and over to the goal, then along its shortest path, then a fold."""
+    """Yield motions with the tip led along the arm's shape to the goal, then along its shortest path, then a fold."""
     shortest = min(run.task.tip_paths, key=lambda path: path.length)
     along_arm = ways.straight_on(run.start)
     if along_arm is not None:
@@ -185,7 +185,7 @@ def _candidate(run: PlanarRun, which: str, taut: FloatArray) -> GuideCandidate:
 
 @dataclass
 class TipWalks:
-    """Random walks under construction; the end pose of each is kept, so that others may begin there.
+    """Random walks of the tip; the end pose of each walk is kept, so that others may begin there.
 
     Attributes:
         runs: runs of one link space, with different margins.
@@ -224,7 +224,7 @@ class TipWalks:
         return None
 
     def _walk(self) -> list[Pose] | None:
-        """Walk once more, and return all poses from the start to the goal where the walk arrives, else None."""
+        """Make one more walk; return all poses from the start to the goal if it arrives, else None."""
         node = self._beginning()
         begin = self.reached.poses[node]
         run = self.runs[int(self.rng.integers(len(self.runs)))]
@@ -245,7 +245,7 @@ class TipWalks:
     def _led(self, run: PlanarRun, begin: Pose, taut: FloatArray, *, onto_goal: bool) -> tuple[list[Pose], bool]:
         """Return the poses with the tip led along a path and onto the goal, and whether the whole path was followed.
 
-        The tip goes no farther than into a goal that is a set.
+        If the goal is a set, the tip stops as soon as it is inside.
         """
         poses = [begin]
         guide = led_along(run.stepper, taut)
@@ -258,7 +258,7 @@ class TipWalks:
         return poses, True
 
     def _beginning(self) -> int:
-        """Return the number of the next walk's first pose: the start, or one likely near the goal and seldom used."""
+        """Return the number of the next walk's first pose, either the start or a seldom used pose near the goal."""
         if self.rng.random() < _FROM_START:
             return 0
         reached = self.reached

@@ -2,8 +2,9 @@
 
 The curve is the same for any number of links, so that a search with few of them finds most of the motion. In the plane
 the unknowns stay, and intervals that fail the certificate are repaired. In space two bends of a joint do not commute,
-so that the same curvature gives arms with other numbers of links a slightly different shape: each keyframe is fitted to
-the places of the coarse arm's joints. The certificate of the arm itself decides.
+so that the same curvature gives arms with different numbers of links slightly different shapes; so each keyframe is
+fitted to the positions of the coarse arm's joints. A refined motion is accepted only if it is certified for the arm
+itself.
 """
 
 from dataclasses import dataclass, replace
@@ -117,8 +118,8 @@ def _resampled_columns(columns: FloatArray, links: int) -> FloatArray:
 def _lifted_space(motion: Motion, task: MotionTask) -> LinkSpace:
     """Return the link space of the task's arm in which the motion's first coordinates give the task's start.
 
-    A motion with a blended end has one coordinate more, w: 1 at the end that is given for the whole arm (the goal, or
-    for a motion planned backwards the start) and 0 at the other.
+    A motion with a blended end has one more coordinate w, which is 1 at the end that is given for the whole arm (the
+    goal, or the start of a motion planned backwards) and 0 at the other end.
     """
     arm = task.arm
     matrix = mean_heading_matrix(arm.links, arm.length)
@@ -148,12 +149,12 @@ def _lifted_space(motion: Motion, task: MotionTask) -> LinkSpace:
 
 
 def _refined_space(arm: Arm, turns: FloatArray, offset: FloatArray) -> LinkSpace:
-    """Return the link space whose headings are an offset (links,) plus turns (links, p) by the coordinates [rad]."""
+    """Return the link space whose headings [rad] are an offset (links,) plus turns (links, p) times the coordinates."""
     return LinkSpace(arm, np.diff(turns, axis=0, prepend=0.0), arm.bends(offset))
 
 
 def _resampled(offset: FloatArray, links: int) -> FloatArray:
-    """Return an offset of link headings at another number of links, shape (links,) [rad]."""
+    """Return an offset of link headings, resampled for another number of links, shape (links,) [rad]."""
     # An offset belongs to the middle of its link; beyond the outermost middles it is held constant.
     middles = (np.arange(len(offset)) + 0.5) / len(offset)
     wanted = (np.arange(links) + 0.5) / links
@@ -174,7 +175,7 @@ def _lies_across(stepper: Stepper, coordinates: FloatArray, failing: IntArray) -
 
 
 def _pushed_clear(stepper: Stepper, coordinates: FloatArray, keyframes: IntArray) -> FloatArray:
-    """Return coordinates with some inner keyframes moved by a step whose only aim is the planning margin."""
+    """Return coordinates with the given inner keyframes each moved by a step whose only aim is the planning margin."""
     space = stepper.space
     last = len(coordinates) - 1
     mended = coordinates.copy()
@@ -193,7 +194,7 @@ def _pushed_clear(stepper: Stepper, coordinates: FloatArray, keyframes: IntArray
 def coarse_task(task: MotionTask) -> MotionTask | None:
     """Return the task with as few links as its passages permit.
 
-    None where that does not pay, or is not possible.
+    None where planning with fewer links does not pay, or is not possible.
     """
     # Narrow passages need short links.
     links = max(_DESIGN_LINKS, 2 * ceil(0.5 * task.nominal_links))
@@ -206,9 +207,9 @@ def coarse_task(task: MotionTask) -> MotionTask | None:
 
 
 def taken_over(found: Motion, coarse: MotionTask, task: MotionTask, failures: list[Failure]) -> Motion | None:
-    """Return the coarse motion on the task's links, optimised: refined, or else found again.
+    """Return an optimised motion of the task's links, by refinement of the coarse motion or by a new search.
 
-    None where both fail.
+    None where both methods fail.
     """
     lifted = _lifted(found, coarse, task)
     if lifted is not None:
@@ -218,9 +219,9 @@ def taken_over(found: Motion, coarse: MotionTask, task: MotionTask, failures: li
 
 
 def _lifted(found: Motion, coarse: MotionTask, task: MotionTask) -> Motion | None:
-    """Return a coarse motion on the task's links, or None.
+    """Return a coarse motion transferred to the task's links, or None.
 
-    It is optimised and then refined or, where that fails, refined as found and then optimised.
+    The coarse motion is optimised and then refined or, where that fails, refined as found and then optimised.
     """
     # An optimised motion hugs the walls, and the links of the finer arm lie elsewhere; hence the wider margin. Where
     # its refinement still fails, the motion as found has more clearance.
@@ -233,10 +234,10 @@ def _lifted(found: Motion, coarse: MotionTask, task: MotionTask) -> Motion | Non
 
 
 def _found_again(found: Motion, task: MotionTask, failures: list[Failure]) -> Motion | None:
-    """Return the motion of the candidate that succeeded with few links, on the task's own links; else None.
+    """Return the motion that the candidate successful with few links gives with the task's own links, or None.
 
-    In narrow places the finer arm swings out from the chords of the coarse one, and no repair brings a thin link back
-    through a wall; but a guide that leads one arm mostly leads the other.
+    In narrow places the finer arm bulges out from the chords of the coarse arm, and no repair brings a thin link back
+    through a wall; but a guide that leads one arm to the goal mostly leads the other there, too.
     """
     run = PlanarRun.from_task(task, fitting_margins(task)[0])
     return run.run((each for each in chain(run.first(), run.further()) if each.name == found.candidate), failures)
@@ -244,7 +245,7 @@ def _found_again(found: Motion, task: MotionTask, failures: list[Failure]) -> Mo
 
 # ------------------------------------------------------------ in space
 def nominal_task(task: SpaceTask) -> SpaceTask | None:
-    """Return the search task with nominal links; None where the arm's own links are to be planned.
+    """Return the search task with nominal links; None where the motion is to be planned with the arm's own links.
 
     Args:
         task: task of the arm; only tasks with a goal for the tip are refined.
@@ -297,7 +298,7 @@ def lifted_motion(task: SpaceTask, found: SpaceMotion) -> SpaceMotion | None:
 
 
 def _fitted(stepper: SpaceStepper, found: SpaceMotion, start: FloatArray) -> FloatArray:
-    """Return unknowns of the arm at the keyframes of a coarse motion, fitted to the coarse arm's joints.
+    """Return the arm's unknowns at the keyframes of a coarse motion, fitted to the coarse arm's joints.
 
     Args:
         stepper: stepper of the arm.
@@ -325,11 +326,11 @@ def _fitted(stepper: SpaceStepper, found: SpaceMotion, start: FloatArray) -> Flo
 
 @dataclass(frozen=True, eq=False)
 class _Laid:
-    """An arm fitted to places.
+    """An arm fitted to given positions of its parts.
 
     Attributes:
         v: unknowns of the arm, shape (p,).
-        off: largest distance from the places [u].
+        off: largest distance from these positions [u].
     """
 
     v: FloatArray
@@ -338,7 +339,7 @@ class _Laid:
 
 @dataclass(frozen=True, eq=False)
 class _Along:
-    """Places along an arm: the link of each, and the share of the link that lies before it.
+    """Places along an arm, each given by its link and by the share of the link that lies before the place.
 
     Attributes:
         link: numbers of the links, shape (m,).
@@ -350,14 +351,14 @@ class _Along:
 
     @classmethod
     def coarse_joints(cls, links: int) -> "_Along":
-        """Return the places of the coarse arm's joints and tip along an arm with this number of links."""
+        """Return the places of the coarse arm's joints and tip along an arm with the given number of links."""
         along = np.linspace(0.0, float(links), NOMINAL_LINKS + 1)
         link = np.minimum(along.astype(np.intp), links - 1)
         return cls(link, along - link)
 
     @classmethod
     def joints(cls, links: int) -> "_Along":
-        """Return the places of the joints and the tip of an arm with this number of links."""
+        """Return the places of the joints and the tip of an arm with the given number of links."""
         link = np.minimum(np.arange(links + 1), links - 1)
         return cls(link, (np.arange(links + 1) - link).astype(np.float64))
 
@@ -373,7 +374,7 @@ def _nearest(stepper: SpaceStepper, along: _Along, wanted: FloatArray, v: FloatA
     Args:
         stepper: stepper of the arm.
         along: places on the arm.
-        wanted: wanted positions of these places, shape (m, 3) [m].
+        wanted: required positions of these places, shape (m, 3) [m].
         v: initial unknowns, shape (p,).
     """
     pose = stepper.pose(v)

@@ -1,10 +1,10 @@
 """Candidates that draw the arm back first.
 
-An arm that lies in a narrow place can leave it only the way it came: along itself. Its base is fixed, so the length
-that comes out must go somewhere: a fold opens at the base, where there is clearance, and travels towards the tip. Links
-that the fold has passed lie where they are wanted, those ahead of it slide back along the old shape. Run backwards in
-time this is the hairpin that would lead the arm in, from the wanted pose; so its reference and its terms are the
-hairpin's.
+An arm that lies in a narrow place can leave it only the way it came in, along its own shape. Since its base is fixed,
+the length that comes out is taken up by a fold, which opens at the base, where there is clearance, and travels towards
+the tip. Links that the fold has passed lie on the new shape; those ahead of the fold slide back along the old shape.
+Run backwards in time, this motion is the hairpin that would lead the arm in from the new pose; so a withdrawal uses the
+reference and the terms of a hairpin.
 """
 
 from collections.abc import Iterator
@@ -58,11 +58,11 @@ class Withdrawal:
     """Guide that leads a fold from where the arm leaves its new shape to the tip.
 
     Attributes:
-        fold: the hairpin of the way in: its old shape is the one wanted here, its track leads from that shape's tip
-            back next to it and out to where the tip is when the withdrawal begins.
-        turns: whole turns of the base by which the way back winds the wanted pose [rad].
-        free_from: arc length on the track before which the arm fills no passage [m]: drawn back so far, the tip can
-            move on freely.
+        fold: hairpin of the way in; its old shape is the new shape of the withdrawal, and its track leads from the tip
+            of that shape back beside the shape, and out to the place of the tip when the withdrawal begins.
+        turns: whole turns of the base by which the way back winds the new pose [rad].
+        free_from: arc length on the track before which the arm fills no passage [m]; once the arm is drawn back to
+            there, the tip can move on freely.
     """
 
     fold: Hairpin
@@ -70,7 +70,7 @@ class Withdrawal:
     free_from: float = 0.0
 
     def afresh(self) -> "Withdrawal":
-        """Return a copy with the fold where it is now, to be followed on its own."""
+        """Return a copy whose fold begins at its current place and advances independently."""
         return replace(self, fold=replace(self.fold))
 
     def terms(self, pose: Pose) -> list[Term]:
@@ -111,7 +111,7 @@ class Withdrawal:
         """Advance the fold a little towards the tip if the strand keeps up.
 
         Returns:
-            Whether it does.
+            Whether the strand keeps up.
         """
         if self._lag(pose) > _LEASH * self.fold.nominal_length:
             return False
@@ -119,7 +119,7 @@ class Withdrawal:
         return True
 
     def _lag(self, pose: Pose) -> float:
-        """Return the mean distance of the strand from its track, at the end that of the tip [m]."""
+        """Return the mean distance of the strand from its track, or at the end that of the tip alone [m]."""
         weight = self._on_strand()
         weight[-1] = 1.0
         return float(np.linalg.norm(self._errors(pose), axis=1) @ weight / weight.sum())
@@ -131,7 +131,7 @@ class Withdrawal:
         return at_tip or self.fold.tip_arc < self.free_from
 
     def describe(self, pose: Pose) -> str:
-        """Return how far the fold has come."""
+        """Return, in words, how far the fold has advanced."""
         return (
             f"drawing back, the fold stopped {long_length(self.fold.fold_at)} from where it opened, "
             f"the arm {short_length(self._lag(pose))} behind"
@@ -150,7 +150,7 @@ WayBack: TypeAlias = tuple[TipPath, tuple[int, FloatArray]]
 def drawn_back(
     stepper: Stepper, start: Pose, wanted: FloatArray, path: TipPath, lengths: tuple[float, ...], *, whole_arm: bool
 ) -> Iterator[GuideCandidate]:
-    """Yield candidates that draw the arm back along itself onto another shape, on both sides, by several folds.
+    """Yield candidates that draw the arm back along itself onto another shape, by folds of several lengths.
 
     Args:
         stepper: stepper of the link space.
@@ -158,7 +158,7 @@ def drawn_back(
         wanted: coordinates of a pose at the goal.
         path: any tip path, for its free space.
         lengths: lengths of the fold, in nominal links.
-        whole_arm: whether the motion has to end in exactly that pose, and not only with its tip there.
+        whole_arm: whether the motion has to end in exactly that pose, and not only with the tip at the goal.
     """
     end = stepper.pose(wanted)
     led = partial(_led_out, stepper, path)
@@ -176,7 +176,7 @@ def drawn_back(
 
 
 def ways_back(stepper: Stepper, start: Pose, end: Pose, path: TipPath) -> list[WayBack]:
-    """Return the tip paths from a pose at the goal back to the start, and where the arm leaves that pose on each.
+    """Return tip paths from a pose at the goal back to the start, each with the place where the arm leaves that pose.
 
     Args:
         stepper: stepper of the link space.
@@ -212,7 +212,7 @@ def withdrawals(
 
 
 def lies_confined(stepper: Stepper, start: Pose, path: TipPath) -> bool:
-    """Return whether the path back along the arm has a gate too narrow for both, or is long where no fold fits.
+    """Return whether the path back along the arm has a gate too narrow for both strands, or is long where no fold fits.
 
     Args:
         stepper: stepper of the link space.
@@ -227,12 +227,12 @@ def lies_confined(stepper: Stepper, start: Pose, path: TipPath) -> bool:
 
 
 def fold_width(stepper: Stepper) -> float:
-    """Return the width of a passage in which a fold fits [m]."""
+    """Return the least width of a passage in which a fold fits [m]."""
     return 2.0 * stepper.space.arm.radius + FOLD_LENGTHS[0] / FOLD_SHARE * stepper.space.nominal_length
 
 
 def widths_beside_arm(stepper: Stepper, start: Pose, way: FloatArray) -> FloatArray:
-    """Return passage widths at places evenly along a tip path, inf where the arm does not lie there, (samples,) [m].
+    """Return passage widths at places spread evenly along a tip path, inf where the arm is elsewhere, (samples,) [m].
 
     Args:
         stepper: stepper of the link space.
@@ -253,13 +253,13 @@ def widths_beside_arm(stepper: Stepper, start: Pose, way: FloatArray) -> FloatAr
 
 
 def withdrawal(stepper: Stepper, start: Pose, end: Pose, way_back: WayBack, length: float) -> Withdrawal | None:
-    """Return the way in from a pose at the goal, ready to be run backwards; None where the base could not turn so far.
+    """Return the withdrawal to a pose at the goal; None where the base could not turn far enough.
 
     Args:
         stepper: stepper of the link space.
         start: pose where the withdrawal begins.
         end: the pose at the goal.
-        way_back: tip path from there to the start, and where the arm leaves the pose.
+        way_back: tip path from that pose to the start, and the place where the arm leaves the pose.
         length: length of the fold, in nominal links.
     """
     arm = stepper.space.arm
@@ -283,7 +283,7 @@ def withdrawal(stepper: Stepper, start: Pose, end: Pose, way_back: WayBack, leng
 
 
 def _free_fold_start(stepper: Stepper, start: Pose, track: TipTrack) -> float:
-    """Return the arc length on a track from a goal pose's tip up to which a fold has clearance by the arm [m]."""
+    """Return the arc length on a track, from a goal pose's tip, up to which a fold has clearance beside the arm [m]."""
     confined = np.flatnonzero(widths_beside_arm(stepper, start, track.points) < fold_width(stepper))
     return track.length * float(confined[0]) / WIDTH_SAMPLES if len(confined) else 0.0
 

@@ -105,7 +105,7 @@ class PointTree:
         self.count = len(kept)
 
     def reserve(self, least: int) -> None:
-        """Make space for at least some more nodes; the capacity doubles, so that nodes are seldom copied."""
+        """Make space for at least ``least`` more nodes; the capacity doubles, so that nodes are seldom copied."""
         if self.count + least <= len(self.points):
             return
         capacity = max(256, 2 * (self.count + least))
@@ -131,7 +131,7 @@ class Draws(Protocol):
         ...
 
     def draw(self, rng: np.random.Generator, count: int, tree: PointTree, other: PointTree) -> FloatArray:
-        """Return targets for the extension of a tree, shape (count, n); some may be drawn towards the other tree."""
+        """Return targets for the extension of a tree, shape (count, n); a few may be poses of the other tree."""
         ...
 
 
@@ -142,14 +142,14 @@ class ConnectSearch:
     Attributes:
         connection: makes the call that grows the trees by sampled motions.
         draws: sampler of targets.
-        unproved: certificate of a whole motion.
-        goals: poses at the goal, shape (m, n) at a time; may end.
-        over: whether the time is up.
+        unproved: certificate of a whole motion, which returns the intervals that are not proved.
+        goals: iterator over batches of poses at the goal, each of shape (m, n); may end.
+        over: returns whether the time limit has passed.
         rng: source of every random choice.
         trees: trees from the start, and from poses at the goal.
         extensions: number of extensions so far.
         rounds: number of rounds of extensions.
-        found: points of a certified motion, shape (K, n); None as long as there is none.
+        found: points of a certified motion, shape (K, n); None until one is found.
     """
 
     connection: Connection
@@ -180,7 +180,7 @@ class ConnectSearch:
         return self.found
 
     def _new_goals(self) -> None:
-        """Add poses at the goal, if there are more, and try to reach them at once."""
+        """Add the next batch of poses at the goal, if any, and try to reach these poses at once."""
         tree = self.trees[1]
         if len(tree) and np.count_nonzero(tree.parents[: len(tree)] < 0) >= _MOST_GOALS:
             return
@@ -233,7 +233,7 @@ class ConnectSearch:
 
     @cached_property
     def _fixed(self) -> Mapping[str, Any]:
-        """The fields of ``Growth`` that stay."""
+        """Fields of ``Growth`` that do not change between extensions."""
         size = self.trees[0].points.shape[1]
         return {"size": size, "longest": self.draws.longest, "end": np.empty(size)}
 

@@ -40,7 +40,7 @@ _TO_CORNER = float(np.sqrt(0.5))
 
 @dataclass(frozen=True)
 class BlockedRaster:
-    """Cells of a square, blocked where the whole cell is nearer to a wall than the axis may be.
+    """Raster of a square; a cell is blocked where all of it is nearer to a wall than the arm's axis may be.
 
     A free cell proves nothing; a blocked one refutes a pose.
 
@@ -81,7 +81,7 @@ class BlockedRaster:
         return cls(corner, cell, blocked)
 
     def at(self, x: npt.NDArray[np.floating], y: npt.NDArray[np.floating]) -> BoolArray:
-        """Return whether places of the square are blocked, given their coordinates, both of one shape [m]."""
+        """Return whether places of the square are blocked, given their coordinates x and y, of equal shape [m]."""
         side = self.blocked.shape[0]
         scale = 1.0 / self.cell
         column = (x * scale + (1.0 - self.corner[0] * scale)).astype(np.int32)
@@ -91,7 +91,7 @@ class BlockedRaster:
 
 
 def _grown(wall: Obstacle, by: float) -> shapely.Geometry:
-    """Return a wall grown by a distance; GEOS inscribes arcs, so that the covered area is certainly too near."""
+    """Return a wall grown by a distance; GEOS inscribes arcs, so that all of the grown area is certainly too near."""
     grown: shapely.Geometry = shapely.buffer(wall.core, wall.rounding + by)
     return grown
 
@@ -99,7 +99,7 @@ def _grown(wall: Obstacle, by: float) -> shapely.Geometry:
 def _covered(shapes: list[shapely.Geometry], corner: FloatArray, cell: float, cells: int) -> BoolArray:
     """Return whether the middle of every cell lies in some polygon, shape (cells, cells).
 
-    Along every row of middles each edge that crosses it adds its sign from the crossing on; where polygons overlap the
+    Each edge that crosses a row of middles adds its sign to the row from the crossing on; where polygons overlap, the
     sum is larger than one.
     """
     change = np.zeros((cells, cells + 1), dtype=np.int32)
@@ -148,7 +148,7 @@ class SampledCheck:
         raster: raster of places where the arm's axis is too near to a wall.
         reach: length along each link that leads to each checked place, shape (links, places) [m].
         spacing: distance that the tip moves between two checked poses [m].
-        parts: number of parts of a link between checked places.
+        parts: number of parts into which checked places divide a link.
     """
 
     arm: Arm
@@ -172,7 +172,7 @@ class SampledCheck:
         return cls(arm, raster, reach, spacing, parts)
 
     def refuted(self, headings: FloatArray) -> BoolArray:
-        """Return which poses certainly touch something, link headings (m, links) [rad], result (m,)."""
+        """Return which poses, given by link headings (m, links) [rad], certainly touch something, shape (m,)."""
         cosines = np.cos(headings).astype(np.float32)
         sines = np.sin(headings).astype(np.float32)
         x = cosines @ self.reach + np.float32(self.arm.base[0])
@@ -184,14 +184,15 @@ class SampledCheck:
         return refuted
 
     def free_shares(self, start: FloatArray, end: FloatArray) -> FloatArray:
-        """Return the free shares of straight motions up to their first refuted pose.
+        """Return the free fractions of straight motions, up to their first refuted pose.
 
         Args:
             start: link headings, shape (m, links) [rad]; these poses are not checked again.
             end: link headings at the other end, of the same shape [rad].
 
         Returns:
-            Shape (m,); the share of the last checked pose before it that is not refuted, 1 for the end.
+            Fraction of each motion at the last checked pose before the refuted one, shape (m,); 1 if no pose is
+            refuted.
 
         Raises:
             ValueError: the headings have the wrong shape.

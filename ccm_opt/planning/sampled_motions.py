@@ -42,7 +42,7 @@ class SampledMotions:
     Attributes:
         arm: the arm.
         tree: tree of the surfaces.
-        kept: distance that the arm's axis has to keep from them [m].
+        kept: distance that the arm's axis has to keep from the surfaces [m].
         box: extent of the surfaces, lower and upper corner, shape (2, 3) [m]; empty where there are none.
     """
 
@@ -53,7 +53,7 @@ class SampledMotions:
 
     @cached_property
     def for_c(self) -> Mapping[str, Any]:
-        """The check as the fields of ``Motions`` in C, with grids that are filled as they are asked."""
+        """The check as the fields of ``Motions`` in C, with grids whose cells are filled on first use."""
         arm = self.arm
         reach = self.kept + _TOLD * arm.length
         margin = (1.0 + _BEYOND) * arm.length
@@ -82,14 +82,14 @@ class SampledMotions:
         }  # fmt: skip
 
     def free_shares(self, start: FloatArray, end: FloatArray) -> FloatArray:
-        """Return the free shares of motions that are straight in the bends, up to the first pose in contact.
+        """Return the free fractions of motions that are straight in the bends, up to the first pose in contact.
 
         Args:
             start: configurations, shape (m, c) [rad].
             end: configurations at the other end, shape (m, c) [rad].
 
         Returns:
-            Shape (m,): 1 where nothing was touched, 0 where the end bends a joint beyond its limit.
+            Fractions, shape (m,): 1 where nothing was touched, 0 where the end bends a joint beyond its limit.
         """
         shares = np.empty(len(start))
         motions = {"motions": len(start), "start": start, "end": end, "share": shares}

@@ -47,8 +47,8 @@ class Failure:
         remaining: distance from the goal of the tip or, with a goal for the whole arm, of the farthest joint [m].
         tightest: link, counted from 1, name of the nearest obstruction, and the gap [m]; None when nothing is near.
         pose: configuration where the candidate ended, shape (c,) [rad, and the base's coordinates].
-        bends: bends of the joints in that pose, k a joint, shape (links, k) [rad].
-        limit: the user's constraint that was in the way, in words, or empty.
+        bends: bends of the joints in that pose, k per joint, shape (links, k) [rad].
+        limit: name of the user's constraint that stopped the candidate, or empty.
     """
 
     candidate: str
@@ -68,7 +68,7 @@ class Failure:
 
 
 def report_tried(candidate: str, failures: Sequence[Failure]) -> None:
-    """Report to listeners that a candidate is tried, with its number and the best earlier distance from the goal."""
+    """Report to listeners that a candidate is being tried, with its number and the best distance from the goal."""
     report_candidate(len(failures) + 1, candidate, min((failure.remaining for failure in failures), default=inf))
 
 
@@ -102,7 +102,7 @@ class SearchTask(ABC):
         weights: weights of the optimisation's costs.
         wanted_gap: gap beyond radius and clearance that the motion keeps where possible [m].
         seed: seed of the random numbers.
-        refuse: raises where it is proved that there is no motion; called once, before costly strategies.
+        refuse: raises where it proves that there is no motion; called once, before costly strategies.
         user: the user's constraints and costs; None where there are none.
         held: limits of the motion besides contact, joints, turns and the user's; in the plane a guide tube.
         settings: settings of every stage of the search.
@@ -153,11 +153,11 @@ class SearchTask(ABC):
 
         Args:
             motion: certified motion.
-            margin: gap that rows ask for beyond contact, as a share of the arm's length; the usual one when None.
+            margin: gap that rows ask for beyond contact, as a fraction of the arm's length; the usual gap when None.
         """
 
     def certificate_with(self, gap: float) -> MotionCertificate:
-        """Return the certificate of motions that asks for at least this gap beyond contact [m].
+        """Return the certificate of motions that requires at least a given gap beyond contact [m].
 
         The base class ignores the gap.
         """
@@ -192,14 +192,14 @@ class SearchTask(ABC):
 
     @abstractmethod
     def free(self, q: FloatArray) -> FloatArray:
-        """Return 1 for each coordinate of a configuration that a path's knot may move, else 0, both of shape (c,)."""
+        """Return 1 for each coordinate of a configuration (c,) that a path's knot may move, else 0, shape (c,)."""
 
     @abstractmethod
     def room_lacking(self, q: FloatArray) -> FloatArray:
-        """Return how far the gap of each configuration, shape (k, c), falls short of the wanted gap, shape (k,) [m]."""
+        """Return each configuration's shortfall from the preferred clearance, shape (k, c) to (k,) [m]."""
 
     def least_gap(self, q: FloatArray) -> float:
-        """Return the least gap beyond contact over configurations, shape (K, c), capped at the wanted gap [m]."""
+        """Return the least gap beyond contact over configurations (K, c), capped at the preferred clearance [m]."""
         return float(self.wanted_gap - np.max(self.room_lacking(q)))
 
     @abstractmethod
@@ -253,10 +253,11 @@ class Strategy(Generic[AskedType, FoundType]):
     Attributes:
         name: name in the record of a failed search.
         find: returns a certified motion, or None after adding its attempts to the failures.
-        applies: whether the strategy can find motions for the task.
-        costly: whether it may take so long that trying a proof of infeasibility first, at some tenths of a second,
-            pays.
-        leads_others: whether later strategies begin with its candidates, so that failing with few links is enough.
+        applies: returns whether the strategy can find motions for the task.
+        costly: whether the strategy may take so long that it pays to try a proof of infeasibility first, which takes a
+            few tenths of a second.
+        leads_others: whether later strategies begin with this strategy's candidates, so that it is not repeated with
+            the arm's own links once it has failed with few.
     """
 
     name: str
@@ -349,7 +350,7 @@ _CLOSE = 0.1
 
 
 def _widened(task: SearchTask, tried: Sequence[Failure]) -> tuple[str, ...]:
-    """Return advice to widen the passage where the best attempt ended close to a wall; empty where it did not."""
+    """Return advice to widen the passage if the best attempt ended close to a wall, else an empty string."""
     if not tried or tried[0].tightest is None:
         return ()
     link, name, gap = tried[0].tightest
@@ -384,8 +385,8 @@ def evidence(tried: Sequence[Failure]) -> Mapping[str, object]:
     """Return the figures behind a diagnosis, all JSON-serialisable; failures come sorted, the best first.
 
     Returns:
-        ``tried``: a line for each; ``candidates``: the same as tables; ``in_the_way``: how often each obstruction was
-        the tightest contact; ``nearest_pose``: the configuration where the best candidate ended.
+        ``tried``: a line for each failure; ``candidates``: a table for each; ``in_the_way``: how often each obstruction
+        was the tightest contact; ``nearest_pose``: the configuration where the best candidate ended.
     """
     named = Counter(f.tightest[1] for f in tried if f.tightest is not None)
     return {
@@ -410,7 +411,7 @@ def _table(failure: Failure) -> dict[str, object]:
 
 
 def _limits_in_the_way(names: Sequence[str], tried: list[Failure]) -> str:
-    """Return, in words, the constraint that stopped the best such candidate, or all names where none stopped one."""
+    """Return, in words, the constraint that stopped the best of the stopped candidates, or all names if none was."""
     if not names:
         return ""
     met = [failure.limit for failure in tried if failure.limit]

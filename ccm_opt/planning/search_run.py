@@ -1,7 +1,7 @@
 """One run of the planar search over its candidates.
 
-Where the base itself stands in a narrow space, as in a bottle, there is no clearance for a fold to open and travel out.
-But the part of the arm in the passage can be drawn back along itself, as out of a gate, while the rest bows to one side
+Where the base itself stands in a narrow space, as in a bottle, a fold has no clearance to open and travel out. But the
+part of the arm in the passage can be drawn back along its own shape, as out of a gate, while the rest bows to one side
 and coils up.
 """
 
@@ -49,7 +49,7 @@ seldom works. Taste."""
 
 
 def passage_entry(stepper: Stepper, start: Pose, path: TipPath) -> float | None:
-    """Return the arc length from the base at which the arm enters the first passage that it fills, or None [m]."""
+    """Return the arc length from the base at which the arm enters the first passage that it fills [m], or None."""
     filled = np.flatnonzero(widths_beside_arm(stepper, start, path.taut) < fold_width(stepper))
     if len(filled) == 0:
         return None
@@ -69,10 +69,10 @@ def first_candidates(
     """Yield the candidates that solve most problems, most promising first.
 
     Args:
-        stepper: stepper of the link space they are to run in.
+        stepper: stepper of the link space in which the candidates run.
         start: pose where the motion begins.
-        goal_coordinates: coordinates of goal poses, for interpolation; unless the tip can go straight, these are only
-            computed when the first tip path has failed.
+        goal_coordinates: coordinates of goal poses, for interpolation; unless the tip can go straight, these are
+            computed only when the first tip path has failed.
         tip_paths: tip paths, shortest first.
         whole_arm: coordinates of a goal for the whole arm; a fold that has run to the base is opened onto it.
     """
@@ -131,7 +131,7 @@ def _withdrawn(
     *,
     whole_arm: bool,
 ) -> Iterator[GuideCandidate]:
-    """Yield candidates that draw the arm back along itself onto one goal pose after another, each made on demand."""
+    """Yield candidates that draw the arm back along itself onto one goal pose after another, each built on demand."""
     for path in tip_paths[:1]:
         for goal in goal_coordinates:
             yield from drawn_back(stepper, start, goal, path, lengths, whole_arm=whole_arm)
@@ -159,7 +159,7 @@ def further_candidates(
     tip_paths: tuple[TipPath, ...],
     whole_arm: FloatArray | None = None,
 ) -> Iterator[GuideCandidate]:
-    """Yield withdrawals and folds of the other lengths; arguments as for ``first_candidates``."""
+    """Yield withdrawals, and folds of the other lengths; arguments as for ``first_candidates``."""
     others = FOLD_LENGTHS[1:]
     yield from _withdrawn(stepper, start, goal_coordinates, tip_paths, others, whole_arm=whole_arm is not None)
     for path in tip_paths:
@@ -211,7 +211,7 @@ CurveType = TypeVar("CurveType", bound=CurveUnknowns)
 
 @dataclass(frozen=True, eq=False)
 class SearchRun(Generic[TaskType, CurveType]):
-    """One run through candidates with one stepper: each is followed, and each that stalls is recorded.
+    """One run through candidates with one stepper; follows each candidate, and records those that stall.
 
     Attributes:
         task: the task.
@@ -255,7 +255,7 @@ class SearchRun(Generic[TaskType, CurveType]):
         return float(np.linalg.norm(apart, axis=1).max())
 
     def arrived(self, poses: list[Pose]) -> list[Pose]:
-        """Return poses that have come near the goal, completed onto it: settled, or led to the pose of the whole arm.
+        """Return poses that end near the goal, continued onto the goal by settling or by leading to the whole-arm pose.
 
         Raises:
             Stalled: the goal is not reached.
@@ -283,7 +283,7 @@ class SearchRun(Generic[TaskType, CurveType]):
         return [*poses, *(self.stepper.pose(v) for v in self.stepper.space.pieces(poses[-1].v, end)[1:])]
 
     def tightest(self, pose: Pose) -> tuple[int, str, float] | None:
-        """Return the nearest obstruction of a pose: link from 1, name, gap [m]; None when nothing is near."""
+        """Return the link (from 1), name and gap [m] of a pose's nearest obstruction; None when nothing is near."""
         finder = self.task.finder(0.0, _NEAR * self.task.arm.length)
         return finder.tightest(finder.find(pose.points))
 
@@ -331,7 +331,7 @@ class PlanarRun(SearchRun[MotionTask, LinkSpace]):
         return replace(run, guesses=run.settled_guesses()) if settled else run
 
     def settled_guesses(self) -> Iterable[FloatArray]:
-        """Return those guesses that can be brought onto the goal and its limits."""
+        """Return the guesses that could be brought onto the goal within its limits."""
         poses = (pose_at_goal(self.task, self.stepper, guess) for guess in self.task.guesses)
         return CachedItems(pose.v for pose in poses if pose is not None)
 
@@ -356,7 +356,7 @@ class PlanarRun(SearchRun[MotionTask, LinkSpace]):
         return self._drawn(further_candidates(self.stepper, self.start, self.guesses, self.task.tip_paths, whole_arm))
 
     def _drawn(self, candidates: Iterator[GuideCandidate]) -> Iterator[GuideCandidate]:
-        """Return the candidates in the order sampled with the seed."""
+        """Return the candidates in a random order that the seed determines."""
         return drawn_order(candidates, self.task.seed, _PUT_OFF)
 
     def run(self, tried: Iterator[GuideCandidate], failures: list[Failure]) -> Motion | None:
@@ -387,7 +387,7 @@ class PlanarRun(SearchRun[MotionTask, LinkSpace]):
         raise Stalled("the motion arrived but could not be certified", poses)
 
     def _mended(self, poses: list[Pose]) -> list[Pose] | None:
-        """Return poses with others inserted on the gates' middle lines until certified; None where that fails."""
+        """Return poses with more inserted on the gates' middle lines until these are certified; None on failure."""
         if self.task.gates is None:
             return None
         for _ in range(_MENDS):
@@ -457,8 +457,8 @@ def _made(make: Callable[[], Guide], pose: Pose) -> Guide:
     """Return a guide that leads on from a pose.
 
     Raises:
-        Stalled: no path leads on from there. That says nothing about the problem: a tip in a wall's margin may have its
-            nearest free place in a pocket.
+        Stalled: no path leads on from there. This does not mean that the problem has no solution, since a tip in a
+            wall's margin may have its nearest free place in a pocket.
     """
     try:
         return make()

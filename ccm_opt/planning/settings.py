@@ -1,7 +1,7 @@
 """Settings of the planning stages: step, guides, search, samplers, optimisation and planners.
 
 Lengths are in nominal links, which do not depend on the number of links of the real arm: weights and advances tuned on
-one arm then suit another of the same shape. A weight "per nominal link" is shared among the links in one nominal link.
+one arm then suit another arm of equal shape. A weight "per nominal link" is shared among the links in one nominal link.
 """
 
 from dataclasses import dataclass, field, replace
@@ -17,11 +17,11 @@ class ConvexSettings:
     """Settings of the sequential convex programming.
 
     Attributes:
-        price: initial price of one nominal link of slack. Taste.
-        highest_price: price to which it rises where an interval lacks clearance. Taste.
-        worth: share of the merit that a round has to gain. Taste.
-        patience: rounds in a row that may gain less. Taste.
-        patience_in_want: the same for a motion that lacks clearance. Taste.
+        price: initial penalty on one nominal link of slack. Taste.
+        highest_price: largest value to which the price rises where an interval lacks clearance. Taste.
+        worth: fraction of the merit that a round has to gain. Taste.
+        patience: number of rounds in a row that may gain less than ``worth``. Taste.
+        patience_in_want: value of ``patience`` for a motion that lacks clearance. Taste.
         counts_room: whether missing clearance counts in a motion's merit, and only an iterate with a better merit is
             continued from; otherwise only rows count, at their prices, and every step is kept.
     """
@@ -45,12 +45,12 @@ class OptimisationSettings:
             through them is certified. Taste.
         finer_intervals: least number of intervals where a motion lacks clearance. Measured: of 18 motions among clutter
             that lacked it, few gained much with as many as before, most with about twice as many.
-        leg_depth: bisections that a leg of the thinned motion may need for its certificate. Taste.
-        first_stride: keyframes that such a leg skips at first. Taste.
-        first_rounds: steps with many keyframes before the motion is thinned again. Taste.
-        rounds: most steps taken. Taste.
-        free_rounds: most steps before the end pose of the motion is chosen. Taste.
-        end_rounds: most steps after that choice. Taste.
+        leg_depth: maximum number of bisections in the certificate of a leg of the thinned motion. Taste.
+        first_stride: number of keyframes that such a leg skips at first. Taste.
+        first_rounds: number of steps with many keyframes before the motion is thinned again. Taste.
+        rounds: maximum number of steps. Taste.
+        free_rounds: maximum number of steps before the end pose of the motion is chosen. Taste.
+        end_rounds: maximum number of steps after that choice. Taste.
         steps: settings of the sequential convex programming.
     """
 
@@ -72,14 +72,14 @@ class AnyStepSettings:
 
     Attributes:
         largest_turn: largest turn of a link in one step [rad], so that the linearised rows hold. Taste.
-        limit_share: share of a joint limit that planning uses: rows do not know that the shape of a fed arm changes
-            with its feed. Taste.
-        firm_share: share of a gap's shortfall from the planning margin that rows enforce, where such a step exists;
-            usually none. Taste.
-        restoration_share: share of that shortfall that the step is drawn to restore. Taste.
+        limit_share: fraction of a joint limit that planning uses, since the rows ignore that the shape of a fed arm
+            changes with its feed. Taste.
+        firm_share: fraction of a gap's shortfall from the planning margin that rows enforce, where such a step exists;
+            0 by default. Taste.
+        restoration_share: fraction of that shortfall that the step aims to restore. Taste.
         push_weight: weight on that restoration, relative to the distance of a nominal link. Taste.
-        keep_share: share of the planning margin that every accepted pose keeps, where steps are not proved. Taste.
-        travel: largest travel of a joint in a step, and the same where walls or links are within reach [u].
+        keep_share: fraction of the planning margin that every accepted pose keeps, where steps are not proved. Taste.
+        travel: largest travel of a joint in a step, in general and where walls or links are within reach [u].
         still: whether to keep the arm still where no other term applies.
         proof_depth: bisections of the proof of every step; None where only whole motions are proved.
         ridge: keeps the step's Hessian definite where no term reaches. Taste.
@@ -100,7 +100,7 @@ class AnyStepSettings:
 
     @property
     def accepted_share(self) -> float:
-        """Share of a joint limit that an accepted step may reach, the QP is no more exact than this."""
+        """Fraction of a joint limit that an accepted step may reach, which allows for the inexactness of the QP."""
         return 1.0 - 1e-5
 
 
@@ -109,10 +109,10 @@ class StepSettings(AnyStepSettings):
     """Settings of a single step in the plane.
 
     Attributes:
-        limit_share: share of a joint limit that planning uses; the overshoot of accepted poses and splines stays below
-            the limit. Taste.
-        full_limit_share: the same where the ends need more, or joint limits stop the arm short of its goal. Derived:
-            rows and polishing err by a hundredth of a degree at most.
+        limit_share: fraction of a joint limit that planning uses; the overshoot of accepted poses and splines stays
+            below the limit. Taste.
+        full_limit_share: fraction used where the ends need more, or where joint limits stop the arm short of its goal.
+            Derived: rows and polishing err by a hundredth of a degree at most.
         narrow_firm_share: ``firm_share`` where margins are narrow. Taste.
         ridge: as in ``AnyStepSettings``.
         narrow_ridge: ridge where margins are narrow. Measured: next to the large weights there, the solver does not
@@ -138,14 +138,14 @@ class StepSettings(AnyStepSettings):
 
     @property
     def accepted_share(self) -> float:
-        """Share half-way between the one that planning uses and the limit."""
+        """Fraction of a joint limit that an accepted step may reach, half-way between ``limit_share`` and 1."""
         return 0.5 * (1.0 + self.limit_share)
 
     def narrowed(self, margin: float) -> "StepSettings":
-        """Return the settings for a planning margin, in nominal links: a small margin makes the steps small.
+        """Return the settings for a planning margin, in nominal links; a small margin makes the steps small.
 
         Linearised rows err by the square of the turn. The push out of the margin has to grow as the margin shrinks, or
-        the guide would hold the arm at its very edge, where no step is possible.
+        the guide would hold the arm at the very edge of the margin, where no step is possible.
         """
         share = margin / self.narrow_margin
         if share >= 1.0:
@@ -165,8 +165,8 @@ class ContinuationSettings:
     """Settings of following a guide, and of settling on the goal at its end.
 
     Attributes:
-        settle_steps: most steps of settling on the goal. Taste.
-        settle_least: steps of settling that are taken even if the arm hardly moves. Taste.
+        settle_steps: maximum number of steps of settling on the goal. Taste.
+        settle_least: number of settling steps that are taken even if the arm hardly moves. Taste.
         settle_growth: growth of the goal's weight from step to step. Taste.
         still_weight: weight on standing still while settling, for all links together. Taste.
         polish_distance: distance from the goal at which polishing is tried, in nominal links. Taste.
@@ -202,7 +202,7 @@ class GoalSettings:
 
     @property
     def on_goal(self) -> float:
-        """Largest errors that count as zero [arm lengths] and [rad]."""
+        """Largest errors of the tip [arm lengths] and of the heading [rad] that count as zero."""
         return self.reached * self.polish_tolerance
 
 
@@ -229,8 +229,8 @@ class TipWalkSettings:
     Attributes:
         margins: planning margins with which the tip is led straight on, and from which walks sample, in nominal links.
             Measured: of fourteen fields of 1000 and 3000 polygons the first alone solves seven, the others two more.
-        longest_way: tip path length above which there are no early walks, as a share of the arm's length. Measured: in
-            fields of 1000 polygons with sampled goals, walks along 0.2 to 0.6 of the arm's length mostly arrive, and
+        longest_way: tip path length above which there are no early walks, as a fraction of the arm's length. Measured:
+            in fields of 1000 polygons with sampled goals, walks along 0.2 to 0.6 of the arm's length mostly arrive, and
             along 1.2 to 2.0, where the arm has to be laid anew from its base, never.
         early_walks: number of walks before poses at the goal are sought. Taste: at most half the time of a failed
             search for those.
@@ -296,10 +296,11 @@ class SpaceCertificateSettings:
     """Settings of the proof that a motion touches nothing.
 
     Attributes:
-        depth: number of times an interval may be halved. Taste: at twelve a step has been cut into four thousand parts.
+        depth: number of times that an interval may be halved. Taste: twelve halvings cut a step into four thousand
+            parts.
         spare: gap that is proved beyond contact, for the path between its samples [u].
-        slack: share of a link's motion by which distances may at first be underestimated; this shortens walks along
-            finely meshed walls, and where it does not prove enough they are repeated without slack.
+        slack: fraction of a link's motion by which distances may at first be underestimated; this shortens the search
+            along finely meshed walls, which is repeated without slack where the proof fails.
     """
 
     depth: int = 12

@@ -1,7 +1,8 @@
 """Shortcuts of a found motion.
 
 A motion that needs many keyframes to be certified is costly to optimise, step by step, and mostly long because a guide
-went to and fro. Random shortcuts, refuted by samples and certified, remove half of it at a small part of that cost.
+went to and fro. Random shortcuts, refuted by samples and certified, remove half of its length at a fraction of that
+cost.
 """
 
 from collections.abc import Callable
@@ -27,15 +28,15 @@ MANY_INTERVALS = 40
 
 @dataclass(frozen=True)
 class Shortcuts:
-    """Shortens certified motions by random shortcuts, many tries at once.
+    """Shortens certified motions by random shortcuts, many of which are tried at once.
 
     Attributes:
         check: the check by samples, applied first.
-        unproved: the certificate: returns the intervals of a motion, link headings of shape (K, links), that it
-            refuses.
+        unproved: the certificate; returns the intervals that it refuses of a motion, given as link headings of shape
+            (K, links).
         rounds: number of rounds, in each of which one stretch may be replaced. Taste.
-        tries: stretches that are tried in each round. Taste.
-        saved: least share of the motion that a shortcut saves. Taste.
+        tries: number of stretches that are tried in each round. Taste.
+        saved: least fraction of the motion's length that a shortcut has to save. Taste.
     """
 
     check: SampledCheck
@@ -45,7 +46,7 @@ class Shortcuts:
     saved: float = 0.01
 
     def shortened(self, way: FloatArray, rng: np.random.Generator) -> FloatArray:
-        """Return a certified motion made shorter, link headings of shape (K, links) [rad]; the ends stay."""
+        """Return a shorter certified motion with the same ends, as link headings of shape (K, links) [rad]."""
         for _ in range(self.rounds):
             arcs = arc_lengths(way)
             # First try is the whole motion: in simple scenes a straight one exists.
@@ -82,7 +83,7 @@ def _at(way: FloatArray, arcs: FloatArray, at: FloatArray) -> FloatArray:
 
 
 def dense(way: FloatArray, turn: float) -> FloatArray:
-    """Return a motion with keyframes added so that no link turns more than ``turn`` between two, (K, links) [rad]."""
+    """Return a motion (K, links) with keyframes added so that no link turns more than ``turn`` between two [rad]."""
     turns = np.abs(np.diff(way, axis=0)).max(axis=1)
     counts = np.maximum(1, np.ceil(turns / turn)).astype(int)
     pieces = [
@@ -93,7 +94,7 @@ def dense(way: FloatArray, turn: float) -> FloatArray:
 
 
 def straightened(motion: Motion, task: MotionTask) -> Motion:
-    """Return a certified motion made shorter where it needs many keyframes; otherwise the motion itself.
+    """Return a certified motion, shortened where it needs many keyframes.
 
     Args:
         motion: certified motion, in its link space.

@@ -60,7 +60,7 @@ class SmoothPath:
 
 
 def joint_path(task: SearchTask, *motions: CurveMotion[CurveType], legs: bool = False) -> JointPath:
-    """Return the smooth, certified path through joint space along the first of some motions that has one.
+    """Return the smooth, certified path through joint space along the first motion that has one.
 
     Args:
         task: the task.
@@ -98,8 +98,9 @@ def _no_path(task: SearchTask) -> Diagnosis:
 def smooth_path(motion: CurveMotion[CurveType], task: SearchTask) -> SmoothPath | None:
     """Return the certified path through joint space along a motion; None when there is none.
 
-    A path near the keyframes is short, and smooth by itself, but leaves equations, and may violate a user's gap between
-    the keyframes. One through knots that are moved onto the limits meets them, but leaves no spare gap to timing.
+    A path near the keyframes is short, and smooth by construction, but violates equations, and may violate a user's gap
+    between the keyframes. A path through knots that are moved onto the limits meets these, but leaves no spare gap to
+    timing.
 
     Args:
         motion: certified motion; where limits have equations, its keyframes are on them.
@@ -123,7 +124,7 @@ def _through_knots(motion: CurveMotion[CurveType], task: SearchTask) -> BSpline 
     """Return the certified path through knots that meet the limits; None where there is none.
 
     Args:
-        motion: motion that is linear in its unknowns, or else there is no path.
+        motion: motion; the path exists only if its configurations are affine in its unknowns.
         task: task with the limits.
     """
     if not motion.curve.affine:
@@ -161,8 +162,8 @@ def _near_keyframes(motion: CurveMotion[CurveType], task: SearchTask) -> BSpline
     cuts their corners by a sixth of the second differences. That makes motions of fixed arms quicker. A fed arm, which
     moves far from keyframe to keyframe in narrow places, would lose clearance, so its spline is drawn half-way onto the
     keyframes, and leaves neither them nor the legs between them by more than a twelfth. Where that is refused, or keeps
-    less of the wanted gap than the motion does, the spline is drawn onto the legs, and where that fails too, the
-    certified configurations are the control points.
+    less of the preferred clearance than the motion does, the spline is drawn onto the legs, and where that fails too,
+    the certified configurations are the control points.
     """
     curve = motion.curve
     # Between the fine samples of a leader's path no clearance is lost that would have to be checked.
@@ -187,7 +188,7 @@ def _near_keyframes(motion: CurveMotion[CurveType], task: SearchTask) -> BSpline
 
 
 def path_near_configurations(keyframes: FloatArray, task: SearchTask) -> BSpline | None:
-    """Return a certified path with certified configurations, shown by no curve, as control points; else None.
+    """Return a certified path whose control points are certified configurations, without a curve; else None.
 
     Args:
         keyframes: configurations, shape (K, c) [rad, m].
@@ -202,9 +203,9 @@ class _Room:
     """Clearance of a path compared with that of its motion.
 
     Attributes:
-        task: task with the wanted gap.
+        task: task with the preferred clearance.
         keyframes: number of keyframes of the motion.
-        lack: largest shortfall of the motion itself from the wanted gap [m].
+        lack: largest shortfall of the motion itself from the preferred clearance [m].
     """
 
     task: SearchTask
@@ -222,17 +223,17 @@ class _Room:
         return np.linspace(0.0, 1.0, _LOOKS * self.keyframes + 1)
 
     def lost_places(self, spline: BSpline) -> FloatArray:
-        """Return where a path lacks more of the wanted gap than its motion, except for a small share of that gap."""
+        """Return the path parameters where a path lacks notably more of the preferred clearance than its motion."""
         lacking = self.task.room_lacking(np.asarray(spline(self._looks)))
         return self._looks[lacking > self.lack + _LOST_ROOM * self.task.wanted_gap]
 
     def lacking(self, spline: BSpline) -> float:
-        """Return the largest shortfall of a path from the wanted gap [m]."""
+        """Return the largest shortfall of a path from the preferred clearance [m]."""
         return float(np.max(self.task.room_lacking(np.asarray(spline(self._looks)))))
 
 
 def _halfway_onto(keyframes: FloatArray) -> FloatArray:
-    """Return control points whose spline is half as far from keyframes, (K, p), as if these were control points."""
+    """Return control points whose spline is half as far from keyframes (K, p) as the spline controlled by these."""
     control = keyframes.copy()
     control[1:-1] -= np.diff(keyframes, 2, axis=0) / 12.0
     return control
@@ -245,7 +246,7 @@ def _failing_places(
 
     Args:
         task: limits that the path has to keep.
-        room: clearance that the path should also keep in its first refinements; None for none.
+        room: clearance that the path should also keep in its first refinements, or None.
         spline: the path, linear between samples of every span.
         refinement: number of refinements so far.
         tube: whether the path may bend joints that the guide tube holds.

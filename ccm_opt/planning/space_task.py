@@ -65,13 +65,14 @@ class SpaceTask(SearchTask):
         tree: tree of the surfaces of the scene.
         via_reach: distance from a via place within which the tip passes it [m].
         clearance: gap that the user asks for beyond the arm's radius [m].
-        box: where the tip may go, lower and upper corner, shape (2, 3) [m].
+        box: box in which the tip may be, lower and upper corner, shape (2, 3) [m].
         scene: extent of all surfaces, lower and upper corner, shape (2, 3) [m]; empty where there are none.
-        names: names of the owners of surfaces.
-        slowness: cost of a unit of each coordinate, from the speed that it allows, shape (c,); about 1 for bends.
-        follows: whether the arm may be led along the path of its tip, whatever motion is found to the goal.
+        names: names of the objects to which the surfaces belong.
+        slowness: cost of a unit of each coordinate, from the coordinate's speed limit, shape (c,); about 1 for bends.
+        follows: whether the arm may be led along the path of its tip, regardless of which motion to the goal is found.
         settings: settings of the search.
-        stage: curve and unknowns, shape (p,), that a longer motion has reached; None where it begins at the start.
+        stage: curve and unknowns, shape (p,), from which a longer motion continues; None where the motion begins at the
+            start.
     """
 
     tree: SurfaceTree
@@ -101,12 +102,12 @@ class SpaceTask(SearchTask):
         return self.arm.length / NOMINAL_LINKS
 
     def deadline_within(self, seconds: float) -> "SpaceTask":
-        """Return the task with a deadline after some seconds of CPU time from now, or its own if that is earlier."""
+        """Return the task with a deadline ``seconds`` of CPU time from now, or its own deadline if that is earlier."""
         return replace(self, deadline=self.deadline.within(seconds))
 
     @cached_property
     def contact_certificate(self) -> SpaceCertificate:
-        """The certificate of contact; it spares a small gap for the path between samples."""
+        """The certificate of contact, which leaves a small spare gap for the path between samples."""
         return SpaceCertificate(self.arm, self.tree, self.clearance + self.spare, self.spare, self.settings.certificate)
 
     @cached_property
@@ -115,7 +116,7 @@ class SpaceTask(SearchTask):
         return MotionCertificate(self.arm, self.spare, self.limits(self.finder(0.0, 0.0)))
 
     def finder(self, margin: float, reach: float) -> SurfaceFinder:
-        """Return a finder of contacts, beyond the proved gap, with a planning margin and a reach [m]."""
+        """Return a finder of contacts with a planning margin and a reach beyond the proved gap [m]."""
         return SurfaceFinder(self.arm, self.tree, self.names, self.contact_certificate.gap, margin, reach)
 
     def limits(self, finder: SurfaceFinder, wanted_gap: float = 0.0) -> tuple[LimitOf[Any], ...]:
@@ -192,7 +193,7 @@ class SpaceTask(SearchTask):
         return float(np.sum(lacking)) / (self.unit * sweep.parts)
 
     def room_lacking(self, q: FloatArray) -> FloatArray:
-        """Return how far the gap of each configuration, shape (k, c), falls short of the wanted gap, shape (k,) [m]."""
+        """Return each configuration's shortfall from the preferred clearance, shape (k, c) to (k,) [m]."""
         return distance_lacking(self.arm, self.tree, self.arm.joint_positions_at(q), self.kept + self.wanted_gap)
 
     def free(self, q: FloatArray) -> FloatArray:
@@ -204,8 +205,8 @@ class SpaceTask(SearchTask):
     ) -> tuple[FloatArray, BSpline, tuple[Configuration, ...]]:
         """Return the keyframes, the path unchanged, and no curves.
 
-        The path of a fed arm is built in the unknowns and may bypass the motion's keyframes: they are sampled from it
-        anew.
+        The path of a fed arm is built in the unknowns and may bypass the motion's keyframes, which are therefore
+        sampled anew from the path.
         """
         if self.arm.base_axes and not legs:
             keyframes = np.asarray(spline(np.linspace(0.0, 1.0, len(keyframes))))
@@ -229,7 +230,7 @@ class SpaceTask(SearchTask):
         return Diagnosis(reason, "motion", ("move the place to where an arm as long and stiff as this can pass it",))
 
     def stepper(self, curve: CurveMap, margin: float = 1.0) -> SpaceStepper:
-        """Return the stepper in the unknowns of a curve, with a share of the margin."""
+        """Return the stepper in the unknowns of a curve, with a fraction of the planning margin."""
         gap = margin * self.margin
         return SpaceStepper(curve, self.limits(self.finder(gap, gap + _REACH * curve.nominal_length)), self.settings)
 
@@ -332,7 +333,7 @@ def coarse_problem(problem: Problem, few: SpaceTask) -> Problem:
 
 
 def slowness(problem: Problem) -> FloatArray:
-    """Return the cost of a unit of each coordinate: a bend's median speed over the coordinate's, shape (c,)."""
+    """Return the cost of a unit of each coordinate, the median speed of the bends over its own speed, shape (c,)."""
     arm = problem.arm
     speeds = problem.limits.of_coordinates(arm.coordinates).velocity
     usual = float(np.median(speeds[: 2 * arm.links]))

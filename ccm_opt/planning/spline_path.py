@@ -50,9 +50,9 @@ def clamped_spline(control: FloatArray, ends: FloatArray | None = None) -> BSpli
 def smoothing_matrix(keyframes: int) -> FloatArray:
     """Return the spline's values next to its control points as a matrix on these, shape (keyframes, keyframes).
 
-    Row k is the spline's value at the Greville abscissa of control point k, the mean of the three knots inside its
-    support, where the spline is near it (de Boor, *A Practical Guide to Splines*, chapter IX). Fewer than four
-    keyframes make straight legs, which the spline follows.
+    Row k gives the spline's value at the Greville abscissa of control point k, the mean of the three knots inside its
+    support, where the spline is near that control point (de Boor, *A Practical Guide to Splines*, chapter IX). Fewer
+    than four keyframes make straight legs, which the spline follows.
     """
     if keyframes < DEGREE + 1:
         return np.eye(keyframes)
@@ -62,7 +62,7 @@ def smoothing_matrix(keyframes: int) -> FloatArray:
 def places_along(keyframes: int, samples: int) -> FloatArray:
     """Return ``samples`` parameters of the spline per leg of its control polygon, shape (samples (keyframes − 1) + 1,).
 
-    Even steps of the parameter would be long ones near the ends, where the legs are followed faster.
+    Equal steps of the parameter would give long distances near the ends, where the spline follows the legs faster.
     """
     legs = keyframes - 1
     return np.interp(np.arange(samples * legs + 1) / samples, np.arange(keyframes), _beside(keyframes))
@@ -102,7 +102,7 @@ def drawn_near(
     mended: Callable[[FloatArray, FloatArray], FloatArray] | None = None,
     refinements: int = _MOST_REFINEMENTS,
 ) -> BSpline | None:
-    """Return the path along a spline of control points, drawn onto their polygon until the path is accepted; else None.
+    """Return the path along a spline that is drawn onto its control polygon until the path is accepted; else None.
 
     A cubic B-spline leaves its control polygon by at most a sixth of the second difference, so halving the legs of the
     control polygon where a span fails draws the spline onto the polygon, which is certified.
@@ -112,7 +112,7 @@ def drawn_near(
         path: maps a spline of control points to the path.
         failing: returns the parameters at which a path is refused, shape (m,), given the number of refinements so far.
         deadline: when to give up.
-        u: path parameters near which the path has to pass the keyframes, shape (K,); even ones when None.
+        u: path parameters near which the path has to pass the keyframes, shape (K,); evenly spaced when None.
         mended: restores control points, shape (m, p), onto the limits that hold at their parameters, shape (m,).
         refinements: rounds of halving legs.
     """
@@ -162,7 +162,7 @@ def certified_spare(spline: BSpline, certificate: IntervalCertificate) -> float:
 
 
 def _samples_a_span(spline: BSpline, certificate: IntervalCertificate) -> IntArray:
-    """Return the samples per span that keep linear interpolation within its share of the certificate's spare gap."""
+    """Return the samples per span that keep the linear interpolation error within its part of the spare gap."""
     allowed = max(_SPARE_SHARE * certificate.spare, _LEAST_ERROR * certificate.arm.length)
     # The error falls with the square of the number of samples.
     wanted = np.ceil(np.sqrt(_interpolation_errors(spline, certificate) / allowed))

@@ -32,7 +32,7 @@ class StepperOf(Generic[AnyUnknowns]):
     Attributes:
         space: the map of the unknowns.
         limits: all limits that a step has to keep.
-        settings: settings of the search; guides and trees read theirs here too.
+        settings: settings of the search, including those of guides and trees.
     """
 
     space: AnyUnknowns
@@ -44,12 +44,12 @@ class StepperOf(Generic[AnyUnknowns]):
         return self.space.pose(v)
 
     def step(self, pose: Pose, terms: Sequence[Term], turn: float | None = None, *, checked: bool = True) -> Pose:
-        """Return the pose after the best step for least-squares terms within all limits; the same pose if none.
+        """Return the pose after the best step for least-squares terms within all limits; ``pose`` itself if none.
 
         Args:
             pose: where to step from.
             terms: terms that draw the arm; together with those of the limits, definite in every direction.
-            turn: largest turn of a link [rad]; that of the settings when None.
+            turn: largest turn of a link [rad]; the settings' value when None.
             checked: whether the limits have to hold after the step; intermediate poses of a pose search may pass
                 through walls.
         """
@@ -74,9 +74,9 @@ class StepperOf(Generic[AnyUnknowns]):
         return self._accept(pose, delta, parts, turn) if checked else self.pose(pose.v + delta)
 
     def _accept(self, pose: Pose, delta: FloatArray, parts: list[LimitRows], turn: float) -> Pose:
-        """Return the pose after the step, halved until every limit's exact check holds; the same pose if none does.
+        """Return the pose after the step, halved until every limit's exact check holds; ``pose`` itself if none does.
 
-        The linearised rows guarantee that for small steps only.
+        The linearised rows guarantee the exact limits for small steps only.
         """
         for k in range(_BACKTRACKS):
             # Halving always succeeds in theory, since δ = 0 is feasible; after a few halvings the gain is not worth the
@@ -115,7 +115,7 @@ class StepperOf(Generic[AnyUnknowns]):
         return failing_edges(self.limits, self.space, unknowns, depth)
 
     def at(self, u: float) -> "Self":
-        """Return the stepper at a path parameter of the motion."""
+        """Return the stepper with the limits that hold at a path parameter of the motion."""
         return replace(self, limits=tuple(limit.placed(u) for limit in self.limits))
 
     def miss(self, q: FloatArray) -> float:

@@ -62,12 +62,12 @@ class Turn(IntEnum):
 
 
 def goes_straight_to_pose(task: MotionTask) -> bool:
-    """Return whether interpolation is possible: the goal is a whole-arm pose, and no limit depends on u."""
+    """Return whether interpolation is possible, as the goal is a whole-arm pose and no limit depends on u."""
     return task.goal_pose is not None and not task.parametric
 
 
 def straight(task: MotionTask, failures: list[Failure]) -> Motion | None:
-    """Return a motion straight to or back from a goal of the whole arm, deflected by the steps' limits; else None."""
+    """Return a straight motion to, or back from, a whole-arm goal, deflected by the steps' limits; else None."""
     margins = fitting_margins(task)
     forward = PlanarRun.from_task(task, margins[0])
     motion = forward.run(forward.direct(), failures)
@@ -84,7 +84,7 @@ def straight(task: MotionTask, failures: list[Failure]) -> Motion | None:
 def connects(task: MotionTask, turn: Turn = Turn.EARLY) -> bool:
     """Return whether RRT-Connect is tried in this turn.
 
-    Limits that move keyframes, or depend on u, rule it out: they refuse all straight motions.
+    Limits that move keyframes, or depend on u, rule it out, since they refuse all straight motions.
     """
     refused = task.parametric or bool(task.user_limits)
     return not refused and len(_budgets(task, turn)) > 0
@@ -96,7 +96,7 @@ def connected(task: MotionTask, failures: list[Failure], turn: Turn = Turn.EARLY
     Args:
         task: arm, workspace, ends and limits.
         failures: a failure is appended here.
-        turn: which of its turns this is; the last is for goals of every kind.
+        turn: which turn of RRT-Connect this is; the last is for goals of every kind.
     """
     budgets = _budgets(task, turn)
     if task.arm.links > _MOST_LINKS:
@@ -127,7 +127,7 @@ def _budgets(task: MotionTask, turn: Turn) -> tuple[int, ...]:
 
 
 def bends_freely(task: MotionTask) -> bool:
-    """Return whether arcs may lead to the goal: a tip goal with a tip path, a free fixed base and no user limits."""
+    """Return whether arcs may lead to the goal: a tip goal with a tip path, an unclamped fixed base, no user limits."""
     free = not task.clamped and not task.arm.base_axes and not task.user_limits
     return free and task.goal_pose is None and len(task.tip_paths) > 0
 
@@ -135,8 +135,8 @@ def bends_freely(task: MotionTask) -> bool:
 def find_by_limit_arcs(task: MotionTask, failures: list[Failure]) -> Motion | None:
     """Return a motion, straight or by RRT-Connect, to a pose with joints at their limits; else None.
 
-    Only for tip goals that need such a pose: guides that draw the tip there end near the goal with some joints at their
-    limits and others short of theirs.
+    Only tip goals that need such a pose are tried: those where guides that draw the tip there end near the goal with a
+    few joints at their limits and the others short of theirs.
     """
     poses = ArcsAtLimits(task.arm, task.goal).where_needed(task.settings.step.full_limit_share)
     ending = [ending_in(task.at_full_limits(), pose) for pose in poses if _touches_nothing(task, pose)]
@@ -149,12 +149,12 @@ def find_by_limit_arcs(task: MotionTask, failures: list[Failure]) -> Motion | No
 
 
 def find_by_candidates(task: MotionTask, failures: list[Failure], *, narrow: bool = False) -> Motion | None:
-    """Return the first candidate's motion that arrives and is certified, with one planning margin after another.
+    """Return the first candidate motion that arrives and is certified, trying one planning margin after another.
 
     Args:
         task: arm, workspace, ends and limits.
         failures: failures of candidates are appended here.
-        narrow: whether to use the narrower margins, where RRT-Connect has its turn after the widest.
+        narrow: whether to use the narrower margins, if RRT-Connect has its turn after the widest margin.
     """
     margins = fitting_margins(task)
     if is_divided(task):
@@ -174,10 +174,10 @@ def is_divided(task: MotionTask) -> bool:
 
 
 def tracked(task: MotionTask, failures: list[Failure]) -> Motion | None:
-    """Return a motion found without the user's limits and then tracked under them; tries one for each margin.
+    """Return a motion found without the user's limits and then tracked under them; one is tried for each margin.
 
-    This is meant for limits that depend on the path parameter. Where candidates fail under other limits, tracking is
-    another way to meet these.
+    This is meant for limits that depend on the path parameter, and is another way to meet other limits under which
+    candidates fail.
     """
     free = replace(task, user=None)
     for margin in fitting_margins(task):
@@ -315,7 +315,7 @@ def find_motion(task: MotionTask, strategies: tuple[Strategy[MotionTask, Motion]
 def _finished(found: Motion, task: MotionTask) -> Motion:
     """Return the motion optimised, or as found where that is better.
 
-    A motion that follows its leader mostly takes little longer than its feed, and its path has clearance.
+    A motion that follows its leader usually takes little longer than its feed alone, and its path has clearance.
     """
     plain = not task.user_limits and task.weights == Weights()
     if found.follows and plain:
@@ -342,15 +342,15 @@ def _passes_places(run: SpaceRun) -> bool:
 
 
 def _passes_none(run: SpaceRun) -> bool:
-    """Return whether there are no via places, which only motions led by the tip can pass."""
+    """Return whether there are no via places; only motions led by the tip can pass via places."""
     return not run.task.via
 
 
 def _poses(*, whole: bool) -> Strategy[SpaceRun, SpaceMotion]:
     """Return the strategy of moving to poses at the goal, for tasks with a goal pose of the whole arm or without one.
 
-    A whole-arm pose is known and need not be sampled, so that strategy comes early; other tip paths mostly lead to
-    other poses.
+    A whole-arm pose is known and need not be sampled, so that the strategy comes early for tasks with one; for them
+    other tip paths mostly lead to other poses.
     """
     return Strategy(
         "poses at the goal",
@@ -367,7 +367,8 @@ def _sampling(number: int, *, whole: bool | None = None) -> Strategy[SpaceRun, S
 
     Args:
         number: number of the round.
-        whole: only for tasks with a goal pose of the whole arm, or only without one; for all when None.
+        whole: whether the round is only for tasks with a goal pose of the whole arm, or only for those without; for all
+            when None.
     """
 
     def applies(run: SpaceRun) -> bool:

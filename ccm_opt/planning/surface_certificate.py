@@ -36,7 +36,7 @@ class SpaceCertificate:
         tree: tree of the surfaces.
         gap: gap to every wall that has to be left beyond the arm's radius [m].
         pair_gap: gap between links that has to be left beyond two radii [m].
-        settings: number of halvings, and the share of a link's motion by which distances may be underestimated where
+        settings: number of halvings, and the fraction of a link's motion by which distances may be underestimated where
             that suffices for the proof.
     """
 
@@ -63,7 +63,7 @@ class SpaceCertificate:
 
     @cached_property
     def _call(self) -> NativeCall:
-        """The proof of one interval; it keeps what it computed at the end of the previous interval."""
+        """The proof of one interval, which reuses results for the end of the previous interval."""
         arm = self.arm
         return NativeCall(
             "prove_interval",
@@ -81,9 +81,9 @@ class SpaceCertificate:
         """Return whether the motion between two configurations, each of shape (c,), is proved to touch nothing.
 
         Args:
-            before: configuration at its start.
-            after: configuration at its end.
-            depth: number of halvings allowed; that of the settings when None.
+            before: configuration at the start of the motion.
+            after: configuration at the end of the motion.
+            depth: number of halvings allowed; the settings' value when None.
         """
         depth = self.settings.depth if depth is None else depth
         self._ends[:] = before, after

@@ -13,7 +13,7 @@ from ccm_opt.planning.optimisation.interval_rows import IntervalRows, RowCurvatu
 
 @dataclass(frozen=True, eq=False)
 class PlanarSweep(Sweep):
-    """A piecewise-linear motion in the plane, with what its rows need; K intervals, n links, p coordinates.
+    """A piecewise-linear motion in the plane (K intervals, n links, p coordinates) with quantities for its rows.
 
     Attributes:
         space: the link space.
@@ -32,7 +32,7 @@ class PlanarSweep(Sweep):
 
     @property
     def turn_metrics(self) -> FloatArray:
-        """Matrices of the links' squared turns by the coordinates, equal for all keyframes, shape (K + 1, p, p)."""
+        """Metrics of the links' squared turns in terms of the coordinates, equal for all keyframes, (K + 1, p, p)."""
         metric = self.space.heading_metric
         return np.broadcast_to(metric, (len(self.unknowns), *metric.shape))
 
@@ -43,14 +43,14 @@ class PlanarSweep(Sweep):
 
     @cached_property
     def sag(self) -> FloatArray:
-        """Chord deviation, bound on how far joint j may leave its chord, shape (K, n + 1) [m]."""
+        """Chord deviation, a bound on how far each joint may leave its chord, shape (K, n + 1) [m]."""
         # ⅛ Σ_{i<j} l Δφ_i² for joint j, while links turn evenly.
         squares = 0.125 * self.space.arm.link_length * self.turns**2
         return np.pad(np.cumsum(squares, axis=-1), ((0, 0), (1, 0)))
 
     @cached_property
     def sag_slopes(self) -> FloatArray:
-        """Derivative of the chord deviation by an interval's change of coordinates, (K, n + 1, p) [m per unit]."""
+        """Derivative of the chord deviation with respect to an interval's change (K, n + 1, p) [m per unit]."""
         # d(⅛ l Δφ²) = ¼ l Δφ dΔφ, and dΔφ = A dΔv.
         steps = (0.25 * self.space.arm.link_length * self.turns)[..., None] * self.space.turns[: self.space.arm.links]
         slopes = np.zeros((self.intervals, self.space.arm.links + 1, self.space.dimension))
@@ -63,11 +63,11 @@ class PlanarSweep(Sweep):
         return np.asarray(self.sag[rows.interval, rows.high] - self.sag[rows.interval, rows.low])
 
     def deviation_slopes(self, rows: IntervalRows) -> FloatArray:
-        """Return derivatives of the deviation by an interval's change of coordinates, shape (m, p) [m per unit]."""
+        """Return derivatives of the deviation with respect to an interval's change, shape (m, p) [m per unit]."""
         return np.asarray(self.sag_slopes[rows.interval, rows.high] - self.sag_slopes[rows.interval, rows.low])
 
     def lost(self, rows: IntervalRows) -> FloatArray:
-        """Return zeros: the deviation bounds the loss."""
+        """Return zeros, since the deviation already bounds the loss."""
         return np.zeros(len(rows))
 
     def curvature(self, rows: IntervalRows, multipliers: FloatArray, pull: FloatArray) -> RowCurvature:
@@ -91,8 +91,8 @@ class PlanarSweep(Sweep):
         """Return the second derivatives of Σ λ g + pull·tip, which are diagonal in headings and in their turns.
 
         Returns:
-            Of the positions by the headings, shape (K + 1, links), any sign; of the chord deviation by the turns, shape
-            (K, links).
+            Second derivatives of the positions with respect to headings, shape (K + 1, links), of any sign, and of the
+            chord deviation with respect to turns, shape (K, links).
         """
         space = self.space
         keyframes = len(self.headings)

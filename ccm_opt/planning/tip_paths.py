@@ -1,7 +1,7 @@
 """Paths of the tip, pulled taut: back along the arm, round the base on one side, and out along a route.
 
-The arm cannot be crossed and its base cannot be moved, so a path is characterised by its class among the obstacles *and
-the base*: the base is a puncture of free space, passed on the left or on the right.
+The arm cannot be crossed and its base cannot be moved, so a path is characterised by its homotopy class among the
+obstacles *and the base*: the base is a puncture of free space, passed on the left or on the right.
 """
 
 from dataclasses import dataclass, replace
@@ -127,7 +127,7 @@ def tip_paths_in(
 
 
 def without_curl(free_space: FreeSpace, points: FloatArray, shrink: float) -> tuple[FloatArray, float]:
-    """Return the arm's line that tip paths have to follow, and the turn of its first link that removes a curl.
+    """Return the line of the arm that tip paths have to follow, and the turn of the first link that removes a curl.
 
     An arm with surplus length may curl round its own base; pulled taut, its base turns and the curl is gone. Paths back
     along the curl would lead the tip round the base needlessly, and wind the arm the wrong way.
@@ -154,7 +154,7 @@ def without_curl(free_space: FreeSpace, points: FloatArray, shrink: float) -> tu
 
 
 def with_base_turn(paths: tuple[TipPath, ...], turn: float) -> tuple[TipPath, ...]:
-    """Return the paths along which the base turns by a given angle; all paths when there is none.
+    """Return the paths along which the base turns by a given angle, or all paths when there is no such path.
 
     By continuity the first link turns by the angle between arm and route on the path's side, so that a whole-arm goal
     is only met along paths that agree with its first bend; other angles differ by whole turns.
@@ -168,7 +168,7 @@ def with_base_turn(paths: tuple[TipPath, ...], turn: float) -> tuple[TipPath, ..
 
 
 def turning_least(paths: tuple[TipPath, ...], first: float, limit: float) -> tuple[TipPath, ...]:
-    """Return the paths, with those last on which the first link would have to turn beyond its limit.
+    """Return the paths, ending with those on which the first link would have to turn beyond its limit.
 
     Args:
         paths: tip paths.
@@ -189,7 +189,7 @@ def taut_round_base(
 
 
 def _taut_route(free_space: FreeSpace, route: FloatArray, shrink: float) -> FloatArray:
-    """Return the taut path along a route; its first bit stays, as the puncture at its own base is no obstacle to it."""
+    """Return the taut path along a route, the first part of which stays as it is, inside the puncture at the base."""
     span = float(np.linalg.norm(route[-1] - route[0]))  # the end must lie outside, however far the route extends
     outside = _beyond(route, min(free_space.inflation + 2.0 * shrink, 0.5 * span))
     inside = route[: len(route) - len(outside) + 1]
@@ -224,7 +224,7 @@ def round_base(points: FloatArray, route: FloatArray, side: int) -> FloatArray:
 
 
 def _beyond(path: FloatArray, radius: float) -> FloatArray:
-    """Return the part of a path from where it last leaves a disc about its first point; at least its end."""
+    """Return the part of a path from where it last leaves a disc about its first point, or at least its last point."""
     distance = np.linalg.norm(path - path[0], axis=1)
     inside = int(np.nonzero(distance <= radius)[0][-1])
     if inside == len(path) - 1:
