@@ -36,7 +36,7 @@ class Guide(Protocol):
         ...
 
     def describe(self, pose: Pose) -> str:
-        """Return in words how far the guide has led the arm."""
+        """Describe how far the guide has led the arm."""
         ...
 
 

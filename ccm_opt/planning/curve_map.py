@@ -272,7 +272,7 @@ class CurveMap(CurveUnknowns):
 
     @property
     def _bent_by_base(self) -> FloatArray:
-        """Bend of the base joint per unit of the base's two unknowns, shape (2,) [rad]; zero where it is clamped."""
+        """Bend of the base joint per unit of each of the base's two unknowns, shape (2,) [rad]; zero if clamped."""
         return np.zeros(2) if self.arm.clamped_joints else self.scale[:2]
 
     def unbent(self, v: FloatArray) -> FloatArray:
@@ -321,7 +321,7 @@ class CurveMap(CurveUnknowns):
 
     @property
     def following_rows(self) -> FloatArray:
-        """Matrix from the unknowns to changes of a fed arm's curve, shape (m, p) [1/m]; no rows for a fixed base."""
+        """Matrix ``change_rows`` [1/m] for a fed arm, which lies on the curve; without rows for a fixed base."""
         return np.zeros((0, self.dimension)) if self.affine else self.change_rows
 
     @property

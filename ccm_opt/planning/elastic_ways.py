@@ -117,7 +117,7 @@ class ElasticBand:
         direction: FloatArray | None,
         via: Sequence[FloatArray] = (),
     ) -> ElasticWay | None:
-        """Return the path that a way is turned into; None where the way is shorter than its given ends.
+        """Return a path that the arm can follow, made from a way; None if the way is shorter than its given ends.
 
         Args:
             behind: places on the arm's axis, spaced by one piece, before the beginning of the way, shape (m, 3) [m].

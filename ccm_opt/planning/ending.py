@@ -111,8 +111,8 @@ def optimised_to_end_pose(motion: Motion, task: MotionTask, margin: float | None
         margin: margin required by the rows of the optimisation, see ``optimise``.
 
     Returns:
-        The certified motion. Where the task offers no other end, or none that can be reached, the motion ends where
-        the optimisation with a free end put it.
+        The certified motion. Where the task offers no other end, or none that can be reached, the motion ends in the
+        pose found by the optimisation with a free end.
     """
     if task.arm.base_axes:
         task = _with_dense_keyframes(motion, task)
@@ -152,7 +152,7 @@ def _with_room(motion: Motion, task: MotionTask, margin: float | None) -> Motion
 
 
 def bent_to(motion: Motion, wanted: FloatArray, task: MotionTask) -> Motion | None:
-    """Return a certified motion with another end; None where none is found.
+    """Return a certified motion with another end; None if none is found.
 
     The difference between the ends is added to the motion, increasingly towards its end. Where no motion bent in this
     way is certified, the motion is continued from its own end to the other.
@@ -204,14 +204,14 @@ def led_to(
 
 # ------------------------------------------------------------ in space
 def opened(task: SpaceTask, motion: SpaceMotion) -> list[Pose]:
-    """Return poses that lead from the end of a motion to a pose at the goal with gaps widened towards the preferred.
+    """Return poses from the end of a motion to a pose at the goal with gaps widened towards the preferred gap.
 
     Args:
         task: task with a goal for the tip.
         motion: motion to the goal.
 
     Returns:
-        The poses, first the motion's end. No other pose is returned if the steps do not lead back onto the goal.
+        The poses, beginning with the motion's end; only that one if the steps do not lead back onto the goal.
     """
     stepper = task.stepper(motion.curve, _OPENING * task.wanted_gap / task.margin)
     pose = stepper.pose(motion.unknowns[-1])
@@ -243,7 +243,7 @@ class Ending:
     Attributes:
         task: task whose goal is the pose at the end of the motion where that pose is settled; else the original task.
         motion: motion to the goal.
-        record: the NLP's answer; None where the NLP was not asked.
+        record: the NLP's answer; None where the NLP was not solved.
     """
 
     task: SpaceTask

@@ -122,8 +122,8 @@ def _configuration(problem: Problem, pose: JointPose, which: str) -> FloatArray:
 def tip_goal(problem: Problem, goal: TipGoal) -> GoalPose:
     """Return the goal for the tip as planning uses it, either a pose to be met exactly or a set.
 
-    A tolerance as small as a precision leaves the goal a point, which is met exactly where possible; a wider one makes
-    it a set, of which any member is acceptable.
+    With a tolerance so small that it only states a precision, the goal remains a point, which is met exactly where
+    possible. A wider tolerance makes the goal a set, any member of which is acceptable.
     """
     allowed = problem.tolerances
     # With half a turn of tolerance either way every direction is acceptable.
@@ -365,7 +365,7 @@ def describe_contact(task: "SpaceTask", q: FloatArray, beyond: float = 0.0) -> s
 
 @dataclass(frozen=True, eq=False)
 class NearestOfSamples:
-    """The least gap of every sample, with the bodies between which it occurs.
+    """The least gap of every sample, with the two bodies that are this far apart.
 
     Attributes:
         gap: gap between the nearest surfaces; the reach of the measurement where none are nearer, shape (T,) [m].

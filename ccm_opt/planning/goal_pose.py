@@ -47,7 +47,7 @@ class EndPoses:
     Attributes:
         problem: the problem.
         ends: ends of the problem as planning uses them.
-        stages: names and times the stage.
+        stages: reports each stage of planning and records its CPU time.
         terms: the user's constraints and costs, or None.
         settings: settings of the NLP.
         said: every task of the NLP with the pose that the NLP returned, in order.

@@ -283,7 +283,7 @@ class TipLed:
         return self.arc == self._end and self._keeps_up(pose)
 
     def describe(self, pose: Pose) -> str:
-        """Return in words how far the tip has come."""
+        """Describe how far along its path the tip has come."""
         lag = short_length(self._lag(pose))
         done, way = (long_length(abs(arc - self._first)) for arc in (self.arc, self._end))
         return f"the tip stopped {lag} short of {done} along its path of {way}"
@@ -385,7 +385,7 @@ class PoseLed:
         return self.u >= 1.0 and self.lag(pose) < _ARRIVED
 
     def describe(self, pose: Pose) -> str:
-        """Return in words how far the arm has come."""
+        """Describe how far along the line the arm has come."""
         return f"interpolation stopped {100 * self.u:.0f} % of the way, a link {np.rad2deg(self.lag(pose)):.0f}° behind"
 
     def lag(self, pose: Pose) -> float:

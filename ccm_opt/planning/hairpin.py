@@ -88,7 +88,7 @@ _LEASH = 2.5
 
 @dataclass(frozen=True, eq=False)
 class FoldTrack(TipTrack):
-    """A path of the tip with the headings of links that lie on it.
+    """A path of the tip, with the headings of links that lie on this path.
 
     Attributes:
         sample_arcs: arc lengths of ``sample_headings``, shape (m,) [m].
@@ -255,7 +255,7 @@ class Hairpin:
         self.fold_at = float(places[reached].max(initial=-self.fold_length))
 
     def describe(self, pose: Pose) -> str:
-        """Return in words how far the fold has come."""
+        """Describe how far the fold has come."""
         return (
             f"the fold stopped {long_length(self.fold_at)} from the base, "
             f"the tip {short_length(self._lag(pose))} short of {long_length(self.tip_arc)} "
@@ -270,7 +270,7 @@ class Hairpin:
 def fold_track(
     points: FloatArray, leave: int, route: FloatArray, side: float, offset: float, window: float, last_heading: float
 ) -> tuple[FoldTrack, FloatArray]:
-    """Return the track of the tip back beside the old shape of the arm, then along a route to the goal.
+    """Return the track that leads the tip back beside the arm's old shape, then along a route to the goal.
 
     Args:
         points: joints and tip of the old shape, shape (links + 1, 2) [m].
