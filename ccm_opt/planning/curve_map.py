@@ -267,7 +267,7 @@ class CurveMap(CurveUnknowns):
 
     @property
     def _base_turns(self) -> int:
-        """Number of unknowns before those of the curve: 2, the turns of the base, or 0 if the base is fed."""
+        """Number of unknowns before those of the curve, which are the two turns of the base; 0 if the base is fed."""
         return 0 if self.arm.base_axes else 2
 
     @property

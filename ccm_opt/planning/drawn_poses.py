@@ -121,7 +121,7 @@ class CurvePoints:
 
     @cached_property
     def root(self) -> FloatArray:
-        """Root of the metric: points are unknowns (as rows) times this matrix, shape (p, p)."""
+        """Root of the metric, the matrix by which unknowns (as rows) are multiplied to get points, shape (p, p)."""
         metric = self.stepper.space.metric(self.start)
         return np.linalg.cholesky(metric + 1e-6 * np.trace(metric) / len(metric) * np.eye(len(metric)))
 
