@@ -201,7 +201,7 @@ class WallFinder(ContactFinder):
         return bool(self._call.fields.crosses)
 
     def _grow_capacity(self, capacity: int) -> None:
-        """Allocate result arrays for at least a given number of contacts."""
+        """Allocate result arrays for a given number of contacts."""
         first, second, wall = np.empty((3, capacity), dtype=np.int64)
         first_at, second_at, gap, margin = np.empty((4, capacity))
         normal = np.empty((capacity, 2))
@@ -273,7 +273,7 @@ class SurfaceFinder(ContactFinder):
         return Contacts(first, first_at, second, second_at, normal, gap, margin, np.full(k, len(self.names)))
 
     def _grow_capacity(self, capacity: int) -> None:
-        """Allocate result arrays for at least a given number of pairs."""
+        """Allocate result arrays for a given number of pairs."""
         self._numbers = np.zeros((2, capacity), dtype=np.int64)
         self._reals = np.zeros((3, capacity))
         self._normals = np.zeros((capacity, 3))

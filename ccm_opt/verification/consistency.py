@@ -354,7 +354,7 @@ def check_nearest_curves(curves: Sequence[Configuration], wanted: Sequence[Confi
 
     Args:
         curves: reported curves, one per keyframe.
-        wanted: curves that the verifier fitted to the keyframes.
+        wanted: curves fitted anew to the keyframes, one per keyframe.
 
     Returns:
         The check; its worst value is a fraction of the greatest curvature, or an angle in radians.
