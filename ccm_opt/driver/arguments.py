@@ -27,14 +27,14 @@ def expect_arguments(
     settings: "Settings | None" = None,
     **flags: bool,
 ) -> None:
-    """Refuse arguments of the wrong type; None stands for the default.
+    """Refuse arguments of the wrong type; None, which stands for the default, is accepted.
 
     Args:
-        progress: a function.
-        planner: an object with the method ``plan``.
-        retimer: an object with the method ``retime``.
+        progress: argument that must be a function.
+        planner: argument that must be an object with the method ``plan``.
+        retimer: argument that must be an object with the method ``retime``.
         settings: settings of all stages.
-        flags: booleans, by name.
+        flags: arguments, by name, that must be booleans.
 
     Raises:
         ProblemError: naming what was expected, and how to write it.
@@ -67,7 +67,7 @@ def refuse_without_effect(problem: Problem) -> None:
 
 
 def named_terms(reason: str, constraints: Sequence[Constraint], costs: Sequence[Cost]) -> tuple[tuple[str, str], ...]:
-    """Return kind and name of every constraint and cost, those named in a reason first."""
+    """Return the kind and name of every constraint and cost, starting with those that a failure's reason names."""
     hard = [("constraint", each.name) for each in constraints if not each.soft]
     soft = [("constraint", each.name) for each in constraints if each.soft]
     every = [*hard, *soft, *(("cost", each.name) for each in costs)]
@@ -96,7 +96,7 @@ ADVICE = ("change the bounds of the constraint, or the goal", "let it apply alon
 def refuse_contradictions(problem: Problem, terms: UserTerms | None) -> None:
     """Refuse constraints that are proved to be violated at a goal in every pose.
 
-    Nothing is refused if the start violates a constraint: that is invalid input, which the planner reports.
+    Nothing is refused if the start violates a constraint, since the planner reports that as invalid input.
 
     Args:
         problem: what to solve.
@@ -121,7 +121,7 @@ def refuse_contradictions(problem: Problem, terms: UserTerms | None) -> None:
 
 
 def _breaks_start(problem: Problem, terms: UserTerms) -> bool:
-    """Return whether the start violates a constraint that applies there; the planner reports that as invalid input."""
+    """Return whether the start violates a constraint that applies there, which the planner reports as invalid input."""
     start = problem.start.configuration(problem.arm)
     misses = (
         float(item.residuals(start[None], np.zeros(1))[0])

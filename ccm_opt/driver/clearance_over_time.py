@@ -1,7 +1,7 @@
-"""Clearance over time.
+"""The clearance that a motion keeps over time.
 
-Gaps are recorded at some of the samples of a motion; the least gap is over all times, with motion linear between
-samples, as proved by the verifier's checks.
+Gaps are recorded at a subset of the motion's samples. The least gap is the minimum over all times, with motion linear
+between samples, as proved by the verifier's checks.
 """
 
 from collections.abc import Iterator, Sequence
@@ -28,13 +28,14 @@ class ClearanceSettings:
     """Settings of the clearance record; no check depends on them.
 
     Attributes:
-        samples: most samples of the motion whose gaps are recorded, not counting its ends and stops; the least gap does
-            not depend on them. Taste: more than a chart shows.
-        enough: share of the preferred clearance below which a motion counts as short of clearance. Taste: planning
+        samples: maximum number of samples of the motion whose gaps are recorded, not counting its ends and stops; the
+            least gap does not depend on them. Taste: more than a chart shows.
+        enough: fraction of the preferred clearance below which a motion counts as short of clearance. Taste: planning
             keeps the preferred clearance by soft rows, which may fall a little short.
-        reach: search distance for gaps, as a share of the arm's length; larger gaps are recorded as this distance.
+        reach: search distance for gaps, as a fraction of the arm's length; larger gaps are recorded as this distance.
             Taste: several times the usual preferred clearance.
-        reach_wanted: the search distance in multiples of the preferred clearance; the larger of the two counts. Taste.
+        reach_wanted: search distance for gaps, in multiples of the preferred clearance; the larger of this and
+            ``reach`` applies. Taste.
     """
 
     samples: int = 240
@@ -53,7 +54,7 @@ class _GapsAtSamples:
 
     Attributes:
         gap: gap of the pair [m]; the search distance where no pair is within it.
-        wanted: gap wanted of the pair [m].
+        wanted: preferred gap of the pair [m].
         link: link of the pair, from 1; 0 where no pair is within the search distance.
         second_link: second link of the pair, from 1; 0 where the pair is with a wall or missing.
         obstacle: name of the wall, or empty.
@@ -71,7 +72,7 @@ class _GapsAtSamples:
         return self.wanted - self.gap
 
     def where(self, choose: BoolArray, other: "_GapsAtSamples") -> "_GapsAtSamples":
-        """Return these gaps at the samples of a mask, and the other gaps elsewhere."""
+        """Return gaps taken from this object at the samples of a mask, and from another object elsewhere."""
         return _GapsAtSamples(
             *(np.where(choose, mine, theirs) for mine, theirs in zip(*map(_columns, (self, other)), strict=True))
         )
@@ -94,13 +95,13 @@ def clearance_over_time(
     Args:
         problem: the problem as posed.
         trajectory: the motion, which passes the verifier.
-        wanted: the preferred clearance [m]; 0 when none was wanted.
+        wanted: the preferred clearance [m]; 0 when there is none.
         checks: checks of the verifier, which hold the least gaps; computed here when None.
         settings: what counts as enough, and the search distance.
         verification: resolution of the least gap between samples.
 
     Returns:
-        The record; its possible gap and price are left out.
+        The record, without the largest possible gap and the price of the preferred clearance.
     """
     verification = verification.for_problem(problem)
     if checks is None:
@@ -114,7 +115,7 @@ def clearance_over_time(
 
 @dataclass(frozen=True)
 class _Room:
-    """One motion in one room; attributes as for ``clearance_over_time``."""
+    """Measures the clearance of one motion among its obstacles; attributes as for ``clearance_over_time``."""
 
     problem: Problem
     trajectory: JointTrajectory
@@ -129,7 +130,7 @@ class _Room:
 
     @cached_property
     def _samples(self) -> IntArray:
-        """Indices of the inspected samples, evenly spread in time, and all at which the arm rests."""
+        """Indices of the inspected samples, evenly spread in time, and of all samples at which the arm rests."""
         time = self.trajectory.time
         spread = np.searchsorted(time, np.linspace(0.0, time[-1], self.settings.samples))
         return np.unique([0, *np.minimum(spread, len(time) - 1), *self.trajectory.stops, len(time) - 1])
@@ -163,7 +164,7 @@ class _Room:
         )
 
     def _wall_gaps(self, poses: FloatArray) -> _GapsAtSamples:
-        """Return the nearest wall at every inspected sample."""
+        """Return the gap to the nearest wall at every inspected sample."""
         clearance = self.problem.workspace.clearance
         seen = GapsAtSamples.of(self.problem, poses, self._reach + clearance, 0.0)
         near = seen.walls
@@ -172,7 +173,7 @@ class _Room:
         return _GapsAtSamples(near.gap - clearance, wanted, near.link, np.zeros_like(near.link), names)
 
     def _self_gaps(self, poses: FloatArray) -> tuple[_GapsAtSamples, _GapsAtSamples]:
-        """Return the nearest two links at every inspected sample, and those with the largest shortfall."""
+        """Return the gaps of the nearest pair of links at every sample, and of the pair with the largest shortfall."""
         arm = self.problem.arm
         may_meet = arm.self_collision and first_distant(arm) < arm.links
         pairs, distance = link_gaps(arm, poses if may_meet else poses[:0], self._reach)
@@ -193,7 +194,7 @@ class _Room:
         return nearest, chosen(distance - wanted) if self.wanted > 0.0 else nearest
 
     def _nearest(self, at_samples: _GapsAtSamples) -> NearPlace:
-        """Return the least gap over all times, at a sample or between two as proved by the checks."""
+        """Return the least gap over all times, at a sample or, as proved by the checks, between two samples."""
         known = [self._place(at_samples, int(np.argmin(at_samples.gap)))]
         for place in (check.place for check in self.checks if check.place is not None):
             wanted = self.wanted
@@ -203,7 +204,7 @@ class _Room:
         return min(known, key=lambda place: place.gap)
 
     def _place(self, gaps: _GapsAtSamples, sample: int) -> NearPlace:
-        """Return the nearest pair at one sample."""
+        """Return the record of the nearest pair of bodies at one sample."""
         return NearPlace(
             float(gaps.gap[sample]),
             float(gaps.wanted[sample]),
@@ -214,7 +215,7 @@ class _Room:
         )
 
     def _short(self, gaps: _GapsAtSamples, rests: list[int]) -> Iterator[ShortStretch]:
-        """Yield the stretches that are short of the preferred clearance, each with its cause."""
+        """Yield the time intervals in which the motion is short of the preferred clearance, each with its cause."""
         few = gaps.lack > (1.0 - self.settings.enough) * self.wanted
         edges = np.flatnonzero(np.diff(np.concatenate(([False], few, [False])).astype(np.int8)))
         for first, end in edges.reshape(-1, 2):
@@ -231,8 +232,7 @@ class _Room:
     def _cause(self, gaps: _GapsAtSamples, rests: list[int], stretch: tuple[int, int], lack: float) -> ShortCause:
         """Return the rest pose that causes a shortfall, or "passage".
 
-        A rest pose within the stretch is the cause if it falls as short of the preferred clearance as any other pose
-        there.
+        A rest pose within the interval is the cause if no other pose there falls shorter of the preferred clearance.
         """
         for number, sample in enumerate(rests):
             inside = stretch[0] <= sample <= stretch[1]
@@ -244,7 +244,7 @@ class _Room:
 
 
 def _first_per_node(node: IntArray, least: FloatArray, count: int) -> IntArray:
-    """Return the index of the least item of each node, shape (count,); -1 for a node without items."""
+    """Return the index of the item with the least value at each node, shape (count,); -1 for a node without items."""
     lowest = np.full(count, np.inf)
     np.minimum.at(lowest, node, least)
     lowest_items = np.flatnonzero(least == lowest[node])
@@ -254,12 +254,12 @@ def _first_per_node(node: IntArray, least: FloatArray, count: int) -> IntArray:
 
 
 def _filled(best: IntArray, values: FloatArray, otherwise: float) -> FloatArray:
-    """Return the chosen values, shape (N,), and a default where none is chosen."""
+    """Return the value at the chosen index of each sample, shape (N,), or a default where no index is chosen."""
     return np.append(values, otherwise)[best]
 
 
 def _numbered(best: IntArray, numbers: IntArray) -> IntArray:
-    """Return the chosen numbers counted from 1, shape (N,); 0 where none is chosen."""
+    """Return the number at the chosen index of each sample, counted from 1, shape (N,); 0 where no index is chosen."""
     counted: IntArray = np.append(numbers + 1, 0)[best]
     return counted
 

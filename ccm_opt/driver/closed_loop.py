@@ -65,8 +65,8 @@ class Seen:
 
     Attributes:
         touch: first contact; None without one.
-        walls: least distance to walls, inf where none is near [m]; meaningless after a contact.
-        itself: least distance between links, inf where none are near; None where links may meet [m].
+        walls: least distance to walls [m]; inf where no wall is near; meaningless after a contact.
+        itself: least distance between links [m]; inf where no links are near each other; None where links may touch.
     """
 
     touch: Touch | None
@@ -97,7 +97,7 @@ def simulate_and_check(
     trajectory: JointTrajectory,
     joints: JointStates,
 ) -> tuple[SimulatedMotion, Mapping[str, float]]:
-    """Simulate a planned motion and judge it; an arm that does not follow its plan is a result, never an error.
+    """Simulate a planned motion and judge the result; an arm that does not follow its plan raises no error.
 
     If the arm does not follow, the simulation is repeated with smaller steps, since the integration may be at fault.
     The first run in which the arm follows counts; otherwise the run at the problem's own step, unless a smaller step
@@ -152,7 +152,7 @@ def simulated_once(
 
 
 def _figures(trajectory: JointTrajectory, simulated: SimulatedMotion, seen: Seen | None) -> Mapping[str, float]:
-    """Return the tracking errors, the time at limits, and the least clearances over all times.
+    """Return the figures of merit: tracking errors, time at limits, and the least clearances over all times.
 
     After a contact, the clearances are those at the contact.
     """
@@ -168,7 +168,7 @@ def _figures(trajectory: JointTrajectory, simulated: SimulatedMotion, seen: Seen
 
 
 def _alike(coarse: JudgedMotion, fine: JudgedMotion, share: float) -> bool:
-    """Return whether halving the step changed so little that the step size does not explain the failure."""
+    """Return whether halving the step changed the result so little that the step size does not explain the failure."""
     if fine.rank != coarse.rank or fine.motion.verdict.outcome in ("diverged", "not simulated"):
         return False
     error = coarse.motion.tracking_error
@@ -176,7 +176,7 @@ def _alike(coarse: JudgedMotion, fine: JudgedMotion, share: float) -> bool:
 
 
 def _touched(verdict: SimulationVerdict, touch: Touch) -> SimulationVerdict:
-    """Return the verdict on a run with a contact, which also says what the drives did."""
+    """Return the verdict on a run with a contact, which also describes what the drives did."""
     return replace(
         verdict,
         outcome="touched",
@@ -189,7 +189,7 @@ def _touched(verdict: SimulationVerdict, touch: Touch) -> SimulationVerdict:
 
 
 def _at_a_smaller_step(motion: SimulatedMotion, asked: SimulationVerdict) -> SimulatedMotion:
-    """Return a run at a smaller step than the problem's, with a verdict that says so."""
+    """Return a run at a smaller step than the problem's, with a verdict that states the step."""
     verdict = motion.verdict
     if verdict.followed:
         # Details of the run at too long a step say nothing about an arm that follows.
@@ -208,9 +208,9 @@ def not_simulated(
     Args:
         trajectory: the plan.
         joints: the plan for all revolutes.
-        step: step size asked for [s].
-        reason: why it was not simulated.
-        advice: what would help.
+        step: step size of the simulation that was requested [s].
+        reason: why the arm was not simulated.
+        advice: changes that would make a simulation possible.
     """
     samples = len(trajectory.time)
     return SimulatedMotion(
@@ -269,9 +269,9 @@ def _least(near: NearestOfSamples) -> float:
 
 
 def _as_far_as_needed(problem: Problem, points: FloatArray) -> GapsAtSamples:
-    """Return the gaps at all poses, searched no farther than the least gap among a few of them.
+    """Return the gaps at all poses; the search distance is the least gap among a few of the poses.
 
-    To surfaces that first search reaches one link's length in space, and the arm's length in the plane.
+    The search among those few poses reaches one link's length for surfaces in space, and the arm's length in the plane.
     """
     few = points[:: max(1, len(points) // _FIRST_LOOKS)]
     arm = problem.arm

@@ -96,7 +96,7 @@ def find_pose(
 
 
 def _refuse_other_questions(problem: Problem) -> None:
-    """Refuse problems whose pose at the goal cannot be searched for.
+    """Refuse problems for which ``find_pose`` cannot search for a pose at the goal.
 
     Raises:
         ProblemError: the goal is for the whole arm, or a planar base is on a feed axis.
@@ -166,7 +166,7 @@ def _in_space(problem: Problem, terms: UserTerms | None, settings: Settings, dea
 
 
 def binding_sides(asked: GoalPoses, pose: ArmPose, start: FloatArray) -> Iterator[BindingSide]:
-    """Yield the region sides that a pose leans on, in order of decreasing multiplier.
+    """Yield the sides of regions that are active constraints of a pose, in order of decreasing multiplier.
 
     Args:
         asked: the goal-pose NLP.
@@ -190,9 +190,9 @@ def binding_sides(asked: GoalPoses, pose: ArmPose, start: FloatArray) -> Iterato
 def _normal(
     drawn: list[JointRegions], joint: int, side: int, place: FloatArray, gap: float, allowed: float
 ) -> FloatArray | None:
-    """Return the outward normal, shape (d,), of a region side whose distance to a joint equals the gap.
+    """Return the outward normal, shape (d,), of the side of a region whose distance to a joint equals the gap.
 
-    None when no set of regions has such a side.
+    The result is None if no set of regions has such a side.
     """
     for regions in drawn:
         for each in np.flatnonzero((regions.joint == joint) & (regions.number == side)):

@@ -46,7 +46,7 @@ class Retimer(Protocol):
     def retime(self, problem: Problem, path: JointPath) -> JointTrajectory:
         """Time a path from rest to rest within ``problem.limits``; the result is verified.
 
-        The plan may use the share ``problem.planner.effort_share`` of the limits of the drives, see
+        The plan may use the fraction ``problem.planner.effort_share`` of the limits of the drives, as explained in
         ``robot.coordinates``.
 
         Raises:
@@ -61,7 +61,7 @@ class Leg:
 
     Attributes:
         problem: problem with this goal alone.
-        path: the motion to it.
+        path: the path of the motion to this goal.
     """
 
     problem: Problem
@@ -107,10 +107,10 @@ def plan_legs(
     *,
     retrace: bool = True,
 ) -> tuple[Leg, ...]:
-    """Plan the motion to every goal in turn, each from the end of the one before; without stops that is one leg.
+    """Plan the motion to every goal in turn, each from the end of the previous one; without stops, plan one leg.
 
-    Where an arm in space does not get from one goal to the next, it goes back to the first start, by the certified legs
-    so far run backwards, and is planned from there.
+    If no path is found for an arm in space from one goal to the next, the arm returns to its first start by running the
+    certified legs backwards, and the next leg is planned from there.
 
     Args:
         problem: with any number of stops; its time limit applies to all legs together.
@@ -147,16 +147,16 @@ def plan_legs(
 
 
 def _planned(planner: Planner, leg: Problem, legs: Sequence[Leg], deadline: Deadline) -> JointPath:
-    """Return the path of a leg or, where none is found, one back over earlier legs and from their start to the goal.
+    """Return the path of a leg or, if none is found, a path back over earlier legs and from their start to the goal.
 
     Args:
         planner: plans a leg.
         leg: problem of the leg.
         legs: earlier legs that may be run backwards, or none.
-        deadline: of all legs together.
+        deadline: time limit of all legs together.
 
     Raises:
-        NoPlanFound: neither is found; the error of the leg itself.
+        NoPlanFound: neither path is found; the error is that of the leg itself.
     """
     if not legs:
         return planner.plan(leg)
@@ -184,21 +184,22 @@ def _planned(planner: Planner, leg: Problem, legs: Sequence[Leg], deadline: Dead
 
 
 def _goal_diagnosis(found: Diagnosis, number: int, count: int) -> Diagnosis:
-    """Return a diagnosis that also names which of several goals it is about."""
+    """Return a diagnosis that also names the goal, out of several, to which it applies."""
     return replace(
         found, reason=f"goal {number} of {count}: {found.reason}", evidence={**found.evidence, "goal": number}
     )
 
 
 def way_back(legs: Sequence[Leg], goal: Goal) -> JointPath | None:
-    """Return the paths of the last legs, reversed, back to the goal if a leg began there.
+    """Return a path back to the goal along the last legs in reverse, if an earlier leg began at that goal.
 
     Args:
         legs: legs planned so far.
         goal: the next goal.
 
     Returns:
-        The joined path to the latest such pose; None where the goal is not a pose in space from which a leg began.
+        The joined path to the latest start of a leg at that pose; None if the goal is not a pose in space at which a
+        leg began.
     """
     back: list[JointPath] = []
     for leg in reversed(legs):
@@ -213,7 +214,7 @@ def way_back(legs: Sequence[Leg], goal: Goal) -> JointPath | None:
 
 
 def recorded_path(recorded: Sequence[tuple[Problem, JointPath]], problem: Problem) -> JointPath | None:
-    """Return the known path of a problem; None if anything that affects the path has changed.
+    """Return the recorded path of a problem; None if anything that affects the path has changed.
 
     Torque limits and masses of links do not affect the path, so problems that differ in those are not planned again.
     """
@@ -223,7 +224,7 @@ def recorded_path(recorded: Sequence[tuple[Problem, JointPath]], problem: Proble
 def _same_geometry(one: Problem, other: Problem) -> bool:
     """Return whether two problems agree in everything that affects a path.
 
-    Parts that ``replace`` left alone are identical objects.
+    Parts that ``replace`` did not change are compared by identity, since they are the same objects.
     """
     numbers = [each.name for each in fields(one.arm) if each.name not in _OF_DRIVES]
     parts = ("workspace", "start", "goal", "stops")

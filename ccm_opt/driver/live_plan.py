@@ -43,20 +43,20 @@ _END_ROUNDS = 3
 
 
 def _hurried(curve: CurvePlannerSettings) -> CurvePlannerSettings:
-    """Return the settings for plans in the plane that are soon replaced by others."""
+    """Return settings for planar plans made during a drag, which are soon replaced."""
     optimisation = replace(curve.motion.optimisation, free_rounds=_FREE_ROUNDS, end_rounds=_END_ROUNDS)
     return replace(curve, motion=replace(curve.motion, optimisation=optimisation))
 
 
 @dataclass
 class _FollowingPlanner:
-    """Replans while something is dragged: in the plane from its last motion, in space for the first motion found.
+    """Replans during a drag, in the plane from the last motion, and in space until the first motion is found.
 
     Attributes:
-        thorough: plans from scratch.
-        quick: plans while something is dragged.
+        thorough: planner used for plans from scratch.
+        quick: planner used while a goal or obstacle is dragged.
         known: the last motion in the plane; None before the first.
-        hurried: whether something is dragged.
+        hurried: whether a goal or obstacle is being dragged.
     """
 
     thorough: MotionPlanner
@@ -81,11 +81,11 @@ class _FollowingPlanner:
 
 @dataclass(frozen=True)
 class LiveAnswer:
-    """The result of a change.
+    """The answer of a live plan to a change of its goal or obstacles.
 
     Attributes:
         current: whether the plan solves the problem as it is now.
-        reason: why the plan does not; empty when it does.
+        reason: why the plan does not solve the problem; empty when it does.
         cpu: CPU time taken [s].
     """
 
@@ -110,11 +110,11 @@ class LivePlan:
     Attributes:
         problem: the problem as it is now.
         constraints: constraints of the user, as ``solve`` takes them.
-        costs: costs of the user, likewise.
+        costs: costs of the user, as ``solve`` takes them.
         settings: settings of the stages that the problem does not set.
         plan: the last verified plan; without tolerance and simulation, which ``finished`` adds.
         current: whether the plan solves ``problem``.
-        reason: why the plan does not; empty when it does.
+        reason: why the plan does not solve ``problem``; empty when it does.
 
     Raises:
         ProblemError: the problem cannot be planned live: it has goals on the way, joint errors to survive, another
@@ -157,7 +157,7 @@ class LivePlan:
 
     @staticmethod
     def suits(problem: Problem) -> bool:
-        """Return whether a problem can be planned live."""
+        """Return whether a ``LivePlan`` supports a problem."""
         fed = bool(problem.arm.base_axes) and problem.dimension == 2
         return not (fed or problem.stops or problem.joint_error) and problem.planner.method == "nlp"
 
@@ -166,7 +166,7 @@ class LivePlan:
         position: Sequence[float] | FloatArray | None = None,
         direction: float | Sequence[float] | FloatArray | None = None,
     ) -> LiveAnswer:
-        """Move the goal of the tip, and replan.
+        """Move the goal of the tip, and replan the motion.
 
         Args:
             position: position of the tip, shape (d,) [m]; unchanged when None.
@@ -177,7 +177,7 @@ class LivePlan:
             Whether there is a plan to the new goal, and else why not.
 
         Raises:
-            ProblemError: the goal is for the whole arm, or an argument is no position or direction.
+            ProblemError: the goal is for the whole arm, or an argument is not a valid position or direction.
         """
         goal = self.problem.goal.for_tip
         if goal is None:
@@ -191,7 +191,7 @@ class LivePlan:
         return self._changed(replace(self.problem, goal=moved, source=""))
 
     def move_obstacle(self, name: str, by: Sequence[float] | FloatArray) -> LiveAnswer:
-        """Move an obstacle, and replan.
+        """Move an obstacle, and replan the motion.
 
         Args:
             name: name of the obstacle.
@@ -215,9 +215,9 @@ class LivePlan:
         return self._changed(changed)
 
     def plan_anew(self, time_limit: float | None = None) -> LiveAnswer:
-        """Plan the problem as it is now from scratch, and keep the shorter of the old and the new plan.
+        """Plan the present problem from scratch, and keep the shorter of the old and the new plan.
 
-        A plan that follows its problem stays on one side of every obstacle; from scratch, a shorter way may be found.
+        Plans made during a drag stay on one side of every obstacle; planning from scratch may find a shorter motion.
 
         Args:
             time_limit: CPU time for the new plan [s]; that of the problem when None.
@@ -255,7 +255,7 @@ class LivePlan:
         return described(self.plan.problem, self._verified, Stages(progress), self.settings)
 
     def _changed(self, problem: Problem) -> LiveAnswer:
-        """Replan a changed problem; without a new plan, the last one stays."""
+        """Replan a changed problem; if no new plan is found, keep the last one."""
         begin = time.process_time()
         self.problem = problem
         self._planner.hurried = True
@@ -269,7 +269,7 @@ class LivePlan:
         return replace(self.problem, planner=replace(self.problem.planner, time_limit=time_limit))
 
     def _attempt(self, problem: Problem) -> None:
-        """Plan a problem, or note why there is no plan."""
+        """Plan a problem, or record why there is no plan."""
         try:
             with on_one_thread(), words_in(problem.length_unit):
                 refuse_impossible(problem)
@@ -299,7 +299,7 @@ class LivePlan:
 
     @on_one_thread()
     def _kept(self) -> bool:
-        """Return whether the present motion in space is kept: it solves the changed problem with as much clearance."""
+        """Return whether the present motion in space solves the changed problem with as much clearance, and is kept."""
         if not (self.problem.dimension == 3 and self.current):
             return False
         if self.plan.problem.goal is not self.problem.goal:
@@ -323,7 +323,7 @@ class LivePlan:
         """Return the value as a vector of the problem's dimension, shape (d,).
 
         Raises:
-            ProblemError: the value is no such vector.
+            ProblemError: the value is not a vector of that shape.
         """
         vector = finite_array(value)
         size = self.problem.dimension

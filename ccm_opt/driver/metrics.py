@@ -41,7 +41,7 @@ def leader_deviation(arm: Arm, positions: FloatArray, stops: Sequence[int] = ())
     Args:
         arm: the arm.
         positions: configurations at samples of the motion, shape (T, c) [rad, m].
-        stops: indices of the samples at which the arm rests at goals on its way; to each goal a path of its own leads.
+        stops: indices of the samples at which the arm rests at intermediate goals; each goal has a path of its own.
     """
     if not arm.base_axes:
         return None
@@ -59,11 +59,11 @@ def leader_deviation(arm: Arm, positions: FloatArray, stops: Sequence[int] = ())
 
 
 def _straight_legs(path: FloatArray, reach: float) -> BoolArray:
-    """Return which legs of a path, shape (m, 3), are straight within a reach to either side, shape (m − 1,).
+    """Return a mask, shape (m − 1,), of the legs of a path around which the path is straight within a reach.
 
     Args:
-        path: corners of the path.
-        reach: arc length to either side that counts [m].
+        path: corners of the path, shape (m, 3) [m].
+        reach: arc length to either side of a leg within which the path must be straight [m].
     """
     legs = np.diff(path, axis=0)
     lengths = np.linalg.norm(legs, axis=1)
@@ -125,7 +125,7 @@ def motion_figures(
 
 
 def _in_the_plane(problem: Problem, trajectory: JointTrajectory) -> dict[str, float]:
-    """Return the errors at the goal, and the deviation of a controller's interpolation from the proved motion."""
+    """Return a planar motion's errors at the goal, and the deviation of a controller's interpolation."""
     arm = problem.arm
     figures = {"interpolation_deviation_m": interpolation_deviation(arm, trajectory)}
     if problem.goal.whole(arm) is None:
@@ -138,14 +138,14 @@ def _in_the_plane(problem: Problem, trajectory: JointTrajectory) -> dict[str, fl
 
 
 def _in_space(problem: Problem, trajectory: JointTrajectory) -> dict[str, float]:
-    """Return the errors at the goal."""
+    """Return the errors at the goal of a motion in space."""
     errors = goal_errors(problem, trajectory.positions[-1])
     ends = {"tip_error_m": errors.position, "direction_error_rad": errors.direction, "tip_roll_rad": errors.roll}
     return {name: error for name, error in ends.items() if error is not None}
 
 
 def _leader_figures(problem: Problem, trajectory: JointTrajectory) -> dict[str, float]:
-    """Return how closely a fed arm follows its tip, as figures of merit."""
+    """Return figures of merit that measure how closely a fed arm follows its tip."""
     found = leader_deviation(problem.arm, trajectory.positions, trajectory.stops)
     if found is None:
         return {}
@@ -157,6 +157,6 @@ def _leader_figures(problem: Problem, trajectory: JointTrajectory) -> dict[str, 
 
 
 def total_bends(pairs: FloatArray) -> FloatArray:
-    """Return the angle between the two links at a joint from its two bends, shape (..., 2) to (...) [rad]."""
+    """Return the angle between the links at each joint, shape (...), from its two bends, shape (..., 2) [rad]."""
     cos = np.cos(pairs[..., 0]) * np.cos(pairs[..., 1])
     return np.asarray(np.arccos(np.clip(cos, -1.0, 1.0)))

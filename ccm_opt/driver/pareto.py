@@ -22,18 +22,19 @@ class ParetoSettings:
     """Settings of the trade-off. Taste, all of them.
 
     Attributes:
-        shares: preferred clearances of the plans after the first, as shares of the range from the gap that the first
-            plan happens to keep to the largest preferred clearance; the last must be 1. The largest is ``most`` times
-            the default, or the scene's upper bound where that is less.
+        shares: preferred clearances of the plans after the first, as fractions of the range from the gap that the first
+            plan keeps without a preference to the largest preferred clearance; the last must be 1. The largest is
+            ``most`` times the default, or the scene's upper bound where that is less.
         most: the largest preferred clearance, as a multiple of the default.
-        least_top: share of the default preferred clearance below which an upper bound is ignored: where an end of the
-            motion has next to no clearance, the rest can still keep some.
-        enough_of_top: share of the largest preferred clearance that its plan must keep; in a narrower scene, the gap
-            that this plan kept becomes the largest preferred clearance, so that the five plans differ.
-        narrowings: most times that this happens; a plan that wants the gap kept by another need not reach it.
-        most_time: share by which the recommended plan may take longer than the fastest.
-        same_gap: gaps that differ by less than this share of the arm's length count as equal.
-        same_time: durations that differ by less than this share count as equal.
+        least_top: fraction of the default preferred clearance below which an upper bound is ignored: where an end of
+            the motion has next to no clearance, the rest can still keep some.
+        enough_of_top: fraction of the largest preferred clearance that the plan for it must keep; in a narrower scene,
+            the gap that this plan kept becomes the largest preferred clearance, so that the five plans differ.
+        narrowings: maximum number of times that the largest preferred clearance is reduced in this way, since a plan
+            that prefers the gap kept by another plan need not reach that gap.
+        most_time: fraction by which the recommended plan may take longer than the fastest.
+        same_gap: gaps that differ by less than this fraction of the arm's length count as equal.
+        same_time: durations that differ by less than this fraction count as equal.
     """
 
     shares: tuple[float, ...] = (0.25, 0.5, 0.75, 1.0)
@@ -60,11 +61,11 @@ def pareto(
     settings: Settings | None = None,
     trade_off: ParetoSettings = DEFAULT_PARETO,
 ) -> ParetoPlans:
-    """Plan a problem, in the plane or in space, several times, from the fastest motion to that with most clearance.
+    """Plan a problem, in the plane or in space, several times, from the fastest motion to the one with most clearance.
 
-    The first plan wants no gap. The others want gaps between the one that the first happens to keep and the largest
-    that makes sense in the scene: a multiple of the default, or, where that is less, an upper bound for any motion.
-    Every plan has the problem's full time limit.
+    The first plan has no preferred clearance. Those of the others lie between the gap that the first plan keeps and the
+    largest preferred clearance for the scene: a multiple of the default, or, where that is less, an upper bound for any
+    motion. Every plan has the problem's full time limit.
 
     Args:
         problem: what to solve; its own ``wanted_gap`` is ignored.
@@ -134,9 +135,9 @@ def pareto(
 def _largest_gap_try(
     fastest: Solution, tried: Callable[[float, int], ParetoPlan], settings: Settings, trade_off: ParetoSettings
 ) -> ParetoPlan:
-    """Return the plan for the largest preferred clearance of the scene.
+    """Return the plan made with the largest preferred clearance of the scene.
 
-    That is a multiple of the default, or an upper bound for any motion where that is less.
+    This clearance is a multiple of the default, or an upper bound for any motion where that bound is less.
     """
     problem = fastest.problem
     usual = problem.default_gap
@@ -175,7 +176,7 @@ def _planning_time(solution: Solution) -> float:
 
 
 def _priced(plan: ParetoPlan, fastest: float) -> ParetoPlan:
-    """Return a plan whose record also names the time that its preferred clearance costs."""
+    """Return a plan whose record also states by how much its preferred clearance lengthens the motion."""
     solution = plan.solution
     if solution is None or solution.room is None or plan.wanted_gap == 0.0:
         return plan
@@ -185,10 +186,10 @@ def _priced(plan: ParetoPlan, fastest: float) -> ParetoPlan:
 
 @dataclass(frozen=True)
 class Judgement:
-    """Compares plans by duration and gap; gaps above the largest preferred clearance have no further worth.
+    """Compares plans by duration and gap; gaps above the largest preferred clearance count as equal to it.
 
     Attributes:
-        plans: in order, from the fastest to that with most clearance.
+        plans: all plans, from the fastest to the one with most clearance.
         most_gap: the largest preferred clearance [m].
         length: length of the arm [m].
         trade_off: tolerances of equality, and how much slower the recommended plan may be.
@@ -200,7 +201,7 @@ class Judgement:
     trade_off: ParetoSettings
 
     def dominator(self, plan: ParetoPlan) -> int:
-        """Return the number of a plan no worse in duration and gap and better in one of them; 0 without one."""
+        """Return the number of a plan that is no worse in duration and gap and better in one; 0 if there is none."""
         if plan.solution is None:
             return 0
         gap = self.worth(plan)

@@ -69,16 +69,16 @@ def with_lowered_costs(
     planned: Plans,
     shares: Sequence[float] = COST_SHARES,
 ) -> tuple[VerifiedPlan, float]:
-    """Plan with the largest share of the user's costs for which a plan is found; hard constraints hold in full.
+    """Plan with the user's costs scaled by the largest factor for which a plan is found; keep hard constraints.
 
     Args:
         problem: what to solve.
         terms: the user's constraints and costs.
-        planned: plans a problem with the terms; its time limit is the CPU time left.
-        shares: shares of the costs' weights, tried in this order.
+        planned: function that plans a problem with given terms; the time limit of the problem is the CPU time left.
+        shares: factors of the costs' weights, tried in this order.
 
     Returns:
-        The plan, and the share of the costs' weights that it was planned with.
+        The plan, and the factor of the costs' weights with which it was planned.
 
     Raises:
         NoPlanFound: there is no plan even at the last share; or the goal is unreachable.
@@ -116,8 +116,8 @@ def best_try(
     Args:
         problem: what to solve.
         terms: the user's constraints and costs.
-        planned: plans the problem once.
-        draft_solution: turns the best plan so far into a solution, for Ctrl-C.
+        planned: function that plans the problem once.
+        draft_solution: function that turns the best plan so far into a solution, for Ctrl-C.
 
     Raises:
         NoPlanFound: no try found a plan; the error of the first try.
@@ -172,7 +172,7 @@ class _Tries:
 
         Raises:
             NoPlanFound: no try found a plan; the error of the first try.
-            VerificationError: likewise, when the verifier refused the plan of the first try.
+            VerificationError: no try found a plan, and the verifier rejected the plan of the first try.
         """
         if not self.plans:
             raise next(iter(self.failures.values()))
@@ -219,7 +219,7 @@ def insufficient_robustness(problem: Problem, best: SurvivedError) -> Diagnosis:
 
 
 def _below(angle: float) -> str:
-    """Return an angle rounded down to three significant digits."""
+    """Return an angle as text, rounded down to three significant digits."""
     digits = 2 - int(np.floor(np.log10(angle))) if angle > 0.0 else 0
     return f"{np.floor(angle * 10.0**digits) / 10.0**digits:.{max(digits, 0)}f}"
 
@@ -236,7 +236,7 @@ def surviving_errors(
     Args:
         problem: what to solve.
         terms: the user's constraints and costs.
-        planned: plans a motion.
+        planned: function that plans a motion.
         settings: time limits of the rounds, and precision of the certificate.
 
     Raises:

@@ -55,8 +55,8 @@ class PlanningRun:
         costs: costs of the user.
         terms: constraints and costs, compiled; None when there are none.
         stages: names and times the stages.
-        settings: of all stages.
-        deadline: end of the search for plans, and then for changes that would help.
+        settings: settings of all stages.
+        deadline: end of the search for plans, and later of the search for changes that would help.
         recorded: the paths found by the last plan, with their problems; reused when changes of the problem are tried.
     """
 
@@ -76,7 +76,7 @@ class PlanningRun:
 
         Args:
             problem: the problem to plan.
-            terms: terms that its planner is to keep; the plan is checked against all terms of the user.
+            terms: terms passed to the planner; the plan is checked against all terms of the user.
 
         Raises:
             NoPlanFound: with a diagnosis.
@@ -121,7 +121,7 @@ class PlanningRun:
         return explained(self.problem, failure, trials, self.stages)
 
     def _solve_changed(self, changed: Problem, dropped: str = "") -> VerifiedPlan:
-        """Plan, time and verify a problem that differs in one respect; paths found already are reused."""
+        """Plan, time and verify a problem that differs from the original in one respect; reuse paths already found."""
         refuse_impossible(changed)
         kept = [each for each in self.constraints if each.name != dropped]
         terms = compiled_terms(changed.arm, kept, [each for each in self.costs if each.name != dropped])
@@ -172,8 +172,8 @@ class BuiltInPlanner:
         solution = ccm_opt.solve(problem, planner=Roomy())
 
     Attributes:
-        constraints: constraints of the user, which the paths keep. ``solve`` does not pass its own on to a planner that
-            it is given, so they are given here too.
+        constraints: constraints of the user, which the paths keep. ``solve`` does not pass its own constraints on to
+            the planner that it is given, so pass them here too.
         costs: costs of the user, likewise.
         settings: settings of the stages.
     """

@@ -37,7 +37,7 @@ class PoseTry:
     """Poses found from one initial pose.
 
     Attributes:
-        beginning: the initial pose.
+        beginning: the initial pose, from which the first solution is started.
         asked: the goal-pose NLP.
         poses: solutions of the NLP, each started from the one before; empty without an initial pose.
     """
@@ -63,7 +63,7 @@ class PoseTry:
 
     @property
     def outcome(self) -> PoseOutcome:
-        """Outcome as a record."""
+        """Outcome of the search from the initial pose, as a record."""
         if self.best is None:
             return PoseOutcome(self.beginning.name, reason=self.reason)
         pose = self.poses[self.best]
@@ -129,7 +129,7 @@ def _advice(problem: Problem) -> tuple[str, ...]:
 def with_constraint_first(
     failure: NoPlanFound, problem: Problem, terms: UserTerms | None, settings: Settings = DEFAULT_SETTINGS
 ) -> NoPlanFound:
-    """Return a failure whose reason begins with the user's constraints where no pose at the goal satisfies them.
+    """Return a failure whose reason first names the user's constraints that no pose found at the goal satisfies.
 
     In all other cases the failure is returned unchanged.
 
@@ -157,13 +157,13 @@ def with_constraint_first(
 
 
 def describe_violations(missed: dict[str, float]) -> str:
-    """Return in words that constraints are violated at the goal, without claiming a proof."""
+    """Return a sentence that lists the constraints violated at the goal, without claiming a proof."""
     first = "; ".join(f"constraint '{name}', which the closest violates by {miss:.4g}" for name, miss in missed.items())
     return f"no goal pose was found that satisfies {first} (not proved: another pose may)"
 
 
 def least_violations(tries: Sequence[PoseTry]) -> dict[str, float]:
-    """Return the hard constraints violated by the pose that violates them least, and by how much, the worst first.
+    """Return the violations of hard constraints by the pose that violates them least, the worst first.
 
     The initial poses are improved again with softened constraints. The result is empty if that yields no pose either:
     then other rows are infeasible too.
@@ -177,7 +177,7 @@ def least_violations(tries: Sequence[PoseTry]) -> dict[str, float]:
 def _goal_violations(each: PoseTry) -> dict[str, float] | None:
     """Return the violations of the pose found from one initial pose with softened constraints.
 
-    None when there is no pose.
+    The result is None if no pose is found.
     """
     terms = each.asked.terms
     if terms is None or not terms.hard_at_goal:
@@ -195,7 +195,7 @@ def _goal_violations(each: PoseTry) -> dict[str, float] | None:
 
 
 def _worst_violations(terms: UserTerms, softened: UserTerms, q: FloatArray) -> dict[str, float]:
-    """Return the hard constraints that a pose violates, except those whose violation is small next to the worst."""
+    """Return the hard constraints that a pose violates, except those violated little compared with the worst."""
     misses = terms.residuals_at_goal(q)
     weights = {item.constraint.name: item.constraint.weight for item in softened.constraints}
     missed = {
@@ -215,7 +215,7 @@ def _violation(each: PoseTry) -> float:
 
 
 def _row_words(name: str, violation: float, asked: GoalPoses) -> str:
-    """Return a violated row in the user's terms."""
+    """Return a description of a violated row for the user."""
     length = asked.problem.arm.length
     what, _, rest = name.partition(": ")
     if what == "user":

@@ -60,8 +60,8 @@ def reach_map(
     Args:
         problem: arm, workspace and start; in the plane with a fixed base.
         step: width of a cell [m]; when None a share of the arm's length.
-        headings: number of headings tried in each cell, evenly spaced over a full turn; in space directions, evenly
-            over the sphere.
+        headings: number of headings tried in each cell, evenly spaced over a full turn; in space the number of
+            directions, evenly spaced over the sphere.
         workers: number of processes on this machine, or an object that opens an executor, such as ``DaskWorkers``; the
             map does not depend on it.
         progress: called after every task with the number of cells reached and the number not proved unreachable.
@@ -114,10 +114,10 @@ def _flood(
     workers: Workers | int,
     progress: Callable[[int, int], None] | None,
 ) -> None:
-    """Search all cells that a flood hands out, on the given workers or processes of this machine.
+    """Search all cells of a flood fill, on the given workers or on processes of this machine.
 
     Raises:
-        BaseException: raised while a cell was searched.
+        BaseException: the search of a cell raised this exception.
     """
     crew = workers if not isinstance(workers, int) else ThisProcess() if workers == 1 else LocalWorkers(workers)
     for task, found in completed(crew, look, flood):
@@ -186,7 +186,7 @@ def _axes(problem: Problem, width: float, settings: ReachSettings) -> tuple[Floa
 def _directions(problem: Problem, asked: int | None, settings: ReachSettings) -> tuple[FloatArray, FloatArray]:
     """Return headings [rad], shape (K,), empty in space, and the unit vectors tried, shape (K, d).
 
-    They are evenly spaced over a full turn in the plane, and over the sphere in space.
+    The vectors are evenly spaced over a full turn in the plane, and over the sphere in space.
 
     Raises:
         ProblemError: fewer than one heading is asked for in the plane.
@@ -229,7 +229,8 @@ def _begin(flood: TipFlood, problem: Problem, looker: TipLooker) -> None:
 def _unreachable_cells(problem: Problem, axes: Sequence[FloatArray]) -> BoolArray:
     """Return the mask of cells whose centres are proved unreachable for the tip.
 
-    They are too far away, inside a body, outside the workspace, too close to a surface, or beyond the joint limits.
+    Such cells are too far away, inside a body, outside the workspace, too close to a surface, or beyond the joint
+    limits.
     """
     arm = problem.arm
     places = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
@@ -252,12 +253,12 @@ def _unreachable_cells(problem: Problem, axes: Sequence[FloatArray]) -> BoolArra
 
 
 def _parts(numbers: IntArray) -> Iterator[IntArray]:
-    """Yield the numbers about a thousand at a time, so that intermediate arrays stay small."""
+    """Yield cell numbers in batches of about a thousand, so that intermediate arrays stay small."""
     yield from np.array_split(numbers, max(len(numbers) // 1000, 1))
 
 
 def _behind_walls(problem: Problem, axes: Sequence[FloatArray], unknown: BoolArray) -> BoolArray:
-    """Return the undecided cells to which every way through free space is proved too narrow or too long."""
+    """Return the mask of undecided cells to which every way through free space is proved too narrow or too long."""
     closed = np.zeros_like(unknown)
     for cell in np.argwhere(unknown):
         place = np.array([middles[number] for middles, number in zip(axes, cell, strict=True)])
@@ -266,5 +267,5 @@ def _behind_walls(problem: Problem, axes: Sequence[FloatArray], unknown: BoolArr
 
 
 def _at(problem: Problem, place: FloatArray) -> Problem:
-    """Return the problem of bringing the tip exactly to a place."""
+    """Return the problem with the tip's goal moved to a position, to be reached exactly."""
     return replace(problem, goal=TipGoal(place), tolerances=_EXACTLY, stops=())

@@ -138,8 +138,8 @@ def _simulated(motion: SavedMotion, recorded: Mapping[str, object], again: Simul
 def _samples_alike(time: FloatArray, verdict: SimulationVerdict) -> int:
     """Return the number of leading samples at which reruns of the simulation agree to rounding.
 
-    If the arm does not follow its plan, rounding grows without bound. An error that grows exponentially, from a unit in
-    the last place to a tenth of a radian, has half of its digits left at half the time.
+    If the arm does not follow its plan, rounding grows without bound. If an error grows exponentially from one unit in
+    the last place to a tenth of a radian, half of the digits still agree at half of that time.
     """
     if verdict.followed:
         return len(time)
@@ -166,7 +166,7 @@ def _figures(
 def _checks(recorded: Sequence[Check], checks: Sequence[Check], settings: VerificationSettings) -> Check:
     """Check the recorded checks against recomputed ones; checks missing from the record are ignored.
 
-    The user's constraints are known by name only; for a solved plan they must hold.
+    The user's constraints are known by name only; for a solved plan, their recorded checks must pass.
     """
     wanted = {check.name: check for check in checks}
     names = [check.name for check in recorded]
@@ -190,7 +190,7 @@ def _checks(recorded: Sequence[Check], checks: Sequence[Check], settings: Verifi
 
 
 def _survived(problem: Problem, trajectory: JointTrajectory, recorded: Sequence[SurvivedError]) -> Check:
-    """Check that each recorded error is survived, by proving it again; larger errors are not tried."""
+    """Check that the motion survives each recorded error, by proving this again; larger errors are not tried."""
     models: Mapping[str, ErrorModel] = {str(name): model for name, model in error_models(problem.arm).items()}
     wrong = []
     for error in recorded:

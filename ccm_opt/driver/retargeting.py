@@ -1,4 +1,4 @@
-"""A new goal while the arm is moving: the arm brakes along its path, and goes on to the new goal from rest."""
+"""Changes of the goal while the arm moves: the arm brakes along its path, and moves from rest to the new goal."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -145,7 +145,7 @@ def _retargeted(
 
 
 def _path(first: JointTrajectory, onward: JointPath, time: float) -> JointPath:
-    """Return one path for the whole motion, first braking, then from rest; keyframes and curves are the latter's."""
+    """Return one path for braking and the motion from rest, with the keyframes and curves of the motion from rest."""
     values = first.positions
     if len(values) <= onward.spline.k:
         return onward

@@ -83,7 +83,7 @@ def motion_tolerance(
 def tolerance_at_once(
     problem: Problem, trajectory: JointTrajectory, settings: Settings = DEFAULT_SETTINGS
 ) -> tuple[SurvivedError, ...]:
-    """Return the joint error that a motion survives if it is cheap to compute; else an empty tuple."""
+    """Return the joint error that a motion survives, or an empty tuple if computing the error would be slow."""
     if len(trajectory.time) * problem.arm.links > _MOST_AT_ONCE:
         return ()
     return (survived_error(problem, trajectory, joint_errors(problem.arm), settings.tolerance),)
@@ -139,10 +139,10 @@ def _survived_load(
 
 
 def _limiting_error(verdict: SimulationVerdict, names: Sequence[str]) -> str:
-    """Return where and when a plan fails under too great a load, in a few words.
+    """Return a short description of where and when a plan fails under too great a load.
 
     Args:
-        verdict: of a simulation with too great a load.
+        verdict: verdict on a simulation with too great a load.
         names: names of all revolutes, three to a joint.
     """
     if verdict.outcome == NOT_SIMULATED:

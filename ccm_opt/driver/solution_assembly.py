@@ -54,10 +54,10 @@ def gap_between_walls(problem: Problem, points: FloatArray, most: float) -> Poss
     Args:
         problem: problem with the walls.
         points: joints and tip of the pose, shape (links + 1, 2) [m].
-        most: gaps from this on are not of interest [m].
+        most: upper limit of interesting gaps [m]; larger gaps give None.
 
     Returns:
-        The bound with the names of the walls; None where the pose passes between no walls that close.
+        The bound with the names of the walls; None where the pose does not pass between walls that close together.
     """
     arm = problem.arm
     body = arm.radius + problem.workspace.clearance
@@ -76,7 +76,7 @@ def gap_between_walls(problem: Problem, points: FloatArray, most: float) -> Poss
 
 
 def _apart(one: Obstacle, other: Obstacle, axis: shapely.LineString) -> float:
-    """Return the distance between two walls where an axis crosses their shortest line [m]; inf where it does not."""
+    """Return the distance between two walls if the arm's axis crosses their shortest connecting line, else inf [m]."""
     line = shapely.shortest_line(one.core, other.core)
     if not shapely.intersects(line, axis):
         return float(np.inf)
@@ -222,9 +222,9 @@ def kept(stage: Callable[[], Result], what: str, instead: Callable[[Exception], 
     A failure is logged as a defect with its traceback.
 
     Args:
-        stage: computes the result.
-        what: what is missing after a failure, in words.
-        instead: makes the substitute from the exception.
+        stage: function that computes the result.
+        what: description of the result that is missing after a failure.
+        instead: function that makes the substitute from the exception.
     """
     try:
         return stage()
@@ -236,7 +236,7 @@ def kept(stage: Callable[[], Result], what: str, instead: Callable[[Exception], 
 def simulated_motion(problem: Problem, plan: VerifiedPlan) -> tuple[SimulatedMotion, Mapping[str, float]]:
     """Return the simulated motion and its figures.
 
-    After a defect in the simulation, the simulated arm stands still.
+    If the simulation fails by a defect, the simulated arm is recorded as resting at the start.
     """
     stage = partial(simulate_and_check, problem, plan.trajectory, plan.joints)
     return kept(stage, "the plan was not simulated", partial(_stands_still, problem, plan))

@@ -1,4 +1,4 @@
-"""Times the paths of all legs, and verifies the resulting motion."""
+"""Timing of the paths of all legs, and verification of the resulting motion."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -73,7 +73,7 @@ def evaluate_terms(
 
 
 def worst_leg_checks(legs: Sequence[TermResults]) -> TermResults:
-    """Return the checks of all legs, named with their goals, and of each figure the value largest in magnitude."""
+    """Return the checks of all legs, named with their goals, and the value of largest magnitude of every figure."""
     checks = [
         replace(check, name=f"{check.name}, goal {number}")
         for number, leg in enumerate(legs, start=1)
@@ -157,7 +157,7 @@ def _leg_in_time(
     terms: "UserTerms | None",
     settings: Settings,
 ) -> JointTrajectory:
-    """Return the timed motion of a leg; the arm rests at corners of the path, as a way back over several legs has."""
+    """Return the timed motion of a leg; the arm rests at corners of the path, such as those of joined paths."""
     parts = leg.path.parts
     if not parts:
         return _timed(leg, dynamics, retimer, terms, settings)

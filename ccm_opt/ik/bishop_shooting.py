@@ -27,12 +27,12 @@ from ccm_opt.robot.rigid_motions import exponential
 
 
 def product(first: ca.SX, second: ca.SX) -> Any:
-    """Return the Hamilton products, column by column: the second rotation is in the axes of the first."""
+    """Return the Hamilton products of quaternions, by columns; the second rotation is in the axes of the first."""
     return ca.vertcat(*_quaternion_product(ca.vertsplit(first), ca.vertsplit(second)))
 
 
 def _quaternion_product(first: Iterable[Any], second: Iterable[Any]) -> tuple[Any, Any, Any, Any]:
-    """Return the components of a Hamilton product, of symbols or numbers."""
+    """Return the components of the Hamilton product of two quaternions, given as symbols or numbers."""
     w, x, y, z = first
     a, b, c, d = second
     return (
@@ -44,14 +44,14 @@ def _quaternion_product(first: Iterable[Any], second: Iterable[Any]) -> tuple[An
 
 
 def turned_by(vectors: ca.SX) -> ca.SX:
-    """Return the quaternions of rotation vectors, shape (3, n) [rad] to (4, n)."""
+    """Return the quaternions, shape (4, n), of symbolic rotation vectors, shape (3, n) [rad]."""
     angle = ca.sqrt(ca.sum1(vectors**2) + 1e-16)  # smooth at zero, and elsewhere exact up to rounding
     share = ca.sin(angle / 2) / angle
     return ca.vertcat(ca.cos(angle / 2), ca.repmat(share, 3, 1) * vectors)
 
 
 def axis(quaternions: ca.SX, number: int) -> ca.SX:
-    """Return the x, y or z axis (0, 1 or 2) after each rotation, a column of its matrix, shape (3, n)."""
+    """Return the x, y or z axis (0, 1 or 2) as turned by each rotation, shape (3, n)."""
     w, x, y, z = ca.vertsplit(quaternions)
     if number == 0:
         return ca.vertcat(w**2 + x**2 - y**2 - z**2, 2 * (x * y + w * z), 2 * (x * z - w * y))
@@ -61,7 +61,7 @@ def axis(quaternions: ca.SX, number: int) -> ca.SX:
 
 
 def chained_quaternions(turns: FloatArray) -> FloatArray:
-    """Return the cumulative products of rotations, shape (n, 4), as numbers; continuous in sign."""
+    """Return the cumulative products of numerical quaternions, shape (n, 4), with signs chosen to be continuous."""
     chained = np.empty_like(turns)
     latest = np.array([1.0, 0.0, 0.0, 0.0])
     for step, turn in enumerate(turns):
@@ -71,7 +71,7 @@ def chained_quaternions(turns: FloatArray) -> FloatArray:
 
 
 def quaternions_of(vectors: FloatArray) -> FloatArray:
-    """Return the quaternions of rotation vectors as numbers, shape (n, 3) to (n, 4)."""
+    """Return the quaternions, shape (n, 4), of numerical rotation vectors, shape (n, 3) [rad]."""
     half = 0.5 * np.linalg.norm(vectors, axis=1, keepdims=True)
     return np.concatenate((np.cos(half), 0.5 * np.sinc(half / np.pi) * vectors), axis=1)
 
@@ -79,9 +79,9 @@ def quaternions_of(vectors: FloatArray) -> FloatArray:
 class BishopFrames(CurveFrames):
     """Links in space as quaternions, tied to frames of the curve that are shot from joint to joint.
 
-    Every link points along the curve's mean direction over the link, up to a share of the offset that the links of the
-    start have from the curve near it. So the start satisfies every row. The solver may reduce the offsets but need not;
-    the coordinates of motions likewise keep their offset from the curve throughout.
+    Every link points along the curve's mean direction over the link, up to a fraction of the offset that the links of
+    the start pose have from the nearby curve. So the start pose satisfies every row. The solver may reduce the offsets
+    but need not; the coordinates in which motions are planned keep their offset from the curve throughout.
     """
 
     directions = ("left", "up")
@@ -96,8 +96,8 @@ class BishopFrames(CurveFrames):
     def further_symbols(self) -> dict[str, ca.SX]:
         """The curve's turn at its base, Ω, ψ and starting frame of every link, and the tip's components.
 
-        The tip parts are the components of the last link along the two axes across the goal direction; the stray is the
-        share of the start's offsets that the pose keeps.
+        The tip parts are the components of the last link along the two axes perpendicular to the goal direction; the
+        stray is the fraction of the start pose's offsets from the curve that the pose keeps.
         """
         return {
             "base turn": ca.SX.sym("base_turn", 2),
@@ -110,7 +110,7 @@ class BishopFrames(CurveFrames):
 
     @cached_property
     def parameters(self) -> dict[str, ca.SX]:
-        """Unit vectors across the goal direction, (3, 2), and offsets of the start's links from the curve, (2, n)."""
+        """Unit vectors perpendicular to the goal direction, (3, 2), and offsets of the start's links, (2, n)."""
         return {"across": ca.SX.sym("across", 3, 2), "strays": ca.SX.sym("offset_from_curve", 2, self.links)}
 
     @property
@@ -119,9 +119,9 @@ class BishopFrames(CurveFrames):
         return {"stray": self.further_symbols["stray"] ** 2 * ca.sumsqr(self.parameters["strays"])}
 
     def link_rows(self) -> tuple[RowBlock, ...]:
-        """Return the rows of link turns, frames, link orientations, the mapping and the tip parts.
+        """Return the rows that define link turns, frames, link orientations, the mapping and the tip parts.
 
-        Turns follow from the integrals of the curvatures, frames and orientations go from joint to joint.
+        Turns follow from the integrals of the curvatures; frames and orientations are propagated from joint to joint.
         """
         link_turns = (self._link_turns(index) for index in range(len(self.directions)))
         return (*link_turns, self._frame_gaps(), self._turning(), self._mapping(), self._tip_parts())
@@ -140,7 +140,7 @@ class BishopFrames(CurveFrames):
         return equal_to_zero(names, gaps)
 
     def _frame_gaps(self) -> RowBlock:
-        """Return the rows that carry the frame at each joint over the link to the next joint."""
+        """Return the rows that propagate the curve's frame over each link, from one joint to the next."""
         left, up = ca.vertsplit(self.further_symbols["base turn"])
         frames, turns, means = (self.further_symbols[name] for name in ("frames", "turns", "means"))
         first = turned_by(ca.vertcat(0, -up, left))
@@ -151,14 +151,14 @@ class BishopFrames(CurveFrames):
         return equal_to_zero(names, ca.vec(frames - ca.horzcat(first, carried)))
 
     def _turning(self) -> RowBlock:
-        """Return the rows R_j = R_(j−1) Rz(a_j) Ry(b_j): links are turned by the bends of their joints."""
+        """Return the rows R_j = R_(j−1) Rz(a_j) Ry(b_j), which turn every link by the bends of its joint."""
         turns = _turns(self.bends)
         turned = product(self.lies[:, :-1], turns[:, 1:])
         names = tuple(f"link {link + 1}: gap in {part} of its turn" for link in range(self.links) for part in "wxyz")
         return equal_to_zero(names, ca.vec(self.lies - ca.horzcat(turns[:, 0], turned)))
 
     def _mapping(self) -> RowBlock:
-        """Return the rows that align every link with the curve's mean direction, up to a share of its offset."""
+        """Return the rows that align links with the curve's mean direction, up to a fraction of their start offsets."""
         means, frames, stray = (self.further_symbols[name] for name in ("means", "frames", "stray"))
         directions = mean_direction(means)
         along = sum((ca.repmat(directions[k, :], 3, 1) * axis(frames, k) for k in range(3)), ca.SX(0))
@@ -167,7 +167,7 @@ class BishopFrames(CurveFrames):
         return equal_to_zero(names, ca.vec(across - stray * self.parameters["strays"]))
 
     def _tip_parts(self) -> RowBlock:
-        """Return the rows that define the last link's components across the goal direction.
+        """Return the rows that define the last link's components perpendicular to the goal direction.
 
         The bounds on these components keep the link within the tolerance.
         """
@@ -184,7 +184,7 @@ class BishopFrames(CurveFrames):
         return ca.horzcat(ca.SX([0.0, 0.0, 1.0]), axis(self.lies[:, :-1], 2)), axis(self.lies, 1)
 
     def turns_of(self, bends: FloatArray) -> FloatArray:
-        """Return the turns to the left and upwards of joint bends, shape (n, 2) [rad].
+        """Return the turns to the left and upwards that joint bends produce, shape (n, 2) [rad].
 
         A turn upwards, from x to z, is a turn about −y.
         """
@@ -195,7 +195,7 @@ class BishopFrames(CurveFrames):
         return link_quaternions(bends)
 
     def values(self, curve: CurveNumbers, lies: FloatArray, direction: FloatArray | None) -> dict[str, FloatArray]:
-        """Return the turns and frames of the curve; the start keeps all of its offsets from the curve."""
+        """Return the values of the curve's turns and frames at the start pose, whose links keep their full offsets."""
         turns, means = self.link_turns(curve)
         frames = _curve_frames(curve.base_turn, turns, means)
         across = _across(direction)
@@ -256,7 +256,7 @@ def mean_direction(means: ca.SX) -> ca.SX:
 
 
 def link_quaternions(bends: FloatArray) -> FloatArray:
-    """Return the quaternions of links with given joint bends, shape (n, 2) to (n, 4)."""
+    """Return the quaternions of links, shape (n, 4), for given joint bends, shape (n, 2) [rad]."""
     zero = np.zeros(len(bends))
     about_z = quaternions_of(np.column_stack((zero, zero, bends[:, 0])))
     about_y = quaternions_of(np.column_stack((zero, bends[:, 1], zero)))
@@ -280,19 +280,19 @@ def _offsets(frames: FloatArray, means: FloatArray, lies: FloatArray) -> FloatAr
 
 
 def _axes(quaternions: FloatArray) -> list[FloatArray]:
-    """Return the x, y and z axes after each rotation as numbers, shape (n, 4) to (n, 3) each."""
+    """Return the x, y and z axes turned by each quaternion, each of shape (n, 3), for quaternions of shape (n, 4)."""
     columns = ca.SX(ca.DM(quaternions.T))
     return [np.asarray(ca.evalf(axis(columns, k))).T for k in range(3)]
 
 
 def _across(direction: FloatArray | None) -> FloatArray:
-    """Return two unit vectors across a direction, or across the straight arm if it is None, shape (2, 3)."""
+    """Return two unit vectors perpendicular to a direction, or to the straight arm if that is None, shape (2, 3)."""
     along = np.array([1.0, 0.0, 0.0]) if direction is None else direction
     return np.asarray(np.linalg.svd(along[None])[2][1:])
 
 
 def _turns(bends: ca.SX) -> ca.SX:
-    """Return the quaternions of joint bends, shape (2, n) to (4, n)."""
+    """Return the quaternions, shape (4, n), of symbolic joint bends, shape (2, n) [rad]."""
     half_a = bends[0, :] / 2
     half_b = bends[1, :] / 2
     return ca.vertcat(

@@ -87,7 +87,7 @@ def compiled_constraint(constraint: Constraint, quantities: ArmQuantities) -> Co
 
 
 def _bound(constraint: Constraint, key: Literal["lower", "upper"], count: int) -> FloatArray:
-    """Return one of the bounds with one value per entry of the expression, shape (count,)."""
+    """Return a lower or upper bound as one value per entry of the expression, shape (count,)."""
     value = getattr(constraint, key)
     try:
         bound = np.asarray(value, dtype=np.float64).ravel()
@@ -143,7 +143,7 @@ class UserTerms:
         quantities: symbols of the arm.
         constraints: hard and soft constraints that do not depend on speeds.
         costs: the costs that the user wrote.
-        timed: hard constraints on speeds, which planning knows nothing of.
+        timed: hard constraints on speeds, which planning does not take into account.
     """
 
     quantities: ArmQuantities
@@ -163,7 +163,7 @@ class UserTerms:
 
     @cached_property
     def motion_rows(self) -> RowSet:
-        """Rows of the hard constraints that hold at the keyframes along the way."""
+        """Rows of the hard constraints that apply at the keyframes of the motion."""
         return self._rows([c for c in self.hard if c.constraint.where != "goal"])
 
     @cached_property
@@ -193,10 +193,11 @@ class UserTerms:
         }
 
     def softened(self, q: FloatArray, weight: float) -> "UserTerms":
-        """Return the terms with every hard constraint made soft, its violation weighted like a turn of the whole arm.
+        """Return the terms with every hard constraint softened, its violation weighted like a turn of the whole arm.
 
         Args:
-            q: configuration whose slopes convert the users' units into radians, shape (c,) [rad, m].
+            q: configuration at which the constraints' derivatives convert the users' units into radians, shape (c,)
+                [rad, m].
             weight: weight of half the squared violation [1/rad²].
         """
         return replace(self, constraints=tuple(_softened(item, q, weight) for item in self.constraints))
@@ -272,9 +273,9 @@ def compile_terms(arm: Arm, constraints: Sequence[Constraint], costs: Sequence[C
 
 
 def _refuse_other_kind(term: object, kind: type[Constraint] | type[Cost]) -> None:
-    """Refuse anything but a term of the given kind, naming the decorator.
+    """Refuse anything that is not a term of the given kind, with a message that names the decorator to use.
 
-    The most common mistake is to pass the bare function.
+    The most common mistake is to pass the function without its decorator.
     """
     if not isinstance(term, kind):
         wanted = kind.__name__
@@ -282,7 +283,7 @@ def _refuse_other_kind(term: object, kind: type[Constraint] | type[Cost]) -> Non
 
 
 def _softened(item: CompiledConstraint, q: FloatArray, weight: float) -> CompiledConstraint:
-    """Return a constraint made soft."""
+    """Return a copy of a hard constraint that is soft."""
     slopes = item.quantities.heading_slopes(np.asarray(item.slopes(q, 1.0)))
     norms = np.linalg.norm(slopes[np.isfinite(slopes).all(axis=1)], axis=1)
     steepest = float(norms.max(initial=0.0))

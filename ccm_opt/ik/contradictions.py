@@ -128,7 +128,7 @@ def _cosine(a: Intervals) -> Intervals:
 
 
 def _holds_turn(a: Intervals, angle: float) -> Any:
-    """Return whether an interval contains an angle up to whole turns; near misses count as yes."""
+    """Return whether an interval contains an angle modulo whole turns; near misses count as contained."""
     turn = 2.0 * np.pi
     return np.floor((a.high - angle) / turn + 1e-12) >= np.ceil((a.low - angle) / turn - 1e-12)
 
@@ -191,8 +191,8 @@ class GoalRegion:
     Attributes:
         position: position of the goal, shape (d,) [m].
         direction: direction of the last link at the goal, a unit vector of shape (d,); None if any will do.
-        around: tolerance of the position [m].
-        turned: tolerance of the direction [rad].
+        around: tolerance of the tip's position [m].
+        turned: tolerance of the last link's direction [rad].
     """
 
     position: FloatArray
@@ -225,9 +225,9 @@ def _contradiction(item: CompiledConstraint, goal: GoalRegion) -> Contradiction 
 
 
 def _as_tip_function(item: CompiledConstraint) -> ca.Function | None:
-    """Return the constraint as a function of the tip's position and pointing.
+    """Return the constraint as a function of the tip's position and the last link's direction.
 
-    None if it depends on anything else of the pose.
+    The result is None if the constraint depends on any other property of the pose.
     """
     known = item.quantities
     d = known.arm.dimension
@@ -247,7 +247,7 @@ def _as_tip_function(item: CompiledConstraint) -> ca.Function | None:
 
 
 def _pointing(arm: Arm, goal: GoalRegion) -> list[Intervals]:
-    """Return bounds on the pointing of the last link: on its heading in the plane, on its direction in space."""
+    """Return bounds on the last link's heading in the plane, or on the components of its direction in space."""
     if arm.dimension == 2:
         return [_headings(arm, goal)]
     if goal.direction is None:
@@ -259,9 +259,9 @@ def _pointing(arm: Arm, goal: GoalRegion) -> list[Intervals]:
 
 
 def _headings(arm: Arm, goal: GoalRegion) -> Intervals:
-    """Return all headings of the last link that count as the goal's and are within reach of the joints.
+    """Return intervals of the last link's headings that count as the goal's and that the joint limits allow.
 
-    Whole turns are distinguished.
+    Headings that differ by whole turns are distinguished.
     """
     most = float(np.sum(arm.bend_limits))
     lowest = arm.base_heading - most
@@ -277,7 +277,7 @@ def _headings(arm: Arm, goal: GoalRegion) -> Intervals:
 
 
 def _proved_violation(item: CompiledConstraint, function: ca.Function, goal: GoalRegion) -> float:
-    """Return a lower bound on the violation of a constraint over the whole goal; 0 if none can be proved."""
+    """Return a lower bound on the violation of a constraint over the whole goal region; 0 if none can be proved."""
     pointing = _pointing(item.quantities.arm, goal)
     # A heading is bisected; bisecting three components of a direction would give too many pieces.
     for _ in range(_BISECTIONS if len(pointing) == 1 else 1):

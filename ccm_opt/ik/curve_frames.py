@@ -1,9 +1,9 @@
-"""How links follow the curve in the goal-pose program; what the plane and space share.
+"""How links follow the curve in the goal-pose program: the interface, and its implementation in the plane.
 
 Lengths are in units of the arm's length, axes are those of the straight arm at its base. A curve has one curvature per
-direction in which it can bend, and its turns and their integrals over arc length are known on every spline piece. What
-the turns mean differs: in the plane they are the headings of the curve, in closed form; in space frames are shot from
-joint to joint (``bishop_shooting``).
+direction in which it can bend, and its turns and their integrals over arc length are known on every spline piece. The
+meaning of the turns depends on the dimension: in the plane they are the headings of the curve, in closed form; in space
+they determine frames, which are propagated from joint to joint (``bishop_shooting``).
 """
 
 from abc import ABC, abstractmethod
@@ -30,7 +30,7 @@ Bounds = Mapping[str, tuple[FloatArray, FloatArray]]
 
 
 def bend_matrix(links: int, knots: int) -> FloatArray:
-    """Return the matrix from base turn and knot curvatures to the bends in one direction, shape (links, knots + 1).
+    """Return the matrix that maps the base turn and the knot curvatures to the joint bends in one direction.
 
     The knots are even, the spline natural, and the curve has length 1. The bend of a joint is the difference of the
     curve's mean turns over its two links. Turns do not add in space, but bends do, to first order in the link length.
@@ -84,9 +84,9 @@ class CurveNumbers:
         return lengths.tolist(), values, [(float(b), float(c), float(d)) for b, c, d in shares]
 
     def turned(self, direction: int, start: float = 0.0) -> Configuration:
-        """Return the planar curve with one of the curvatures, whose headings are its turns [rad].
+        """Return the planar curve with the curvature of one direction; its headings are the turns in that direction.
 
-        The first heading is ``start``.
+        The heading at the base is ``start`` [rad].
         """
         lengths, values, shares = self.parts()
         return Configuration.chain(np.zeros(2), start, lengths, [value[:, direction] for value in values], shares)
@@ -110,7 +110,7 @@ class CurveFrames(ABC):
 
     @cached_property
     def parts(self) -> tuple[LiftedCurve, ...]:
-        """The curvatures with their turns and integrals, on shared knots."""
+        """The symbolic curve of each direction (curvature, turns and their integrals); all share their knots."""
         first = LiftedCurve(self.segments)
         return first, *(LiftedCurve(self.segments, first.arcs) for _ in self.directions[1:])
 
@@ -154,7 +154,7 @@ class CurveFrames(ABC):
         return {}
 
     def rows(self) -> tuple[RowBlock, ...]:
-        """Return the rows of splines, turns and integrals, and of links that bend and follow the curve."""
+        """Return all rows, which define splines, turns and integrals, and make the links follow the curve."""
         blocks: list[RowBlock] = []
         for name, part in zip(self.directions, self.parts, strict=True):
             splines, gaps, spacing = part.rows()
@@ -169,7 +169,7 @@ class CurveFrames(ABC):
 
     @abstractmethod
     def direction(self, lies: ca.SX) -> ca.SX:
-        """Return the directions of links from their orientations, by columns, shape (f, e) to (d, e)."""
+        """Return the directions of e links, shape (d, e), from their orientations, shape (f, e)."""
 
     @abstractmethod
     def joint_axes(self) -> tuple[ca.SX, ...]:
@@ -181,7 +181,7 @@ class CurveFrames(ABC):
 
     @abstractmethod
     def lies_at(self, bends: FloatArray) -> FloatArray:
-        """Return the orientations of links with given joint bends, shape (n, k) to (n, f)."""
+        """Return the orientations of links, shape (n, f), for given joint bends, shape (n, k) [rad]."""
 
     @abstractmethod
     def values(self, curve: CurveNumbers, lies: FloatArray, direction: FloatArray | None) -> dict[str, FloatArray]:
@@ -195,7 +195,7 @@ class CurveFrames(ABC):
 
     @abstractmethod
     def bounds(self, lies: FloatArray, direction: FloatArray | None, turned: float) -> Bounds:
-        """Return the bounds of the symbols that have any; those of the tip follow from the goal direction.
+        """Return the bounds of all bounded symbols; the bounds on the tip's direction follow from the goal direction.
 
         Args:
             lies: orientations of the links of the pose to start from, shape (n, f).
@@ -208,7 +208,7 @@ class CurveFrames(ABC):
         """Return the curve in metres and world axes, for a base displaced by ``feed`` [m]."""
 
     def numbers(self, values: Mapping[str, FloatArray]) -> CurveNumbers:
-        """Return the curve from the values of its symbols."""
+        """Return the numerical curve, given the values of its symbols."""
         curvatures = np.stack([values[f"curvature {name}"] for name in self.directions])
         # In the plane the curve's turns start with the turn at its base.
         return CurveNumbers(values["arcs"], curvatures, values.get("base turn", values["turned left"][:1]))
@@ -228,7 +228,7 @@ class CurveFrames(ABC):
         return found
 
     def turned(self, curve: CurveNumbers, index: int) -> Configuration:
-        """Return the planar curve with one of the curvatures and its turns from the base."""
+        """Return the planar curve that has the curvature of one direction; its headings are the turns from the base."""
         return curve.turned(index)
 
     def curve_bounds(self) -> Bounds:
@@ -242,12 +242,12 @@ class CurveFrames(ABC):
 
 
 def pinned_bounds(values: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return bounds that fix the finite values and leave the others free."""
+    """Return lower and upper bounds that fix the entries with finite values and leave the others free."""
     return np.where(np.isfinite(values), values, -np.inf), values
 
 
 class PlanarFrames(CurveFrames):
-    """Links in the plane: headings add up, and a link's heading is the curve's mean heading over it.
+    """Links in the plane: bends add up to headings, and a link's heading is the curve's mean heading over the link.
 
     The mean heading follows from the integral of the heading. This is the mapping φ = A v in which motions are planned.
     """
@@ -262,7 +262,7 @@ class PlanarFrames(CurveFrames):
 
     @property
     def further_symbols(self) -> dict[str, ca.SX]:
-        """No further symbols."""
+        """No symbols, since in the plane the curvatures, bends and links suffice."""
         return {}
 
     def link_rows(self) -> tuple[RowBlock, ...]:
@@ -283,7 +283,7 @@ class PlanarFrames(CurveFrames):
         return (ca.SX.ones(1, self.links),)
 
     def turns_of(self, bends: FloatArray) -> FloatArray:
-        """Return the bends, which are the turns to the left."""
+        """Return the joint bends themselves, since a planar bend is a turn to the left."""
         return bends
 
     def lies_at(self, bends: FloatArray) -> FloatArray:
@@ -291,12 +291,12 @@ class PlanarFrames(CurveFrames):
         return np.cumsum(bends, axis=0)
 
     def values(self, curve: CurveNumbers, lies: FloatArray, direction: FloatArray | None) -> dict[str, FloatArray]:
-        """Return no values; the plane has no further symbols."""
+        """Return no values, since planar frames have no further symbols."""
         del curve, lies, direction
         return {}
 
     def bounds(self, lies: FloatArray, direction: FloatArray | None, turned: float) -> Bounds:
-        """Return bounds that point the last link like the goal, with the whole turns it has in the start pose."""
+        """Return bounds that point the last link in the goal direction, with the whole turns of the start pose."""
         if direction is None:
             return {}
         heading = float(np.arctan2(direction[1], direction[0]))
@@ -305,7 +305,7 @@ class PlanarFrames(CurveFrames):
         return {"links": (np.append(-free, heading - turned), np.append(free, heading + turned))}
 
     def turned(self, curve: CurveNumbers, index: int) -> Configuration:
-        """Return the curve itself, which starts with the turn at the base."""
+        """Return the planar curve itself; its first heading is the turn at the base."""
         return curve.turned(index, float(curve.base_turn[index]))
 
     def curve(self, arm: Arm, numbers: CurveNumbers, feed: float) -> Configuration:

@@ -4,8 +4,8 @@ Lengths are in units of the arm's length. A segment starts in the state X = (x, 
 U = (C_1..C_4, a_0..a_3, B_0..B_3): curvature at the knots after the first (C_0 = κ keeps the curvature continuous), arc
 lengths between knots, and a bound on |κ| for each piece.
 
-Weights are for lengths in units of the arm's length. The terms for knots and bounds make the NLP converge: they leave
-no direction of the variables without curvature of the objective.
+Weights are for lengths in units of the arm's length. The terms for knots and bounds make the NLP converge: with them,
+the objective has curvature in every direction of the variables.
 """
 
 from dataclasses import dataclass
@@ -180,7 +180,7 @@ def certified_containment(
 
 
 def _margin_shares(ends: tuple[bool, bool]) -> FloatArray:
-    """Return the share of B h²/2 that each piece keeps as margin at its points, shape (PIECES, SUBSTEPS + 1)."""
+    """Return the fraction of B h²/2 that each piece keeps as margin at its points, shape (PIECES, SUBSTEPS + 1)."""
     shares = np.full((PIECES, SUBSTEPS + 1), 0.25)
     if ends[0]:
         shares[0, :2] = [0.0, 1.0]
@@ -190,7 +190,7 @@ def _margin_shares(ends: tuple[bool, bool]) -> FloatArray:
 
 
 def nearness(points: ca.SX, normals: FloatArray, offsets: FloatArray) -> ca.SX:
-    """Return the cost of points close to sides of their region, Σ max(0, 1 - slack/D)², weighted, per point.
+    """Return the weighted cost per point of closeness to the sides of its region, Σ max(0, 1 - slack/D)².
 
     Args:
         points: points of the curve, shape (2, m).

@@ -1,10 +1,10 @@
 """Search for configurations through corridors.
 
-The initial guess is a heading profile θ(s). Over region r, where the taut path has the length ℓ and the curve gets Λ ≥
-ℓ, the heading swings about that of the path by a sin 2πmu, u in [0, 1]: such a curve advances by Λ J₀(a), so J₀(a) =
-ℓ/Λ takes up the surplus length (Bessel's integral; the modal curves of Chirikjian and Burdick use the same identity).
-Its m bumps rise Λ/(2m) H₀(a) from the path, where H₀ is Struve's function; m is the smallest number whose bumps fit
-into the region.
+The initial guess is a heading profile θ(s). Over region r, where the taut path has the length ℓ and the curve is given
+the length Λ ≥ ℓ, the heading oscillates about that of the path by a sin 2πmu, u in [0, 1]: such a curve advances by Λ
+J₀(a), so J₀(a) = ℓ/Λ takes up the surplus length (Bessel's integral; the modal curves of Chirikjian and Burdick use the
+same identity). Its m bumps rise Λ/(2m) H₀(a) from the path, where H₀ is Struve's function; m is the smallest number
+whose bumps fit into the region.
 """
 
 from collections.abc import Iterator
@@ -69,7 +69,7 @@ class PathProfile:
 
     @property
     def end_turns(self) -> float:
-        """Total turn at both ends, from base heading to path and from path to tip heading [rad]."""
+        """Total absolute turn at the two ends, from base heading to path and from path to tip heading [rad]."""
         return abs(float(self.directions[0]) - self.base_heading) + abs(self.tip_heading - float(self.directions[-1]))
 
     def direction_at(self, length: FloatArray) -> FloatArray:
@@ -144,7 +144,7 @@ _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(16)
 
 
 def polished_configuration(nlp: ConfigurationNLP, variables: FloatArray) -> Configuration:
-    """Return the configuration of a solution with tip position, heading and length exact.
+    """Return the configuration of an NLP solution, corrected to exact tip position, heading and length.
 
     Args:
         nlp: the NLP that was solved.
@@ -190,7 +190,7 @@ def heading_basis(widths: FloatArray) -> tuple[FloatArray, FloatArray, FloatArra
 
 
 def _newton(nlp: ConfigurationNLP, widths: FloatArray, heading: float, values: FloatArray) -> tuple[float, FloatArray]:
-    """Return the base heading and curvatures that put the tip on the goal with the least change.
+    """Return the base heading and curvatures that put the tip on the goal and change least from the given ones.
 
     Changes of curvature are measured in units of the arm's length.
     """
@@ -217,7 +217,7 @@ def _newton(nlp: ConfigurationNLP, widths: FloatArray, heading: float, values: F
 def _tip_equations(
     nlp: ConfigurationNLP, basis: tuple[FloatArray, FloatArray, FloatArray], unknowns: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the tip position [m] minus the goal's, and the Jacobian in (θ_0, values).
+    """Return the tip position minus the goal's [m], and the Jacobian with respect to (θ_0, values).
 
     If the goal has a heading, the difference of the tip heading [rad] is the third equation.
     """
@@ -245,7 +245,7 @@ def initial_guess(nlp: ConfigurationNLP, profile: PathProfile, bulge: int = 1) -
     Args:
         nlp: the NLP to be started.
         profile: the path with its headings.
-        bulge: +1 swings the surplus length to the side of each region with more space, -1 to the other.
+        bulge: +1 puts the bumps of surplus length on the side of each region with more space, -1 on the other.
     """
     task = nlp.task
     crossings = region_crossings(profile, task)
@@ -271,7 +271,7 @@ def initial_guess(nlp: ConfigurationNLP, profile: PathProfile, bulge: int = 1) -
 def _swings(
     nlp: ConfigurationNLP, profile: PathProfile, bulge: int, crossings: FloatArray, lengths: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the heading swing a in each region, positive to the left first [rad], and the number m of bumps.
+    """Return the heading amplitude a in each region [rad], positive if first to the left, and the number m of bumps.
 
     Args:
         nlp: the NLP to be started.
@@ -304,9 +304,9 @@ def _swings(
 
 
 def curve_shares(task: ConfigurationTask, profile: PathProfile, crossings: FloatArray) -> FloatArray:
-    """Return the share of the arm's length for each region, shape (regions,).
+    """Return the fraction of the arm's length given to each region, shape (regions,).
 
-    A region gets its taut stretch, and a part of the surplus length proportional to its squared area.
+    A region gets the length of the taut path in it, and a part of the surplus length proportional to its squared area.
     """
     regions = task.corridor.regions
     taut = np.diff(crossings)
@@ -318,7 +318,7 @@ def curve_shares(task: ConfigurationTask, profile: PathProfile, crossings: Float
 
 
 def _reaches(region: ConvexRegion, point: FloatArray, across: float) -> tuple[float, float]:
-    """Return the distances from a point to the region's edge along heading ``across`` and against it [m]."""
+    """Return the distances from a point to the region's edge along heading ``across`` and its opposite [m]."""
     slack = region.offsets - region.normals @ point
     rate = region.normals @ unit_vector(across)
     ahead = rate > 1e-9
@@ -332,7 +332,7 @@ def _reaches(region: ConvexRegion, point: FloatArray, across: float) -> tuple[fl
 def _sample(
     nlp: ConfigurationNLP, profile: PathProfile, s: FloatArray, heading: FloatArray, boundaries: FloatArray
 ) -> FloatArray:
-    """Return the variables, states at segment boundaries and controls, of a sampled heading.
+    """Return the NLP's variables (states at segment boundaries, and controls) for a sampled heading profile.
 
     Positions are sheared to meet the goal.
     """
@@ -357,12 +357,12 @@ def _sample(
 def find_configuration(task: ConfigurationTask, most_attempts: int | None = None) -> Configuration:
     """Return a configuration that reaches the goal inside the corridor within the curvature limit.
 
-    Tries one segment per region first, then more; for each first the nearest winding of the tip heading, then its
-    neighbours, and the surplus length on either side. Every solution is polished and densely checked.
+    One segment per region is tried first, then more; for each number, first the nearest winding of the tip heading,
+    then its neighbours, each with the surplus length on either side. Every solution is polished and densely checked.
 
     Args:
         task: poses, length, limits and corridor.
-        most_attempts: number of attempts before giving up; all by default, at most ten. Most tasks need one.
+        most_attempts: maximum number of attempts; all by default, at most ten. Most tasks need one.
 
     Returns:
         A checked configuration: tip within 1e-5 m, |κ| within the limit, inside the corridor.
@@ -384,7 +384,7 @@ def find_configuration(task: ConfigurationTask, most_attempts: int | None = None
 def attempt(
     task: ConfigurationTask, regions: tuple[int, ...], profile: PathProfile, bulge: int
 ) -> Configuration | FailedAttempt:
-    """Return the result of one guess, one solution and one check: a configuration, or why it failed.
+    """Solve from one initial guess and check the solution; return a configuration, or why the attempt failed.
 
     Args:
         task: the task to be solved.
@@ -403,7 +403,7 @@ def attempt(
 
 
 def attempts(task: ConfigurationTask) -> Iterator[tuple[tuple[int, ...], PathProfile, int]]:
-    """Yield regions of the segments, path profile and side of the surplus length, the most promising first."""
+    """Yield regions of the segments, path profile and side of the surplus length per attempt, most promising first."""
     profiles = winding_profiles(task)
     first, *others = segment_regions(task, profiles[0])
     # Most tasks need only the first guess; more segments cost more than another side or winding.
@@ -417,7 +417,7 @@ def attempts(task: ConfigurationTask) -> Iterator[tuple[tuple[int, ...], PathPro
 
 
 def winding_profiles(task: ConfigurationTask) -> list[PathProfile]:
-    """Return path profiles with the fewest whole turns at the ends: the nearest winding, then its neighbours."""
+    """Return path profiles for different whole turns at the ends: the nearest winding first, then its neighbours."""
     low, high = task.base_heading_range
     # A freely turning base takes the path's heading; a fixed one may have to wind around to it.
     base = (0, 1, -1) if high - low < WHOLE_TURN else (0,)
@@ -427,7 +427,7 @@ def winding_profiles(task: ConfigurationTask) -> list[PathProfile]:
 
 
 def segment_regions(task: ConfigurationTask, profile: PathProfile) -> list[tuple[int, ...]]:
-    """Return plans of the region of each segment: one segment per region, then greater totals by curve length."""
+    """Return assignments of segments to regions: one segment per region, then more, in proportion to curve length."""
     count = len(task.corridor.regions)
     shares = np.ones(count, dtype=np.intp)
     plans = [shares.copy()]

@@ -58,7 +58,7 @@ class _Compiled:
 
     @cached_property
     def function(self) -> Any:
-        """Function from bends, feed and u, and their rates if it depends on speeds, to the expression."""
+        """Compiled function that maps bends, feed, u and, if speeds matter, rates to the value of the expression."""
         symbols = self.quantities.timed_symbols if self.timed else self.quantities.symbols
         return ca.Function("term", list(symbols), [self.expression])
 
@@ -98,7 +98,7 @@ class CompiledConstraint(_Compiled):
 
     @cached_property
     def slopes(self) -> Any:
-        """Function from configuration and u to the derivative with respect to the configuration."""
+        """Compiled function that maps configuration and u to the derivative with respect to the configuration."""
         q, expression = self.quantities.in_configurations(self.expression)
         symbols = [q, self.quantities.path_parameter]
         return ca.Function("slopes", symbols, [ca.densify(ca.jacobian(expression, q))])
@@ -115,12 +115,12 @@ class CompiledConstraint(_Compiled):
     def excesses(self, states: MotionStates) -> FloatArray:
         """Return the signed violation of the worst entry, shape (N,).
 
-        Negative where all bounds hold, NaN where a value is not finite.
+        The violation is negative where all bounds hold, and NaN where a value is not finite.
         """
         return self._beyond_bounds(self.all_values(states.q, states.u, states.rates))
 
     def _beyond_bounds(self, values: FloatArray) -> FloatArray:
-        """Return the signed violation of the worst entry for values of shape (N, m), shape (N,)."""
+        """Return the signed violation of the worst entry, shape (N,), for values of shape (N, m)."""
         # NaN would silently win or lose any comparison, so it is set aside and put back at the end.
         finite = np.all(np.isfinite(values), axis=1)
         values = np.where(finite[:, None], values, 0.0)
@@ -149,7 +149,7 @@ class CompiledCost(_Compiled):
     """A cost with its scalar expression.
 
     Attributes:
-        cost: what the user wrote, or a soft constraint turned into a cost.
+        cost: the cost as the user wrote it, or a soft constraint turned into a cost.
     """
 
     cost: Cost
@@ -166,10 +166,10 @@ class CompiledCost(_Compiled):
         return ca.Function("derivatives", symbols, [ca.densify(gradient), ca.densify(hessian)])
 
     def second_order(self, q: FloatArray, u: float) -> tuple[FloatArray, FloatArray]:
-        """Return the gradient, shape (c,), and Hessian, shape (c, c), at one configuration."""
+        """Return the gradient, shape (c,), and the Hessian, shape (c, c), of the cost at one configuration."""
         gradient, hessian = self._derivatives(q, u)
         return np.asarray(gradient)[:, 0], np.asarray(hessian)
 
     def applies(self, u: FloatArray) -> BoolArray:
-        """Return at which samples of the motion, the last of them the goal, the cost counts, shape (N,)."""
+        """Return a mask of the motion's samples at which the cost applies, shape (N,); the last sample is the goal."""
         return applies_at(self.cost.where, u)

@@ -57,7 +57,7 @@ def _rows_of(item: CompiledConstraint, pose: ca.SX, feed: ca.SX) -> RowBlock:
 
 
 def bounded(pose: ArmPose) -> bool:
-    """Return whether a side of a region shapes the pose, so that redrawn regions may improve it."""
+    """Return whether a side of a region constrains the pose, so that new regions around it may improve the pose."""
     return any("of its region" in name for name in pose.answer.multipliers)
 
 
@@ -71,7 +71,7 @@ class GoalPoses:
         near: configuration to stay near, shape (c,) [rad, m]; None for the pose that is improved.
         terms: compiled constraints and costs of the user, or None.
         settings: settings of the NLP.
-        wanted_share: multiple of the preferred clearance beyond which more clearance is worth nothing.
+        wanted_share: multiple of the preferred clearance above which more clearance does not lower the cost.
         aim: goal to use instead of the problem's goal, or None.
         room: tolerances of the tip position [m] and of the last link's direction [rad]; all poses within them are
             equally good.
@@ -107,9 +107,9 @@ class GoalPoses:
 
     @property
     def wanted_gap(self) -> float:
-        """Clearance beyond the required one above which more is worth nothing [m].
+        """Clearance beyond the required one, above which more clearance does not lower the cost [m].
 
-        That of the problem; if its motion wants none, the clearance that a pose would keep by default.
+        This is the problem's preferred clearance; if that is zero, the clearance that a pose keeps by default.
         """
         return self.wanted_share * (self.problem.wanted_gap or self.problem.default_gap)
 
@@ -145,7 +145,7 @@ class GoalPoses:
         return regions_about(arm, self.tree, clearance, self.wanted_gap, points, drawn_with)
 
     def solved_within(self, start: FloatArray, seed: FloatArray, drawn_with: PoseSettings) -> ArmPose:
-        """Return one solution with regions drawn around the start with the given settings.
+        """Return one solution in regions built around the start with the given settings.
 
         The solution stays near the seed unless ``near`` is set.
         """
@@ -176,7 +176,7 @@ class GoalPoses:
         ).solve()
 
     def strays(self, pose: ArmPose) -> bool:
-        """Return whether a link has moved beyond its region's reach, or has less clearance than its sides claim."""
+        """Return whether a link has left its region's reach, or has less clearance than the region's sides imply."""
         points = self.problem.arm.joint_positions_at(pose.q)
         hidden = self.settings.behind * self.problem.arm.length
         return self.gap(pose.q) < min(pose.gap, 0.0) - self.allowed or (
@@ -184,7 +184,7 @@ class GoalPoses:
         )
 
     def solved(self, start: FloatArray, seed: FloatArray | None = None) -> ArmPose:
-        """Return one solution, feasible or not, with more and farther sides if a link has left its region's reach.
+        """Return one solution, feasible or not, found with wider regions if a link left the reach of its first region.
 
         Args:
             start: configuration to start from, shape (c,) [rad, m].
@@ -197,14 +197,15 @@ class GoalPoses:
         return pose
 
     def improved(self, seed: FloatArray, deadline: Deadline | None = None) -> tuple[ArmPose, ...]:
-        """Return successive solutions from a pose, each from the previous one with redrawn regions.
+        """Return successive solutions from a pose, each started from the previous one, with new regions around it.
 
         Args:
             seed: a pose at or near the goal that touches nothing.
             deadline: no further solution is started after it.
 
         Returns:
-            At least one pose; the last is the best if it is feasible. An infeasible one says why.
+            At least one pose; the last is the best if it is feasible. The answer of an infeasible pose names the
+            violated rows.
         """
         found: list[ArmPose] = []
         start = seed
@@ -219,8 +220,8 @@ class GoalPoses:
     def _good_enough(self, found: list[ArmPose]) -> bool:
         """Return whether another round is not worthwhile.
 
-        That is the case if the wanted clearance is reached and no side shapes the pose, or if the last round brought
-        little.
+        No further round is needed if the preferred clearance is reached and no side constrains the pose, or if the last
+        round improved the pose little.
         """
         settings = self.settings
         pose = found[-1]

@@ -31,7 +31,7 @@ _CHECK_SAMPLES = 201
 
 @dataclass(frozen=True)
 class Shortfall:
-    """One requirement that a configuration violates: ``worst`` against ``limit``, in ``unit``."""
+    """One requirement that a configuration violates: the worst value, the limit that it exceeds, and their unit."""
 
     name: str
     worst: float
@@ -101,7 +101,7 @@ class BrokenRow:
         segment: index of the curvature segment; -1 for the base.
         arc_length: arc length along the arm [m].
         place: position in the plane, on the segment's chord [m].
-        words: all of this in a sentence.
+        words: description of the violation in one sentence.
     """
 
     constraint: str
@@ -115,7 +115,7 @@ class BrokenRow:
 
 @dataclass(frozen=True)
 class FailedAttempt:
-    """One attempt that gave no configuration: its NLP, the solver's answer, and what failed the dense check."""
+    """One attempt that gave no configuration: its NLP, the solver's answer, and the failures of the dense check."""
 
     nlp: ConfigurationNLP
     answer: RowAnswer
@@ -123,7 +123,7 @@ class FailedAttempt:
 
     @property
     def words(self) -> str:
-        """One line, number of segments, solver status, worst row."""
+        """One line that states the number of segments, the solver's status and the worst row."""
         answer = self.answer
         what = "; ".join(map(str, self.shortfalls)) or f"{answer.worst_row} by {answer.violation:.3g}"
         return f"{len(self.nlp.regions)} segments: {answer.status}, {what}"
@@ -154,7 +154,7 @@ def diagnose(task: ConfigurationTask, attempts: Sequence[FailedAttempt]) -> Diag
 
 
 def beyond_reach(task: ConfigurationTask) -> Diagnosis | None:
-    """Return why no solver need be started, or None: the goal is too far, or an end is outside the corridor."""
+    """Return why the task has no solution (the goal is too far, or an end is outside the corridor), or None."""
     distance = float(np.hypot(*(task.goal - task.base)))
     if distance > task.length:
         return Diagnosis(
@@ -196,7 +196,7 @@ def broken_rows(attempt: FailedAttempt) -> tuple[BrokenRow, ...]:
 
 
 def _broken_row(attempt: FailedAttempt, name: str, violation: float) -> BrokenRow:
-    """Return a violated row in terms a user understands, with its position on the arm and in the plane."""
+    """Return the description of a violated row for the user, with its position on the arm and in the plane."""
     task = attempt.nlp.task
     numbers = re.match(r"segment (\d+)(?:: \D*piece (\d+))?", name)
     segment, piece = (int(numbers[1]), int(numbers[2] or 0)) if numbers else (-1, 0)

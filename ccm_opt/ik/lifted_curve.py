@@ -1,4 +1,4 @@
-"""The curve of the goal-pose program with states at its knots (lifted), and the joints' positions along it.
+"""The curve of the goal-pose program, with states at its knots (lifted), and the places of the joints on it.
 
 Lengths are in units of the arm's length. The curve is a chain of K curvature segments of four spline pieces each. Its
 knots lie at arc lengths σ_0 = 0 < σ_1 < ... < σ_4K = 1; at knot i the curvature is C_i, the heading θ_i, and Θ_i =
@@ -12,7 +12,7 @@ closed form: this is multiple shooting with an exact integrator. Every row then 
 the derivatives small and the building of the solver fast.
 
 The mean of θ over link j is (Θ(s_{j+1}) - Θ(s_j))/l. Knots may pass joints while the NLP is solved: Θ(s) is summed over
-the pieces near the joint, each over its share up to s, which is as smooth as the curve itself.
+the pieces near the joint, each over its part up to s, and this sum is as smooth as the curve itself.
 """
 
 from collections.abc import Sequence
@@ -140,14 +140,14 @@ class LiftedCurve:
         """Scaled second derivatives M a²/6 at the inner knots of every segment, shape (3 K, 1).
 
         Here a is the width of even pieces, so a bow has the size of a curvature: the deviation of the spline from the
-        chord between knots. M itself is a thousand times larger than the other variables, and would lead the solver
-        astray.
+        chord between knots. M itself is a thousand times larger than the other variables, which would spoil the scaling
+        of the NLP.
         """
         return ca.SX.sym("bow", (PIECES - 1) * self.segments)
 
     @property
     def moment_scale(self) -> float:
-        """Ratio of M to its symbol."""
+        """Ratio of the second derivative M to the scaled variable that represents it."""
         return 6.0 * self.count**2
 
     @property
@@ -176,7 +176,7 @@ class LiftedCurve:
         return ca.sum1(ca.reshape(self.pieces.width, PIECES, self.segments))
 
     def rows(self) -> tuple[RowBlock, RowBlock, RowBlock]:
-        """Return the rows that make the symbols a curve: spline equations, the ODE, and knots kept apart."""
+        """Return the rows that make the symbols a curve: spline equations, the ODE, and minimum knot spacing."""
         return self._spline_equations(), self._gap_closing(), self._knot_spacing()
 
     def _spline_equations(self) -> RowBlock:
@@ -213,7 +213,7 @@ class LiftedCurve:
 
 @dataclass(frozen=True, eq=False)
 class JointsAmongPieces:
-    """Turn and heading integral of a curve at every joint and the tip, whatever piece the joint lies on.
+    """Turn and heading integral of a curve at all joints and the tip, each on any of several spline pieces.
 
     Attributes:
         curve: the curve.
@@ -229,7 +229,7 @@ class JointsAmongPieces:
 
     @classmethod
     def of(cls, curve: LiftedCurve, links: int) -> "JointsAmongPieces":
-        """Return this for all joints of an arm with a number of links."""
+        """Return the evaluation at all joints of an arm with the given number of links."""
         arcs = np.arange(links + 1) / links
         middle = np.minimum((arcs * curve.count).astype(int), curve.count - 1)
         return cls(curve, arcs, np.maximum(middle - _WINDOW, 0), np.minimum(middle + _WINDOW, curve.count - 1))
@@ -263,7 +263,7 @@ class JointsAmongPieces:
 
     @cached_property
     def _pairs(self) -> tuple[IntArray, IntArray]:
-        """Indices of every joint paired with every piece from its first to its last, as two arrays."""
+        """All pairs of a joint and a piece on which it may lie, as two arrays of indices."""
         counts = self.last - self.first + 1
         joint = np.repeat(np.arange(len(self.first)), counts)
         piece = np.arange(len(joint)) - np.repeat(np.cumsum(counts) - counts, counts) + self.first[joint]

@@ -64,7 +64,7 @@ class ConfigurationNLP:
     parameters: FloatArray
 
     def with_cost(self, expression: ca.SX) -> "ConfigurationNLP":
-        """Return the NLP with one more term in its objective; this needs a new solver."""
+        """Return the NLP with one more term in its objective; a new solver is built for it."""
         return replace(self, program=replace(self.program, objective=self.program.objective + expression))
 
 
@@ -108,12 +108,12 @@ def _nearness(nlp: ConfigurationNLP) -> ca.SX:
 
 
 def pack_variables(states: FloatArray, controls: FloatArray) -> FloatArray:
-    """Return one column of variables from states (K + 1, 5) and controls (K, 12)."""
+    """Return the column of NLP variables that holds the states, shape (K + 1, 5), and the controls, shape (K, 12)."""
     return np.append(np.hstack((states[:-1], controls)).ravel(), states[-1])
 
 
 def unpack_variables(variables: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the states (K + 1, 5) and controls (K, 12) from one column of variables."""
+    """Return the states, shape (K + 1, 5), and the controls, shape (K, 12), held in a column of NLP variables."""
     stages = variables[:-STATES].reshape(-1, STAGE)
     return np.vstack((stages[:, :STATES], variables[-STATES:])), stages[:, STATES:]
 
@@ -190,7 +190,7 @@ def _variable_bounds(
 
 
 def _half_planes(task: ConfigurationTask, region: ConvexRegion, count: int) -> FloatArray:
-    """Return a region's normals (column-major), then its offsets, in NLP units; padding rows always hold."""
+    """Return a region's normals (column-major), then its offsets, in NLP units; rows added as padding always hold."""
     offsets = (region.offsets - region.normals @ task.base) / task.length
 
     # A base or goal that lies in the region stays in it: a side close to one moves by half the distance.
@@ -221,7 +221,7 @@ _OPTIONS = {
 
 
 def solve_nlp(nlp: ConfigurationNLP, guess: FloatArray) -> RowAnswer:
-    """Solve from a guess; a failure is reported in the result, not raised. Threads wait for each other.
+    """Solve the NLP from a guess, in one thread at a time; failures are reported in the result, not raised.
 
     Args:
         nlp: from ``build_configuration_nlp``, possibly with more costs.

@@ -3,8 +3,8 @@
 Lengths are in units of the arm's length; the base is the origin, and the axes are those of the straight arm at its
 base.
 
-Every term is a share: of the wanted clearance, of the limits, of one radian. The weights are those in ``PoseSettings``
-times those of the problem's ``[planner.weights]``.
+Every term is a ratio: to the preferred clearance, to a limit, or to one radian. The weights are those in
+``PoseSettings`` times those of the problem's ``[planner.weights]``.
 """
 
 from dataclasses import dataclass
@@ -40,13 +40,13 @@ class PoseSize:
 
 @dataclass(frozen=True, eq=False)
 class HoldingLoads:
-    """Joint torques that hold the arm still under gravity, as variables.
+    """Joint torques that hold the arm still under gravity, as variables of the NLP.
 
-    Points have d coordinates; moments have one component in the plane and three in space. Forces are in shares of a
-    unit of force.
+    Points have d coordinates; moments have one component in the plane and three in space. Forces are divided by a
+    common unit of force.
 
-    A torque is a sum over all links beyond its joint. With the sums as variables every row involves neighbouring links
-    only; written out, the program would take three times as long to build.
+    A torque is a sum over all links beyond its joint. With these sums as variables, every row involves neighbouring
+    links only; with the sums written out, the program would take three times as long to build.
 
     Attributes:
         points: P, joints and tip, shape (d, n + 1).
@@ -64,7 +64,7 @@ class HoldingLoads:
 
     @cached_property
     def symbols(self) -> dict[str, ca.SX]:
-        """Moments about the base of the weights from each link outwards, and torques as shares of their limits."""
+        """Moments about the base of the weights from each link outwards, and torques as fractions of their limits."""
         links = self.weights.shape[1]
         return {
             "moments": ca.SX.sym("moment", self.axes[0].shape[0], links),
@@ -72,7 +72,7 @@ class HoldingLoads:
         }
 
     def values(self) -> tuple[ca.SX, ca.SX]:
-        """Return the moments and torque shares as expressions, to evaluate them at a pose."""
+        """Return the moments, and the torques as fractions of their limits, as expressions to evaluate at a pose."""
         moments = [_moment(self.points[:, -1], self.payload)]
         for link in reversed(range(self.weights.shape[1])):
             moments.append(moments[-1] + self._link_moment(link))
@@ -80,7 +80,7 @@ class HoldingLoads:
         return found, self._torques(found) / self.limits
 
     def rows(self) -> tuple[RowBlock, RowBlock, RowBlock]:
-        """Return the rows that define the moments and the torque shares, and the limits |τ| ≤ limit."""
+        """Return the rows that define the moments and the torque fractions, and the rows |τ| ≤ limit."""
         moments, shares = self.symbols.values()
         links = range(self.weights.shape[1])
         beyond = ca.horzcat(moments[:, 1:], _moment(self.points[:, -1], self.payload))
@@ -114,7 +114,7 @@ class HoldingLoads:
 
 
 def _moment(place: ca.SX, force: ca.SX) -> ca.SX:
-    """Return the moment of a force at a position about the origin; one number in the plane."""
+    """Return the moment about the origin of a force that acts at a position; one number in the plane."""
     if place.numel() == 3:
         return ca.cross(place, force)
     return place[0] * force[1] - place[1] * force[0]
@@ -125,7 +125,7 @@ class PoseProgram(RowProgram):
     """The symbolic goal-pose NLP.
 
     Attributes:
-        size: the size it was built for.
+        size: the size for which the program was built.
         frames: symbols of the curve and of the links on it.
         loads: torques that hold the arm under gravity; None if torque is not limited.
     """
@@ -136,7 +136,7 @@ class PoseProgram(RowProgram):
 
 
 def place_rows(frames: CurveFrames, points: ca.SX, feed: ca.SX) -> tuple[RowBlock, RowBlock]:
-    """Return the rows that place the base at its feed, and each joint at P_(j+1) = P_j + l x_j.
+    """Return the rows that place the base at its feed position, and each further joint at P_(j+1) = P_j + l x_j.
 
     Args:
         frames: symbols of the links.
@@ -157,12 +157,13 @@ def place_rows(frames: CurveFrames, points: ca.SX, feed: ca.SX) -> tuple[RowBloc
 def region_rows(points: ca.SX, gap: ca.SX, given: Symbols) -> RowBlock:
     """Return the rows that keep both ends of every link in its region with a clearance to every side.
 
-    They are n · P ≥ b + c g at every joint and the tip.
+    The rows are n · P ≥ b + c g at every joint and the tip, where c is the side's fraction of the clearance.
 
     Args:
         points: P, joints and tip, shape (d, n + 1).
         gap: g, the clearance, the same for all links.
-        given: parameters: the share of each link at which its constrained part starts, and the sides of the joints.
+        given: parameters by name: the fraction of each link at which its constrained part starts, and the sides of the
+            joints' regions.
     """
     sides, joints = given["offsets"].shape
     links = joints - 1
@@ -178,7 +179,7 @@ def region_rows(points: ca.SX, gap: ca.SX, given: Symbols) -> RowBlock:
 def goal_row(tip: ca.SX, goal: ca.SX, room: ca.SX) -> RowBlock:
     """Return the row that keeps the tip in a ball about the goal, |P_n - goal|² ≤ room².
 
-    It is divided by 2 room, so that the row is a length at the edge of the ball.
+    The row is divided by 2 room, so that near the edge of the ball it measures a length.
 
     Args:
         tip: P_n, shape (d, 1).
@@ -191,7 +192,7 @@ def goal_row(tip: ca.SX, goal: ca.SX, room: ca.SX) -> RowBlock:
 def uneven_knots(curve: LiftedCurve) -> ca.SX:
     """Return Σ (a_i / L_k - ¼)² + Σ (K L_k - 1)², the unevenness of knots and of segments.
 
-    It pulls knots towards even spacing, and segments towards equal length.
+    This cost pulls knots towards even spacing, and segments towards equal length.
     """
     lengths = curve.segment_lengths
     shares = curve.pieces.width / ca.vec(ca.repmat(lengths, PIECES, 1))

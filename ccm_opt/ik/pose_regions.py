@@ -16,18 +16,18 @@ _PAIR_REACH = 0.1
 
 @dataclass(frozen=True, eq=False)
 class JointRegions:
-    """Half-spaces n · P ≥ b in which joints and the tip must stay, for the arm's axis.
+    """Half-spaces n · P ≥ b in which the joints and the tip, as points of the arm's axis, must stay.
 
     The sides of a joint make a convex region. A joint lies in the regions of both its links, so both ends of a link lie
-    in the link's own region, and hence the whole link does. The sides already keep walls, and other links that must be
-    kept apart, away by the radius and the clearance; what a link has beyond that is its gap.
+    in the link's own region, and hence the whole link does. The sides already contain the distance (radius and required
+    clearance) to walls and to other links; the distance of a link beyond its sides is its gap.
 
     Attributes:
         joint: joint of each side, shape (r,); the tip has the number of links.
         normals: unit inward normals, shape (r, d).
         offsets: b, shape (r,) [m].
-        gap_shares: share of the gap required at each side, shape (r,): 1 for walls, less between links that cannot keep
-            the full gap from each other.
+        gap_shares: fraction of the gap that each side requires, shape (r,): 1 for walls, less between links that cannot
+            keep the full gap from each other.
     """
 
     joint: IntArray
@@ -39,18 +39,18 @@ class JointRegions:
     def of_links(
         cls, link: IntArray, normals: FloatArray, offsets: FloatArray, gap_shares: FloatArray
     ) -> "JointRegions":
-        """Return the sides of links as sides of both their ends; arguments as for the class, but by link."""
+        """Return regions whose sides apply to both ends of their links; arguments as for the class, but by link."""
         joint = np.concatenate((link, link + 1))
         return cls(joint, np.tile(normals, (2, 1)), np.tile(offsets, 2), np.tile(gap_shares, 2))
 
     @property
     def most(self) -> int:
-        """Greatest number of sides of any joint."""
+        """Maximum number of sides of any joint's region."""
         return int(np.max(np.bincount(self.joint), initial=0)) if len(self.joint) else 0
 
     @property
     def number(self) -> IntArray:
-        """Index of each side among those of its joint, shape (r,)."""
+        """Index of each side among the sides of its joint, shape (r,)."""
         order = np.argsort(self.joint, kind="stable")
         found = np.empty(len(order), dtype=np.intp)
         found[order] = np.arange(len(order)) - np.searchsorted(self.joint[order], self.joint[order])
@@ -60,7 +60,7 @@ class JointRegions:
         """Return the least gap of the constrained parts of all links in their regions [m].
 
         Args:
-            first_shares: share of each link at which its constrained part starts, shape (links,).
+            first_shares: fraction of each link at which its constrained part starts, shape (links,).
             points: joint and tip positions, shape (links + 1, d) [m].
         """
         starts = points[:-1] + first_shares[:, None] * np.diff(points, axis=0)
@@ -72,7 +72,7 @@ class JointRegions:
 
 
 def held_segments(arm: Arm, points: FloatArray) -> FloatArray:
-    """Return the parts of the links that may touch nothing, the last k links, shape (k, 2, 3) [m]."""
+    """Return the ends of the parts of links that may touch nothing, on the last k links, shape (k, 2, 3) [m]."""
     shares = arm.free_shares
     starts = points[:-1] + shares[:, None] * np.diff(points, axis=0)
     return in_space(np.stack((starts, points[1:]), axis=1)[shares < 1.0])
@@ -96,7 +96,7 @@ def regions_about(
         arm: the arm.
         tree: distance tree of the walls or surfaces.
         clearance: clearance that the user requires beyond the arm's radius [m].
-        wanted_gap: further clearance that is wanted [m].
+        wanted_gap: preferred clearance beyond the required one [m].
         points: joints and tip, shape (links + 1, d) [m].
         settings: reach and number of the sides.
     """
@@ -122,8 +122,8 @@ def _surface_sides(
 def _pair_sides(arm: Arm, wanted_gap: float, points: FloatArray) -> LinkSides:
     """Return two sides for every pair of links that may meet: each stays on its side of the mid-plane.
 
-    Links that are close together along the arm cannot keep the wanted gap; they must keep the share of it that planning
-    keeps between them.
+    Links that are close together along the arm cannot keep the preferred clearance; they must keep the fraction of it
+    that planning keeps between them.
     """
     first, second = arm.self_pairs
     if len(first) == 0:

@@ -33,36 +33,36 @@ class PoseSettings:
     Attributes:
         segments: number of curvature segments for an arm of up to 24 links; the same as in the coordinates of the
             motion (derived).
-        links_a_segment: number of further links per further segment for longer arms. Measured in space: with too few
+        links_a_segment: number of links beyond 24 for which one segment is added. Measured in space: with too few
             segments most joints share a piece between knots, and arms of 36 links take a hundred iterations and more
             instead of fifteen, behind holes and in a tank with 36 and 60 links; with three segments, arms that are
             straight up to a hole take three times the iterations (``tests.benchmarks.bench_space_poses``).
         bending_weight: weight of ∫κ² ds, twice the elastic energy of a unit rod (measured: with 0.02 motions of the
             shared problems take up to 16 % longer than with a free end, with 0.01 up to 8 %).
-        distance_weight: weight of the squared turns of all joints from the pose to stay near, at which the motion would
-            end by itself [1/rad²] (measured: with 2 eleven motions take 0.8 % longer in the median, 14 % at most, than
-            without any wanted clearance, with 0.5 it is 2.4 % and 30 %; squared turns from the start of the motion
-            instead made some take 40 % longer, since they do not know the way). Half of it in space, where the same
-            change of shape takes one of both bends (taste).
+        distance_weight: weight of the squared turns of all joints from the pose to stay near, at which the motion
+            would end without a preferred pose [1/rad²] (measured: with 2 eleven motions take 0.8 % longer in the
+            median, 14 % at most, than without any preferred clearance, with 0.5 it is 2.4 % and 30 %; squared turns
+            from the start of the motion instead made some take 40 % longer, since the start says nothing about the
+            route). Half of it in space, where the same change of shape takes one of both bends (taste).
         tolerance: relative tolerance of the solver (taste).
-        iterations: most iterations of one solution (measured: clutter takes 8 to 25; of arms in space on fixed bases,
-            whose ends a search leaves far from smooth, one in four takes 30 to 80 among 40 and 80 bodies).
-        rounds: most solutions, with the regions redrawn around the links in between (measured by
+        iterations: maximum number of iterations of one solution (measured: clutter takes 8 to 25; of arms in space on
+            fixed bases, whose ends a search leaves far from smooth, one in four takes 30 to 80 among 40 and 80 bodies).
+        rounds: maximum number of solutions, with new regions around the links in between (measured by
             ``tests.benchmarks.bench_goal_poses``: two or three are enough in most clutter).
-        worthwhile: another round follows if the last one brought at least this share of the cost or, where the wanted
-            clearance is not reached, of that clearance (taste).
+        worthwhile: another round follows if the last one lowered the cost by at least this fraction or, where the
+            preferred clearance is not reached, gained at least this fraction of that clearance (taste).
         reach: walls farther than this from a link make no side of its region (taste).
-        widened: most sides, and reach, of redrawn regions where a link has moved farther than ``reach`` and met a wall
-            there, or has less clearance than its rows claim because a side was left out (derived: no link moves farther
-            than twice the arm's length, and seldom half of it).
+        widened: maximum number of sides, and reach, of the new regions where a link has moved farther than ``reach``
+            and met a wall there, or has less clearance than its rows imply because a side was left out (derived: no
+            link moves farther than twice the arm's length, and seldom half of it).
         feasible: largest violation at which a row still counts as satisfied; one millionth of the arm (derived: below
             the certificate's own margin).
         binding: a row whose multiplier exceeds this shapes the pose; the objective is of order one (taste).
-        behind: distance by which a surface in space may protrude through a side that covers it (as the distances have
-            it).
-        most_sides: most sides of a link's region, the nearest (measured: in narrow passages half of the links need
-            four, but some need 16 to 128, which would cost time at every link in every iteration).
-        enough: share of the wanted clearance at which no further round is worth its time (taste).
+        behind: distance by which a surface in space may protrude through a side that covers it, as in the distance
+            computation.
+        most_sides: maximum number of sides of a link's region, the nearest ones (measured: in narrow passages half of
+            the links need four, but some need 16 to 128, which would cost time at every link in every iteration).
+        enough: fraction of the preferred clearance at which no further round is worth its time (taste).
     """
 
     segments: int = 5

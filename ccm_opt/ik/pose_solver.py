@@ -31,8 +31,8 @@ class ArmPose:
     Attributes:
         arm: the arm.
         q: the configuration, shape (c,) [rad, m].
-        curve: curve whose mean directions the links have, in the plane or in space.
-        gap: least gap of any link in its region beyond radius and clearance, at most the wanted gap [m].
+        curve: curve that the links follow with their directions, in the plane or in space.
+        gap: least gap of any link in its region beyond radius and clearance, at most the preferred clearance [m].
         answer: the solver's answer.
     """
 
@@ -85,7 +85,7 @@ class PoseQuestion:
         start: configuration from which the solver starts, shape (c,); usually inside its regions. In the plane the last
             link keeps the whole turns that it has there.
         regions: regions of every joint and the tip.
-        wanted_gap: clearance beyond radius and required clearance above which more is worth nothing [m].
+        wanted_gap: clearance beyond radius and required clearance, above which more does not lower the cost [m].
         gravity: acceleration of gravity, shape (d,) [m/s²].
         clamped: whether the first link keeps its heading.
         room: tolerances of the tip position [m] and of the last link's direction [rad]; all poses within them are
@@ -139,7 +139,7 @@ class PoseQuestion:
         return position, None if self.direction is None else self.direction @ self._axes
 
     def _bends(self, q: FloatArray) -> FloatArray:
-        """Return the bends of a configuration, one row per joint, shape (n, k) [rad]."""
+        """Return the joint bends of a configuration, one row per joint, shape (n, k) [rad]."""
         arm = self.arm
         return q[: len(arm.bend_limits)].reshape(arm.links, arm.bends_a_joint)
 
@@ -150,13 +150,13 @@ class PoseQuestion:
 
     @cached_property
     def nearest_curve(self) -> CurveNumbers:
-        """The curve whose bends best match those of the start."""
+        """The curve whose bends best match those of the start configuration."""
         turns = self.program.frames.turns_of(self._bends(self.start))
         return CurveNumbers.near(turns, self.program.size.segments)
 
     @cached_property
     def _frame_symbol_counts(self) -> dict[str, FloatArray]:
-        """Values of the variables and parameters that the frames add, by name."""
+        """Values of the variables and parameters that the curve's frames add to the program, by name."""
         return self.program.frames.values(self.nearest_curve, self._lies, self._goal[1])
 
     @cached_property
@@ -177,7 +177,7 @@ class PoseQuestion:
 
     @cached_property
     def _forces(self) -> dict[str, FloatArray]:
-        """Forces on links (n, d) and tip (d,), and torque limits (n, k), as shares of the total weight."""
+        """Forces on links (n, d) and tip (d,), and torque limits (n, k), as fractions of the total weight."""
         arm = self.arm
         gravity = self.gravity @ self._axes
         whole = float(np.sum(arm.masses) + arm.payload) * float(np.linalg.norm(gravity)) or 1.0
@@ -293,13 +293,13 @@ class PoseQuestion:
         return int(np.sum(self.arm.held(float(self.arm.coordinates.advance(self.start)))))
 
     def bend_bounds(self, share: float) -> tuple[FloatArray, FloatArray]:
-        """Return the bounds of all bends, shape (bends,) [rad]: zero inside the guide tube.
+        """Return the bounds of all bends, shape (bends,) [rad]; those of joints inside the guide tube are zero.
 
-        Just beyond the tube they are small, because a sharp bend there would have to be made, or undone, within a short
-        length of feed.
+        Just beyond the tube the bounds are small, because a sharp bend there would have to be made, or undone, within a
+        short length of feed.
 
         Args:
-            share: share of the limits that a pose may use.
+            share: fraction of the limits that a pose may use.
         """
         arm = self.arm
         feed = float(arm.coordinates.advance(self.start))

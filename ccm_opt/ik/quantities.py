@@ -54,7 +54,7 @@ class ArmQuantities(ABC):
 
     @property
     def symbols(self) -> tuple[Any, Any, Any]:
-        """Symbols of bends, feed and path parameter, all that an expression of a path may depend on."""
+        """Symbols of bends, feed and path parameter, on which an expression of a path may depend."""
         return self.bends, self.base_feed, self.path_parameter
 
     @property
@@ -65,7 +65,7 @@ class ArmQuantities(ABC):
     def places(self, q: FloatArray) -> tuple[Any, Any]:
         """Return the bends and the feed of configurations, shape (N, c), with one column per configuration.
 
-        Rates of configurations are split in the same way.
+        Rates of configurations are split into rates of the bends and of the feed in the same way.
         """
         return ca.DM(q[:, : len(self.arm.bend_limits)].T), ca.DM(self.arm.coordinates.advance(q)).T
 
@@ -77,7 +77,7 @@ class ArmQuantities(ABC):
     @property
     @abstractmethod
     def pointing(self) -> Any:
-        """Where the last link points, its heading in the plane, its direction in space."""
+        """Heading of the last link in the plane [rad], or its direction in space."""
 
     @cached_property
     def joint_positions(self) -> Any:
@@ -95,10 +95,10 @@ class ArmQuantities(ABC):
         return ca.horzcat(*points)
 
     def heading_slopes(self, slopes: FloatArray) -> FloatArray:
-        """Return slopes with respect to a configuration as slopes with respect to link turns.
+        """Convert derivatives with respect to a configuration into derivatives with respect to link turns.
 
-        Both have shape (m, c); the base column becomes a slope per arm length of feed. A link that turns about one bend
-        axis while all other links keep their direction adds to its own bend what it subtracts from the next one.
+        Both have shape (m, c); the base column becomes a slope per arm length of feed. If one link turns about a bend
+        axis and all other links keep their direction, its own bend grows by the turn and the next bend decreases by it.
         """
         bends, k = len(self.arm.bend_limits), self.arm.bends_a_joint
         turned: FloatArray = np.concatenate((slopes[:, :bends], self.arm.length * slopes[:, bends:]), axis=1)
@@ -113,7 +113,7 @@ class ArmQuantities(ABC):
 
     @property
     def timed_symbols(self) -> tuple[Any, Any, Any, Any, Any]:
-        """Symbols that an expression of a timed motion may depend on, which are those of a path, then the rates."""
+        """Symbols on which an expression of a timed motion may depend, those of a path followed by the rates."""
         return *self.symbols, *self.rates
 
     def is_timed(self, expression: Any) -> bool:
@@ -141,12 +141,12 @@ class ArmQuantities(ABC):
         return self._in_time(self.point_at(s))
 
     def _in_time(self, point: Any) -> Any:
-        """Return the time derivative of a point."""
+        """Return the time derivative of the position of a point."""
         # The chain rule: ṗ = ∂p/∂(bends, feed) times their rates, as one product in forward mode.
         return ca.jtimes(point, ca.vertcat(self.bends, self.base_feed), ca.vertcat(*self.rates))
 
     def _link_at_arc_length(self, s: float) -> tuple[int, float]:
-        """Return the index of the link at an arc length, and the share of that link before it."""
+        """Return the index of the link at an arc length, and the fraction of that link before the arc length."""
         links = self._checked(s) / self.arm.link_length
         # The tip itself belongs to the last link, not to a link beyond it.
         link = min(int(links), self.arm.links - 1)
@@ -213,7 +213,7 @@ class Quantities(ArmQuantities):
         return _linear(self.joint_angles[1:], self._checked(s) / self.arm.link_length - 1.0) / self.arm.link_length
 
     def inside(self, region: shapely.Polygon, point: Any = None) -> Any:
-        """Return the distances of a point inside each side of a convex region, shape (sides, 1) [m].
+        """Return the distances of a point from the sides of a convex region, positive inside, shape (sides, 1) [m].
 
         The point is in the region if all distances are ≥ 0.
 
@@ -226,7 +226,7 @@ class Quantities(ArmQuantities):
 
 
 def _linear(values: Any, at: float) -> Any:
-    """Return the linear interpolation of a column at a fractional index, constant beyond both ends."""
+    """Return the value of a column at a fractional index, interpolated linearly and constant beyond both ends."""
     last = int(values.shape[0]) - 1
     place = min(max(at, 0.0), float(last))
     k = min(int(place), max(last - 1, 0))
@@ -300,7 +300,7 @@ class SpaceQuantities(ArmQuantities):
         return self.link_rotations[link][:, 0]
 
     def inside(self, normals: FloatArray, offsets: FloatArray, point: Any = None) -> Any:
-        """Return the distances of a point inside each half-space, shape (sides, 1) [m].
+        """Return the distances of a point from the bounding planes, positive inside, shape (sides, 1) [m].
 
         The point is in all of them if all distances are ≥ 0.
 
@@ -312,7 +312,7 @@ class SpaceQuantities(ArmQuantities):
         return ca.DM(offsets) - ca.DM(normals) @ (self.tip if point is None else point)
 
     def __getattr__(self, name: str) -> Any:
-        """Refuse quantities that exist in the plane only, and say what to use instead in space."""
+        """Refuse quantities that exist in the plane only, and name the quantity to use instead in space."""
         if name in _OF_THE_PLANE:
             raise ProblemError(f"an arm in space has no '{name}'; use {_OF_THE_PLANE[name]}")
         raise AttributeError(f"'{type(self).__name__}' object has no attribute '{name}'")

@@ -24,7 +24,7 @@ class RowBlock:
 
 
 def equal_to_zero(names: tuple[str, ...], expression: ca.SX) -> RowBlock:
-    """Return rows that must equal zero."""
+    """Return constraint rows that require every entry to equal zero."""
     return RowBlock(names, expression, np.zeros(len(names)), np.zeros(len(names)))
 
 
@@ -60,10 +60,10 @@ class Symbols:
         return dict(zip(self.by_name, cuts, strict=True))
 
     def filled(self, numbers: Mapping[str, FloatArray], fill: float = np.nan) -> FloatArray:
-        """Return numbers for the whole column.
+        """Return a numerical value for every entry of the column of symbols.
 
         Args:
-            numbers: numbers by name, with the columns of the symbol matrix as rows.
+            numbers: values by name, each the transpose of the matrix of symbols.
             fill: value for names without numbers.
         """
         column = np.full(self.column.numel(), fill)
@@ -134,11 +134,11 @@ class RowProgram:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class RowAnswer:
-    """The solver's answer to a program, whatever its variables mean.
+    """The solver's answer to a program of named rows.
 
     Attributes:
         variables: variables at which the solver stopped, shape (variables,).
-        costs: weighted parts of the objective by name, which sum to the objective.
+        costs: weighted parts of the objective by name; their sum is the objective.
         multipliers: multipliers of the rows that shape the pose, by name: the decrease of the objective per unit of the
             row (one arm's length, one radian, one of the user's units); the largest first.
         status: the solver's own return status.
@@ -175,7 +175,7 @@ def row_answer(
     bounded: Mapping[str, float] = MappingProxyType({}),
     binding: float = np.inf,
 ) -> RowAnswer:
-    """Return IPOPT's answer to a program as a ``RowAnswer``.
+    """Return IPOPT's results for a program as a ``RowAnswer``.
 
     Args:
         program: the program that was solved.
@@ -184,7 +184,7 @@ def row_answer(
         feasible: violation up to which a row counts as satisfied.
         costs: weighted parts of the objective by name.
         bounded: multipliers, by name, of bounds that shape the pose as rows do.
-        binding: multiplier above which a row is reported to shape the pose.
+        binding: multiplier above which a row counts as one that shapes the pose.
     """
     rows = np.asarray(answer["g"], dtype=np.float64).ravel()
     multipliers = np.append(np.asarray(answer["lam_g"], dtype=np.float64), list(bounded.values()))
@@ -212,7 +212,7 @@ def row_answer(
 
 
 def _is_tie(name: str) -> bool:
-    """Return whether a row only ties variables together and demands nothing of the pose."""
+    """Return whether a row only relates variables to each other and does not restrict the pose."""
     if name.startswith("user: "):  # whatever its name
         return False
     return any(tie in name for tie in ("mapping", "gap in", "spline at", "of its end"))
@@ -227,7 +227,7 @@ def built_solver(program: RowProgram, options: Mapping[str, Any], *, by_blocks: 
     Args:
         program: the program.
         options: options of the solver.
-        by_blocks: whether its derivatives are built block by block, as pays where blocks share few variables.
+        by_blocks: whether the derivatives are built block by block, which is faster where blocks share few variables.
     """
     kept = _solvers.setdefault(program, {})
     asked = tuple(options.items())
@@ -246,8 +246,9 @@ def built_solver(program: RowProgram, options: Mapping[str, Any], *, by_blocks: 
 def block_derivatives(program: RowProgram) -> dict[str, ca.Function]:
     """Return the Jacobian of the rows and the Hessian of the Lagrangian, built block by block.
 
-    The rows of a block depend on few variables in the same way, so a block takes fewer sweeps than all at once: with
-    CasADi's own derivatives a whole program in space takes half as long again (measured).
+    All rows of a block depend on few variables in the same way, so the derivatives of a block take fewer sweeps than
+    those of all rows at once: with CasADi's own derivatives a whole program in space takes half as long again
+    (measured).
     """
     variables, parameters = program.variables, program.parameters.column
     weight = ca.SX.sym("weight")

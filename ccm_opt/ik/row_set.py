@@ -136,7 +136,7 @@ class RowSet:
         return inside
 
     def _evaluated(self, q: FloatArray, u: float) -> tuple[FloatArray, FloatArray]:
-        """Return all rows, (rows,), and their derivatives, (rows, c); the next call overwrites them."""
+        """Return the values of all rows, (rows,), and their derivatives, (rows, c); the next call overwrites both."""
         if not len(self):
             return np.zeros(0), np.zeros((0, len(q)))
         _, evaluate, at, place, values, slopes = self._buffers
@@ -147,7 +147,7 @@ class RowSet:
 
     @cached_property
     def _buffers(self) -> tuple[Any, Any, FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Arrays that CasADi reads and writes in place, because steps call often and conversions cost more.
+        """Arrays that CasADi reads and writes in place, since the rows are evaluated often and conversions are slow.
 
         Returns:
             CasADi's memory, which must stay alive as long as the evaluation is called; the evaluation; q (c,), u (1,),

@@ -85,8 +85,8 @@ def evaluate_terms(
         trajectory: the timed motion.
 
     Returns:
-        Checks, of hard constraints against the tolerance and of soft ones for the record; and metrics, the worst
-        residual of every constraint and the mean value of every cost.
+        The checks, of hard constraints against the tolerance and of soft ones for the record only; and the metrics, the
+        worst residual of every constraint and the mean value of every cost.
     """
     # All terms share the poses, since finding their path parameters takes most of the time.
     every = poses_at_rate(terms, path, trajectory)
@@ -141,7 +141,7 @@ def poses_at_rate(
     path: JointPath | None,
     trajectory: JointTrajectory,
 ) -> MotionStates:
-    """Return the written samples and interpolated ones in between, at 1 kHz.
+    """Return the motion's samples and interpolated poses in between, at 1 kHz.
 
     Without a path, the path parameter is spaced evenly over the samples.
     """
@@ -164,13 +164,13 @@ def _parametric(terms: UserTerms) -> bool:
 
 
 def poses_at_keyframes(keyframes: FloatArray, u: FloatArray) -> MotionStates:
-    """Return the planner's keyframes, shape (K, coordinates), at their path parameters; times are unknown."""
+    """Return the planner's keyframes, shape (K, coordinates), as poses at their path parameters without times."""
     # NaN rather than zero: a constraint on speeds evaluated here must fail, not pass.
     return MotionStates(keyframes, u, np.full_like(keyframes, np.nan), np.full(len(keyframes), np.nan))
 
 
 def _times_at_rate(time: FloatArray, rate: float) -> FloatArray:
-    """Return the sample times, with as many times between each two as the longest interval needs for the rate."""
+    """Return the sample times with further times in between, equally many per interval, so that the rate is met."""
     # Stops rounding of an interval of exactly one period from doubling the number of poses.
     rounding = 1e-6
     parts = max(1, int(np.ceil(np.max(np.diff(time)) * rate - rounding)))
@@ -201,9 +201,9 @@ def _check(item: CompiledConstraint, poses: MotionStates) -> Check:
 
 
 def _worst(item: CompiledConstraint, poses: MotionStates) -> tuple[float, str]:
-    """Return the greatest signed violation where the constraint applies, and its place in words.
+    """Return the greatest signed violation where the constraint applies, and a description of its place.
 
-    Negative if the bounds hold, by that margin; NaN takes precedence if a value is not finite.
+    The violation is negative, minus the margin, if the bounds hold, and NaN if any value is not finite.
     """
     chosen = poses.where(item.constraint.where)
     if not len(chosen.u):

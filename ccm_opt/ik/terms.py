@@ -177,7 +177,7 @@ def call_user_function(call: Callable[[], ANSWER], what: str, limit: float) -> A
 
     Args:
         call: the user's function.
-        what: what the function is, for messages.
+        what: description of the function, for messages.
         limit: time that the function may take [s].
 
     Raises:
@@ -195,7 +195,7 @@ def call_user_function(call: Callable[[], ANSWER], what: str, limit: float) -> A
 
 
 def _is_bound(bound: object) -> bool:
-    """Return whether a value is one or more numbers.
+    """Return whether a value is a number or an array of numbers.
 
     Whether the numbers fit the expression is checked once the expression is known.
     """

@@ -48,8 +48,8 @@ class Arm:
     everything beyond it by a about its z axis and then by b about the new y axis, and its link lies along the new x
     axis, R_i = R_(i−1) Rz(a_i) Ry(b_i), like a ball joint in ``zyx`` order whose roll stays at zero.
 
-    In the plane, a pose measures how far a motion turns and moves the arm: the link headings, then the displacement of
-    the base in link lengths, so that one unit in any column moves the tip by about one link length.
+    In the plane, a pose is a row that measures how far a motion turns and moves the arm: the link headings, then the
+    displacement of the base in link lengths. One unit in any column moves the tip by about one link length.
 
     Attributes:
         links: number of links, even.
@@ -58,11 +58,12 @@ class Arm:
         base: position of the first joint, shape (d,) [m].
         joint_limit: bound on each bend of every joint except the first [rad].
         base_limit: bound on each bend of the first joint [rad].
-        self_collision: whether the axes of distant links must stay ``2 * radius`` apart.
+        self_collision: whether the axes of links far apart along the arm must stay ``2 * radius`` apart.
         mount_length: length of arm, measured from the base, that may touch obstacles [m].
         masses: mass of each link, shape (links,) [kg].
-        inertia_axial: moment of inertia of each link about its axis, shape (links,) [kg m²].
-        inertia_transverse: moment of inertia of each link about its centre, across its axis, shape (links,) [kg m²].
+        inertia_axial: moment of inertia of each link about its long axis, shape (links,) [kg m²].
+        inertia_transverse: moment of inertia of each link about a transverse axis through its centre, shape (links,)
+            [kg m²].
         base_heading: heading of the straight arm in the plane [rad]; taken from ``direction`` if omitted. 0 in space.
         direction: direction of the straight arm, a unit vector of shape (d,), along which a feed axis runs; in the
             plane it follows from the heading if that is given.
@@ -70,7 +71,7 @@ class Arm:
         axes: order of the three revolute axes of a ball joint; in space only ``zyx`` keeps the roll at zero.
         feed: the axis that carries the base along the direction, or None when the base is fixed.
         payload: point mass carried at the tip [kg].
-        rotor_inertia: inertia of the drives as seen at the joints, one number or shape (3 * links,) [kg m²].
+        rotor_inertia: inertia of the drives, reflected to the joints, one number or shape (3 * links,) [kg m²].
         friction: viscous friction of the joints, one number or shape (3 * links,) [N m s/rad].
         clamped_joints: number of joints, counted from the base, that planning leaves straight in space.
     """
@@ -214,7 +215,7 @@ class Arm:
 
     @cached_property
     def bend_limits(self) -> FloatArray:
-        """Bound on the absolute value of each bend, in coordinate order with k bends per joint; shape (k links,)."""
+        """Bound on the absolute value of each bend, in coordinate order, k bends per joint, shape (k links,) [rad]."""
         k = self.bends_a_joint
         limits = np.full(k * self.links, self.joint_limit)
         limits[:k] = self.base_limit
@@ -238,7 +239,7 @@ class Arm:
 
     @cached_property
     def base_rotation(self) -> FloatArray:
-        """Rotation with the direction, left and up of the straight arm in the world as columns, shape (3, 3).
+        """Rotation whose columns are the straight arm's direction, left and up in world coordinates, shape (3, 3).
 
         The plane is world x-z, so a planar arm is turned by −base_heading about world +y, and its left is world y.
         """
@@ -278,7 +279,7 @@ class Arm:
     def link_rotations(self, q: FloatArray) -> FloatArray:
         """Return the rotations of the links, whose first columns are the link directions.
 
-        They are world ← link in space and plane ← link in the plane.
+        The rotations map link coordinates to world coordinates in space, and to plane coordinates in the plane.
 
         Args:
             q: configurations, shape (..., c) [rad, m].
@@ -308,7 +309,7 @@ class Arm:
         return positions, rotations
 
     def bend_pairs(self, q: FloatArray) -> FloatArray:
-        """Return the two bends of every joint in space, shape (..., links, 2) [rad], from configurations (..., c)."""
+        """Return the two bends of every joint in space, shape (..., links, 2) [rad], of configurations (..., c)."""
         return q[..., : 2 * self.links].reshape(*q.shape[:-1], self.links, 2)
 
     def headings(self, q: FloatArray) -> FloatArray:
@@ -370,7 +371,7 @@ class Arm:
     def held(self, feed: FloatArray | float) -> BoolArray:
         """Return which joints the guide tube still holds straight, boolean, shape (..., links).
 
-        No joint is held if there is no guide tube.
+        Without a guide tube, no joint is held.
 
         Args:
             feed: position of the base on its feed axis, shape (...) [m].
@@ -381,9 +382,9 @@ class Arm:
 
     @property
     def mount_end(self) -> tuple[int, float]:
-        """Index of the link on which the mount ends, and the share of that link in [0, 1] that belongs to it.
+        """Index of the link on which the mount ends, and the fraction of that link in [0, 1] that is mount.
 
-        Share 1 of the last link means that the whole arm is mount.
+        A fraction of 1 for the last link means that the whole arm is mount.
         """
         length = self.mount_length / self.link_length
         # The small number stops rounding from placing the end of a mount of whole links on the previous link.
@@ -392,11 +393,11 @@ class Arm:
 
     @property
     def free_shares(self) -> FloatArray:
-        """Share of each link that belongs to the mount, beyond which the link may touch nothing, shape (links,)."""
+        """Fraction of each link that belongs to the mount; the rest of the link may touch nothing; shape (links,)."""
         return np.clip(self.mount_length / self.link_length - np.arange(self.links), 0.0, 1.0)
 
     def exposed_links(self, points: FloatArray) -> tuple[int, FloatArray]:
-        """Return the index of the first link beyond the mount, and the link axes from the mount's end onwards.
+        """Return the index of the first link beyond the mount, and the axes of all links beyond the mount's end.
 
         Args:
             points: joints and tip of one or more poses, shape (..., links + 1, d) [m].
@@ -422,13 +423,13 @@ class Arm:
 
     @property
     def distant_pairs(self) -> tuple[IntArray, IntArray]:
-        """Pairs (i, j), i < j, of links far enough apart along the arm to meet, two arrays of shape (p,)."""
+        """Pairs of links i < j that are far enough apart along the arm to touch, as two arrays of shape (p,)."""
         first, second = np.triu_indices(self.links, self.first_self_pair)
         return first, second
 
     @property
     def self_pairs(self) -> tuple[IntArray, IntArray]:
-        """Pairs of links that must stay two radii apart, the distant pairs, or none if self-collision is off."""
+        """Pairs of links whose axes must stay two radii apart, the distant pairs, or none without self-collision."""
         if self.self_collision:
             return self.distant_pairs
         none = np.zeros(0, dtype=np.intp)
@@ -438,7 +439,7 @@ class Arm:
         """Return the clearance that planning keeps between the surfaces of distant links, shape (p,) [m].
 
         Links that are close together along the arm cannot keep the full margin around a tight bend; for these the
-        margin is a share of the free length that the links between them leave when stretched out.
+        margin is a fraction of the free length that the links between them leave when stretched out.
 
         Args:
             first: indices of the links nearer to the base, shape (p,).

@@ -1,4 +1,4 @@
-"""Biarcs that join two points with given directions, and bends near the end of the guide tube.
+"""Biarcs that join two points with given directions, and limits on bends just beyond the end of the guide tube.
 
 With tangents of equal length a at both ends, the two arcs meet half-way between the tips of the tangents (Bolton,
 "Biarc curves", 1975); a solves 2 (1 − t0·t1) a² + 2 v·(t0 + t1) a − v·v = 0, where v leads from one end to the other.
@@ -33,9 +33,9 @@ class SpaceArc(NamedTuple):
 def biarc(
     base: FloatArray, frame: FloatArray, tip: FloatArray, direction: FloatArray
 ) -> tuple[SpaceArc, SpaceArc] | None:
-    """Return two arcs from a frame to a point with a given direction there, or None if there are none.
+    """Return two arcs that lead from a frame to a point with a given direction, or None if no such arcs exist.
 
-    Frames are carried along the arcs without turning about them. There are no arcs if the tip lies behind the base and
+    Frames are carried along the arcs without turning about them. No such arcs exist if the tip lies behind the base and
     points the same way.
 
     Args:
@@ -58,7 +58,7 @@ def biarc(
 
 
 def _arc(frame: FloatArray, chord: FloatArray) -> SpaceArc:
-    """Return the arc that starts along t and spans a chord; its angle is twice that between t and the chord."""
+    """Return the arc that starts along t and spans a chord; the arc's angle is twice that between t and the chord."""
     along, *aside = frame.T @ chord
     away = float(np.hypot(*aside))
     half = float(np.arctan2(away, along))
@@ -75,18 +75,18 @@ FREE_AFTER = 2.0
 def free_before(arm: Arm) -> float:
     """Return the arc length beyond the end of the guide tube on which joints stay straight [m].
 
-    Every emerging joint stops there once, so that none begins to bend while the tube still holds it.
+    Every emerging joint stops on this length once, so that no joint begins to bend while the tube still holds it.
     """
     return STRAIGHT_BEFORE * arm.length / NOMINAL_LINKS
 
 
 def bend_shares(arm: Arm, places: FloatArray) -> FloatArray:
-    """Return the share of its bend that a joint may take at a position, shape (joints,).
+    """Return the fraction of its full bend that each joint may take at its position, shape (joints,).
 
-    The share grows smoothly from 0 to 1 beyond the end of the guide tube.
+    The fraction grows smoothly from 0 to 1 beyond the end of the guide tube.
 
     Args:
-        arm: with or without a guide tube.
+        arm: the arm, with or without a guide tube.
         places: arc lengths of the joints beyond the end of the tube, shape (joints,) [m].
     """
     if not arm.base_axes:
@@ -95,19 +95,19 @@ def bend_shares(arm: Arm, places: FloatArray) -> FloatArray:
 
 
 def smooth_step(places: FloatArray, first: float, last: float) -> FloatArray:
-    """Return shares that grow from 0 to 1 between two places, with a slope of 0 at both, of the shape of ``places``."""
+    """Return values that grow from 0 to 1 between two places, with zero slope at both, in the shape of ``places``."""
     x = np.clip((places - first) / (last - first), 0.0, 1.0)
     return np.asarray(x * x * (3.0 - 2.0 * x))
 
 
 def straight_at_exit(arm: Arm, q: FloatArray) -> FloatArray:
-    """Return a configuration with the joints just beyond the end of the guide tube set straight.
+    """Return the configuration with the joints just beyond the end of the guide tube straightened.
 
-    A motion to a bend there would have to make it in the short feed since the joint left the tube, which no smooth path
-    does. The caller has to restore the tip position afterwards.
+    A joint there would have to bend within the short feed since it left the tube, which no smooth path can do. The
+    caller has to restore the tip position afterwards.
 
     Args:
-        arm: with or without a guide tube.
+        arm: the arm, with or without a guide tube.
         q: configuration, shape (c,) [rad, m].
     """
     if not arm.base_axes:

@@ -56,7 +56,7 @@ def integrate_positions(
 
 
 def _refine(heading_at: Callable[[FloatArray], FloatArray], edges: FloatArray) -> FloatArray:
-    """Return the edges with their intervals divided until none turns by more than ``MAX_TURN_STEP``."""
+    """Return the edges with their intervals divided until the curve turns by at most ``MAX_TURN_STEP`` on each."""
     probes = heading_at(np.linspace(0.0, 1.0, 9)[:, None] * np.diff(edges) + edges[:-1])
     # The heading is a quartic between knots: nine probes capture almost all of its total turn.
     turns = np.abs(np.diff(probes, axis=0)).sum(axis=0)
@@ -91,7 +91,7 @@ class Curve(Protocol):
         """Total length L [m]."""
 
     def positions_at(self, arc: FloatArray) -> FloatArray:
-        """Return the positions at increasing arc lengths in [0, L], shape (m,), as shape (m, d) [m]."""
+        """Return the positions, shape (m, d) [m], at increasing arc lengths in [0, L], shape (m,) [m]."""
 
     def mean_directions(self, links: int) -> FloatArray:
         """Return the mean direction over each of ``links`` equal arc lengths, shape (links, d)."""
@@ -118,7 +118,7 @@ class Configuration:
         curvatures: Sequence[FloatArray],
         knots: Sequence[Knots] | None = None,
     ) -> "Configuration":
-        """Join segments end to end from a base pose and return the curve; the headings follow.
+        """Join segments end to end from a base pose and return the curve; the headings of the segments follow.
 
         Args:
             base: position of the base, shape (2,) [m].
@@ -178,7 +178,7 @@ class Configuration:
     def positions_at(self, arc: FloatArray) -> FloatArray:
         """Return the positions at increasing arc lengths in [0, L], shape (len(arc), 2) [m].
 
-        They are integrated by Gauss-Legendre quadrature.
+        The positions are integrated by Gauss-Legendre quadrature.
         """
         return self.base + integrate_positions(self.heading_at, np.asarray(arc, dtype=np.float64), self.breakpoints)
 
@@ -284,7 +284,7 @@ class SpaceConfiguration:
         return self.turns[0].length
 
     def curvature_at(self, arc: FloatArray) -> FloatArray:
-        """Return κ1 and κ2 at arc lengths in [0, L], shape (...), as shape (..., 2) [1/m]."""
+        """Return κ1 and κ2, shape (..., 2) [1/m], at arc lengths in [0, L], shape (...) [m]."""
         return np.stack([turn.curvature_at(arc) for turn in self.turns], axis=-1)
 
     def sample_frames(self, arc: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -306,7 +306,7 @@ class SpaceConfiguration:
         return frames[at], self.base + places[at]
 
     def _steps(self, edges: FloatArray) -> FloatArray:
-        """Return arc lengths, including the edges, between which the curve turns very little."""
+        """Return arc lengths, including the edges, spaced so closely that the curve turns very little in between."""
         probes = np.linspace(edges[:-1], edges[1:], _PROBES)
         sharpest = np.linalg.norm(self.curvature_at(probes), axis=-1).max(axis=0)
         # A nearly straight curve may still change its curvature a lot over a long step.

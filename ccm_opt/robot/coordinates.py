@@ -1,15 +1,15 @@
-"""Joint coordinates of an arm: names, units, drives, revolutes and their limits.
+"""Coordinates of an arm's configuration: names, units, drives, and the limits of the drives.
 
 A configuration q of an arm is one row of numbers: first the coordinates that bend its joints, then those that carry its
-base. Planning, timing, simulation and verification pass these rows around and ask this layout, or the arm, what they
-mean. An arm with a fixed base has no coordinates of the second kind; their arrays then have shape (…, 0), so that sums
-over them are zero and loops over them do nothing.
+base. Planning, timing, simulation and verification exchange such rows; the layout, or the arm, tells them the meaning
+of every entry. An arm with a fixed base has no coordinates of the second kind; their arrays then have shape (…, 0), so
+that sums over them are zero and loops over them do nothing.
 
-Plans use a share σ of the limits on velocities, accelerations, jerks and efforts, to leave a reserve for the
+Plans use a fraction σ of the limits on velocities, accelerations, jerks and efforts, to leave a reserve for the
 controller. Part of an effort does not depend on timing: the effort that holds the arm still under gravity. Let h be
-that part as a share of its limit. A planned effort may then take max(σ, h + ½ σ (1 − h)) of the limit: normally σ; and
-where gravity alone takes so much that hardly any of σ is left for moving, half of the usual share of what gravity
-leaves. So an arm that can be held still can be moved, whatever σ is; and σ = 1 means the limits themselves.
+that part as a fraction of the limit. A planned effort may then take max(σ, h + ½ σ (1 − h)) of the limit: normally σ;
+and where gravity alone takes so much that hardly any of σ is left for moving, h and half of the usual fraction σ of the
+rest. So an arm that can be held still can be moved, whatever σ is; and σ = 1 means the limits themselves.
 """
 
 from dataclasses import dataclass
@@ -106,8 +106,9 @@ class Coordinates:
 def joint_coordinates(links: int, bends_a_joint: int = 1, axes: tuple[str, ...] = ()) -> Coordinates:
     """Return the coordinates of an arm: the bends of its joints, then the axes that carry its base.
 
-    Ball i has the revolutes 3 i to 3 i + 2, in the order of ``joint_names``. The planar bend is the second of them with
-    opposite sign; the bends a and b in space are the first and the second. The others stay at zero.
+    Ball i has the revolutes 3 i to 3 i + 2, in the order of ``joint_names``. The planar bend is the angle of the second
+    revolute with opposite sign; the bends a and b in space are the angles of the first and the second. The remaining
+    revolutes stay at zero.
 
     Args:
         links: number of links.
@@ -196,14 +197,15 @@ class Limits:
 
 
 def planned_share(holding: FloatArray, share: float) -> FloatArray:
-    """Return the share of its limit that a planned effort may take; see the module's docstring.
+    """Return the fraction of its limit that a planned effort may take; the module's docstring gives the formula.
 
     Args:
-        holding: share of the limit, of either sign, that holds the arm still at that place.
-        share: σ, the share that plans normally use.
+        holding: effort that holds the arm still at each pose, as a signed fraction of the limit.
+        share: σ, the fraction of the limits that plans normally use.
 
     Returns:
-        Shares of the shape of ``holding``, at most 1, and above its magnitude wherever that is below 1.
+        Fractions in the shape of ``holding``, at most 1, and above the magnitude of ``holding`` wherever that is below
+        1.
     """
     held = np.minimum(np.abs(holding), 1.0)
     return np.asarray(np.maximum(share, held + 0.5 * share * (1.0 - held)))
@@ -211,7 +213,7 @@ def planned_share(holding: FloatArray, share: float) -> FloatArray:
 
 @dataclass(frozen=True)
 class DriveLimits:
-    """Limits of a row of drives, in the units of revolutes and of base axes; ∞ where there is no limit.
+    """Limits of several drives, one entry per drive; ∞ where there is no limit.
 
     Attributes:
         velocity: greatest velocities, shape (n,) [rad/s, m/s].
@@ -226,12 +228,12 @@ class DriveLimits:
     effort: FloatArray
 
     def rates_within(self, share: float) -> "DriveLimits":
-        """Return these limits with velocities, accelerations and jerks scaled by a share.
+        """Return the limits with velocities, accelerations and jerks scaled by a factor.
 
-        Efforts are not changed.
+        Limits on efforts are not changed.
         """
         return DriveLimits(share * self.velocity, share * self.acceleration, share * self.jerk, self.effort)
 
     def of(self, drives: IntArray) -> "DriveLimits":
-        """Return the limits of the drives with the given indices."""
+        """Return the limits of the drives that have the given indices."""
         return DriveLimits(self.velocity[drives], self.acceleration[drives], self.jerk[drives], self.effort[drives])

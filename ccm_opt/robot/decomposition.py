@@ -44,7 +44,7 @@ def divide_segment(configuration: Configuration, index: int, at: float) -> Confi
     Args:
         configuration: the curve.
         index: index of the segment to divide.
-        at: where to divide the segment, as a share of its length in (0, 1).
+        at: where to divide the segment, as a fraction of its length in (0, 1).
 
     Raises:
         ProblemError: the place is not inside the segment.
@@ -84,7 +84,7 @@ def move_boundary(
 ) -> Configuration:
     """Return the same curve with the boundary between two neighbouring segments moved.
 
-    One segment becomes longer, the other shorter.
+    One of the segments becomes longer, the other shorter.
 
     Args:
         configuration: the curve.
@@ -93,7 +93,7 @@ def move_boundary(
         tolerance: allowed change of the heading [rad].
 
     Raises:
-        ProblemError: nothing is left of one of the two, or a segment cannot follow its part within the tolerance.
+        ProblemError: one of the two segments would vanish, or a segment cannot follow its part within the tolerance.
     """
     stretch = _joined(configuration, index)
     if not SHORTEST * stretch.length <= length <= (1.0 - SHORTEST) * stretch.length:
@@ -116,7 +116,7 @@ def segment_tail(segment: CurvatureSegment, length: float) -> CurvatureSegment:
 
 
 def interpolate(first: Configuration, last: Configuration, share: float) -> Configuration:
-    """Return the configuration between two, with linearly interpolated base heading and curvature.
+    """Return a configuration between two others, with linearly interpolated base heading and curvature.
 
     Args:
         first: the curve at share 0.
@@ -149,7 +149,7 @@ def _joined(configuration: Configuration, index: int) -> "_Stretch":
 def _replaced(
     configuration: Configuration, first: int, end: int, segments: Sequence[CurvatureSegment]
 ) -> Configuration:
-    """Return the configuration with some segments replaced by others that end at the same heading."""
+    """Return the configuration with a few segments replaced by others that end at the same heading."""
     return replace(configuration, segments=(*configuration.segments[:first], *segments, *configuration.segments[end:]))
 
 
@@ -187,7 +187,7 @@ class _Stretch:
         return float(self.breaks[-1])
 
     def on(self, breaks: FloatArray) -> FloatArray:
-        """Return the coefficients on finer breaks, shape (len(breaks) - 1, 4)."""
+        """Return the curvature coefficients of the same stretch on finer breaks, shape (len(breaks) - 1, 4)."""
         piece = np.searchsorted(self.breaks[1:-1], 0.5 * (breaks[:-1] + breaks[1:]))
         t = breaks[:-1] - self.breaks[piece]
         return _about(self.coefficients[piece], t)
@@ -207,7 +207,7 @@ class _Stretch:
         return float(self.heading + turns.sum())
 
     def _jumps(self) -> FloatArray:
-        """Return the jumps of C, C', C'' and C''' at every inner break, shape (m - 1, 4) [1/m].
+        """Return the jumps of the curvature C and of C', C'' and C''' at every inner break, shape (m - 1, 4) [1/m].
 
         Derivatives are scaled by powers of the length, so that all are comparable.
         """
@@ -304,7 +304,7 @@ class _Stretch:
 
 
 def _about(c: FloatArray, t: FloatArray) -> FloatArray:
-    """Return cubics, coefficients of shape (m, 4), expanded about shifted origins.
+    """Return the coefficients of cubics, shape (m, 4), after their origins are shifted.
 
     The new origins lie at the old offsets ``t``, shape (m,).
     """
@@ -314,7 +314,7 @@ def _about(c: FloatArray, t: FloatArray) -> FloatArray:
 
 
 def _with_idle(breaks: FloatArray) -> FloatArray:
-    """Return the breaks filled up to five by repeatedly halving the widest gap."""
+    """Return five breaks: the given ones, and idle ones that repeatedly halve the widest interval."""
     while len(breaks) < PIECES + 1:
         k = int(np.argmax(np.diff(breaks)))
         breaks = np.insert(breaks, k + 1, 0.5 * (breaks[k] + breaks[k + 1]))

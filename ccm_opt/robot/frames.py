@@ -90,7 +90,7 @@ def _ball_rows(arm: Arm, *, first: bool) -> tuple[DhRow, DhRow, DhRow]:
 
 
 def frame_transforms(arm: Arm, angles: FloatArray) -> FloatArray:
-    """Return the world transforms of the base frame and of every DH frame.
+    """Return the transforms from the base frame and from every DH frame to the world.
 
     Args:
         arm: the arm.

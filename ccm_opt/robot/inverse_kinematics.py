@@ -81,7 +81,7 @@ def _link_directions(arm: Arm, points: FloatArray, tolerance: float) -> tuple[Fl
 
 
 def bends_from_directions(arm: Arm, directions: FloatArray) -> FloatArray:
-    """Return the bends that make the links point in given directions; the rolls of the links follow.
+    """Return the bends that make the links point in given directions; the bends also determine the links' rolls.
 
     In the axes of the previous link, a link points along (cos a cos b, sin a cos b, −sin b). Of the two solutions the
     one with a within ±90° is returned.

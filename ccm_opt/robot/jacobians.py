@@ -49,13 +49,13 @@ def tip_jacobian(arm: Arm, angles: FloatArray) -> FloatArray:
 
 
 def _axes_and_points(arm: Arm, angles: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the axes of the revolutes, a point on each axis, and the balls and the tip, all in the world."""
+    """Return the axes of the revolutes, a point on each axis, and the positions of balls and tip, all in the world."""
     frames = frame_transforms(arm, angles)
     return frames[..., :-1, :3, 2], frames[..., :-1, :3, 3], frames[..., ::3, :3, 3]
 
 
 def _with_base(arm: Arm, columns: FloatArray, *, moved: float) -> FloatArray:
-    """Return the columns preceded by those of the axes that carry the base, all along the base heading."""
+    """Return a Jacobian with columns prepended for the axes that carry the base, which run along the base heading."""
     direction = moved * arm.base_rotation[:, 0]
     first = np.broadcast_to(direction[:, None], (*columns.shape[:-1], len(arm.base_axes)))
     return np.concatenate((first, columns), axis=-1)

@@ -15,7 +15,7 @@ within a step of a millisecond."""
 def cylinder_inertia(masses: FloatArray, radius: float, link_length: float) -> tuple[FloatArray, FloatArray]:
     """Return the moments of inertia of solid cylinders about their centres, about the axis and across it.
 
-    Axial m r² / 2, transverse m (3 r² + l²) / 12.
+    The axial moment is m r² / 2, the transverse one m (3 r² + l²) / 12.
 
     Args:
         masses: link masses, shape (links,) [kg].

@@ -100,7 +100,7 @@ def least_squares_directions(points: FloatArray, means: FloatArray, link_length:
 def _tangent_step(
     points: FloatArray, directions: FloatArray, means: FloatArray, l: float, epsilon: float
 ) -> tuple[FloatArray, float]:
-    """Return the changes of the directions, each perpendicular to its own, shape (n, d), and the tip error [m]."""
+    """Return the changes of directions, each perpendicular to its direction, shape (n, d), and the tip error [m]."""
     n, d = directions.shape
     residual = points[0] + l * np.cumsum(directions, axis=0) - points[1:]
     axes = _across(directions)
@@ -121,14 +121,14 @@ def _tangent_step(
 
 
 def _across(directions: FloatArray) -> FloatArray:
-    """Return unit vectors perpendicular to each direction and to each other, shape (n, d) to (n, d - 1, d)."""
+    """Return unit vectors perpendicular to each direction, shape (n, d), and to each other, shape (n, d - 1, d)."""
     return np.asarray(np.linalg.svd(directions[:, None, :])[2][:, 1:])
 
 
 def _sphere_logarithm(directions: FloatArray, means: FloatArray) -> FloatArray:
     """Return the sphere logarithms from directions to means, shape (n, d).
 
-    Each is perpendicular to its direction and as long as the angle between direction and mean [rad].
+    Each logarithm is a vector perpendicular to its direction, as long as the angle between direction and mean [rad].
     """
     along = np.sum(directions * means, axis=1, keepdims=True)
     sideways = means - along * directions

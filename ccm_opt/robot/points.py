@@ -112,11 +112,11 @@ class MovingPoint:
         return _Axes(first, rotations[..., 1], rotations[..., 0])
 
     def _summed(self, of_links: FloatArray) -> FloatArray:
-        """Return the sum over the links weighted by their levers, shape (N, links, 2 or 3) to (N, d)."""
+        """Return the sum over the links, weighted by levers, shape (N, d), of vectors of shape (N, links, 2 or 3)."""
         return np.asarray(np.einsum("...lk,l->...k", of_links, self.levers)[..., : self.arm.dimension])
 
     def _carried(self, q: FloatArray) -> FloatArray:
-        """Return the displacement of the base, shape (N, d) [m]; linear, so it also gives derivatives."""
+        """Return the displacement of the base, shape (N, d) [m]; the linear map also applies to derivatives."""
         return np.asarray(self.arm.coordinates.advance(q)[..., None] * self.arm.direction)
 
 
@@ -129,7 +129,7 @@ class _Axes(NamedTuple):
 
 
 def _turning(axes: _Axes, rates: FloatArray) -> FloatArray:
-    """Return the angular velocity that every joint adds to its link, shape (N, links, 3)."""
+    """Return the angular velocity that every joint adds to that of its link, shape (N, links, 3)."""
     return rates[..., :1] * axes.first + rates[..., 1:] * axes.second
 
 

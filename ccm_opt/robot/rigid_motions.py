@@ -72,14 +72,14 @@ def chained(rotation: FloatArray, rotations: FloatArray, translations: FloatArra
 
 
 def _bracket(first: FloatArray, second: FloatArray) -> FloatArray:
-    """Return the Lie bracket of twists, shape (..., 6)."""
+    """Return the Lie brackets of pairs of twists, shape (..., 6)."""
     turn = np.cross(first[..., :3], second[..., :3])
     along = np.cross(first[..., :3], second[..., 3:]) - np.cross(second[..., :3], first[..., 3:])
     return np.concatenate((turn, along), axis=-1)
 
 
 def _hat(turn: FloatArray) -> FloatArray:
-    """Return the matrices of ω ×, shape (..., 3) to (..., 3, 3)."""
+    """Return the cross-product matrices of vectors ω, shape (..., 3, 3) for ω of shape (..., 3)."""
     hat = np.zeros((*turn.shape[:-1], 3, 3))
     hat[..., 2, 1] = turn[..., 0]
     hat[..., 0, 2] = turn[..., 1]
@@ -106,7 +106,7 @@ NOMINAL_LINKS = 24
 
 
 def bend_rotations(bends: FloatArray) -> FloatArray:
-    """Return the rotations Rz(a) Ry(b) of pairs of bends, shape (..., 2) to (..., 3, 3)."""
+    """Return the rotations Rz(a) Ry(b), shape (..., 3, 3), of pairs of bends (a, b), shape (..., 2) [rad]."""
     cos = np.cos(bends)
     sin = np.sin(bends)
     ca = cos[..., 0]

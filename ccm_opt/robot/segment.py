@@ -43,7 +43,7 @@ def second_derivatives(widths: FloatArray, values: FloatArray, ends: tuple[float
 def piece_coefficients(widths: FloatArray, values: FloatArray, ends: tuple[float, float] = (0.0, 0.0)) -> FloatArray:
     """Return the power coefficients of each cubic piece, shape (4 pieces, 4 powers, ...).
 
-    They are in the piece's own offset t in [0, a_i].
+    The powers are those of the offset t in [0, a_i] from the start of the piece.
     """
     moments = second_derivatives(widths, values, ends)
     a = widths.reshape(-1, *([1] * (values.ndim - 1)))
@@ -56,7 +56,7 @@ def piece_coefficients(widths: FloatArray, values: FloatArray, ends: tuple[float
 def curvature_spline(coefficients: FloatArray, breaks: FloatArray) -> PPoly:
     """Return a piecewise cubic from coefficients of shape (pieces, 4 powers, ...) and its breaks.
 
-    Coefficients are over arc length from the start of each piece.
+    The coefficients multiply powers of the arc length from the start of each piece.
     """
     return PPoly.construct_fast(np.ascontiguousarray(np.swapaxes(coefficients, 0, 1)[::-1]), breaks)
 
