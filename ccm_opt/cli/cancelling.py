@@ -58,8 +58,8 @@ class _Notes:
     """State of Ctrl-C.
 
     Attributes:
-        noted: whether it was pressed while it is only noted.
-        met: whether it was handled; true before the first.
+        noted: whether Ctrl-C was pressed while presses were only noted.
+        met: whether the last press was handled; true before the first press.
         struck: whether an interrupt was ever raised.
         raised: returns the interrupt raised last, or None once it no longer exists.
     """
@@ -74,24 +74,24 @@ _NOTES = _Notes()
 
 
 class Interrupted(KeyboardInterrupt):
-    """Ctrl-C, as a type of its own, so that a lost interrupt can be detected."""
+    """Interrupt by Ctrl-C, a separate type so that an interrupt that Python lost can be detected."""
 
 
 def interrupts_end_at_once() -> None:
-    """Make Ctrl-C end the process with exit code 130 from here on: nothing has begun that would need cleaning up."""
+    """Make Ctrl-C end the process at once with exit code 130; to be called before anything needs cleaning up."""
     if threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGINT, lambda _signal, _frame: leave_at_once(report_cancelled()))
 
 
 def interrupts_insist() -> None:
-    """Raise a lost Ctrl-C again from here on, until ``interrupt_met`` is called."""
+    """Install a handler that raises a lost Ctrl-C again until ``interrupt_met`` is called."""
     if threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGINT, _interrupt)
         sys.unraisablehook = _ignore_unraisable
 
 
 def _ignore_unraisable(lost: "sys.UnraisableHookArgs") -> None:
-    """Ignore an interrupt that Python cannot raise where it struck, as in a finaliser: it is raised again later.
+    """Ignore an interrupt that Python cannot raise in place, such as in a finaliser; the timer raises it again.
 
     After the first interrupt, ignore errors in finalisers of half-made objects too.
     """
@@ -110,7 +110,7 @@ def interrupt_met() -> None:
 
 
 def interrupt_unmet() -> bool:
-    """Return whether Ctrl-C was pressed and not yet handled, so that any other error is likely caused by it."""
+    """Return whether Ctrl-C was pressed and not yet handled, so that other errors are likely its consequence."""
     return not _NOTES.met
 
 
@@ -151,7 +151,7 @@ def _look(number: int, frame: FrameType | None) -> None:
 
 
 def last_steps_uninterrupted() -> None:
-    """Only note Ctrl-C from here to the end of ``interrupts_as_usual``.
+    """Only note the next Ctrl-C, without an interrupt, until the block of ``interrupts_as_usual`` ends.
 
     The work on one file is all but done by then. A second Ctrl-C interrupts as usual, in case those last steps hang.
     """
@@ -174,7 +174,7 @@ def interrupts_as_usual() -> Iterator[None]:
 
 
 def cancelled_meanwhile() -> bool:
-    """Return whether Ctrl-C was noted in the last such block."""
+    """Return whether Ctrl-C was noted in the last block of ``interrupts_as_usual``."""
     return _NOTES.noted
 
 

@@ -80,7 +80,7 @@ def runs_table(comparison: Comparison) -> Table:
 
 
 def methods_table(comparison: Comparison) -> Table:
-    """Return a table with one column per method: problems solved, and medians over its solutions."""
+    """Return a table with one column per method: problems solved, and medians over the method's solutions."""
     count = len(comparison.problems)
     table = columned_table(f"medians of the methods, {count} problems", ["", *comparison.methods], unwrapped=1)
     solved = [comparison.solved(name) for name in comparison.methods]
@@ -138,7 +138,7 @@ def compare_methods(
         files: problem files.
         out: folder for the journal, tables and page.
         suites: names of suites; the shared suite if there are no files either.
-        count: number of problems of each suite, or None.
+        count: number of problems of each suite; None for the default.
         seed: first seed of random suites.
         methods: names of methods; the default ones when empty.
         planners: external planners, as ``module:attribute``.
@@ -181,7 +181,7 @@ def compare_methods(
 def _run(
     cases: Sequence[Case], methods: Sequence[str], workers: Workers, place: Path, time_limit: float | None
 ) -> Comparison:
-    """Make the runs that are not yet in the journal."""
+    """Make the runs of a comparison that are not yet in the journal."""
     with open_journal(place) as journal:
         for method, count in outdated(journal, cases, methods).items():
             runs = "1 run" if count == 1 else f"{count} runs"

@@ -56,7 +56,7 @@ def plan_pictures(
 
 
 def pareto_pictures(found: ParetoPlans, kind: FigureKind = "png") -> Mapping[str, bytes]:
-    """Return the pictures of several plans: all of the recommended one, picture and page of each, and the trade-off."""
+    """Return the pictures of several plans: the recommended plan's, each plan's picture and page, and the trade-off."""
     from ccm_opt.viz.arm_drawing import PlanDrawing  # noqa: PLC0415 - loads matplotlib
     from ccm_opt.viz.page import report_html  # noqa: PLC0415
     from ccm_opt.viz.page_sections import PlanPages  # noqa: PLC0415
@@ -116,7 +116,7 @@ def draw_figures(folder: Path, figures: Sequence[FigureName], kind: FigureKind =
         kind: file format of still figures.
 
     Raises:
-        ProblemError: the folder is not readable, a figure exists in the plane only, or a video needs ffmpeg.
+        ProblemError: the folder is not readable, a figure exists in the plane only, or ffmpeg is missing for a video.
         VerificationError: the folder holds no plan.
     """
     plan = drawn(load(folder))

@@ -39,7 +39,7 @@ def describe_files(files: Sequence[Path], changes: Sequence[str] = ()) -> int:
 
     Args:
         files: problem files.
-        changes: keys of the problem files that are set to other values, each ``key.path=value``.
+        changes: values that replace those of the problem files, each ``key.path=value``.
 
     Returns:
         The exit code.
@@ -104,7 +104,7 @@ def arm_lines(problem: Problem) -> list[str]:
 
 
 def _pointing(problem: Problem) -> str:
-    """Return the orientation of the base in words."""
+    """Return text for the orientation of the base."""
     if problem.dimension == 3:
         return f"direction {_components(problem.arm.direction)}, up {_components(problem.arm.up)}"
     return f"heading {np.rad2deg(problem.arm.base_heading):.6g} deg"
@@ -173,7 +173,7 @@ def _with_settings(problem: Problem, options: Mapping[str, Any], disturbances: M
     """Return the problem with other simulation settings; None keeps the problem's own.
 
     Raises:
-        ProblemError: naming the invalid setting.
+        ProblemError: a setting is invalid; the message names the setting.
     """
     given, changed = ({k: v for k, v in each.items() if v is not None} for each in (options, disturbances))
     for name, value in changed.items():
@@ -236,7 +236,7 @@ def _print(problem: Problem, motion: SavedMotion, simulated: SimulatedMotion, fi
 
 
 def _describe_gains(problem: Problem) -> tuple[str, str, str]:
-    """Return the gains of the PD law: value, an empty limit, and origin."""
+    """Return table cells for the gains of the PD controller: value, an empty limit, and origin."""
     from ccm_opt.dynamics.simulation.controller import gains  # noqa: PLC0415 - loads casadi
 
     options = problem.simulation
@@ -249,7 +249,7 @@ def _describe_gains(problem: Problem) -> tuple[str, str, str]:
 
 
 def examine_tolerance(folders: Sequence[Path], *, simulated: bool, pictures: bool) -> int:
-    """Compute the errors that the plan in every folder survives; a failure does not stop the others.
+    """Compute the errors that the plan in every folder tolerates; a failure does not stop the others.
 
     Args:
         folders: output folders of ``ccm-opt solve``.
@@ -285,7 +285,7 @@ def _look_at(folder: Path, *, simulated: bool, pictures: bool) -> int:
 
 
 def tolerance_table(problem: Problem, errors: Sequence[SurvivedError]) -> Table:
-    """Return a table of the errors that a plan survives, with what limits them."""
+    """Return a table of the errors that a plan tolerates, with the check that limits each error."""
     table = columned_table(f"{problem.name}: tolerated errors, one at a time", ("", "up to", "required", "limited by"))
     table.columns[-1].justify = "left"
     table.columns[-1].no_wrap = False

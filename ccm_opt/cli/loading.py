@@ -33,7 +33,7 @@ TIMES = "\N{MULTIPLICATION SIGN}"
 
 
 def report_scene(problem: Problem) -> None:
-    """Report a problem's drawing or meshes, and warn of obstacles outside its workspace and of unlikely rates."""
+    """Report a problem's drawing or meshes, and warn of obstacles outside the workspace and of implausible rates."""
     tell = report_meshes if problem.dimension == 3 else report_drawing
     tell(problem)
     warn_odd_rates(problem)
@@ -79,7 +79,7 @@ def warn_outside(problem: str, obstacles: Sequence[str]) -> None:
 
 
 def drawing_lines(drawing: ImportedDrawing, problem: Problem) -> Iterator[str]:
-    """Yield a line on the obstacles, one on the layers, and one for every item that was left out.
+    """Yield lines of text on a drawing: on its obstacles, on its layers, and on every item that was left out.
 
     Args:
         drawing: summary of the import.
@@ -134,7 +134,7 @@ def report_meshes(problem: Problem) -> None:
 
 
 def mesh_lines(name: str, body: MeshBody, problem: Problem) -> Iterator[str]:
-    """Yield a line on a mesh, and one for each note and repair.
+    """Yield lines of text on a mesh: a summary, then each note and repair.
 
     Args:
         name: name of the obstacle.
@@ -156,7 +156,7 @@ def mesh_lines(name: str, body: MeshBody, problem: Problem) -> Iterator[str]:
 
 
 def _inside(body: MeshBody, unit: LengthUnit) -> str:
-    """Return in words whether a mesh is closed, and what counts as its inside."""
+    """Return text on whether a mesh is closed, and on which region counts as its inside."""
     if not body.solid:
         return "surface only (solid = false)"
     if body.closed:
@@ -193,7 +193,7 @@ STRONGEST_GRAVITY = 50.0
 
 
 def warn_odd_rates(problem: Problem) -> None:
-    """Warn of rates out of proportion to the arm, and of a gravity that no planet has."""
+    """Warn of rates out of proportion to the arm's size, and of an implausible gravity."""
     unit = problem.length_unit
     for key, rate, per in _rates(problem.limits):
         share = rate / problem.arm.length
@@ -222,12 +222,12 @@ def _rates(limits: Limits) -> Iterator[tuple[str, float, str]]:
 
 @dataclass
 class NamedProblems:
-    """Reads problem files, and refuses a second problem of the same name, whose folder would replace the first one's.
+    """Reader of problem files that rejects a second problem of the same name: its folder would replace the first.
 
     Attributes:
         files: all files that will be read.
         changes: keys set on the command line, applied to every file.
-        taken: the file of every name read so far.
+        taken: the file of every problem read so far, by the problem's name.
         warned: whether duplicate names were checked for.
     """
 
@@ -276,10 +276,10 @@ NO_TERMS: NamedTerms = ((), ())
 
 
 def loaded_terms(constraints: Sequence[str], costs: Sequence[str]) -> dict[str, Any]:
-    """Load constraints and costs as arguments of ``solve`` and others; empty if none are named.
+    """Load user constraints and costs as keyword arguments of ``solve`` and similar functions; empty if none are named.
 
     Raises:
-        ProblemError: naming the reference that cannot be loaded.
+        ProblemError: a reference cannot be loaded; the message names the reference.
     """
     if not (constraints or costs):
         return {}

@@ -57,7 +57,7 @@ INDENT = "    "
 
 
 def folded(text: str, width: int) -> str:
-    """Return a text folded to a width where possible, each line by itself, with continuation lines indented.
+    """Return a text wrapped to a width where possible, line by line, with indented continuation lines.
 
     Args:
         text: one or more lines.
@@ -89,10 +89,10 @@ Item = TypeVar("Item")
 
 
 def run_all(items: Iterable[Item], run: Callable[[Item], int], name: Callable[[Item], str] = str) -> int:
-    """Run every item and return the worst exit code; only Ctrl-C stops early.
+    """Run every item and return the worst exit code; only Ctrl-C ends the sequence early.
 
     Args:
-        items: for example files; their names precede the messages about them.
+        items: items to run, such as files; messages about an item begin with its name.
         run: runs one item; returns its exit code.
         name: returns the name of an item.
     """
@@ -117,11 +117,11 @@ def complain(message: str) -> None:
 
 
 def report_reason(diagnosis: Diagnosis, *, last: bool = False) -> None:
-    """Print why the current item has no plan, on stderr: once as soon as it is known, later only what is new.
+    """Print on stderr why the current item has no plan; repeated calls print only new lines.
 
     Args:
         diagnosis: diagnosis as far as it is known.
-        last: whether the diagnosis is final; only then advice is printed, since it may still change before.
+        last: whether the diagnosis is final; advice is only printed then, since advice may change until then.
     """
     shown = diagnosis if last else replace(diagnosis, advice=())
     item = output()
@@ -153,15 +153,15 @@ def simulation_exit_code(name: str, verdict: SimulationVerdict) -> int:
 
 
 def print_result(show: Callable[[], object], code: int, data: Callable[[], Mapping[str, object]]) -> int:
-    """Print a result on stdout; a closed pipe is no failure.
+    """Print a result on stdout; a closed pipe does not count as a failure.
 
     Args:
         show: prints the result for people.
         code: exit code of the result.
-        data: returns the result for the JSON document; called only if that is asked for.
+        data: returns the result for the JSON document; called only if JSON is requested.
 
     Returns:
-        The code, also when the pipe is closed; 1 when stdout cannot be written for another reason.
+        The given code, even if the pipe is closed; 1 if writing to stdout fails for another reason.
     """
     if output().as_json:
         output().note(data())
@@ -189,7 +189,7 @@ def _printed(show: Callable[[], object], code: int) -> int:
 
 
 def _print_on_stderr(label: str, colour: str, message: str) -> None:
-    """Print on stderr, folded if it is a terminal; nothing happens if it is closed."""
+    """Print text on stderr, wrapped if stderr is a terminal; do nothing if stderr is closed."""
     try:
         console = Console(stderr=True, soft_wrap=True, highlight=False, emoji=False)
         text = f"{label} {message}" if label else message
@@ -201,7 +201,7 @@ def _print_on_stderr(label: str, colour: str, message: str) -> None:
 
 
 def _silence(stream: TextIO) -> None:
-    """Redirect a stream to the null device: the interpreter flushes it once more at shutdown."""
+    """Redirect a broken stream to the null device, since the interpreter flushes the stream again at shutdown."""
     with suppress(OSError):
         null = os.open(os.devnull, os.O_WRONLY)
         os.dup2(null, stream.fileno())
@@ -209,7 +209,7 @@ def _silence(stream: TextIO) -> None:
 
 
 def _guarded(run: Callable[[Item], int], item: Item, name: str) -> int:
-    """Run one item; turn any error into a message and an exit code."""
+    """Run one item; convert any error to a message and an exit code."""
     try:
         return run(item)
     except (ProblemError, NativeLibraryError) as error:
@@ -239,7 +239,7 @@ def _cancelled() -> int:
 
 
 def _broken_off(error: Exception, name: str) -> int:
-    """Return the exit code of an unforeseen error: memory ran out, or a bug, whose traceback is printed."""
+    """Report an unforeseen error, lack of memory or a bug with its traceback, and return the exit code."""
     if is_out_of_memory(error):
         output().note({"status": "out of memory"})
         complain(f"{name}: out of memory; solving takes 0.6 to 1 GB of address space, and more for many links")

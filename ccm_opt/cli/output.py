@@ -15,7 +15,7 @@ from ccm_opt import __version__
 
 @dataclass
 class Output:
-    """How a command prints, and its results for the JSON document.
+    """Output options of a command, and the results that the command collects for the JSON document.
 
     Attributes:
         command: name of the command.
@@ -23,8 +23,8 @@ class Output:
         quiet: whether stdout gets no tables and stderr no progress; errors and warnings are still printed.
         verbose: whether every stage is reported, with the package's own log, and every check in closing tables.
         allow_outside: whether drawings outside the folder of a problem file may be read.
-        results: one for every item so far, usually a file or a folder; the last may be in progress.
-        told: lines printed so far on why the item in progress has no plan.
+        results: one result for every item so far, usually a file or a folder; the last may be in progress.
+        told: lines already printed on why the item in progress has no plan.
     """
 
     command: str = ""
@@ -37,7 +37,7 @@ class Output:
 
     @property
     def tables(self) -> bool:
-        """Whether stdout gets tables."""
+        """Whether tables are printed on stdout."""
         return not (self.as_json or self.quiet)
 
     def begin(self, item: str) -> None:
@@ -47,7 +47,7 @@ class Output:
 
     @property
     def item(self) -> str:
-        """The item in progress, in words; the command if there are no items."""
+        """Name of the item in progress; the command's name if there are no items."""
         return str(self.results[-1]["item"]) if self.results else self.command
 
     def note(self, data: Mapping[str, object]) -> None:
@@ -92,7 +92,7 @@ def output() -> Output:
 
 @contextmanager
 def printing(way: Output) -> Iterator[Output]:
-    """Set the output of commands until the block ends."""
+    """Set the output options of commands until the block ends."""
     token = _CURRENT.set(way)
     try:
         yield way

@@ -46,7 +46,7 @@ def pose_files(
         files: problem files.
         out: directory of the output folders.
         terms: user constraints and costs.
-        changes: keys of the problem files that are set to other values, each ``key.path=value``.
+        changes: values that replace those of the problem files, each ``key.path=value``.
         pictures: whether to draw.
 
     Returns:
@@ -125,7 +125,7 @@ def _add_base_and_roll(table: Table, found: StaticPose) -> None:
 
 
 def _segment_rows(found: StaticPose) -> list[tuple[float, str]]:
-    """Return the length [m] of every segment of the curve, and in words its type, or in space its turn."""
+    """Return the length [m] of every curve segment, with text for its type or, in space, for its turn."""
     curve = found.curve
     if isinstance(curve, SpaceConfiguration):
         frames, _ = curve.sample_frames(curve.boundaries)
@@ -136,14 +136,14 @@ def _segment_rows(found: StaticPose) -> list[tuple[float, str]]:
 
 
 def _turn_words(end: FloatArray) -> str:
-    """Return in words how far and towards where a segment turns, from its end direction in its start frame, (3,)."""
+    """Return text for a segment's turn and its direction, from the end direction (3,) in the segment's start frame."""
     turn = np.rad2deg(np.arctan2(np.hypot(end[1], end[2]), end[0]))
     azimuth = np.rad2deg(np.arctan2(end[2], end[1]))
     return f"turns {turn:.3g}° towards azimuth {azimuth:.0f}°"
 
 
 def _main_costs(costs: Mapping[str, float]) -> str:
-    """Return the significant cost terms in words, the largest first."""
+    """Return text for the significant cost terms, the largest first."""
     parts = sorted(costs.items(), key=lambda item: -abs(item[1]))
     return ", ".join(f"{name} {value:.3g}" for name, value in parts if abs(value) >= 5e-4)
 
@@ -164,9 +164,9 @@ def reach_files(
     Args:
         files: problem files.
         out: directory of the output folders.
-        changes: keys of the problem files that are set to other values, each ``key.path=value``.
-        step: width of a cell [m], or None.
-        headings: number of headings tried in a cell, or None.
+        changes: values that replace those of the problem files, each ``key.path=value``.
+        step: width of a cell [m]; None for the default.
+        headings: number of headings tried in a cell; None for the default.
         workers: number of processes on this machine.
         dask: address of a Dask scheduler, or None.
         pictures: whether to draw.
@@ -199,7 +199,7 @@ def reach_files(
 def _watched(
     problem: Problem, crew: Workers, progress: Callable[[int, int], None]
 ) -> AbstractContextManager[Callable[..., None]]:
-    """Return a watchdog for processes of this machine that hang on a cell; clusters have time limits of their own."""
+    """Return a watchdog for local processes that hang on a cell; clusters have their own time limits."""
     if isinstance(crew, DaskWorkers):
         return nullcontext(progress)
     return ended_when_silent(problem.name, problem.planner, progress)
@@ -207,7 +207,7 @@ def _watched(
 
 @contextmanager
 def _cells_display(name: str) -> Iterator[Callable[[int, int], None]]:
-    """Show how many cells are reached, on stderr if that is a terminal."""
+    """Show the number of cells reached so far on stderr if stderr is a terminal."""
     console = Console(stderr=True, emoji=False)
     if output().quiet or not console.is_terminal:
         yield lambda _reached, _cells: None

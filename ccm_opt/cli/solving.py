@@ -70,10 +70,10 @@ def failures_recorded(
 
     Raises:
         NoPlanFound: there is no plan; the diagnosis is written to ``solution.json``.
-        VerificationError: the verifier rejects the plan; recorded likewise.
+        VerificationError: the verifier rejects the plan; this is also written to ``solution.json``.
         KeyboardInterrupt: on Ctrl-C; a record with the status ``cancelled`` and the reason, as far as it is known, is
             written; or the plan if there is one already.
-        MemoryError: or another error that says that memory ran out before there was a reason; it is recorded as the
+        MemoryError: this, or another error of exhausted memory, occurred before a reason was known; recorded as the
             reason.
     """
     record = failure_recorder(problem, out, clock, pictures=pictures, write=write)
@@ -110,7 +110,7 @@ def failures_recorded(
 
 
 def write_unfinished(target: Path, files: Mapping[str, bytes]) -> None:
-    """Write a verified plan that was cut short to its folder, or next to an earlier plan.
+    """Write a verified plan whose remaining work was interrupted to its folder, or next to an earlier plan.
 
     Args:
         target: the folder of the plan.
@@ -126,7 +126,7 @@ def report_folder(folder: Path, target: Path, what: str) -> None:
     Args:
         folder: folder that was written.
         target: folder that would be written without an earlier result.
-        what: the second half of the sentence, without the place.
+        what: second half of the warning, without the path of the folder.
     """
     if folder != target:
         warn(f"{target} keeps its earlier result; {what} in {folder}")
@@ -138,7 +138,7 @@ def solve_files(files: Sequence[Path], out: Path, changes: Sequence[str] = (), *
     Args:
         files: problem files.
         out: directory of the output folders.
-        changes: keys of the problem files that are set to other values, each ``key.path=value``.
+        changes: values that replace those of the problem files, each ``key.path=value``.
         options: options of ``_solve``.
 
     Returns:
@@ -158,7 +158,7 @@ def _solve(
     explain: bool = True,
     several: bool = False,
 ) -> int:
-    """Make one plan, or plans from the fastest to that with most clearance.
+    """Make one plan, or several plans from the fastest to the one with maximum clearance.
 
     Of several plans, the recommended one goes to the main folder.
 
@@ -169,7 +169,7 @@ def _solve(
         pictures: whether to draw pictures and the page.
         figure_format: file format of the still pictures.
         explain: whether a failure is explained in the time that is left.
-        several: whether several plans are made, from the fastest to that with most clearance.
+        several: whether several plans are made, from the fastest to the one with maximum clearance.
     """
     target = out / problem.name
     check_target(target)

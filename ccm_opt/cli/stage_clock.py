@@ -48,7 +48,7 @@ class StageClock:
     """Measures the time of each stage; ``begin`` starts one, and the clock can be the ``progress`` of a solve.
 
     Attributes:
-        current: the present stage; empty before the first and after ``finish``.
+        current: the current stage; empty before the first and after ``finish``.
         wall: wall time by stage [s].
         cpu: user and system time by stage, finished child processes included [s].
         known: why there is no plan, once the solve has reported it; None before.
@@ -63,11 +63,11 @@ class StageClock:
         self._since = _moment()
 
     def begin(self, stage: str) -> None:
-        """End the present stage and start another."""
+        """End the current stage and start another."""
         self(Progress(stage))
 
     def __call__(self, progress: Progress) -> None:
-        """Take in the progress of a solve; stages of several plans are added up."""
+        """Receive the progress of a solve; the times of equal stages of several plans are summed."""
         stage = progress.stage.rpartition(": ")[2]
         if stage != self.current:
             self.finish()
@@ -79,7 +79,7 @@ class StageClock:
             self._show(progress)
 
     def finish(self) -> None:
-        """End the present stage."""
+        """End the current stage."""
         now = _moment()
         if self.current:
             for spent, end, begin in zip((self.wall, self.cpu), now, self._since, strict=True):
@@ -89,7 +89,7 @@ class StageClock:
 
     @property
     def timings(self) -> Mapping[str, float]:
-        """CPU time of the stages so far, the present one included [s]."""
+        """CPU time of the stages so far, including the current one [s]."""
         if not self.current:
             return dict(self.cpu)
         return {**self.cpu, self.current: _moment()[1] - self._since[1]}
@@ -99,8 +99,8 @@ class StageClock:
 def stage_display(title: str) -> Iterator[StageClock]:
     """Yield a clock that reports progress on stderr.
 
-    On a terminal, one line is updated in place. Elsewhere, plain lines are printed once the work takes long enough for
-    people to wonder; with ``--verbose`` there is a line for every stage, with ``--quiet`` none.
+    On a terminal, one line is updated in place. Elsewhere, plain lines are printed once the work takes noticeably long;
+    with ``--verbose`` there is a line for every stage, with ``--quiet`` none.
 
     Args:
         title: text at the start of every line.
@@ -155,12 +155,12 @@ def ended_when_silent(
     record: Recorder | None = None,
     silence: float | None = None,
 ) -> Iterator[Callable[..., None]]:
-    """Watch the work inside the block; end the process when it has reported nothing for too long.
+    """Watch the work inside the block; end the process if the work reports no progress for too long.
 
     Args:
         name: name of the problem.
         planner: options with the time limit.
-        progress: receives every report, too.
+        progress: function that also receives every progress report.
         record: records why there is no result; None for no record.
         silence: longest time without a report [s]; None to derive it from the time limit.
 
@@ -198,7 +198,7 @@ def ended_when_silent(
 
 @contextmanager
 def _ended_by_signal() -> Iterator[None]:
-    """Let a signal end the process at once inside the block, with its number as exit code, whatever C code runs.
+    """Let a signal end the process at once inside the block, even in C code; the exit code is the signal's number.
 
     The handler is the C library's own ``_exit``: while a solver spins, a Python handler would never be called.
     """
@@ -240,9 +240,9 @@ def _end(
     record: Recorder | None,
     known: Diagnosis | None,
 ) -> None:
-    """Print why, write the record, and end the command.
+    """Print why the silent command is ended, write the record, and end the command.
 
-    A reason that is known already was printed before, and goes into the record.
+    A known reason why there is no plan was already printed; it is included in the record.
     """
     what = "planning" if known is None else "the search for changes that would help"
     reason = f"{what} reported nothing for {silence:g} s and was stopped"

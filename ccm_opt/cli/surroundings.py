@@ -36,7 +36,7 @@ def ensure_stdio() -> None:
 
 
 def too_little_memory() -> str:
-    """Return why the libraries cannot be loaded, in one line; empty if they can."""
+    """Return one line on why memory is too small to load the libraries; empty if they can be loaded."""
     allowed = address_space()
     if allowed is None or allowed >= LEAST_ADDRESS_SPACE:
         return ""
@@ -57,7 +57,7 @@ def address_space() -> int | None:
 
 
 def is_out_of_memory(error: BaseException | None) -> bool:
-    """Return whether an error, or one that caused it, says in any known way that memory ran out."""
+    """Return whether an error, or one of its causes, is of a known kind that means exhausted memory."""
     seen = 0
     while error is not None and seen < _DEEPEST:
         said = isinstance(error, _SAYERS) and any(words in str(error) for words in _SAID)

@@ -65,25 +65,25 @@ def print_solution(solution: Solution, clock: StageClock, folder: str) -> None:
 
 
 def result_units(problem: Problem) -> PageUnits:
-    """Return the units of a problem's results: lengths are in the unit of its file."""
+    """Return the units of a problem's results; lengths are in the unit of the problem file."""
     return PageUnits.of_file(problem.length_unit, problem.arm.length)
 
 
 def print_clearance(console: Console, room: ClearanceRecord | None, units: PageUnits) -> None:
-    """Print the clearance of a motion, one sentence per line; nothing if it was not measured."""
+    """Print the clearance of a motion, one sentence per line; print nothing if clearance was not measured."""
     if room is not None:
         for sentence in clearance_sentences(room, units):
             console.print(escape(sentence), soft_wrap=True)
 
 
 def print_not_checked(console: Console, remarks: Sequence[str]) -> None:
-    """Print what the checks leave out, one line each."""
+    """Print one line for each aspect that the checks do not cover."""
     for remark in remarks:
         console.print(f"[yellow]not checked:[/yellow] {escape(remark)}", soft_wrap=True)
 
 
 def checks_table(title: str, checks: Sequence[CheckWords]) -> Table:
-    """Return a table of checks: worst value, limit, share of it that is used, and place."""
+    """Return a table of checks: worst value, limit, used fraction of the limit, and place."""
     table = _plain_table(title)
     table.add_column("", max_width=_WIDEST_TITLE)
     table.add_column("worst", justify="right", no_wrap=True)
@@ -121,13 +121,13 @@ def _plain_table(title: str) -> Table:
 
 
 def report_console() -> Console:
-    """Return the console for tables on stdout; wide when it is not a terminal."""
+    """Return the console for tables on stdout; the console is wide if stdout is not a terminal."""
     console = Console(highlight=False, emoji=False)
     return console if console.is_terminal else Console(highlight=False, emoji=False, width=_PIPED_WIDTH)
 
 
 def verdict_cells(verdict: SimulationVerdict) -> tuple[str, str, str, str]:
-    """Return table cells for the verdict on a simulation: outcome, no limit, no share, and reason."""
+    """Return table cells for the verdict on a simulation: outcome, no limit, no used fraction, and reason."""
     outcome = verdict.outcome if verdict.followed else f"[red]{verdict.outcome}[/red]"
     return outcome, "", "", escape(verdict.reason)
 
@@ -142,11 +142,11 @@ def stage_line(clock: StageClock) -> str:
 def peak_torque(
     torques: FloatArray, limit: FloatArray | None, names: Sequence[str], *, in_space: bool
 ) -> tuple[str, str, str, str]:
-    """Return table cells for the peak torque: value, limit, share of the limit that is used, and joint.
+    """Return table cells for the peak torque: value, limit, used fraction of the limit, and joint.
 
     Args:
-        torques: shape (samples, revolutes) [N m].
-        limit: shape (revolutes,), or None without limits [N m].
+        torques: torques of the revolutes over time, shape (samples, revolutes) [N m].
+        limit: torque limits, shape (revolutes,) [N m]; None without limits.
         names: names of the revolutes.
         in_space: whether joints have two bends, with names of their own.
     """
@@ -204,7 +204,7 @@ def _cells(plan: ParetoPlan, units: PageUnits) -> tuple[str, ...]:
 
 
 def _gap(room: ClearanceRecord | None, at: Callable[[ClearanceRecord], NearPlace], units: PageUnits) -> str:
-    """Return a gap in words, with ">" if nothing is within the search distance."""
+    """Return a gap as text, with ">" if nothing is within the search distance."""
     if room is None:
         return ""
     near = at(room)
@@ -212,7 +212,7 @@ def _gap(room: ClearanceRecord | None, at: Callable[[ClearanceRecord], NearPlace
 
 
 def _note(found: ParetoPlans, plan: ParetoPlan, number: int) -> str:
-    """Return remarks on a plan."""
+    """Return text with remarks on a plan of a trade-off."""
     if plan.solution is None:
         return f"no plan: {plan.reason}"
     notes = ["recommended"] if number == found.recommended else []

@@ -108,9 +108,9 @@ def _check(folder: Path, constraints: tuple[str, ...]) -> int:
 
 
 def _constraint_checks(problem: Problem, motion: SavedMotion, references: tuple[str, ...]) -> tuple[Check, ...]:
-    """Return one check for every constraint.
+    """Return one check for every constraint of the user.
 
-    For a plan with stops there is one for every constraint and leg, as when the plan was made.
+    For a plan with stops, there is one check for every constraint and leg, as when the plan was made.
 
     Raises:
         ProblemError: a constraint cannot be loaded, or cannot be checked from files alone.
@@ -179,7 +179,7 @@ def exported_files(
     scene: bool = True,
     effort: bool = False,
 ) -> dict[str, bytes]:
-    """Return the content of the exported file under the name ``""``, and of meshes next to it by their names.
+    """Return the contents of the exported files by name: ``""`` for the main file, and the names of meshes next to it.
 
     Args:
         folder: an output folder of ``ccm-opt solve``.

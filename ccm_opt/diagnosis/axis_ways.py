@@ -57,7 +57,7 @@ _PULL_STEPS = 5
 
 
 def axis_ways(problem: Problem, until: Deadline) -> Iterator["AxisWays"]:
-    """Yield the ways to every goal of the tip, from the base or from the positions to which it is fed."""
+    """Yield an ``AxisWays`` per tip goal, for ways from the base or from the positions to which the base is fed."""
     for place in tip_places(problem):
         # CPU time makes the result independent of other load on the machine.
         own = time.process_time() + _SECONDS
@@ -66,7 +66,7 @@ def axis_ways(problem: Problem, until: Deadline) -> Iterator["AxisWays"]:
 
 @dataclass(frozen=True, eq=False)
 class AxisWays(Ways):
-    """Ways in space from the base, or the positions to which it is fed, to the tolerance of a goal."""
+    """Ways in space from the base, or the positions to which the base is fed, to the tolerance region of a goal."""
 
     shortest_is_proved = False
     closed_to_short_arms = True
@@ -74,7 +74,7 @@ class AxisWays(Ways):
 
     @property
     def arm(self) -> Arm:
-        """The whole arm, since all of it may be beyond its guide tube."""
+        """The whole arm, since the arm may be fed completely out of its guide tube."""
         return self.problem.arm
 
     @cached_property
@@ -84,13 +84,13 @@ class AxisWays(Ways):
 
     @property
     def room(self) -> float:
-        """Distance that the axis must keep from the surfaces, less their possible excess over the obstacles [m]."""
+        """Required distance of the axis from the surfaces, less the surfaces' largest excess over the obstacles [m]."""
         need = self.arm.radius + self.problem.workspace.clearance - self.gaps.stands_out
         return max(need, 0.0) - touching_overlap(self.arm)
 
     @cached_property
     def ends(self) -> WayEnds:
-        """Where ways begin and end; with a feed axis, they may begin anywhere in the guide tube."""
+        """Start and end of the ways; with a feed axis, ways may begin anywhere in the guide tube."""
         arm = self.arm
         low, high = arm.base_range
         until = max(high, arm.hole) if arm.base_axes else high
@@ -101,7 +101,7 @@ class AxisWays(Ways):
 
     @cached_property
     def search(self) -> WaySearch:
-        """Search in the region that a somewhat longer arm could reach."""
+        """Search of the region that a slightly longer arm could reach."""
         return self._search_in(self.problem.workspace, self.gaps.tree)
 
     def _search_in(self, workspace: Workspace, tree: SurfaceTree) -> WaySearch:
@@ -113,7 +113,7 @@ class AxisWays(Ways):
 
     @cached_property
     def answer(self) -> Answer:
-        """Whether there is a way that is wide and short enough; not known for an arm of zero width."""
+        """Whether a way that is wide and short enough exists; "not known" for an arm of zero width."""
         return self.search.answer(self.room, self.arm.length) if self.room > 0.0 else "not known"
 
     @property
@@ -131,7 +131,7 @@ class AxisWays(Ways):
 
     @property
     def least(self) -> float:
-        """Length of the short way [m]; 0 if none was found."""
+        """Length of the short way that was found [m]; 0 if none was found."""
         return 0.0 if self.shortest is None else way_length(self.shortest)
 
     def all_longer_than(self, length: float) -> bool:
@@ -139,17 +139,17 @@ class AxisWays(Ways):
         return self.room > 0.0 and self.search.answer(self.room, length, _DETOUR_CELLS) == "closed"
 
     def bound(self, known: float) -> float:
-        """Return an upper bound on the distance from surfaces that any way keeps, at most `room` [m].
+        """Return an upper bound on the distance from surfaces that the widest way keeps, at most `room` [m].
 
         Args:
-            known: distance that some way is known to keep [m].
+            known: distance from surfaces that the widest known way keeps [m].
         """
         if self.room <= 0.0 or self.search.answer(self.room, self.arm.length, _MORE_CELLS) != "closed":
             return self.room
         return self.widest_between(known, self.room, 0.5 * (known + self.room)).most
 
     def widest(self, most: float) -> WidestWay:
-        """Return the widest way, searched for up to a distance of `most` from surfaces [m]."""
+        """Return the widest way; distances from surfaces are only distinguished up to `most` [m]."""
         length = self.arm.length
         if most > self.room and self.search.answer(most, length, _MORE_CELLS) != "closed":
             place = self.search.narrowest(length)
@@ -162,8 +162,8 @@ class AxisWays(Ways):
         """Return the widest way that is no longer than the arm, by bisection.
 
         Args:
-            low: distance from surfaces that some way is known to keep; 0 if no way is known [m].
-            high: upper bound on the distance that any way keeps [m].
+            low: distance from surfaces that the widest known way keeps; 0 if no way is known [m].
+            high: upper bound on the distance that the widest way keeps [m].
             trial: first distance to be tried [m].
         """
         length = self.arm.length
@@ -186,7 +186,7 @@ class AxisWays(Ways):
         return WidestWay(high, exact, closed, narrow, walls, way=way)
 
     def opening(self, place: FloatArray, *, closed: bool) -> tuple[str, ...]:
-        """Return the obstacles whose removal alone opens a way: those near a place (3,), or near the straight line."""
+        """Return obstacles whose removal alone opens a way, near a position (3,) or else near the line to the goal."""
         if closed:
             return self._closing
         walls = beside(self.gaps, place, FINEST * max(self.room, 0.0))
@@ -197,7 +197,7 @@ class AxisWays(Ways):
 
     @lru_cache(maxsize=32)  # noqa: B019 - lives as long as the searches that it keeps
     def _without(self, name: str) -> WaySearch | None:
-        """Return the search without one obstacle; None if there still is no way or the name is not an obstacle's."""
+        """Return the search without one obstacle; None if no way is found without it, or no obstacle has the name."""
         workspace = self.problem.workspace.without(name)
         if len(workspace.obstacles) == len(self.problem.workspace.obstacles) or self.until.passed():
             return None
@@ -208,7 +208,7 @@ class AxisWays(Ways):
 
     @cached_property
     def _closing(self) -> tuple[str, ...]:
-        """Obstacles near the straight line whose removal alone opens a way, the smallest first."""
+        """Obstacles near the straight line to the goal whose removal alone opens a way, the smallest first."""
         straight = np.stack((self.ends.end, self.ends.goal))[None]
         near = sorted(self.gaps.each(straight, self.arm.length), key=lambda each: float(each.gaps[0]))
         opened = self._opened(tuple(each.name for each in near[:_MOST_REMOVED]))
@@ -217,7 +217,7 @@ class AxisWays(Ways):
         return tuple(sorted(opened, key=lambda name: sizes[name]))
 
     def blocking_place(self, name: str, place: FloatArray) -> FloatArray:
-        """Return where a way would lead deepest through an obstacle that closes it, shape (3,) [m].
+        """Return the deepest point inside an obstacle of the way that opens without the obstacle, shape (3,) [m].
 
         Args:
             name: name of the obstacle.
@@ -233,7 +233,7 @@ class AxisWays(Ways):
         return np.asarray(along[int(np.argmax([depth_inside(body, each) for each in along]))])
 
     def length_remedies(self) -> dict[str, float]:
-        """Return the link length up to which every way is known to be closed, by its key [m]."""
+        """Return the link length up to which every way is known to be closed [m], by the key in the problem file."""
         low = self.arm.length
         high = self.least
         for _ in range(_HALVINGS):
@@ -246,12 +246,12 @@ class AxisWays(Ways):
 
 
 def shortest_in(search: WaySearch, tree: SurfaceTree, room: float) -> FloatArray | None:
-    """Return the corners of a short way through cubes that keep a distance, shape (m, 3) [m]; None if there is none.
+    """Return the corners of a short way through cubes far enough from surfaces, shape (m, 3) [m]; None without one.
 
     Args:
         search: the search, with its cubes.
         tree: surfaces of the scene.
-        room: distance that every point of the cubes must keep from the surfaces [m].
+        room: least distance of every point of the cubes from the surfaces [m].
     """
     cells = search.cells
     start, goal = search.end_cubes()
@@ -284,12 +284,12 @@ def shortest_in(search: WaySearch, tree: SurfaceTree, room: float) -> FloatArray
 
 
 def _pulled(tree: SurfaceTree, way: FloatArray, room: float, steps: int) -> FloatArray:
-    """Tighten a way by moving its corners and midpoints towards the line between their neighbours.
+    """Shorten a way by moving its corners and midpoints towards the line between their neighbours.
 
     Args:
         tree: surfaces of the scene.
         way: corners of the way, shape (m, 3) [m].
-        room: distance from surfaces that moved parts must keep [m].
+        room: least distance of the moved parts from the surfaces [m].
         steps: number of halvings of a corner's displacement.
     """
     fine = np.empty((2 * len(way) - 1, 3))

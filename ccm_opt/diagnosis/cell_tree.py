@@ -23,16 +23,16 @@ _PARTS = np.array([(a, b) for a in range(8) for b in range(a)])
 
 @dataclass(frozen=True, eq=False)
 class CellTree:
-    """Cubes that fill a box; those that were split are replaced by their parts.
+    """Cubes of different sizes that fill a box; splitting a cube replaces it by its eight parts.
 
     Attributes:
         tree: surfaces of the scene.
         origin: lower corner of the box, shape (3,) [m].
         first: size of an unsplit cube [m].
         reach: value at which distances are capped [m].
-        low: lower corners of the cubes in finest units, shape (n, 3).
-        size: sizes of the cubes in finest units, shape (n,).
-        gap: distances of the centres from the surfaces, capped at the reach, shape (n,) [m].
+        low: lower corners of the cubes in units of the smallest possible cube, shape (n, 3).
+        size: edge lengths of the cubes in the same units, shape (n,).
+        gap: distances of the centres from the surfaces, capped at ``reach``, shape (n,) [m].
         pairs: indices of cubes that touch, shape (m, 2).
     """
 
@@ -72,12 +72,12 @@ class CellTree:
 
     @property
     def sides(self) -> FloatArray:
-        """Sizes of the cubes, shape (n,) [m]."""
+        """Edge lengths of the cubes, shape (n,) [m]."""
         return np.asarray(self.size * (self.first / _UNITS))
 
     @property
     def half_diagonals(self) -> FloatArray:
-        """Greatest distances of points of the cubes from their centres, shape (n,) [m]."""
+        """Half of each cube's space diagonal, shape (n,) [m]."""
         return np.asarray(0.5 * np.sqrt(3.0) * self.sides)
 
     @property
@@ -96,7 +96,7 @@ class CellTree:
         return np.asarray(self.gap - self.half_diagonals)
 
     def distances_from(self, start: FloatArray, end: FloatArray) -> FloatArray:
-        """Return the distances of the cubes' centres from a segment between two points (3,), shape (n,) [m]."""
+        """Return the distances [m] of the cubes' centres from the segment between two points (3,), shape (n,)."""
         way = end - start
         middles = self.middles
         square = float(way @ way)
@@ -144,12 +144,12 @@ def _neighbours(numbers: IntArray) -> IntArray:
 def _inherited_pairs(
     pairs: IntArray, chosen: BoolArray, places: IntArray, before: "CellTree", low: IntArray, size: IntArray
 ) -> IntArray:
-    """Return the pairs of touching cubes after a split that come from pairs before it.
+    """Return the pairs of touching cubes after a split that derive from the pairs before the split.
 
     Args:
         pairs: pairs of the cubes before the split, shape (m, 2).
         chosen: mask of the cubes that were split.
-        places: new index of each old cube, or of the first of its parts.
+        places: new index of each old cube, or of its first part if the cube was split.
         before: the cubes before the split.
         low: lower corners of the new cubes.
         size: sizes of the new cubes.
@@ -170,11 +170,11 @@ def _inherited_pairs(
 def _parts_that_touch(
     pairs: IntArray, side: int, low: IntArray, size: IntArray, others_low: IntArray, others_size: IntArray
 ) -> IntArray:
-    """Replace the cube on one side of each pair by those of its eight parts that touch the other, shape (k, 2).
+    """Replace one cube of each pair by those of its eight parts that touch the other cube; return pairs, shape (k, 2).
 
     Args:
-        pairs: pairs of the first of eight parts, on the given side, and another cube.
-        side: side of the split cubes, 0 or 1.
+        pairs: in the column ``side``, the index of the first of the eight parts; in the other, the other cube's index.
+        side: column of the split cubes, 0 or 1.
         low: lower corners of the parts.
         size: sizes of the parts.
         others_low: lower corners of the other cubes.

@@ -54,14 +54,14 @@ CellLabels: TypeAlias = np.ndarray[tuple[int, ...], np.dtype[np.int32]]
 
 
 def two_links_turn(problem: Problem) -> Iterator[Finding]:
-    """Yield the whole-arm goals that the first two links cannot turn to from the start; takes milliseconds."""
+    """Yield a finding per whole-arm goal to which the first two links cannot turn from the start, in milliseconds."""
     yield from _shut_off(problem, 2)
 
 
 def three_links_turn(problem: Problem) -> Iterator[Finding]:
-    """Yield the whole-arm goals that the first two, or else the first three, links cannot turn to from the start.
+    """Yield a finding per whole-arm goal to which the first two or three links cannot turn from the start.
 
-    Takes tenths of a second.
+    The check with three links, made only if two find nothing, takes tenths of a second.
     """
     for links in (2, 3):
         found = tuple(_shut_off(problem, links))
@@ -89,11 +89,11 @@ def _shut_off(problem: Problem, links: int) -> Iterator[Finding]:
 
 @dataclass(frozen=True)
 class FirstLinkCells:
-    """Cells of the configuration space of the first links.
+    """Cells of the first links' configuration space, which show whether these links can turn between two poses.
 
     Attributes:
         arm: the arm.
-        workspace: the walls.
+        workspace: the workspace with its walls.
         radius: radius of the links, which may differ from the arm's [m].
         links: number of links considered, from the base.
     """
@@ -110,18 +110,18 @@ class FirstLinkCells:
 
     @property
     def near(self) -> Workspace:
-        """The workspace reduced to the walls that the first links can come near."""
+        """The workspace with only those walls that the first links can come near."""
         gap = self.arm.radius + self.workspace.clearance
         return self.workspace.near(shapely.Point(self.arm.base), self.reach + gap)
 
     @property
     def useful(self) -> bool:
-        """Whether there are obstacles within reach and the number of cells is acceptable."""
+        """Whether there are obstacles within reach of the first links and the number of cells is acceptable."""
         return len(self.near.obstacles) > 0 and 0 < int(np.prod(self.counts)) <= _MOST_CELLS
 
     @cached_property
     def counts(self) -> tuple[int, ...]:
-        """Number of cells in the range of each bend."""
+        """Number of cells along the range of each bend."""
         share = _SHARES[self.links - 1]
         gap = self.arm.radius + self.workspace.clearance
         # The end of the last link moves by at most the sum of the rotations of all links, half a cell per joint.
@@ -136,7 +136,7 @@ class FirstLinkCells:
         return np.asarray(2.0 * self.arm.bend_limits[: self.links] / np.array(self.counts))
 
     def joined(self, start: WholePose, goal: WholePose, turns: float = 0.0) -> bool:
-        """Return whether a chain of open cells joins two poses within their tolerances, or one of them is in contact.
+        """Return whether open cells connect two poses within their tolerances; also true if a pose is in contact.
 
         Args:
             start: one pose.
@@ -148,7 +148,7 @@ class FirstLinkCells:
         return not first or not last or bool(first & last)
 
     def _pose_labels(self, pose: WholePose, turns: float) -> set[int]:
-        """Return the labels of the connected pieces in which a pose may lie; empty if all its cells are closed."""
+        """Return the labels of the connected components in which a pose may lie; empty if all its cells are closed."""
         limits = self.arm.bend_limits[: self.links]
         bends = pose.q[: self.links].copy()
         bends[0] += turns
@@ -160,14 +160,14 @@ class FirstLinkCells:
 
     @cached_property
     def pieces(self) -> CellLabels:
-        """Label of the connected piece that each cell belongs to, 0 for closed cells; corners connect cells."""
+        """Label of each cell's connected component, 0 for closed cells; a shared corner connects cells."""
         is_open = np.zeros(self.counts, dtype=bool)
         is_open[tuple(self._open_cells())] = True
         labels, _ = ndimage.label(is_open, structure=np.ones((3,) * self.links))
         return np.asarray(labels, dtype=np.int32)
 
     def _open_cells(self) -> list[IntArray]:
-        """Return the indices of the open cells along every bend, link by link.
+        """Return the indices of the open cells along every bend, found link by link.
 
         Cells closed for one link are closed for all links beyond it.
         """
@@ -194,7 +194,7 @@ class FirstLinkCells:
         return numbers
 
     def _raster(self, link: int) -> BlockedRaster:
-        """Return the positions of a point of a link, at a cell's centre, that are blocked in every pose of the cell."""
+        """Return the raster of positions of a link's point, at a cell's centre, that mean contact in the whole cell."""
         half_widths = 0.5 * self.widths[: link + 1]
         moved = self.arm.link_length * float(np.cumsum(half_widths).sum())
         gap = self.radius + self.workspace.clearance - moved - touching_overlap(self.arm)
@@ -204,7 +204,7 @@ class FirstLinkCells:
 
 
 def _finding(problem: Problem, cells: FirstLinkCells, start: WholePose, goal: WholePose) -> Finding:
-    """Return the finding that the first links cannot turn to a goal, with the changes that would open the way."""
+    """Return the finding that the first links cannot turn to a goal, with changes that would allow them to."""
     arm = problem.arm
     opening = _opening(cells, start, goal)
     nearest = _by_distance(cells)
@@ -244,7 +244,7 @@ def _by_distance(cells: FirstLinkCells) -> tuple[str, ...]:
 
 
 def _opening(cells: FirstLinkCells, start: WholePose, goal: WholePose) -> tuple[str, ...]:
-    """Return the obstacles near the base whose removal alone would open the way, the nearest first."""
+    """Return the obstacles near the base whose removal alone would let the first links turn, the nearest first."""
     names = _by_distance(cells)[:_MOST_REMOVED]
 
     def opened(name: str) -> bool:
@@ -255,7 +255,7 @@ def _opening(cells: FirstLinkCells, start: WholePose, goal: WholePose) -> tuple[
 
 
 def _other_turn(cells: FirstLinkCells, start: WholePose, goal: WholePose) -> float | None:
-    """Return the goal's first bend plus or minus a full turn if the goal is not shut off there [rad], else None."""
+    """Return the goal's first bend, a full turn more or less, if the links can turn there [rad]; None otherwise."""
     bend = float(goal.q[0])
     for turns in (2.0 * np.pi, -2.0 * np.pi):
         # A bend beyond the limit would lie in no open cell and count as joined.
@@ -266,7 +266,7 @@ def _other_turn(cells: FirstLinkCells, start: WholePose, goal: WholePose) -> flo
 
 
 def _opening_radius(cells: FirstLinkCells, start: WholePose, goal: WholePose) -> float:
-    """Return the largest radius found for which the cells no longer shut off the goal, 0 if none [m]."""
+    """Return the largest radius found with which the first links can turn to the goal [m]; 0 if none."""
     low = 0.0
     high = cells.radius
     for _ in range(_BISECTIONS):
@@ -310,7 +310,7 @@ def failed(
 
 
 def find_scaled(problem: Problem, find: Callable[[Problem], Iterable[Finding]]) -> tuple[Finding, ...]:
-    """Return the findings of a function, run in the plane on the problem scaled to the arm, and reported in metres."""
+    """Return the findings of a function in metres; a planar problem is scaled to the arm for the function."""
     if problem.dimension == 3:
         return tuple(find(problem))
     units = OwnUnits(problem.arm.length)
@@ -323,11 +323,11 @@ def _found(check: Check, problem: Problem, until: Deadline) -> Iterator[Finding]
 
 
 def no_way(problem: Problem, until: Deadline) -> bool:
-    """Return whether it is proved that no way to some goal is both wide and short enough for the arm."""
+    """Return whether there is a goal to which provably no way is both wide and short enough for the arm."""
     scaled = OwnUnits(problem.arm.length).scaled(problem) if problem.dimension == 2 else problem
     return any_way_closed(scaled, until)
 
 
 def hopeless(problem: Problem, until: Deadline) -> bool:
-    """Return whether any necessary check proves that there is no plan, which is much faster than explaining why."""
+    """Return whether any necessary check proves that there is no plan; much faster than finding out the cause."""
     return any(finding.proved for finding in failed(problem, BUT_WAYS, until)) or no_way(problem, until)

@@ -27,8 +27,8 @@ class DiagnosisSettings:
     """Settings of the explanation of failures.
 
     Attributes:
-        trials: time limits of trial solves in the plane.
-        space_trials: time limits in space, where finding a motion takes several times as long.
+        trials: time limits of trial solves for problems in the plane.
+        space_trials: time limits of trial solves in space, where finding a motion takes several times as long.
     """
 
     trials: TrialSettings = field(default_factory=TrialSettings)

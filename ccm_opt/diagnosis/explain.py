@@ -42,12 +42,12 @@ _HARDLY_BENDS = 1.5707963267948966
 
 
 def likely(problem: Problem, until: Deadline) -> tuple[Finding, ...]:
-    """Return the likely obstructions found until a deadline, the tightest first."""
+    """Return the likely but unproved obstructions that are found before a deadline, the tightest first."""
     return find_scaled(problem, lambda p: (*tight_ways(p, until), *_curve(p)))
 
 
 def _curve(problem: Problem) -> Iterator[Finding]:
-    """Yield a finding, from the NLP's rows, if the curve of the shortest route has no configuration at the goal."""
+    """Yield a finding, from the violated constraints, if the shortest route's curve has no goal configuration."""
     if problem.arm.base_axes or problem.dimension == 3:
         return
     try:
@@ -63,7 +63,7 @@ def _curve(problem: Problem) -> Iterator[Finding]:
 
 
 def _curve_fails(problem: Problem, error: ConfigurationNotFound) -> Finding:
-    """Return the NLP's violated rows as a finding: constraint, arc length, position, and the nearest wall there."""
+    """Return a finding on the NLP's violated constraints: their names, arc lengths, positions and the nearest walls."""
     rows = error.diagnosis.evidence.get("rows")
     places = [tuple(row["place"]) for row in rows] if isinstance(rows, list) else []
     walls = tuple(dict.fromkeys(nearest_walls(problem.workspace, np.array(place), 1)[0] for place in places))
@@ -80,7 +80,7 @@ def _curve_fails(problem: Problem, error: ConfigurationNotFound) -> Finding:
 def unit_hints(problem: Problem) -> tuple[str, ...]:
     """Return advice on quantities whose unit looks wrong; usually none.
 
-    Suspicious are lengths that are off by about a factor of a thousand, and joint limits that look like radians.
+    Lengths that are off by about a factor of a thousand, and joint limits that look like radians, are suspicious.
     """
     return tuple(f"check the units: {hint}" for hint in _hints(problem))
 
@@ -123,7 +123,7 @@ They are used when every trial solve failed. Taste.
 
 
 def with_proof(problem: Problem, error: NoPlanFound) -> NoPlanFound:
-    """Return an error with the findings that prove that there is no plan, if any; no changes are tried."""
+    """Return a planning error with the findings that prove that there is no plan, if any; no changes are tried."""
     old = error.diagnosis
     findings = old.findings or ranked(failed(problem))
     reason = findings[0].reason if findings and not old.findings else old.reason
@@ -131,7 +131,7 @@ def with_proof(problem: Problem, error: NoPlanFound) -> NoPlanFound:
 
 
 def explained(problem: Problem, error: NoPlanFound, trials: Trials, stages: Stages | None = None) -> NoPlanFound:
-    """Return an error with all known causes, and the changes with which the problem was solved.
+    """Return a planning error extended by all known causes and by the changes with which the problem was solved.
 
     Args:
         problem: the problem without a plan.
@@ -166,7 +166,7 @@ def explained(problem: Problem, error: NoPlanFound, trials: Trials, stages: Stag
 
 
 def _overloads(problem: Problem, error: NoPlanFound) -> tuple[Finding, ...]:
-    """Return a finding on the joint that timing found too weak to hold the arm on the path, if planning ended so."""
+    """Return a finding on the joint that is too weak to hold the arm on the path, if timing failed for that reason."""
     evidence = error.diagnosis.evidence
     number, torque = (evidence.get(name) for name in ("revolute", "torque"))
     if problem.limits.torque is None or not isinstance(number, int) or not isinstance(torque, float):
@@ -184,7 +184,7 @@ def _diagnosis(
 
 
 def _advice(problem: Problem, findings: tuple[Finding, ...], until: Deadline) -> tuple[str, ...]:
-    """Return the known minimum changes, for problems of which no trial solve succeeded.
+    """Return advice on the least changes that are known to be necessary, for problems without a successful trial solve.
 
     Changes that the necessary checks prove to be insufficient are left out.
     """
@@ -208,7 +208,7 @@ def _least_with_hope(
     bound: float,
     until: Deadline,
 ) -> float | None:
-    """Return the least value, from the bound on, that passes the necessary checks; None if none does."""
+    """Return the tried value nearest to the bound that passes the necessary checks; None if no value does."""
     beyond = tuple(bound * (1.0 + step) ** candidate.easier for step in _ADVISED_STEPS)
     for tried in candidate.tried or beyond:
         value = candidate.rounded(problem, tried)
@@ -236,10 +236,10 @@ def refuse_impossible(problem: Problem) -> None:
 def refuse_hopeless(problem: Problem) -> None:
     """Reject a problem as soon as any necessary check proves that it has no plan.
 
-    In space, or among many obstacles, the obstacles that close the ways are left to the explanation of the failure.
+    In space, or among many obstacles, the obstacles that close the ways are determined later, with the explanation.
 
     Raises:
-        UnreachableGoal: there is no plan; carries the findings, except where all ways are closed and finding out why
+        UnreachableGoal: there is no plan; carries the findings, except where all ways are closed and finding the cause
             would take long.
     """
     at_once = problem.dimension == 2 and len(problem.workspace.obstacles) <= FEW_OBSTACLES

@@ -38,11 +38,11 @@ class ObstacleGap:
     """Distances of segments from one obstacle.
 
     Attributes:
-        name: name of the obstacle, or of the room.
+        name: name of the obstacle, or of the workspace boundary.
         gaps: distances of the segments from the obstacle, negative depths for segments inside, shape (k,) [m].
         places: position of the greatest depth or least distance for each segment, shape (k, d) [m].
-        error: largest excess of the surfaces used over the obstacle itself [m].
-        outside: whether the obstacle is the room and a segment reaches out of it.
+        error: largest distance by which the surfaces used extend beyond the obstacle itself [m].
+        outside: whether the obstacle is the workspace boundary and a segment reaches out of the workspace.
     """
 
     name: str
@@ -59,10 +59,10 @@ class Gaps(Protocol):
         """Return the distances of segments (k, 2, d) from the nearest obstacle, capped at `reach`, shape (k,) [m]."""
 
     def each(self, segments: FloatArray, reach: float) -> Iterator[ObstacleGap]:
-        """Yield the gaps to each obstacle, or the room, that is nearer than `reach` to some segment (k, 2, d) [m]."""
+        """Yield the gaps to each obstacle or boundary nearer than `reach` [m] to any of the segments (k, 2, d)."""
 
     def touched(self, segments: FloatArray, need: float) -> Iterator[ObstacleGap]:
-        """Yield the gaps to each obstacle, or the room, nearer than `need` by more than rounding [m]."""
+        """Yield the gaps to each obstacle or boundary nearer than `need` [m] by more than rounding errors."""
 
 
 def gaps_of(workspace: Workspace) -> Gaps:
@@ -123,7 +123,7 @@ class WallGaps:
         return np.asarray(np.clip(np.min(gaps, axis=0), 0.0, reach))
 
     def each(self, segments: FloatArray, reach: float) -> Iterator[ObstacleGap]:
-        """Yield the gaps to each wall that is nearer than `reach` to some of the segments (k, 2, 2) [m]."""
+        """Yield the gaps to each wall that is nearer than `reach` [m] to any of the segments (k, 2, 2)."""
         lines = _lines(segments)
         for wall in self.workspace.walls:
             found = self._from_wall(wall, lines)
@@ -131,11 +131,11 @@ class WallGaps:
                 yield found
 
     def touched(self, segments: FloatArray, need: float) -> Iterator[ObstacleGap]:
-        """Yield the gaps to each wall nearer than `need` by more than rounding [m]."""
+        """Yield the gaps to each wall nearer than `need` [m] by more than rounding errors."""
         return self.each(segments, need - ROUNDING)
 
     def _from_wall(self, wall: Obstacle, lines: Any) -> ObstacleGap:
-        """Return the gaps to one wall, which are negative depths inside a polygon and outside the room."""
+        """Return the gaps to one wall; inside a polygon or outside the workspace, they are negative depths."""
         gaps = shapely.distance(lines, wall.core) - wall.rounding
         of_clearance = wall.name == BOUNDARY_NAME
         room = self.workspace.boundary
@@ -158,7 +158,7 @@ class WallGaps:
 
 
 def _lines(segments: FloatArray) -> Any:
-    """Convert segments (k, 2, 2) to line geometries, and those of zero length to points, shape (k,)."""
+    """Convert segments (k, 2, 2) to lines, or to points where their length is zero; geometries of shape (k,)."""
     stand = np.all(segments[:, 0] == segments[:, 1], axis=1)
     lines: Any = shapely.linestrings(segments)
     points: Any = shapely.points(segments[:, 0])
@@ -182,7 +182,7 @@ class SurfaceGaps:
 
     @cached_property
     def stands_out(self) -> float:
-        """Largest excess of any surface used in planning over its obstacle [m]."""
+        """Largest distance by which a surface used in planning extends beyond its obstacle [m]."""
         return max((each.body.error for each in self.workspace.obstacles), default=0.0)
 
     def distances(self, segments: FloatArray, reach: float) -> FloatArray:
@@ -190,7 +190,7 @@ class SurfaceGaps:
         return self.tree.distances(segments, reach)
 
     def each(self, segments: FloatArray, reach: float) -> Iterator[ObstacleGap]:
-        """Yield the gaps to each obstacle, or the room, that is nearer than `reach` to some segment (k, 2, 3) [m]."""
+        """Yield the gaps to each obstacle or boundary nearer than `reach` [m] to any of the segments (k, 2, 3)."""
         low = segments.min(axis=(0, 1)) - reach
         high = segments.max(axis=(0, 1)) + reach
         for obstacle in self.workspace.obstacles:
@@ -209,7 +209,7 @@ class SurfaceGaps:
                 yield found
 
     def touched(self, segments: FloatArray, need: float) -> Iterator[ObstacleGap]:
-        """Yield the gaps to each obstacle, or the room, nearer than `need` by more than rounding [m]."""
+        """Yield the gaps to each obstacle or boundary nearer than `need` [m] by more than rounding errors."""
         # One query of all surfaces first: mostly nothing is near, and obstacles need not be checked one by one.
         nearest = float(self.tree.distances(segments, need).min())
         if nearest < need - ROUNDING or deepest_enclosure(self.workspace, segments[:, 1]) is not None:
@@ -217,7 +217,7 @@ class SurfaceGaps:
 
 
 def _from_obstacle(obstacle: Obstacle, segments: FloatArray, reach: float) -> ObstacleGap:
-    """Return the gaps to one obstacle, which are negative depths inside it."""
+    """Return the gaps to one obstacle; inside the obstacle, they are negative depths."""
     body = obstacle.body
     tree = SurfaceTree.of(TriangleSoup.joined([(obstacle.name, body.triangles, body.rounding)]))
     near = tree.nearest(segments, reach)
@@ -236,7 +236,7 @@ def _from_obstacle(obstacle: Obstacle, segments: FloatArray, reach: float) -> Ob
 
 
 def _from_bounds(bounds: FloatArray, segments: FloatArray) -> ObstacleGap:
-    """Return the gaps to the sides of the room, negative for segments that reach out of it.
+    """Return the gaps to the sides of a box-shaped workspace, negative for segments that reach out of the box.
 
     The distance from a side is linear along a segment, so its minimum is at an end.
     """

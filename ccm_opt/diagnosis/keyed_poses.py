@@ -35,7 +35,7 @@ TipPlace: TypeAlias = KeyedGoal[TipGoal]
 
 
 def keyed_goals(problem: Problem) -> Iterator[KeyedGoal[Goal]]:
-    """Yield all goals in order."""
+    """Yield all goals of a problem in order, with their names and keys."""
     goals = (*problem.stops, Stop(problem.goal, problem.tolerances))
     for k, stop in enumerate(goals):
         several = len(goals) > 1
@@ -49,7 +49,7 @@ def tip_goal(problem: Problem) -> TipGoal | None:
 
 
 def tip_places(problem: Problem) -> Iterator[TipPlace]:
-    """Yield every goal for the tip alone."""
+    """Yield every goal of a problem that is for the tip, not for the whole arm."""
     for asked in keyed_goals(problem):
         if asked.goal.for_tip:
             yield KeyedGoal(asked.name, f"{asked.key}.position", asked.goal.for_tip, asked.tolerances)

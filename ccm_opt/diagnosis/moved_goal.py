@@ -61,7 +61,7 @@ def moved_goals(
     findings: tuple[Finding, ...],
     until: Deadline,
 ) -> Iterator[Parameter]:
-    """Yield parameters that turn the goal's direction or move its position to where it may be reached.
+    """Yield parameters that turn the goal's direction, or move its position, such that the goal may become reachable.
 
     At most one of each is yielded, and none for problems with a whole-arm goal or several goals.
 
@@ -93,9 +93,9 @@ def moved_goals(
 
 # ------------------------------------------------------------ directions
 def _least_turned(problem: Problem, goal: TipGoal, until: Deadline) -> FloatArray | None:
-    """Return the direction (d,) nearest to the goal's that contact and bends allow.
+    """Return the direction (d,) nearest to the goal's in which the last link is free of contact and within bend limits.
 
-    None is returned if there is no such direction, or if the goal's own is allowed.
+    Return None if there is no such direction, or if the goal's own direction is allowed.
     """
     wanted = goal.direction
     if wanted is None:
@@ -130,7 +130,7 @@ def _all_across(wanted: FloatArray) -> FloatArray:
 
 
 def _across(wanted: FloatArray, taken: FloatArray) -> FloatArray:
-    """Return the unit vector perpendicular to one direction that points towards another; any if they are parallel."""
+    """Return the unit vector perpendicular to one direction that points towards another; any if both are parallel."""
     across = taken - (taken @ wanted) * wanted
     length = float(np.linalg.norm(across))
     if length > ROUNDING:
@@ -141,9 +141,9 @@ def _across(wanted: FloatArray, taken: FloatArray) -> FloatArray:
 
 
 def turned_direction(problem: Problem, end: FloatArray) -> Parameter | None:
-    """Return the parameter that turns the goal's direction towards that of the last link in a pose.
+    """Return the parameter that turns the goal's direction towards the direction of the last link in a pose.
 
-    None is returned if the goal has no direction, or if the last link's direction is within its tolerance.
+    Return None if the goal has no direction, or if the last link's direction is within the goal's tolerance.
 
     Args:
         problem: the problem.
@@ -163,7 +163,7 @@ def _turned(goal: TipGoal, towards: FloatArray, bound: float | None, tried: tupl
     Args:
         goal: a goal with a direction.
         towards: the direction to turn towards, shape (d,).
-        bound: least rotation that is needed, if known [rad].
+        bound: least rotation that is necessary, if known [rad].
         tried: rotations to try [rad].
     """
     assert goal.direction is not None  # noqa: S101 - said by who asks
@@ -200,7 +200,7 @@ def _turned(goal: TipGoal, towards: FloatArray, bound: float | None, tried: tupl
 
 
 def left_out(problem: Problem, findings: tuple[Finding, ...]) -> Iterator[WholeChange]:
-    """Yield changes that drop the goal's direction, if it may cause all findings, and the goal's via points.
+    """Yield changes that drop the goal's direction, if the direction may cause all findings, or the goal's via points.
 
     Args:
         problem: the problem.
@@ -266,7 +266,7 @@ def _in_file(place: FloatArray, unit: LengthUnit) -> str:
 
 
 def _near_places(problem: Any, goal: Any) -> Iterator[tuple[FloatArray, bool]]:
-    """Yield positions (d,) for the tip near the goal, and whether each is well inside the admissible region."""
+    """Yield tip positions (d,) near the goal, each with whether it is well inside the admissible region."""
     if problem.dimension == 3:
         yield from ((place, True) for place in _clear_places(problem, goal))
         return
@@ -279,7 +279,7 @@ def _near_places(problem: Any, goal: Any) -> Iterator[tuple[FloatArray, bool]]:
 def _free_places(problem: Problem, goal: TipGoal) -> Iterator[tuple[FloatArray, bool]]:
     """Yield admissible tip positions in the plane: the nearest to the goal, then positions of a grid.
 
-    Each comes with whether it is well inside the admissible region. The last link has the goal's direction.
+    Each position comes with whether it is well inside the admissible region. The last link has the goal's direction.
     """
     places = _free_polygon(problem, goal)
     if shapely.is_empty(places):
@@ -299,7 +299,7 @@ def _free_places(problem: Problem, goal: TipGoal) -> Iterator[tuple[FloatArray, 
 
 
 def _free_polygon(problem: Problem, goal: TipGoal) -> shapely.Geometry:
-    """Return the region where the tip can be, judged by the walls at the last link and the arm's length."""
+    """Return the region of tip positions that the walls around the last link and the arm's length permit."""
     arm = problem.arm
     need = arm.radius + problem.workspace.clearance
     room = problem.workspace.boundary.buffer(-need)
@@ -325,7 +325,7 @@ def _free_polygon(problem: Problem, goal: TipGoal) -> shapely.Geometry:
 
 
 def _clear_places(problem: Problem, goal: TipGoal) -> Iterator[FloatArray]:
-    """Yield grid positions in space with clearance for the tip, the nearest to the goal first, well apart."""
+    """Yield well-separated grid positions in space where the tip has clearance, the nearest to the goal first."""
     arm = problem.arm
     need = arm.radius + problem.workspace.clearance
     gaps = SurfaceGaps(problem.workspace)

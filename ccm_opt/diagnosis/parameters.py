@@ -30,21 +30,21 @@ _FAR = 0.05
 
 @dataclass(frozen=True)
 class Parameter:
-    """A number of a problem that can be relaxed.
+    """A numerical value of a problem that can be relaxed to make the problem easier.
 
     Attributes:
-        key: key of the number in the problem file.
+        key: key of the value in the problem file.
         easier: +1 if larger values make the problem easier, −1 if smaller ones do.
         read: returns the value in a problem, in SI units and radians.
         write: returns the problem with another value.
         words: returns a value with its unit, in words.
         scale: returns the factor from a value to the unit of ``words``.
         fits: returns whether the parameter can be changed in a problem.
-        unit: returns the factor from a value to SI units; 1 except for values that are shares.
+        unit: returns the factor from a value to SI units; 1 except for values that are fractions.
         whole: reference for the size of a change; the given value if None.
-        bound: value that must at least be reached, as far as is known; None if the findings provide it.
+        bound: value that must at least be reached, as far as is known; None if the findings provide this bound.
         tried: values to be tried in turn, the least change first; None for steps beyond the bound.
-        paths_stay: whether a path found for one value also leads from the start to the goal for other values.
+        paths_stay: whether a path found for one value also connects start and goal for other values.
     """
 
     key: str
@@ -61,7 +61,7 @@ class Parameter:
     paths_stay: bool = True
 
     def rounded(self, problem: Problem, value: float) -> float:
-        """Return a value rounded in its reported unit to the easier side, so that the reported value is the solved."""
+        """Return a value rounded in its reported unit to the easier side, so that it is reported as solved."""
         reported = value * self.scale(problem)
         if reported <= 0.0:
             return 0.0
@@ -72,7 +72,7 @@ class Parameter:
         return float(count / 10.0**digits / self.scale(problem))
 
     def requirement(self, problem: Problem, value: float) -> str:
-        """Return in words that the value must be at least, or at most, a given one."""
+        """Return the text that the value must be at least, or at most, a given value."""
         return self.words(problem, value).replace("?", "≥" if self.easier > 0 else "≤", 1)
 
     def relaxation(self, problem: Problem, value: float, bound: float | None) -> Relaxation:
@@ -97,7 +97,7 @@ class Parameter:
 def _with_radius(problem: Problem, radius: float) -> Problem:
     """Return the problem with another radius of the arm.
 
-    A mount as long as the radius changes with it, and inertias of solid cylinders are recomputed.
+    A mount whose length equals the radius changes with the radius; inertias of solid cylinders are recomputed.
     """
     arm = problem.arm
     mount = radius if arm.mount_length == arm.radius else arm.mount_length
@@ -136,7 +136,7 @@ def _with_mass(problem: Problem, share: float) -> Problem:
 
 
 def _uniform(values: FloatArray | None) -> float:
-    """Return the common value of an array, or 1 if values differ or are missing, so that shares are reported."""
+    """Return the common value of an array; 1 if values differ or are missing, so that factors are reported."""
     return 1.0 if values is None or np.ptp(values) else float(values[0])
 
 
@@ -153,12 +153,12 @@ def _torque_words(problem: Problem, share: float) -> str:
 
 
 def _per_file_unit(problem: Problem) -> float:
-    """Return the factor from metres to the unit of the problem file, in which lengths are rounded."""
+    """Return the factor from metres to the length unit of the problem file, in which reported lengths are rounded."""
     return 1.0 / METRES[problem.length_unit]
 
 
 def _no_curves(problem: Problem) -> bool:
-    """Return whether neither start nor goal is a curve, whose length would have to change with the arm's."""
+    """Return whether neither start nor goal is a curve; a curve's length would have to change with the arm's."""
     return not any(getattr(end, "curve", None) for end in (problem.start, problem.goal))
 
 
@@ -240,7 +240,7 @@ PARAMETERS = (RADIUS, CLEARANCE, FEED_RANGE, LENGTH, JOINT_LIMIT, BASE_LIMIT, TO
 
 @dataclass(frozen=True)
 class WholeChange:
-    """A change that is made as a whole or not at all, such as leaving something out or widening the room.
+    """A change that is made completely or not at all, such as omitting an obstacle or widening the workspace.
 
     Attributes:
         words: description to report.
@@ -280,9 +280,9 @@ def without_term(name: str, kind: str) -> WholeChange:
 
 
 def larger_bounds(problem: Problem, findings: tuple[Finding, ...]) -> WholeChange | None:
-    """Return the change that widens the room's bounds to hold the start and the goals.
+    """Return the change that widens the workspace's bounds to contain the start and the goals.
 
-    None is returned unless all findings are contacts with the sides of a box-shaped room.
+    Return None unless all findings are contacts with the sides of a box-shaped workspace.
 
     Args:
         problem: the problem.

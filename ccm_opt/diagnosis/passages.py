@@ -43,17 +43,17 @@ _MOST_CORNERS = 2000
 def shortest_way(
     space: shapely.Polygon, start: FloatArray, goal: FloatArray, longest: float, most_corners: int
 ) -> float | None:
-    """Return the length of the shortest way [m], or ``longest`` if there is no shorter one.
+    """Return the length of the shortest way through free space [m], capped at ``longest``.
 
     Args:
         space: connected piece of free space, with its holes.
         start: start of the way, shape (2,) [m].
         goal: end of the way, shape (2,) [m].
-        longest: length beyond which ways are not searched for [m].
-        most_corners: largest number of corners to search.
+        longest: greatest length of ways that are searched for [m].
+        most_corners: maximum number of corners to search.
 
     Returns:
-        The length; None if more corners than that may lie on a way.
+        The length; None if more than ``most_corners`` corners may lie on a way.
     """
     # Free space is slightly widened, so that rounding may open ways but never closes one.
     wide = mitred(space, ROUNDING)
@@ -92,7 +92,7 @@ def shortest_way(
 
 
 def _reflex_corners(polygon: shapely.Polygon) -> FloatArray:
-    """Return the reflex corners of a polygon and its holes, where free space spans over half a turn, (m, 2) [m]."""
+    """Return the corners, shape (m, 2) [m], where the free interior of a polygon with holes has an angle above π."""
     oriented = shapely.geometry.polygon.orient(polygon)
     found = [np.zeros((0, 2))]
     for ring in (oriented.exterior, *oriented.interiors):
@@ -106,7 +106,7 @@ def _reflex_corners(polygon: shapely.Polygon) -> FloatArray:
 
 @dataclass(frozen=True)
 class WideSpace(FreeSpace):
-    """Free space of the arm's axis, extended by the reach of the mount and the tolerance of the goal.
+    """Free space of the arm's axis, with discs for the mount at the base and for the goal's tolerance added.
 
     Attributes:
         base: base of the arm, shape (2,) [m].
@@ -122,7 +122,7 @@ class WideSpace(FreeSpace):
 
     @cached_property
     def polygons(self) -> shapely.MultiPolygon:
-        """Free space as polygons, which contain the exact free set."""
+        """Polygons that together contain the whole exact free space."""
         # Inscribed arcs make obstacles slightly smaller than they are; discs around the ends are circumscribed.
         room = shapely.buffer(self.workspace.boundary, -self.inflation, quad_segs=_ARC_SIDES)
         grown = [
@@ -148,7 +148,7 @@ class WideSpace(FreeSpace):
 
     @property
     def connected(self) -> bool:
-        """Whether base and goal lie in the same piece of free space."""
+        """Whether base and goal lie in the same connected component of free space."""
         if self.polygons.is_empty:
             return False
         start, end = self.components_of_ends
@@ -183,7 +183,7 @@ def _disc(middle: FloatArray, radius: float) -> shapely.Geometry:
 
 
 def passages(problem: Problem, until: Deadline) -> Iterator["PassageWays"]:
-    """Yield the ways to every goal of the tip, from the base or from the hole of the guide tube."""
+    """Yield a ``PassageWays`` per tip goal, for ways from the base or from the hole of the guide tube."""
     for place in tip_places(problem):
         fixed = beyond_hole(problem, place) if problem.arm.base_axes else problem
         if fixed is not None:
@@ -191,7 +191,7 @@ def passages(problem: Problem, until: Deadline) -> Iterator["PassageWays"]:
 
 
 def beyond_hole(problem: Problem, place: TipPlace) -> Problem | None:
-    """Return the problem of the fully fed arm's part beyond the hole, with a fixed base there and one tip goal.
+    """Return the problem of a fully fed arm's part beyond the hole, with a fixed base at the hole and one tip goal.
 
     The guide tube holds the arm straight up to the hole, so the axis of an arm whose tip is outside passes through the
     hole, and the arm reaches beyond it only as far as the range of its feed allows.
@@ -252,11 +252,11 @@ class PassageWays(Ways):
 
     @cached_property
     def space(self) -> WideSpace:
-        """Free space for the arm as it is."""
+        """Free space with the arm's own width, in the unchanged workspace."""
         return self.at(self.room)
 
     def at(self, inflation: float, workspace: Workspace | None = None) -> WideSpace:
-        """Return the free space with another inflation, or in another workspace."""
+        """Return the free space for another inflation of the walls, or in another workspace."""
         arm = self.arm
         # Touching is allowed, so a passage exactly as wide as the arm is open.
         kept = max(inflation - touching_overlap(arm), SHORTEST)
@@ -275,13 +275,13 @@ class PassageWays(Ways):
 
     @cached_property
     def shortest(self) -> FloatArray | None:
-        """Corners of a taut way that is wide enough, shape (m, 2) [m]; None if there is none."""
+        """Corners of a taut way that is wide enough, shape (m, 2) [m]; None if there is no such way."""
         found = self.space.routes(self.arm.base, self.place.goal.position, 1) if self.space.connected else ()
         return found[0].taut if found else None
 
     @cached_property
     def least(self) -> float:
-        """Length of the shortest way to the goal's tolerance if proved to be too long for the arm, else 0 [m]."""
+        """Length of the shortest way to the goal's tolerance [m] if provably longer than the arm; 0 otherwise."""
         found = self.space.shortest
         if not self.arm.length < found < np.inf:
             return 0.0
@@ -294,10 +294,10 @@ class PassageWays(Ways):
         return proved is not None and proved > length
 
     def bound(self, known: float) -> float:
-        """Return an upper bound on the distance from walls that any way keeps, at most `room` [m].
+        """Return an upper bound on the distance from walls that the widest way keeps, at most `room` [m].
 
         Args:
-            known: distance that some way is known to keep [m].
+            known: distance from walls that the widest known way keeps [m].
         """
         # Near the hole of a guide tube, the arm may be closer to walls.
         if self.problem.arm.base_axes or self.space.connected:
@@ -305,7 +305,7 @@ class PassageWays(Ways):
         return max(self._largest(self.room, lambda inflation: self.at(inflation).connected), known)
 
     def widest(self, most: float) -> WidestWay:
-        """Return the widest way, searched for up to a distance of `most` from walls [m]."""
+        """Return the widest way; distances from walls are only distinguished up to `most` [m]."""
         of_any = self._largest(most, lambda inflation: self.at(inflation).connected)
         within = self._largest(of_any, self._short_enough) if of_any else 0.0
         place = self._missing_link(self.at(_BEYOND * of_any if of_any else SHORTEST))
@@ -333,7 +333,7 @@ class PassageWays(Ways):
         return low
 
     def _missing_link(self, space: WideSpace) -> FloatArray:
-        """Return the midpoint between the pieces of free space that contain base and goal, where they are nearest.
+        """Return the midpoint of the shortest gap between the components of free space that contain base and goal.
 
         The midpoint has shape (2,) [m].
         """
@@ -362,7 +362,7 @@ class PassageWays(Ways):
         )
 
     def length_remedies(self) -> dict[str, float]:
-        """Return the parameter values that would suffice where all ways are too long, by key [m]."""
+        """Return, by key, the parameter values that would suffice if all ways are too long for the arm [m]."""
         asked = self.problem.arm
         lacking = self.least - self.arm.length
         bounds = {"arm.link_length": (asked.length + lacking) / asked.links}

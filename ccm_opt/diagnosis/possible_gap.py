@@ -17,8 +17,8 @@ from ccm_opt.problem.solution import ClearanceRecord, PossibleGap
 def possible_gap(problem: Problem, room: ClearanceRecord) -> PossibleGap | None:
     """Return an upper bound on the least gap of every motion that ends exactly at its goals.
 
-    The gap of a motion is at most that of its start, that of a whole-arm goal, and, for a goal of the tip, that of the
-    tip or the last link there. In the end the arm reaches from its base to the goal, so the gap is also at most that of
+    The gap of a motion is at most the gap at its start, at a whole-arm goal, and, for a tip goal, that of the
+    tip or the last link there. At the goal the arm reaches from its base to the goal, so the gap is also at most that of
     the widest way between the two. This covers ways of every homotopy class and arms with links short enough to follow
     a way exactly, so no motion may attain the bound.
 
@@ -28,8 +28,8 @@ def possible_gap(problem: Problem, room: ClearanceRecord) -> PossibleGap | None:
             above which gaps are not measured.
 
     Returns:
-        The bound, capped at the preferred clearance if there is one, and what determines it; None if everything fixed
-        is farther from all obstacles than the record measures.
+        The bound, capped at the preferred clearance if there is one, and its cause; None if all prescribed poses
+        are farther from all obstacles than the record measures.
     """
     bounds = [PossibleGap(room.at_start.gap, "start")] if room.at_start.link else []
     bounds += [PossibleGap(gap, "goal") for gap in _goal_gaps(problem, room)]
@@ -53,7 +53,7 @@ def possible_gap(problem: Problem, room: ClearanceRecord) -> PossibleGap | None:
 def _goal_gaps(problem: Problem, room: ClearanceRecord) -> Iterator[float]:
     """Yield the gap at every goal [m].
 
-    The gap is that of the whole arm or, for a goal of the tip, of the last link if there is a direction, or of the tip.
+    The gap is measured for the whole arm; for a tip goal, for the last link if there is a direction, else for the tip.
     """
     gaps = gaps_of(problem.workspace)
     kept = problem.arm.radius + problem.workspace.clearance

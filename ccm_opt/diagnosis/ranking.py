@@ -45,7 +45,7 @@ def ranked(
     Args:
         findings: findings in any order.
         relaxations: relaxations with which the problem was solved, the smallest first.
-        most: largest number of findings returned.
+        most: maximum number of findings returned.
     """
     mended = [kind for relaxed in relaxations for kind in REPAIRED_KINDS.get(relaxed.key, ())]
 
@@ -75,7 +75,7 @@ def refuse(findings: tuple[Finding, ...]) -> None:
 
 
 def closed_off(problem: Problem) -> UnreachableGoal:
-    """Return the error that no way to the goal is wide and short enough, without naming what closes them."""
+    """Return the error that no way to the goal is wide and short enough, without the obstacles that close the ways."""
     length = "the arm reaches" if problem.arm.base_axes else f"its length of {long_length(problem.arm.length)}"
     reason = (
         f"no way to the goal is wide enough for the arm, with {diameter_words(problem)}, and no longer than {length}"
@@ -84,7 +84,7 @@ def closed_off(problem: Problem) -> UnreachableGoal:
 
 
 def diameter_words(problem: Problem) -> str:
-    """Return the diameter that has to pass a gap, with its clearance, in words."""
+    """Return the diameter that has to fit through a gap, with its clearance, as text."""
     words = f"diameter {short_length(2.0 * problem.arm.radius)}"
     clearance = problem.workspace.clearance
     if not clearance:
@@ -94,16 +94,16 @@ def diameter_words(problem: Problem) -> str:
 
 
 def degrees(angle: float) -> str:
-    """Return an angle [rad] in words, in degrees."""
+    """Return the text of an angle [rad] in degrees."""
     return f"{np.rad2deg(angle):.1f}°"
 
 
 def point(place: FloatArray) -> tuple[float, ...]:
-    """Convert a position to the form that findings store."""
+    """Convert a position (d,) [m] to the form that findings store."""
     return tuple(float(coordinate) for coordinate in place)
 
 
 def listed(names: tuple[str, ...]) -> str:
-    """Return the names of walls, quoted: 'a', 'b' and 'c'."""
+    """Return the quoted names of walls as one phrase: 'a', 'b' and 'c'."""
     quoted = [f"'{name}'" for name in names]
     return " and ".join([", ".join(quoted[:-1]), quoted[-1]]) if len(quoted) > 1 else "".join(quoted)

@@ -60,7 +60,7 @@ def _from_base(arm: Arm, place: FloatArray) -> float:
 
 
 def _feed_that_reaches(arm: Arm, place: TipPlace) -> dict[str, float]:
-    """Return the least upper end of the feed range that lets the arm reach a goal, by key [m]; empty if none does."""
+    """Return, by key, the least upper feed limit with which the arm reaches a goal [m]; empty if none does."""
     if arm.feed is None:
         return {}
     towards = place.goal.position - arm.base
@@ -98,7 +98,7 @@ def within_joint_limits(problem: Problem) -> Iterator[Finding]:
 
 
 def supple_enough(problem: Problem) -> Iterator[Finding]:
-    """Yield a finding for every tip goal that the joints cannot turn to."""
+    """Yield a finding for every tip goal that the joint limits put out of reach."""
     arm = problem.arm
     for place in tip_places(problem):
         turned = list(_turned_far_enough(arm, place))
@@ -111,7 +111,7 @@ def supple_enough(problem: Problem) -> Iterator[Finding]:
 
 
 def most_turn(arm: Arm, limit: float) -> float:
-    """Return the largest angle between consecutive links if each bend of a joint has a given limit [rad].
+    """Return the largest angle [rad] between consecutive links if each bend of a joint has a given limit [rad].
 
     With two bends, the next link points along (cos a cos b, sin a cos b, −sin b) in the frame of the preceding one, so
     the angle is arccos (cos a cos b). For limits up to a right angle, it is largest with both bends at the limit;
@@ -134,7 +134,7 @@ def _turned_far_enough(arm: Arm, place: TipPlace) -> Iterator[Finding]:
 
     The directions of the links form a chain on the unit sphere whose steps are the joint angles, and the direction from
     base to tip is a positive combination of them. A chain shorter than π lies within half its length of its middle, in
-    a convex cap, so that direction is no farther than the chain's length from either end.
+    a convex cap, so the direction from base to tip is no farther than the chain's length from either end.
     """
     towards = place.goal.position - arm.base
     distance = float(np.linalg.norm(towards))
@@ -168,7 +168,7 @@ def _insufficient_turn(arm: Arm, place: TipPlace, what: str, turn: float, base: 
     Args:
         arm: the arm.
         place: the goal.
-        what: phrase that says from where to where the turn is.
+        what: phrase for the two directions between which the arm has to turn.
         turn: required turn [rad].
         base: largest turn of the first joint; 0 if it does not contribute [rad].
     """
@@ -215,7 +215,7 @@ def _curled_enough(arm: Arm, place: TipPlace) -> Iterator[Finding]:
 
 
 def least_chord(links: int, length: float, bend: float) -> float:
-    """Return the least distance from base to tip of a chain whose bends have a limit [m].
+    """Return the least distance from base to tip of a chain of equal links with limited bends [m].
 
     Of all chains of equal links with bends of at most ``bend``, the regular arc has the shortest chord, as long as arc
     and chord together are convex, n bend ≤ 2π (Cauchy's arm lemma; Schur's theorem for curves). Its length is
@@ -233,7 +233,7 @@ def least_chord(links: int, length: float, bend: float) -> float:
 
 @dataclass(frozen=True)
 class TurnCaps:
-    """Cones of directions that links can have, around the base's direction and around the goal's direction.
+    """Cones, around the base's and the goal's directions, of the directions that links can have.
 
     Attributes:
         arm: the arm.
@@ -244,7 +244,7 @@ class TurnCaps:
     place: TipPlace
 
     def farthest(self, ways: FloatArray) -> FloatArray:
-        """Return bounds on the extent of the arm from base to tip along directions (k, d), shape (k,) [m].
+        """Return upper bounds on the arm's extent from base to tip along directions (k, d), shape (k,) [m].
 
         The direction of link i differs from the base's by at most the turns of the joints up to it, and from the tip's
         by at most those of the joints beyond it. Along w it thus extends by at most l times the cosine of the angle by
@@ -267,7 +267,7 @@ class TurnCaps:
         return np.asarray(needed - self.place.tolerances.position - self.farthest(ways))
 
     def worst(self) -> tuple[float, FloatArray]:
-        """Return the greatest shortfall found over all directions [m], and its direction (d,)."""
+        """Return the arm's greatest shortfall found over all directions [m], and the direction (d,) where it occurs."""
         dimension = self.arm.dimension
         ways = spread_directions(_DIRECTIONS, dimension)
         best = ways[int(np.argmax(self.missing(ways)))]
@@ -287,7 +287,7 @@ def _angles(ways: FloatArray, direction: FloatArray) -> FloatArray:
 
 
 def spread_directions(count: int, dimension: int) -> FloatArray:
-    """Return unit vectors spread evenly over the sphere, or over the circle with the same spacing, shape (k, d).
+    """Return unit vectors of shape (k, d), spread evenly over the sphere or, with equal spacing, over the circle.
 
     On the sphere, they lie on a golden-ratio spiral.
 
@@ -325,9 +325,9 @@ def _both_at_once(arm: Arm, place: TipPlace) -> Iterator[Finding]:
 
 
 def _limits_that_reach(arm: Arm, place: TipPlace, way: FloatArray) -> dict[str, float]:
-    """Return, by key, the least value of each arm parameter that removes the shortfall along one direction.
+    """Return, by key, the least value of each arm parameter with which the arm reaches far enough along a direction.
 
-    Parameters that cannot remove it alone are left out.
+    Parameters that cannot remove the shortfall alone are left out.
     """
 
     def missing(changed: Arm) -> float:

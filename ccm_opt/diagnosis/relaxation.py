@@ -62,19 +62,19 @@ def _never_holds(problem: Problem, plan: object) -> object:
 
 @dataclass(frozen=True)
 class Trials:
-    """Solves changed problems, each within a share of the remaining time.
+    """Solves changed problems, each within a fraction of the remaining time.
 
     Attributes:
-        solve: solves a problem, optionally without one of the terms, or raises.
+        solve: solves a problem, optionally without one of the terms; raises an error if there is no plan.
         until: deadline of all trials.
-        terms: kind and name of each user-defined constraint and cost, the likelier obstructions first.
-        hold_again: verifies the plan of one problem for another.
+        terms: kind and name of each user-defined constraint and cost, the most likely obstruction first.
+        hold_again: verifies whether the plan of one problem also solves another.
         begun: CPU time of this process at which the time for reasons and changes starts [s].
-        tell: receives every change before it is tried, in words, with the time spent so far and the time limit [s].
+        tell: receives the description of every change before the trial, the time spent so far, and the time limit [s].
         ended: returns the configuration in which a plan ends, shape (c,).
         settings: time limits.
         plans: plans of the successful trials, in order.
-        failed: what was changed in failed trials, by the change's key or words: the last such change, in words.
+        failed: description of the last failed change, by the change's key, or by its description if it has no key.
     """
 
     solve: Solve
@@ -96,7 +96,7 @@ class Trials:
     def succeeds(
         self, problem: Problem, words: str, dropped: str = "", *, key: str = "", hurried: bool = False
     ) -> bool:
-        """Return whether a changed problem is solved within its share of the time.
+        """Return whether a changed problem is solved within its part of the time.
 
         Args:
             problem: the changed problem.
@@ -131,14 +131,14 @@ class Trials:
 
 
 def _in_haste(problem: Problem, limit: float) -> Problem:
-    """Return the problem with a time limit [s] and without requests that only improve motions."""
+    """Return the problem with a time limit [s] and without options that only improve motions."""
     # An arm that is barely strong enough may need the optimised motion.
     plain = problem.planner.optimiser if problem.limits.torque is not None else "none"
     return replace(problem, planner=replace(problem.planner, time_limit=limit, optimiser=plain, wanted_gap=0.0))
 
 
 def relaxations(problem: Problem, findings: tuple[Finding, ...], trials: Trials) -> Iterator[Relaxation]:
-    """Yield changes each of which alone makes the problem solvable, the most promising first.
+    """Yield changes that each make the problem solvable by themselves, the most promising first.
 
     Args:
         problem: the problem without a plan.
@@ -166,7 +166,7 @@ def relaxations(problem: Problem, findings: tuple[Finding, ...], trials: Trials)
 
 
 def _as_little_as_helps(change: WholeChange, problem: Problem, trials: Trials, *, hurried: bool) -> Relaxation | None:
-    """Return a change with which the problem is solved, or the part of it that is needed; None if it does not help."""
+    """Return a change that solves the problem, or a smaller part that suffices; None if the change does not help."""
     if not trials.succeeds(change.changed(problem), change.words, change.term, hurried=hurried):
         return None
     part = change.part(problem, trials.ended(trials.plans[-1]))
@@ -194,7 +194,7 @@ def candidates(
         problem: the problem without a plan.
         findings: the known obstructions.
         until: deadline of the search for candidates.
-        most_omitted: number of obstacles that are removed, each alone.
+        most_omitted: maximum number of obstacles of which the removal, one at a time, is a candidate.
     """
     proved = binding(findings)
     relevant = proved or findings
@@ -218,14 +218,14 @@ def candidates(
 
 
 def _removable(proved: tuple[Finding, ...], findings: tuple[Finding, ...]) -> list[str]:
-    """Return the obstacles, other than the room, whose removal may resolve all proved findings, or else likely ones."""
+    """Return the obstacles whose removal may resolve all proved, or else all likely, findings; never the boundary."""
     names = [name for finding in proved or findings for name in finding.obstacles if name not in WORKSPACE_NAMES]
     restoration = [name for name in names if all(name in finding.obstacles for finding in proved)]
     return list(dict.fromkeys(restoration))
 
 
 def hardest_bound(parameter: Parameter, findings: tuple[Finding, ...]) -> float | None:
-    """Return the value that a parameter must reach to resolve all findings; None if they give no bound for it."""
+    """Return the value that a parameter must reach to resolve all findings; None if the findings give no bound."""
     bounds = [finding.bounds[parameter.key] for finding in findings if parameter.key in finding.bounds]
     if not bounds:
         return None
@@ -241,7 +241,7 @@ def least_change(
     hurried: bool = False,
     solved: bool = False,
 ) -> Relaxation | None:
-    """Return the least change of a parameter, within the steps, that solves the problem; None if none is found.
+    """Return the least of the stepwise changes of a parameter that solves the problem; None if none is found.
 
     Args:
         parameter: the parameter to change.
@@ -272,7 +272,7 @@ def least_change(
 def _closed_in(
     parameter: Parameter, problem: Problem, failed: Sequence[float], worked: float, trials: Trials, *, hurried: bool
 ) -> float:
-    """Return a successful value close to a failed one, by bisection while there is time.
+    """Return a value that works close to one that failed, by bisection as long as time remains.
 
     Args:
         parameter: the parameter to change.

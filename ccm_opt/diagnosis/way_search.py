@@ -38,7 +38,7 @@ Answer: TypeAlias = Literal["closed", "open", "not known"]
 
 @dataclass(frozen=True)
 class WayEnds:
-    """Where ways begin and end.
+    """Start and end of the ways that are searched for.
 
     Attributes:
         start: first position of the base, shape (3,) [m].
@@ -59,14 +59,14 @@ class WayEnds:
 
 @dataclass(eq=False)
 class WaySearch:
-    """Splits cubes until it is known whether there is a way.
+    """Searches for ways through cubes of free space by splitting cubes until the answer is known.
 
     Attributes:
         workspace: the scene.
         ends: ends of the ways.
         box: lower and upper corner of the searched region, shape (2, 3) [m].
         cells: the current cubes.
-        until: deadline after which questions are answered with "not known".
+        until: deadline after which the answers are "not known".
         sides: whether each cube is inside a closed body: 1 yes, −1 no, 0 not tested.
     """
 
@@ -84,12 +84,12 @@ class WaySearch:
     def answer(self, room: float, length: float, more: int | None = None) -> Answer:
         """Return whether there is a way that keeps a distance from all surfaces and is no longer than a length.
 
-        A way found open keeps the distance but may be longer.
+        The answer "open" means that a way that keeps the distance is known; that way may be longer.
 
         Args:
             room: distance from all surfaces [m].
             length: length of the way [m].
-            more: number of cubes that may be added; None for up to the overall maximum.
+            more: maximum number of cubes to add; None for up to the overall maximum.
         """
         finest = FINEST * room
         most = _MOST_CELLS if more is None else len(self.cells) + more
@@ -106,17 +106,17 @@ class WaySearch:
         return "not known"
 
     def widest(self, most: float, length: float) -> float:
-        """Return the width of the widest chain of the current open cubes, which no short enough way exceeds [m].
+        """Return an upper bound on the distance from surfaces of short enough ways, from the widest chain of cubes [m].
 
         Args:
             most: value at which distances are capped [m].
-            length: largest length of the ways [m].
+            length: maximum length of the ways [m].
         """
         greatest = np.minimum(self.cells.greatest, most)
         return self._best_chain(greatest, length)[0]
 
     def narrowest(self, length: float) -> FloatArray:
-        """Return the narrowest point of the chain with the widest cube centres, shape (3,) [m]."""
+        """Return the narrowest point of the chain whose cube centres are farthest from surfaces, shape (3,) [m]."""
         chain = self._best_chain(self.cells.gap, length)[1]
         if not len(chain):
             return 0.5 * (self.ends.start + self.ends.goal)
@@ -126,7 +126,7 @@ class WaySearch:
 
     # ------------------------------------------------------------ how it is found
     def _state(self, room: float, length: float) -> "_State":
-        """Classify the cubes for a distance and a length, after testing reached cubes for being inside bodies."""
+        """Classify the cubes for a distance and a length, after testing whether reached cubes are inside bodies."""
         start, goal = self.end_cubes()
         within = self._within(length)
         while True:
@@ -155,7 +155,7 @@ class WaySearch:
         return start, goal
 
     def _insides_found(self, state: "_State") -> bool:
-        """Test reached cubes for being inside bodies; return whether any newly tested one is.
+        """Test whether reached cubes are inside bodies; return whether any newly tested cube is.
 
         Touching cubes that no surface crosses lie on the same side of all surfaces, so testing one of them is enough.
         """
@@ -184,7 +184,7 @@ class WaySearch:
         self.sides = self.sides[origins]
 
     def _best_chain(self, room: FloatArray, length: float) -> tuple[float, IntArray]:
-        """Return the widest chain from base to goal: its least distance from surfaces [m], and its cubes in order.
+        """Return the widest chain from base to goal: least distance from surfaces [m], and its cubes in order.
 
         The chain lies in the maximum spanning tree of the pairs, weighted by their distances.
         """
@@ -256,7 +256,7 @@ class _State:
         return bool(np.isin(self._free_groups[self.goal & self.free], self._free_groups[self.start]).any())
 
     def to_split(self, large: BoolArray, spread: int) -> BoolArray:
-        """Return a mask of the undecided cubes (open but not free) on chains with the fewest of them, shape (n,).
+        """Return a mask of the undecided cubes (open but not free) on chains with the fewest such cubes, shape (n,).
 
         Args:
             large: mask of the cubes that may be split.
@@ -294,7 +294,7 @@ def groups(pairs: IntArray, count: int) -> IntArray:
 
 
 def _depths(graph: sparse.csr_matrix, root: int) -> FloatArray:
-    """Return the number of steps from a root to every node of a graph; ∞ for nodes that are not connected to it."""
+    """Return the number of steps from a root to every node of a graph; ∞ for nodes without a path to the root."""
     order, before = csgraph.breadth_first_order(graph, root, directed=False)
     place = np.empty(graph.shape[0], dtype=np.intp)
     place[order] = np.arange(len(order))

@@ -40,11 +40,11 @@ class WidestWay:
     """Bounds on the widest way that is no longer than the arm.
 
     Attributes:
-        most: upper bound on the distance from obstacles that such a way keeps [m]; 0 if there is no way for any width.
-        exact: whether a way is known that keeps almost this distance.
+        most: upper bound on the distance of the way from obstacles [m]; 0 if there is no way for any width.
+        exact: whether a way is known that keeps almost the distance ``most``.
         closed: whether there is no way of any useful width, however long.
         place: position of the narrowest passage, shape (d,) [m].
-        walls: names of the obstacles nearest to it, the nearest first.
+        walls: names of the obstacles nearest to ``place``, the nearest first.
         unbounded_excess: distance kept by the widest way of any length, if known [m].
         way: corners of a short way among the widest known, shape (m, d) [m]; None if none was found.
     """
@@ -60,14 +60,14 @@ class WidestWay:
 
 @dataclass(frozen=True, eq=False)
 class Ways(ABC):
-    """Ways for an arm's axis from its base, or from where the base is fed to, to the tolerance of a tip goal.
+    """Ways of an arm's axis from its base, or from the positions to which the base is fed, to a tip goal's tolerance.
 
     Attributes:
         problem: the problem.
         place: the goal.
         until: deadline of the search.
         shortest_is_proved: whether ``shortest`` is proved to be the shortest way that is wide enough.
-        fed_from: where ways of a fed arm begin, in words.
+        fed_from: text that says where the ways of a fed arm begin.
     """
 
     shortest_is_proved: ClassVar[bool]
@@ -78,7 +78,7 @@ class Ways(ABC):
 
     @property
     def begin(self) -> str:
-        """Where ways begin, in words; empty if at the base."""
+        """Text that says where the ways begin; empty if at the base."""
         return "" if self.problem.arm.feed is None else f" from {self.fed_from}"
 
     @property
@@ -122,14 +122,14 @@ class Ways(ABC):
 
     @abstractmethod
     def widest(self, most: float) -> WidestWay:
-        """Return the widest way, searched for up to a distance of `most` from obstacles [m]."""
+        """Return the widest way; distances from obstacles are only distinguished up to `most` [m]."""
 
     @abstractmethod
     def bound(self, known: float) -> float:
-        """Return an upper bound on the distance that any way keeps, at most `room` [m].
+        """Return an upper bound on the distance from obstacles that the widest way keeps, at most `room` [m].
 
         Args:
-            known: distance that some way is known to keep [m].
+            known: distance from obstacles that the widest known way keeps [m].
         """
 
     @abstractmethod
@@ -142,7 +142,7 @@ class Ways(ABC):
         """
 
     def blocking_place(self, name: str, place: FloatArray) -> FloatArray:
-        """Return where a way would lead through an obstacle that closes it, shape (d,) [m].
+        """Return the position where a way would lead through an obstacle that closes the way, shape (d,) [m].
 
         Args:
             name: name of the obstacle.
@@ -153,11 +153,11 @@ class Ways(ABC):
 
     @abstractmethod
     def length_remedies(self) -> dict[str, float]:
-        """Return the parameter values that would suffice where all ways are too long, by key [SI units]."""
+        """Return, by key, the parameter values that would suffice if all ways are too long for the arm [SI units]."""
 
 
 def tip_ways(problem: Problem, until: Deadline) -> Iterator[Ways]:
-    """Yield the ways to every goal of the tip, for searches until a deadline."""
+    """Yield the ways to every tip goal of a problem, which can be searched until a deadline."""
     # Imported on demand: only one of the two is ever needed, and most problems need neither.
     if problem.dimension == 2:
         from ccm_opt.diagnosis.passages import passages  # noqa: PLC0415
@@ -176,7 +176,7 @@ def wide_and_short_enough(problem: Problem, until: Deadline) -> Iterator[Finding
 
 
 def any_way_closed(problem: Problem, until: Deadline) -> bool:
-    """Return whether some goal of the tip has no way that is wide and short enough, without finding out why."""
+    """Return whether any tip goal has no way that is wide and short enough, without determining the cause."""
     return next(_closed_ways(problem, until), None) is not None
 
 
@@ -193,7 +193,7 @@ def _closed_ways(problem: Problem, until: Deadline) -> Iterator[Ways]:
 
 
 def _is_detour(ways: Ways) -> bool:
-    """Return whether the shortest way is known and longer than the straight line, so that reach alone is no cause."""
+    """Return whether the shortest way is known and is not straight, so that lack of reach alone is not the cause."""
     straight = float(np.linalg.norm(ways.place.goal.position - ways.arm.base)) - ways.place.tolerances.position
     return ways.shortest_is_proved and ways.least > (1.0 + _DETOUR) * straight
 
@@ -209,7 +209,7 @@ def way_corners(way: FloatArray | None) -> tuple[tuple[float, ...], ...]:
 
 
 def _too_long(ways: Ways) -> Finding:
-    """Return the finding that all ways that are wide enough are longer than the arm, or its part beyond the hole."""
+    """Return the finding that all ways wide enough are longer than the arm, or than the arm's part beyond the hole."""
     arm = ways.arm
     way = ways.shortest
     assert way is not None  # noqa: S101 - said by who asks
@@ -296,7 +296,7 @@ def _too_thick(ways: Ways) -> Finding:
 
 
 def between(walls: tuple[str, ...]) -> str:
-    """Return in words where a passage is: between several obstacles, or in a single one with a hole."""
+    """Return text for the place of a passage: between several obstacles, or in the hole of a single one."""
     return f"between {listed(walls)}" if len(walls) > 1 else f"in {listed(walls)}"
 
 
@@ -311,7 +311,7 @@ def tight_ways(problem: Problem, until: Deadline) -> tuple[Finding, ...]:
 
 
 def _narrow(ways: Ways) -> Iterator[Finding]:
-    """Yield a finding if the widest way is hardly wider than the arm's diameter with its clearance."""
+    """Yield a finding if the widest way is hardly wider than the arm's diameter plus clearance."""
     if ways.room <= 0.0:
         return
     widest = ways.widest(_NARROW * ways.room)
@@ -337,7 +337,7 @@ def _narrow(ways: Ways) -> Iterator[Finding]:
 def _short(ways: Ways) -> Iterator[Finding]:
     """Yield a finding if the arm is proved to be hardly longer than every way that is wide enough.
 
-    The length of a way that was found is no evidence, since a shorter one may exist.
+    The length of a way that was merely found is no evidence, since a shorter way may exist.
     """
     length = ways.arm.length / _SHORT
     if ways.all_longer_than(length):
@@ -353,7 +353,7 @@ def _short(ways: Ways) -> Iterator[Finding]:
 
 
 def _stiff(ways: Ways) -> Iterator[Finding]:
-    """Yield a finding for each turn of the short way that is hardly wider than the arm's tightest bend.
+    """Yield a finding for each turn of the short way that the arm, at its tightest bend, can hardly follow.
 
     A turn by α around an inner corner with clearance h on the outside admits an arc of radius
     h cos(α/2) / (1 − cos(α/2)). Links of length l that turn by β form an arc of radius l / (2 tan(β/2)).
@@ -396,7 +396,7 @@ def _stiff(ways: Ways) -> Iterator[Finding]:
 def simplified(way: FloatArray, tolerance: float) -> FloatArray:
     """Remove the corners of a way that lie near the straight lines between the others, shape (k, d) [m].
 
-    A way pulled around an obstacle has many corners with small turns, which this merges into one. Source: D. Douglas
+    A way pulled around an obstacle has many corners with small turns, which are merged into one. Source: D. Douglas
     and T. Peucker, Algorithms for the reduction of the number of points required to represent a digitized line, 1973.
 
     Args:

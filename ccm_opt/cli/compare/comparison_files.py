@@ -31,11 +31,11 @@ PAGE = "comparison.html"
 
 
 def write_comparison(comparison: Comparison, folder: Path, page: str) -> None:
-    """Write the files of a comparison into a folder, each whole or not at all.
+    """Write the files of a comparison into a folder, each one atomically.
 
     Args:
         comparison: results to write.
-        folder: existing folder, with the journal in it.
+        folder: existing folder that contains the journal.
         page: content of the page; if empty, no page is written.
 
     Raises:
@@ -63,7 +63,7 @@ def runs_csv(comparison: Comparison) -> str:
 
 
 def comparison_json(comparison: Comparison) -> str:
-    """Return the statistics as JSON: every method by itself, every pair of methods, every failure with its reason."""
+    """Return the statistics as JSON: every method, every pair of methods, and every failure with its reason."""
     data = {
         "schema": 1,
         "level": LEVEL,
@@ -167,7 +167,7 @@ def write_problems(cases: Sequence[Case], folder: Path) -> tuple[Path, ...]:
 
 
 def problem_text(problem: Problem) -> str:
-    """Return the text of a problem file: the original one if that is complete by itself, or a new one."""
+    """Return the text of a problem file: the original if the file is self-contained, otherwise a newly written text."""
     if problem.dimension == 3:
         return tomlkit.dumps(problem_data(problem, [_mesh_name(each.body) for each in problem.workspace.obstacles]))
     data = recorded_data(problem)
@@ -194,7 +194,7 @@ def _mesh_name(body: Body) -> str:
 
 
 def _write(file: Path, content: bytes) -> None:
-    """Write a file unless it exists with the same content.
+    """Write a file unless a file with the same content exists.
 
     Raises:
         ProblemError: it cannot be written, or exists with other content.

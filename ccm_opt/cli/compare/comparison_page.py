@@ -20,12 +20,12 @@ LEAST_P = 1e-3
 
 
 def display_unit(quantity: Quantity) -> tuple[str, float]:
-    """Return the unit in which a figure is shown, and the factor from its own unit; lengths are in millimetres."""
+    """Return the unit in which a figure is shown, and the factor from the stored unit; lengths are in millimetres."""
     return ("mm", 1e3) if quantity.unit == "m" else (quantity.unit, 1.0)
 
 
 def format_title(quantity: Quantity) -> str:
-    """Return the title of a figure with its unit."""
+    """Return the title of a compared figure with its unit."""
     return f"{quantity.title} [{display_unit(quantity)[0]}]"
 
 
@@ -62,12 +62,12 @@ def probability(value: float) -> str:
 
 
 def percents(share: float) -> str:
-    """Return a share as text."""
+    """Return a fraction as text, in percent."""
     return f"{100.0 * share:.0f} %" if math.isfinite(share) else NONE
 
 
 def success_words(pair: Pair) -> str:
-    """Return the paired success of two methods, in a sentence."""
+    """Return a sentence on the paired success of two methods."""
     success = pair.success
     p_value = probability(success.p_value)
     return (
@@ -124,7 +124,7 @@ def _figures(run: Run) -> dict[str, float]:
 
 
 def _without_dust(key: str, value: float) -> float:
-    """Return a figure rounded to the least difference that counts: axes should not show rounding errors."""
+    """Return a figure rounded to the least difference that counts, so that axes do not show rounding errors."""
     tie = next((item.tie for item in QUANTITIES if item.key == key), 0.0)
     return tie * round(value / tie) if tie > 0.0 else value
 

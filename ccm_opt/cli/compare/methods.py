@@ -111,7 +111,7 @@ def method_named(name: str) -> Method:
 
 
 def check_methods(names: Sequence[str]) -> tuple[str, ...]:
-    """Return the names without duplicates; refuse unknown methods and planners that cannot be made, before any run.
+    """Return the names without duplicates; reject unknown methods, and planners that cannot be made, before any run.
 
     Raises:
         ProblemError: there is no such method, or a planner cannot be made.
@@ -124,7 +124,7 @@ def check_methods(names: Sequence[str]) -> tuple[str, ...]:
 
 
 def _made(name: str) -> Any:
-    """Return the object that a reference names; classes and functions that make a planner are called."""
+    """Return the planner that a reference names; a class or function that makes a planner is called first."""
     module, _, attribute = name.partition(":")
     value: Any = import_module(module)
     for part in attribute.split("."):

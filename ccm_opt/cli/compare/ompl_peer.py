@@ -47,13 +47,13 @@ class OmplSettings:
     """Settings of the OMPL planner.
 
     Attributes:
-        planning_share: share of the time limit that planning may use; timing and verification need the rest. Taste: as
+        planning_share: fraction of the time limit for planning; timing and verification need the rest. Taste: as
             for the baseline.
-        goal_share: share of the time limit for finding poses at a tip goal. Taste.
+        goal_share: fraction of the time limit for finding poses at a tip goal. Taste.
         goal_poses: number of such poses that is enough. Taste: trees grow from all of them.
-        simplifying_share: share of the time limit reserved for OMPL's path shortening. Taste.
-        searched_gap: gap beyond contact that OMPL's paths keep, as a share of the arm's length. Taste.
-        certified_gap: such a gap for the smooth path in the plane; at corners the smooth path may deviate by the
+        simplifying_share: fraction of the time limit reserved for OMPL's path shortening. Taste.
+        searched_gap: gap beyond contact that OMPL's paths keep, as a fraction of the arm's length. Taste.
+        certified_gap: gap that the smooth path in the plane keeps; at corners the smooth path may deviate by the
             difference of the two gaps. Taste: as for the baseline.
         longest_turn: largest change of a bend in one leg of a path, so that refining a corner affects a short stretch
             only [rad]. Taste.
@@ -85,13 +85,13 @@ class OmplPlanner:
     """Plans with OMPL; satisfies the ``Planner`` protocol.
 
     Attributes:
-        settings: shares of the time limit, and gaps that motions keep.
+        settings: fractions of the time limit, and gaps that motions keep.
     """
 
     settings: OmplSettings = DEFAULT_OMPL
 
     def __post_init__(self) -> None:
-        """Refuse to be made if OMPL is not installed."""
+        """Raise an error if OMPL is not installed."""
         ompl_modules()
 
     def plan(self, problem: Problem) -> JointPath:
@@ -164,7 +164,7 @@ class SampledJoints:
 
     A guide tube holds joints straight, and a sampler never samples a bend of exactly zero. So every bend is scaled by
     how far its joint is out of the tube: by 0 inside, by 1 from one link beyond. Without a feed axis the coordinates
-    are the bends themselves. The feed is counted in twenty-fourths of the arm.
+    are the bends themselves. The unit of the feed is a twenty-fourth of the arm's length.
 
     Attributes:
         arm: the arm.
@@ -197,7 +197,7 @@ class SampledJoints:
         return q
 
     def drawn(self, q: FloatArray) -> FloatArray | None:
-        """Return the sampler coordinates for a configuration, shape (c,); None if they would be beyond the limits."""
+        """Return the sampler coordinates for a configuration, shape (c,); None if they would exceed the limits."""
         out = np.append(self._out(q), np.ones(len(self.arm.base_axes)))
         drawn = np.where(out > 0.0, q / np.where(out > 0.0, out, 1.0), 0.0) / self._units
         slack = 1e-9
@@ -224,7 +224,7 @@ class SampledJoints:
 
     @property
     def _leaving(self) -> FloatArray:
-        """Feed from which each joint may bend, a little beyond the tube, shape (links,) [m].
+        """Feed position from which each joint may bend, slightly beyond the tube, shape (links,) [m].
 
         A smooth path begins to bend a joint somewhat earlier than the sampled path does.
         """
@@ -232,7 +232,7 @@ class SampledJoints:
         return np.asarray(self.arm.hole + beyond - self.arm.link_length * np.arange(self.arm.links), dtype=np.float64)
 
     def _out(self, q: FloatArray) -> FloatArray:
-        """Return the factor of each bend, from 0 to 1, shape (..., joints)."""
+        """Return the factor from 0 to 1 by which each bend is scaled, shape (..., joints)."""
         coordinates = self.arm.coordinates
         if not self.arm.base_axes:
             return np.ones(coordinates.joints)
@@ -241,7 +241,7 @@ class SampledJoints:
 
 
 class _InPlane:
-    """A query in the plane, in units of the arm's length."""
+    """A planning query in the plane, in units of the arm's length."""
 
     def __init__(self, problem: Problem, settings: OmplSettings) -> None:
         arm = problem.arm
@@ -259,7 +259,7 @@ class _InPlane:
         self._searched = _certificate(problem, ends, settings.searched_gap)
 
     def goals(self) -> Iterator[FloatArray]:
-        """Yield configurations at the goal, each of shape (c,) [rad, m], few enough to grow trees from all of them."""
+        """Yield a few configurations at the goal, each of shape (c,) [rad, m], from all of which trees are grown."""
         arm, settings = self.problem.arm, self._settings
         if self._ends.goal_pose is not None:
             yield self._ends.goal_pose
@@ -288,12 +288,12 @@ class _InPlane:
 
 
 def _stands_free(certificate: Certificate, q: FloatArray) -> bool:
-    """Return whether a configuration, shape (c,), is proved free of contact."""
+    """Return whether a configuration, shape (c,), is proved to be free of contact."""
     return len(certificate.failures(np.stack((q, q)), depth=0)) == 0
 
 
 def _any_shape(problem: Problem, ends: Ends) -> TargetDraws:
-    """Return the sampling of every shape within the joint limits; a clamped base keeps its heading."""
+    """Return the sampling coordinates for all shapes within the joint limits; a clamped base keeps its heading."""
     arm = problem.arm
     free = np.eye(arm.links)
     if ends.clamped:
@@ -307,7 +307,7 @@ def _any_shape(problem: Problem, ends: Ends) -> TargetDraws:
 
 
 def _certificate(problem: Problem, ends: Ends, gap: float) -> Certificate:
-    """Return the certificate with a gap, as a share of the arm's length, if both ends keep it; else without a gap."""
+    """Return the certificate for a gap, as a fraction of the arm's length, if both ends keep it; else for no gap."""
     with_gap = Certificate(problem.arm, problem.workspace, gap * problem.arm.length)
     known = [pose for pose in (ends.start, ends.goal_pose) if pose is not None]
     free = all(_stands_free(with_gap, pose) for pose in known)
@@ -315,7 +315,7 @@ def _certificate(problem: Problem, ends: Ends, gap: float) -> Certificate:
 
 
 class _InSpace:
-    """A query in space."""
+    """A planning query in space."""
 
     def __init__(self, problem: Problem, settings: OmplSettings) -> None:
         arm = problem.arm
@@ -341,7 +341,7 @@ class _InSpace:
         return space_task(self.problem, self._tree, until, self._settings.motion)
 
     def _where_ours_ends(self) -> FloatArray | None:
-        """Return the end of our own search, given to the sampler without charging its time; None if that finds nothing.
+        """Return the end pose of ccm-opt's own search, whose time is not charged to OMPL; None if the search fails.
 
         In ducts, hardly any pose sampled at a goal is free of contact, and a sampler without a goal can only fail.
         """
@@ -354,7 +354,7 @@ class _InSpace:
         return None if self.joints.drawn(found) is None else found
 
     def goals(self) -> Iterator[FloatArray]:
-        """Yield configurations at the goal, each of shape (c,) [rad, m], few enough to grow trees from all of them."""
+        """Yield a few configurations at the goal, each of shape (c,) [rad, m], from all of which trees are grown."""
         if self._given is not None:
             yield self._given
             return
@@ -376,7 +376,7 @@ class _InSpace:
         return self._searched.safe(before, after, depth=depth)
 
     def smooth_path(self, keyframes: FloatArray) -> JointPath | None:
-        """Return a certified smooth path near keyframes, shape (K, c) [rad, m]; None if there is none."""
+        """Return a certified smooth path near keyframes of shape (K, c) [rad, m]; None if none was found."""
         spline = path_near_configurations(keyframes, self._task)
         return None if spline is None else JointPath(spline, keyframes, (), NAME, spare=self._task.spare)
 
@@ -386,7 +386,7 @@ _Query: TypeAlias = _InPlane | _InSpace
 
 
 def _information(base: Any, query: _Query) -> Any:
-    """Return OMPL's space information, with the certificate as the checker of states and motions."""
+    """Return OMPL's space information, in which the certificate checks states and motions."""
     joints = query.joints
     low, high = joints.low, joints.high
     count = len(low)
@@ -403,7 +403,7 @@ def _information(base: Any, query: _Query) -> Any:
         return query.safe(q, q, depth=0)
 
     class CertifiedMotions(base.MotionValidator):  # type: ignore[misc]
-        """Checks motions by the certificate."""
+        """OMPL motion validator that checks motions with the certificate."""
 
         def checkMotion(self, one: Any, other: Any) -> bool:  # noqa: N802 - OMPL's name
             """Return whether the straight motion between two states is proved free of contact."""

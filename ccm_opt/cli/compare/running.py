@@ -47,7 +47,7 @@ class SupervisionSettings:
         spare_time: additional wall time for timing, verification and simulation [s]. Taste.
         most_memory: most resident memory of a run [B]. Taste: our planners take less than a tenth.
         look_every: time between two checks of a run's memory [s]. Taste.
-        last_words: time that a process is given to end before it is killed [s]. Taste.
+        last_words: time in which a process may end before it is killed [s]. Taste.
     """
 
     time_factor: float = 3.0
@@ -66,7 +66,7 @@ _ALONE = threading.Lock()
 
 
 class RunProcess:
-    """A process that makes runs, one after the other."""
+    """A separate process that makes runs, one after the other."""
 
     def __init__(self) -> None:
         # The child finds planners on the same path as this process.
@@ -109,7 +109,7 @@ class RunProcess:
         return replace(ended, outcome=outcome, reason=reason, wall=time.monotonic() - begin)
 
     def end(self, settings: SupervisionSettings = DEFAULT_SUPERVISION) -> None:
-        """End the process, whatever it is doing."""
+        """End the process, even in the middle of a run."""
         self._process.kill()
         # Unsent data no longer matters.
         with suppress(OSError):
@@ -122,7 +122,7 @@ class RunProcess:
         return cast("IO[bytes]", self._process.stdin)
 
     def _listen(self) -> None:
-        """Pass on answers until the process ends or sends something unreadable."""
+        """Put answers into the queue until the process ends or sends something unreadable."""
         with cast("IO[bytes]", self._process.stdout) as answers:
             while True:
                 try:
@@ -133,7 +133,7 @@ class RunProcess:
                 self._answers.put(answer)
 
     def _watched(self, until: float, limit: float, settings: SupervisionSettings) -> Run | tuple[Outcome, str]:
-        """Return the answer, or how the run ended without one."""
+        """Return the answer of the process, or the outcome of a run that ended without an answer."""
         while True:
             with suppress(Empty):
                 answer = self._answers.get(timeout=settings.look_every)
@@ -156,7 +156,7 @@ class RunProcess:
 
 
 def run_apart(task: Task, settings: SupervisionSettings = DEFAULT_SUPERVISION) -> Run:
-    """Make a run in a separate process; whatever happens there becomes the result."""
+    """Make a run in a separate process; any failure of that process is recorded as the result."""
     with _ALONE:
         try:
             limit = wall_limit(task, settings)
@@ -175,7 +175,7 @@ _kept: list[RunProcess] = []
 
 
 def _process() -> RunProcess:
-    """Return the process of earlier runs, or a new one if that has ended."""
+    """Return the process of earlier runs, or a new process if the earlier one has ended."""
     if _kept and not _kept[0].alive:
         _kept.pop().end()
     if not _kept:
@@ -205,8 +205,8 @@ class Pair:
     Attributes:
         first: name of the first method.
         second: name of the second method.
-        success: how often each of them solves.
-        figures: figures on the problems that both solve.
+        success: how many problems each method solves.
+        figures: comparison of the figures on the problems that both methods solve.
     """
 
     first: str
@@ -236,7 +236,7 @@ class Comparison:
 
     @cached_property
     def pairs(self) -> tuple[Pair, ...]:
-        """Every two methods compared, in order."""
+        """Comparison of every two methods, in order."""
         found = []
         for one, other in combinations(self.methods, 2):
             first = self.method_runs(one)
@@ -245,7 +245,7 @@ class Comparison:
         return tuple(found)
 
     def solved(self, method: str) -> tuple[int, ConfidenceInterval]:
-        """Return how many problems a method solves, and the confidence interval of that share."""
+        """Return how many problems a method solves, and the confidence interval of the solved fraction."""
         count = sum(run.solved for run in self.method_runs(method))
         return count, success_interval(count, len(self.problems))
 
@@ -256,7 +256,7 @@ class Comparison:
 
 
 def outdated(journal: Journal, cases: Sequence[Case], methods: Sequence[str]) -> Mapping[str, int]:
-    """Count runs in the journal on these problems that were made with other code, by method; zeros are left out.
+    """Return, by method, the number of journalled runs on the problems that were made with other code, if not zero.
 
     Such runs stay in the journal but no longer count; they are made again.
     """

@@ -52,7 +52,7 @@ class Quantity:
         unit: unit of the values.
         scale: whether two values are compared by ratio or by difference.
         more_is_better: whether the greater value is better.
-        tie: differences up to this are ties, in ``unit``.
+        tie: greatest difference that counts as a tie, in ``unit``.
     """
 
     key: str
@@ -93,7 +93,7 @@ class Task:
 
     @cached_property
     def key(self) -> str:
-        """Identifies the run, so that a resumed comparison knows which runs it has."""
+        """Key that identifies the run, by which a resumed comparison recognises finished runs."""
         options = sorted(method_named(self.method).options.items())
         # Everything that affects the result: an edited problem or changed code makes another run.
         parts = (self.case.name, self.case.fingerprint, self.method, options, self.time_limit, self.code)
@@ -137,7 +137,7 @@ class Run:
 
 
 class ClockedPlanner:
-    """A planner that measures its CPU time, also when it fails.
+    """Wrapper of a planner that measures the CPU time of planning, even if planning fails.
 
     Attributes:
         seconds: CPU time of this process while planning [s].
@@ -199,7 +199,7 @@ def _solved(task: Task, problem: Problem, planner: ClockedPlanner) -> Run:
 
 
 def _refuse_other_code(task: Task) -> None:
-    """Refuse to run other code than expected: a worker of a cluster may have another version.
+    """Reject a task if this machine's code differs from the expected code, as on a worker with another version.
 
     Raises:
         RuntimeError: the code differs; the run counts as a crash, so it is made again once the worker is updated.
@@ -236,7 +236,7 @@ def _run_outcome(error: BaseException) -> tuple[Outcome, str]:
 
 @cache
 def _load_libraries() -> None:
-    """Load libraries that are otherwise loaded on first use, so that no run is charged for it."""
+    """Load libraries that are otherwise loaded on first use, so that no run is charged for the loading."""
     for name in ("ccm_opt.driver.pipeline", "casadi", "toppra.algorithm"):
         import_module(name)
 
@@ -274,7 +274,7 @@ def _end_with(pipe: int) -> None:
 
 
 class Journal:
-    """Runs in a file, each once.
+    """File that holds every finished run of a comparison once.
 
     Args:
         path: the file; it is created if it does not exist.
@@ -326,7 +326,7 @@ class Journal:
 
 @contextmanager
 def open_journal(path: Path) -> Iterator[Journal]:
-    """Open a journal for one writer; a second one is refused meanwhile.
+    """Open a journal for one writer; a second writer is rejected until the first has finished.
 
     Raises:
         ProblemError: the file cannot be used, is in use by another comparison, or is not a journal.
@@ -352,7 +352,7 @@ def json_line(run: Run) -> bytes:
 
 
 def _lock(path: Path, descriptor: int) -> None:
-    """Lock out other comparisons; the lock ends with the process. Without such locks on a system, nothing happens."""
+    """Lock the file against other comparisons until the process ends; without effect on systems without such locks."""
     try:
         import fcntl  # noqa: PLC0415 - not on every system
     except ImportError:
@@ -364,7 +364,7 @@ def _lock(path: Path, descriptor: int) -> None:
 
 
 def _whole_lines(descriptor: int) -> list[bytes]:
-    """Return the lines of the file, and cut a partial one at its end off the file."""
+    """Return the complete lines of the file, and remove a partial line from its end."""
     size = os.fstat(descriptor).st_size
     # A duplicate, since closing the file closes its descriptor.
     with os.fdopen(os.dup(descriptor), "rb") as file:

@@ -65,9 +65,9 @@ def arm_of_links(links: int, length: float, radius: float) -> Arm:
 
 
 def with_links(arm: Arm, links: int) -> Arm:
-    """Return an arm of equal length, radius and mass with another number of links and equal drives.
+    """Return an arm with another number of links, all with equal drives, but the same length, radius and mass.
 
-    Fewer links have to bend more for the same curve, up to a right angle.
+    With fewer links, joints may bend more, up to a right angle, as the same curve requires.
     """
     masses = np.full(links, float(np.sum(arm.masses)) / links)
     axial, transverse = cylinder_inertia(masses, arm.radius, arm.length / links)
@@ -101,7 +101,7 @@ def random_bends(rng: np.random.Generator, arm: Arm, bend: float = BEND) -> Floa
 
 
 def clear_bends(rng: np.random.Generator, arm: Arm, bend: float = BEND) -> FloatArray:
-    """Sample the bends of a smooth random pose whose links keep clear of each other, shape (c,) [rad]."""
+    """Sample the bends of a smooth random pose without self-contact, shape (c,) [rad]."""
     while True:
         q = random_bends(rng, arm, bend)
         if links_apart(arm, arm.joint_positions_at(q), KEPT_OFF):
@@ -109,21 +109,21 @@ def clear_bends(rng: np.random.Generator, arm: Arm, bend: float = BEND) -> Float
 
 
 def links_apart(arm: Arm, points: FloatArray, gap: float) -> bool:
-    """Return whether distant links have more than a gap [m] between their surfaces; points (links + 1, d) [m]."""
+    """Return whether non-adjacent links are farther apart than a gap [m], for points of shape (links + 1, d) [m]."""
     i, j = arm.distant_pairs
     apart = segment_distances(points[i], points[i + 1], points[j], points[j + 1])[2]
     return bool(np.all(apart > 2.0 * arm.radius + gap))
 
 
 def axes_of(points: FloatArray) -> FloatArray:
-    """Return the axes of links, shape (links, 2, 3) [m]."""
+    """Return the axes of links as segments, shape (links, 2, 3) [m]."""
     return np.stack((points[:-1], points[1:]), axis=1)
 
 
 def space_clutter(seed: int, count: int, links: int, name: str) -> Problem:
     """Return a random problem among clutter in space.
 
-    Start and goal pose are sampled first, then bodies within the arm's reach that keep clear of both.
+    Start and goal pose are sampled first, then bodies within the arm's reach that touch neither pose.
 
     Args:
         seed: seed of the scene.

@@ -32,7 +32,7 @@ class SuccessPair:
         second_only: problems that only the second solves.
         neither: problems that neither solves.
         p_value: p value of McNemar's exact test that both solve equally often.
-        difference: share solved by the first minus share solved by the second.
+        difference: fraction solved by the first minus fraction solved by the second.
         interval: confidence interval of the difference.
     """
 
@@ -56,7 +56,7 @@ class FigurePair:
         second: median of the second method.
         effect: median over the problems of the ratio, or the difference, of the first's value to the second's.
         interval: confidence interval of that median.
-        better: share of the problems on which the first is better; ties count half.
+        better: fraction of the problems on which the first is better; ties count half.
         p_value: p value of Wilcoxon's signed-rank test; NaN without pairs that differ.
     """
 
@@ -71,7 +71,7 @@ class FigurePair:
 
 
 def success_interval(solved: int, count: int) -> ConfidenceInterval:
-    """Return Clopper and Pearson's interval of a share (Biometrika 26, 1934), which has at least its level."""
+    """Return Clopper and Pearson's interval of a proportion, of at least the stated level (Biometrika 26, 1934)."""
     if count == 0:
         return ConfidenceInterval(0.0, 1.0)
     found = stats.binomtest(solved, count).proportion_ci(LEVEL, method="exact")
@@ -99,9 +99,9 @@ def compare_success(first: Sequence[Run], second: Sequence[Run]) -> SuccessPair:
 
 
 def paired_difference_interval(both: int, first_only: int, second_only: int, neither: int) -> ConfidenceInterval:
-    """Return the interval of the difference of two shares from the same problems: Newcombe's method 10.
+    """Return the confidence interval of the difference of two paired proportions, by Newcombe's method 10.
 
-    It combines Wilson's intervals of both shares, squared and added, with the correlation of the pairs, which is
+    The method combines Wilson's intervals of both proportions, squared and added, with the correlation of the pairs,
     corrected for continuity when positive (Newcombe, Statistics in Medicine 17, 1998, 2635–2650).
     """
     count = both + first_only + second_only + neither
@@ -122,7 +122,7 @@ def paired_difference_interval(both: int, first_only: int, second_only: int, nei
 
 
 def _combined(first: float, second: float, phi: float) -> float:
-    """Return the half width of an interval of a difference, from the half widths of its correlated terms."""
+    """Return the half width of a difference's interval, from the half widths of both correlated terms."""
     return math.sqrt(max(0.0, first**2 - 2.0 * phi * first * second + second**2))
 
 
@@ -134,7 +134,7 @@ def _wilson(solved: int, count: int) -> tuple[float, float]:
 def _correlation(both: int, first_only: int, second_only: int, neither: int) -> float:
     """Return the correlation of the two methods' success, corrected for continuity when positive.
 
-    0 when undefined.
+    The correlation is 0 when undefined.
     """
     margins = (both + first_only) * (second_only + neither) * (both + second_only) * (first_only + neither)
     if margins == 0:
@@ -147,7 +147,7 @@ def _correlation(both: int, first_only: int, second_only: int, neither: int) -> 
 
 
 def compare_figures(first: Sequence[Run], second: Sequence[Run]) -> tuple[FigurePair, ...]:
-    """Compare every figure on the problems that both methods solve and that have the figure."""
+    """Compare two methods in every figure, on the problems that both solve and for which the figure exists."""
     pairs = [(one, other) for one, other in zip(first, second, strict=True) if one.solved and other.solved]
     return tuple(_figure_pair(quantity, pairs) for quantity in QUANTITIES)
 
@@ -185,7 +185,7 @@ def _figure_pair(quantity: Quantity, pairs: Sequence[tuple[Run, Run]]) -> Figure
 
 
 def _finite_values(quantity: Quantity, pairs: Sequence[tuple[Run, Run]]) -> tuple[FloatArray, FloatArray]:
-    """Return the values of a figure for both methods where both have it, shape (P,).
+    """Return the values of a figure for two methods on the problems where both have it, each of shape (P,).
 
     Figures compared by ratio also have to be positive.
     """
@@ -200,7 +200,7 @@ def _finite_values(quantity: Quantity, pairs: Sequence[tuple[Run, Run]]) -> tupl
 def median_interval(values: FloatArray) -> ConfidenceInterval:
     """Return a distribution-free confidence interval of a median, from order statistics.
 
-    The number of values below the median is binomial with ½, so the k-th value from either end bounds it with a
+    The number of values below the median is binomial with ½, so the k-th values from both ends bound the median with a
     probability of 1 − 2 P(B < k); k is the greatest that keeps the level (Conover, Practical Nonparametric Statistics,
     section 3.2). Fewer than six values give no bounds.
     """

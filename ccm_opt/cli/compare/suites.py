@@ -126,7 +126,7 @@ def random_headings(rng: np.random.Generator, arm: Arm, bend: float = BEND) -> F
 
 
 def clear_headings(rng: np.random.Generator, arm: Arm, bend: float = BEND) -> FloatArray:
-    """Sample the link headings of a smooth random pose whose links keep clear of each other, shape (links,) [rad]."""
+    """Sample the link headings of a smooth random pose without self-contact, shape (links,) [rad]."""
     return arm.headings(clear_bends(rng, arm, bend))
 
 
@@ -143,7 +143,7 @@ def random_polygon(rng: np.random.Generator, middle: FloatArray) -> shapely.Poly
 
 
 def clutter(seed: int, count: int = 20, links: int = 24) -> Scene:
-    """Return a scene with start and goal sampled first, then ``count`` reachable polygons that keep clear of both."""
+    """Return a random scene: start, goal, and ``count`` polygons within reach that touch neither of the two poses."""
     rng = np.random.default_rng(seed)
     arm = make_arm(links)
     start = clear_headings(rng, arm)
@@ -182,7 +182,7 @@ def corridor(seed: int, width: float = 0.1, links: int = 24) -> Scene:
 
 
 def _into_duct(arm: Arm, height: float) -> FloatArray:
-    """Return the link headings of an S-shaped pose that ends level at a height, shape (links,) [rad]."""
+    """Return the link headings of an S-shaped pose that ends horizontally at a height, shape (links,) [rad]."""
     middles = (np.arange(arm.links) + 0.5) / arm.links
     hump = np.where(middles < 0.45, np.sin(np.pi * middles / 0.45), 0.0)
     # The wanted height lies between those of the full pose downwards and upwards.
@@ -217,8 +217,8 @@ class Case:
         name: name of the problem, unique within a comparison.
         suite: name of the suite; "files" for a problem file.
         seed: seed of a random scene.
-        given: the problem of a file.
-        fingerprint: tells apart different problems of the same name.
+        given: the problem read from a file; None for a random problem.
+        fingerprint: hash that distinguishes different problems of the same name.
     """
 
     name: str
@@ -312,7 +312,7 @@ def cases_from_files(files: Sequence[Path], *, allow_outside: bool = False) -> t
 
 
 def _content_hash(problem: Problem) -> str:
-    """Return the hash of a problem's content, drawings and meshes included: an edited file is another problem."""
+    """Return the hash of a problem's content, including drawings and meshes, so that an edited file counts as new."""
     return hashlib.sha256(strict_text(problem_data(problem)).encode()).hexdigest()
 
 

@@ -35,7 +35,7 @@ from ccm_opt.viz.document import PageUnits
 
 
 class Replanner:
-    """Takes changes from any thread, plans them in a thread of its own, and reports the results.
+    """Planner in a separate thread that accepts changes from any thread and reports the results.
 
     Args:
         live: plan to be changed.
@@ -60,7 +60,7 @@ class Replanner:
         self._requested.put(None)
 
     def _run(self) -> None:
-        """Make the latest requested change; after some quiet, plan from scratch."""
+        """Make the latest requested change; after a quiet period, plan from scratch."""
         quiet = None
         while True:
             try:
@@ -89,7 +89,7 @@ GOAL = "the goal"
 
 
 class Handles:
-    """One handle at a time, on a goal or obstacle of the user's choice; in the plane it moves in the plane only.
+    """The handle on a goal or obstacle of the user's choice, one at a time; in the plane it moves in the plane only.
 
     Args:
         scene: scene with the handle.
@@ -202,7 +202,7 @@ def claim_port(port: int) -> socket.socket:
 
 
 def refusal(request: Request, token: str) -> str | None:
-    """Return why a request is refused, or None for one from this viewer's own page.
+    """Return the reason to refuse a request; None for a request from this viewer's own page.
 
     A rebound name of another site shows in `Host`, a page of another origin in `Origin`, which browsers send with every
     WebSocket; and neither knows the token in the path under which the page finds its socket.
@@ -227,7 +227,7 @@ def _serve_guarded(
     process_request: Callable[[Any, Request], Response | None],
     **options: Any,
 ) -> Any:
-    """Serve an open socket, passing on to `process_request` only requests that are not refused."""
+    """Serve an open socket; only requests that are not refused are passed on to `process_request`."""
 
     def answer(connection: Any, request: Request) -> Response | None:
         reason = refusal(request, token)
@@ -244,7 +244,7 @@ def _serve_guarded(
 
 
 class ViewerApp:
-    """A motion in the browser.
+    """Web application that shows a motion in the browser.
 
     Args:
         frames: the motion shown first.
@@ -290,7 +290,7 @@ class ViewerApp:
 
     @property
     def address(self) -> str:
-        """URL of the page, with the token without which nothing is served."""
+        """URL of the page, including the token that every request needs."""
         return f"http://{LOOPBACK}:{self.server.get_port()}/{self.token}"
 
     @property
@@ -322,7 +322,7 @@ class ViewerApp:
             stopping.join(PATIENCE)
 
     def _advance(self, wall: float) -> None:
-        """Advance the motion by some wall time [s]; the end is held for a while."""
+        """Advance the motion by a wall time [s]; the end is held for a while."""
         speed = float(self._speed.value)
         self.time += speed * wall
         if self.time > self.frames.duration + speed * VIEW.rest:
@@ -371,7 +371,7 @@ class ViewerApp:
             self.scene.switch(layer, on=event.target.value)
 
     def _planned(self, live: LivePlan, answer: LiveAnswer | str) -> None:
-        """Show the result of a change: the new plan, or the last one and why there is no new one."""
+        """Show the result of a change: the new plan, or the last plan with the reason why there is no new one."""
         with self._lock:
             self.scene.draw_bounds(live.problem)
             if isinstance(answer, str):
@@ -393,7 +393,7 @@ class ViewerApp:
 
 
 def _summary(frames: MotionFrames, checks: tuple[Check, ...]) -> str:
-    """Return a summary of the motion in a few words."""
+    """Return a short text that summarises the motion."""
     gap = next((check.worst for check in checks if check.name == "wall clearance"), None)
     units = PageUnits.of_page(frames.problem)
     near = "" if gap is None or not np.isfinite(gap) else f", wall clearance at least {units.length(gap)}"

@@ -47,16 +47,16 @@ class MotionFrames:
         return self.problem.arm.joint_positions_at(np.array(columns))
 
     def gaps(self, time: float) -> FloatArray:
-        """Return the gap of every link to walls, beyond radius and clearance, at a time, shape (links,) [m].
+        """Return the gap of every link to walls at a time, beyond radius and clearance, shape (links,) [m].
 
-        In space it is capped at one link length.
+        In space, the gap is capped at one link length.
         """
         return _nearest_row(self.trajectory.time[self._inspected_samples], self._gaps, time)
 
     def torque_shares(self, time: float) -> FloatArray:
-        """Return the largest torque at every joint, as a share of its limit, at a time, shape (links,).
+        """Return the largest torque at every joint at a time, as a fraction of the torque limit, shape (links,).
 
-        0 without torque limits.
+        The fraction is 0 without torque limits.
         """
         torques, limit = self.joints.torques, self.problem.limits.torque
         if limit is None:
@@ -103,7 +103,7 @@ Mesh: TypeAlias = tuple[FloatArray, IntArray]
 
 
 def extruded(shape: shapely.Geometry, near: float, far: float) -> Mesh:
-    """Return the solid over polygons between two depths: two lids, and a wall along every ring."""
+    """Return the triangles of polygons extruded between two depths: two lids, and a wall along every ring."""
     polygons = [part for part in shapely.get_parts(shape) if isinstance(part, shapely.Polygon)]
     tiles = shapely.orient_polygons(shapely.get_parts(shapely.constrained_delaunay_triangles(polygons)))
     lids = shapely.get_coordinates(tiles).reshape(-1, 4, 2)[:, :3]
@@ -121,7 +121,7 @@ def extruded(shape: shapely.Geometry, near: float, far: float) -> Mesh:
 
 
 def in_space(points: FloatArray, depth: float) -> FloatArray:
-    """Return points of the plane in space, shape (..., 2) to (..., 3), ``depth`` behind the plane."""
+    """Convert points of the plane, shape (..., 2), to points in space, shape (..., 3), ``depth`` behind the plane."""
     return np.stack((points[..., 0], np.full(points.shape[:-1], depth), points[..., 1]), axis=-1)
 
 

@@ -36,7 +36,7 @@ _IN_SPACE = ("start", "poses on the way", "names")
 
 @dataclass
 class Scene:
-    """The scene of a motion; the motion is redrawn when it changes.
+    """The scene of a motion in the browser; a changed motion is redrawn.
 
     Attributes:
         server: server that shows the scene.
@@ -59,7 +59,7 @@ class Scene:
 
     @property
     def unit(self) -> float:
-        """Length of a unit of the scene [m]."""
+        """Size of the scene's unit of length [m]."""
         return float(self.frames.problem.arm.length)
 
     @property
@@ -73,7 +73,7 @@ class Scene:
         return max(VIEW.depth * self.radius, VIEW.least_depth)
 
     def world(self, points: FloatArray, behind: float = 0.0) -> FloatArray:
-        """Return points [m] in the scene, shape (..., 3), shifted ``behind`` the plane by units of the scene."""
+        """Convert points [m] to units of the scene, shape (..., 3), shifted behind the plane by ``behind`` units."""
         placed = self.frames.problem.arm.embedded(points / self.unit)
         return placed + np.array([0.0, behind, 0.0]) if behind else placed
 
@@ -92,13 +92,13 @@ class Scene:
         client.camera.look_at = middle
 
     def draw(self) -> None:
-        """Draw everything."""
+        """Draw the whole scene."""
         self.server.scene.set_up_direction("+z")
         self.draw_bounds(self.frames.problem)
         self.draw_motion()
 
     def draw_bounds(self, problem: Problem) -> None:
-        """Draw obstacles and goals of a problem, which may be newer than the motion."""
+        """Draw the obstacles and goals of a problem that may be newer than the motion shown."""
         self._draw_walls(problem)
         workspace = problem.workspace
         obstacles: tuple[Obstacle, ...] = workspace.obstacles
@@ -130,9 +130,9 @@ class Scene:
         """Draw one obstacle, replacing an earlier one of its name; in space it is transparent.
 
         Args:
-            obstacle: of the plane or of space.
-            most_triangles: most triangles of a body in space.
-            cell: initial width of the cells in which corners are merged if there are more [m].
+            obstacle: obstacle in the plane or in space.
+            most_triangles: maximum number of triangles of a body in space.
+            cell: initial width of the cells in which corners are merged if a body has more triangles [m].
         """
         if self.frames.problem.dimension == 2:
             outline = obstacle.outline(quad_segs=VIEW.curved)
@@ -176,7 +176,7 @@ class Scene:
         self.pose(0.0)
 
     def _draw_layers(self, start: FloatArray) -> None:
-        """Draw the start, and costly layers only if they are switched on."""
+        """Draw the layer of the start, and the costly layers that are switched on."""
         scene = self.server.scene
         if "start" in self.shown:
             scene.add_spline_catmull_rom(LAYERS["start"], start, color=colours.START, thickness=0.6 * self.radius)
@@ -240,7 +240,7 @@ class Scene:
 
 
 def scene_path(folder: str, name: str) -> str:
-    """Return the path of a named object in the scene; slashes in its name are replaced, since they would nest."""
+    """Return the path of a named object in the scene; slashes in the name, which would nest objects, are replaced."""
     return f"{folder}/{name.replace('/', '|')}"
 
 

@@ -16,16 +16,16 @@ class ViewSettings:
         frames: poses of a motion at which gaps are measured for colours.
         rest: wall time for which the last pose is held before the motion plays again [s].
         depth: extent of extruded obstacles behind and in front of the plane, in radii of the arm.
-        least_depth: least such extent, as a share of the arm's length.
-        thin_arm: least radius with which an arm is drawn, as a share of its length.
+        least_depth: minimum of this extent, as a fraction of the arm's length.
+        thin_arm: least radius with which an arm is drawn, as a fraction of the arm's length.
         sides: sides of the capsule that is drawn for a link, a multiple of four.
         curved: segments of a quarter circle in outlines.
-        most_triangles: most triangles of all bodies in space together; beyond that, surfaces are simplified.
-        cell: initial width of the cells in which corners are merged then, as a share of the scene's extent.
+        most_triangles: maximum number of triangles of all bodies in space together; beyond it, surfaces are simplified.
+        cell: initial width of the cells in which surfaces are simplified, as a fraction of the scene's extent.
         glass: opacity of bodies in space.
         poses: number of intermediate poses drawn.
         quiet: wall time without a drag after which a shorter plan is sought from scratch [s].
-        anew: CPU time for that [s].
+        anew: CPU time limit of the search from scratch [s].
     """
 
     frames: int = 160
@@ -66,7 +66,7 @@ def plain(links: int) -> Colours:
 
 
 def by_use(shares: FloatArray) -> Colours:
-    """Return colours for the share of a quantity that is used up, from 0 to 1, shape (links,) to (links, 3)."""
+    """Return colours, shape (links, 3), for the fractions of a limit that are used, from 0 to 1, shape (links,)."""
     at = 2.0 * np.clip(shares, 0.0, 1.0)
     places = np.arange(len(_SCALE))
     return np.stack([np.interp(at, places, channel) for channel in _SCALE.T], axis=1).astype(np.uint8)
