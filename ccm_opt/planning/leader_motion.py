@@ -198,7 +198,7 @@ def keyframes_behind_tip(arm: Arm, start: FloatArray, end: FloatArray) -> FloatA
 
 
 def not_behind_tip(task: SpaceTask, limit: FollowingLimit, motion: SpaceMotion) -> Diagnosis:
-    """Return the diagnosis of a motion that leaves the path of its tip too far, with what keeps the arm off the path.
+    """Return the diagnosis, with the cause, of a motion on which the arm leaves the path of its tip too far.
 
     Args:
         task: task without the limit.

@@ -415,7 +415,7 @@ def part_beyond(problem: Problem, start: FloatArray, goal: Goal, first: int) -> 
     Args:
         problem: problem of the whole arm, with a feed axis.
         start: configuration, shape (links + 1,) [rad, m].
-        goal: other bends at the same feed, or a goal of the tip.
+        goal: other bends at the start's feed, or a goal of the tip.
         first: number of links before the part.
     """
     arm = problem.arm

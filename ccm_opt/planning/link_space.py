@@ -193,7 +193,7 @@ class LinkSpace(CurveUnknowns):
 
     @cached_property
     def of_shape(self) -> BoolArray:
-        """Mask of the coordinates that shape the arm; the others blend a goal in. Shape (p,)."""
+        """Mask of the coordinates that shape the arm, shape (p,); the others blend a goal in."""
         return np.arange(self.dimension) <= KNOTS
 
     def metric(self, pose: Pose) -> FloatArray:

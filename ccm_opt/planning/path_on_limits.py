@@ -1,4 +1,4 @@
-"""Smooth paths through knots that are moved onto limits with equations, or limits on the path parameter's course.
+"""Smooth paths through knots that are moved onto limits that have equations or depend on the path parameter.
 
 A cubic spline through points of a smooth curve leaves it by O(h⁴) (de Boor, *A Practical Guide to Splines*, chapter V),
 so halving the spans in which equations are violated brings the path back onto them quickly.
@@ -127,7 +127,7 @@ def moved_onto(
 
 
 def _violated_spans(spline: BSpline, knots: FloatArray, limits: tuple[UserLimit, ...], samples: int) -> IntArray:
-    """Return the spans in which a limit is violated at one of ``samples`` samples, sorted."""
+    """Return, sorted, the spans in which a limit is violated at any of ``samples`` samples."""
     # Even samples in every span, however long the spans are.
     places = np.interp(np.arange(samples * (len(knots) - 1) + 1) / samples, np.arange(len(knots)), knots)
     q = np.asarray(spline(places))
@@ -138,7 +138,7 @@ def _violated_spans(spline: BSpline, knots: FloatArray, limits: tuple[UserLimit,
 
 
 def _short_spans(spline: BSpline, knots: FloatArray, limits: tuple[UserLimit, ...]) -> IntArray:
-    """Return the spans in which a limit holds, but with less clearance than its certificate asks for, sorted."""
+    """Return, sorted, the spans in which a limit holds, but with less clearance than its certificate requires."""
     places = certified_samples(spline)
     # Sample i to i + 1 lies in the span whose first knot is the last at or before it.
     failing = places[failed_intervals(limits, np.asarray(spline(places)))]

@@ -107,7 +107,7 @@ class CurveUnknowns(ABC):
     @property
     @abstractmethod
     def of_shape(self) -> BoolArray:
-        """Mask of the unknowns that shape the arm; the others blend in a goal. Shape (p,)."""
+        """Mask of the unknowns that shape the arm, shape (p,); the others blend in a goal."""
 
     @abstractmethod
     def configurations(self, v: FloatArray) -> FloatArray:

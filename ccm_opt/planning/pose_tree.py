@@ -93,7 +93,7 @@ class PoseTree:
     def distances(self, pose: Pose) -> FloatArray:
         """Return every node's distance to a pose, of joints [arm lengths] plus weighted headings, shape (nodes,).
 
-        The headings distinguish poses that look the same but are wound round the base differently.
+        The headings distinguish poses that look alike but are wound around the base differently.
         """
         points = np.array([node.points for node in self.poses])
         headings = self.arm.headings(np.array([node.q for node in self.poses]))

@@ -101,7 +101,7 @@ class Withdrawal:
         return self.fold.track.at(self.fold.tip_arc - behind_tip) - pose.points[1:]
 
     def _on_strand(self) -> FloatArray:
-        """Return each joint's weight in the strand that is drawn back: 1 well beyond the fold, 0 before, (links,)."""
+        """Return each joint's weight in the drawn-back strand, 1 well beyond the fold and 0 before it, (links,)."""
         arm = self.fold.space.arm
         arcs = arm.link_length * np.arange(1, arm.links + 1)
         beyond = (arcs - self.fold.fold_at - self.fold.fold_length) / self.fold.nominal_length

@@ -97,7 +97,7 @@ def _grown(wall: Obstacle, by: float) -> shapely.Geometry:
 
 
 def _covered(shapes: list[shapely.Geometry], corner: FloatArray, cell: float, cells: int) -> BoolArray:
-    """Return whether the middle of every cell lies in some polygon, shape (cells, cells).
+    """Return which cells have their middle inside one of the polygons, shape (cells, cells).
 
     Each edge that crosses a row of middles adds its sign to the row from the crossing on; where polygons overlap, the
     sum is larger than one.

@@ -382,7 +382,7 @@ def _attempts(strategies: Iterable[StrategyInVain]) -> list[str]:
 
 
 def evidence(tried: Sequence[Failure]) -> Mapping[str, object]:
-    """Return the figures behind a diagnosis, all JSON-serialisable; failures come sorted, the best first.
+    """Return the figures behind a diagnosis, all JSON-serialisable, with the failures sorted, the best first.
 
     Returns:
         ``tried``: a line for each failure; ``candidates``: a table for each; ``in_the_way``: how often each obstruction

@@ -180,10 +180,11 @@ _MENDS = 3
 
 
 def drawn_order(candidates: Iterable[GuideCandidate], seed: int, put_off: float) -> Iterator[GuideCandidate]:
-    """Yield all candidates, some of them deferred at random.
+    """Yield all candidates, a few of them deferred at random.
 
     The first candidate that arrives decides which motion is optimised, but another may lead to a better one. A seed
-    defers every candidate with some probability until all others have been tried, so that early ones still come early.
+    defers every candidate with a given probability until all others have been tried, so that early ones still come
+    early.
 
     Args:
         candidates: candidates, the most promising first.

@@ -214,7 +214,7 @@ class _Room:
 
     @classmethod
     def of(cls, task: SearchTask, configurations: FloatArray) -> "_Room":
-        """Return the measure for a motion, configurations of shape (K, c)."""
+        """Return the measure of clearance for a motion, given by configurations of shape (K, c)."""
         return cls(task, len(configurations), float(np.max(task.room_lacking(configurations))))
 
     @property

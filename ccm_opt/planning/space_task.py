@@ -133,7 +133,7 @@ class SpaceTask(SearchTask):
 
     @cached_property
     def spare(self) -> float:
-        """Gap that is proved beyond the clearance, as in the settings, or half of the smallest gap at the ends [m]."""
+        """Gap proved beyond the clearance, as in the settings but at most half of the smallest gap at the ends [m]."""
         most = self.settings.certificate.spare * self.unit
         ends = (self.start,) if self.goal_pose is None else (self.start, self.goal_pose)
         room = min(self._room(q, 2.0 * most) for q in ends)
@@ -313,7 +313,7 @@ def space_task(
 
 
 def coarse_problem(problem: Problem, few: SpaceTask) -> Problem:
-    """Return the problem for the arm of nominal links; torque and jerk limits are left to the arm itself."""
+    """Return the problem for the arm of nominal links; only the plan of the arm itself has torque and jerk limits."""
     limits = problem.limits
     revolutes = 3 * few.arm.links
     return replace(

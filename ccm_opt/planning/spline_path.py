@@ -181,7 +181,7 @@ def _interpolation_errors(spline: BSpline, certificate: IntervalCertificate) -> 
 
 
 def at_least_four(control: FloatArray) -> FloatArray:
-    """Return the polygon with enough control points for a spline; a single point is taken as a leg of length 0."""
+    """Return the polygon with at least four control points, for a spline; a single point becomes a leg of length 0."""
     if len(control) == 1:
         control = np.repeat(control, 2, axis=0)
     while len(control) < DEGREE + 1:
@@ -195,5 +195,5 @@ def span_legs(control: FloatArray, spans: IntArray) -> IntArray:
 
 
 def halved(control: FloatArray, legs: IntArray) -> FloatArray:
-    """Return the control polygon with the middles of some of its legs inserted."""
+    """Return the control polygon with the middles of the given legs inserted."""
     return np.insert(control, legs + 1, 0.5 * (control[legs] + control[legs + 1]), axis=0)

@@ -48,16 +48,18 @@ class ReachSettings:
     """Settings of the search for where the tip can be.
 
     Attributes:
-        step: default width of a cell in the plane, as a share of the arm's length. Taste.
-        step_in_space: default width in space. Taste: with a fixed base some two thousand cells, in about half a minute.
+        step: default width of a cell in the plane, as a fraction of the arm's length. Taste.
+        step_in_space: default width in space. Taste: with a fixed base it gives about two thousand cells, which take
+            about half a minute.
         headings: default number of headings tried in a cell in the plane. Taste.
-        directions: default number of directions tried in a cell in space. Taste: none, since each takes as long as all
-            of the map without.
-        drawn: number of sampled poses, each of which is a seed in the cell of its tip. Taste: a thousandth of a second
-            each; they find the regions beyond narrow places.
+        directions: default number of directions tried in a cell in space. Taste: none, since each direction takes as
+            long as the whole map without directions.
+        drawn: number of sampled poses, each of which is a seed in the cell of its tip. Taste: each takes a thousandth
+            of a second, and together they find the regions beyond narrow places.
         margin: planning margin of steps in the plane, in nominal links, where possible. Taste.
-        seen: largest gap that is measured, as a share of the arm's length. Taste.
-        most_cells: largest grid; larger ones are refused. Derived: some minutes of work and 10 MB of arrays.
+        seen: largest gap that is measured, as a fraction of the arm's length. Taste.
+        most_cells: maximum number of cells; larger grids are refused. Derived: several minutes of work and 10 MB of
+            arrays.
     """
 
     step: float = 1.0 / 16.0
@@ -96,8 +98,8 @@ class ReachQuestion:
     ) -> "ReachQuestion":
         """Return the question for a problem.
 
-        In space a last goal for the tip is kept, as the goal of a motion to begin with; otherwise the tip's start is
-        the goal.
+        In space, a problem's last goal for the tip is kept as the goal of an initial motion; otherwise the tip's start
+        is the goal.
         """
         goal = TipGoal(problem.start.tip(problem.arm))
         if problem.dimension == 3 and problem.goal.whole(problem.arm) is None:
@@ -139,7 +141,7 @@ class CellFound:
         tried: number of seeds tried.
         taken: mask of the directions that the tip can have, shape (K,).
         turned: unknowns of poses with these directions, each of shape (p,).
-        gap: largest gap of these poses, as far as measured [m].
+        gap: largest gap of these poses, capped at the largest that is measured [m].
         cpu: CPU time taken [s].
     """
 
@@ -154,7 +156,7 @@ class CellFound:
 
 @on_one_thread()
 def look_at_cell(question: ReachQuestion, task: ReachTask) -> CellFound:
-    """Process one cell of a reach map; return what was found there and the CPU time used."""
+    """Process one cell of a reach map; return the result and the CPU time used."""
     begun = time.process_time()
     looker = question.looker
     found = looker.turned(task, question.directions) if task.reached else looker.entered(task, question.width)
@@ -174,10 +176,11 @@ class TipLooker:
     Attributes:
         stepper: takes the steps.
         start: unknowns of the first pose, shape (p,).
-        room: least gap of configurations, shape (k, c), beyond radius and clearance, as far as measured [m].
-        drawn: samples unknowns of random shapes.
+        room: returns the least gap of configurations, shape (k, c), beyond radius and clearance, capped at the largest
+            gap that is measured [m].
+        drawn: returns unknowns of random shapes.
         seed: seed of the samples.
-        task: task in space, for a motion to begin with; None in the plane.
+        task: task in space, for an initial motion; None in the plane.
     """
 
     stepper: StepperOf[Any]
@@ -234,7 +237,7 @@ class TipLooker:
         )
 
     def _led(self, pose: Pose, goal: GoalPose) -> tuple[Pose | None, Pose]:
-        """Return a free pose at a goal, from a nearby pose, or None if not reached; and the last pose stepped to."""
+        """Return a free pose at a goal, reached from a nearby pose, or None; and the last pose on the way there."""
         stepper = self.stepper
         if self.task is not None:
             goal = self.task.limited(goal)
@@ -282,19 +285,19 @@ def _in_space(problem: Problem, settings: ReachSettings) -> TipLooker:
 
 
 def _into(middle: FloatArray, width: float, place: FloatArray) -> FloatArray:
-    """Return a place moved into a cell: coordinates outside the cell are set to those of its middle."""
+    """Return a place moved into a cell; coordinates outside the cell are set to those of the cell's middle."""
     return np.where(np.abs(place - middle) > 0.5 * width, middle, place)
 
 
 @dataclass(eq=False)
 class TipFlood:
-    """State of a map under construction: an iterator of tasks, which ends when there is none at the moment.
+    """State of a map under construction, an iterator over tasks that ends when no task is left for the moment.
 
     Attributes:
         axes: middles of the cells along x and y, in space along z too [m].
         width: width of a cell [m].
         closed: mask of cells that no pose can have, one axis per coordinate.
-        count: number of directions that are tried in a cell.
+        count: number K of directions that are tried in a cell.
         settings: settings of the search.
         poses: unknowns of a pose in each reached cell, shape (p,).
         taken: mask of the directions in each cell, shape (..., K).
@@ -326,7 +329,8 @@ class TipFlood:
 
         Args:
             looker: builds poses.
-            along: unknowns of poses of a motion, which may reach regions that nothing else does, shape (N, p).
+            along: unknowns of poses of a motion, shape (N, p), which may lie in regions that the flood does not reach
+                otherwise.
         """
         for pose in (*map(looker.stepper.pose, (looker.start, *along)), *self._drawn(looker)):
             cell = self._cell_index(pose.tip)
@@ -392,7 +396,7 @@ class TipFlood:
         return True
 
     def _entering(self, gained: list[Cell]) -> list[ReachTask]:
-        """Return the tasks of entering the neighbours of cells that have gained a pose, a seed from each such cell."""
+        """Return the tasks of entering neighbours of cells that have gained a pose, with a seed from each such cell."""
         seeds: dict[Cell, list[FloatArray]] = {}
         for cell in gained:
             for other in self._beside(cell):
@@ -412,7 +416,7 @@ class TipFlood:
         return tasks
 
     def _from_turned(self) -> list[ReachTask]:
-        """Return the tasks of entering cells not reached otherwise, from their neighbours' poses with directions."""
+        """Return the tasks of entering unreached cells from poses with other directions in their neighbours."""
         seeds: dict[Cell, list[FloatArray]] = {}
         for cell, poses in self._turned.items():
             if cell not in self._given_on:
@@ -431,7 +435,7 @@ class TipFlood:
                 yield pose
 
     def _cell_index(self, place: FloatArray) -> Cell | None:
-        """Return the cell of a place; None outside the grid."""
+        """Return the indices of the cell that contains a place; None outside the grid."""
         low = np.array([middles[0] for middles in self.axes])
         numbers = np.round((place - low) / self.width).astype(int)
         within = np.all(numbers >= 0) and np.all(numbers < self.closed.shape)

@@ -78,14 +78,14 @@ _SPARE_LENGTH = 2.0
 
 
 def bend_allowances(arm: Arm, unit: float) -> list[tuple[float, float]]:
-    """Return the bends assumed of an arm that follows its tip, in the order of trying.
+    """Return the bends assumed for an arm that follows its tip, in order of trial.
 
     Args:
         arm: the arm.
         unit: length u of its nominal links [m].
 
     Returns:
-        Radii of the tightest bend, and how far a link reaches out of it between its joints, beyond a nominal link [m].
+        For each bend, its least radius, and how far a link reaches out of it between joints, beyond a nominal link [m].
     """
     # Half of the largest bend; a link that spans a right angle and more counts as one that spans a right angle.
     half = 0.5 * min(arm.joint_limit, np.pi / 2.0)
@@ -107,9 +107,9 @@ class TipWay:
     """One tip path.
 
     Attributes:
-        name: name in words, for the record.
+        name: name of the path in the record of candidates.
         corners: corners of the path, shape (m, 3) [m].
-        margin: share of the margin that steps along it keep.
+        margin: fraction of the planning margin that steps along the path keep.
         followed: weight with which all joints are drawn onto the path behind the tip; 0 where they are not.
     """
 
@@ -127,12 +127,13 @@ class SpaceTipWays:
         task: the task; its goal is one for the tip.
         tip: tip where the motion begins, shape (3,) [m].
         goal: place of the tip at the end, shape (3,) [m].
-        direction: direction of the last link there, shape (3,), or None.
+        direction: direction of the last link at the end, shape (3,); None when any is acceptable.
         heading: direction of the last link when the motion begins, shape (3,).
         fed: how much farther the base can be fed [m]; None where it is fixed.
-        straight: distance that the tip moves straight on until the first joint is out of the guide tube [m].
+        straight: distance by which the tip moves straight on until the first joint is out of the guide tube [m].
         joints: joints and tip of a fed arm where the motion begins, shape (links + 1, 3) [m].
-        out: arc length of the tip beyond the end of the guide tube there, negative inside [m].
+        out: arc length of the tip beyond the end of the guide tube where the motion begins, negative inside the tube
+            [m].
     """
 
     task: SpaceTask
@@ -156,7 +157,7 @@ class SpaceTipWays:
         return self.tip + self.straight * self.heading
 
     def first(self, *, bands: bool = True) -> Iterator[TipWay]:
-        """Yield the tip paths that are tried first: the straight one, and for a fed arm those that it can follow.
+        """Yield the tip paths that are tried first, the straight path and, for a fed arm, paths that it can follow.
 
         Args:
             bands: whether elastic bands are among these.
@@ -167,7 +168,7 @@ class SpaceTipWays:
         yield from self._behind_the_tip(_FOLLOWABLE_CELLS[0])
 
     def others(self) -> Iterator[TipWay]:
-        """Yield followable paths of finer grids, the cheapest whatever their bends, and paths round other sides."""
+        """Yield followable paths of finer grids, the cheapest paths with any bends, and paths round other sides."""
         yield from self._elastic(_CELLS[1])
         for cells in _FOLLOWABLE_CELLS[1:]:
             yield from self._behind_the_tip(cells)
@@ -179,11 +180,11 @@ class SpaceTipWays:
                 yield TipWay("with another approach", way, _CLOSE)
 
     def finest(self) -> Iterator[TipWay]:
-        """Yield paths through the finest grid, which takes longer than all before it."""
+        """Yield paths through the finest grid, which takes longer than all coarser grids together."""
         yield from self._through_cells(_CELLS[-1])
 
     def _through_cells(self, cells: int) -> Iterator[TipWay]:
-        """Yield the cheapest paths through a grid, and paths round other sides; none if the grid was searched."""
+        """Yield the cheapest paths through a grid, and paths round other sides; none if it was searched before."""
         size = self._grid(cells, _GRID_MARGINS[-1]).cell
         if size in self._tried:
             return
@@ -202,7 +203,7 @@ class SpaceTipWays:
         yield from self._detours(cells, seen)
 
     def _elastic(self, cells: int) -> Iterator[TipWay]:
-        """Yield elastic bands that a fed arm can follow, each away from where the arm follows those before least."""
+        """Yield elastic bands that a fed arm can follow, each avoiding the places where earlier bands fit worst."""
         if self.joints is None:
             return
         task = self.task
@@ -262,7 +263,7 @@ class SpaceTipWays:
     def _followable(
         self, cells: int, allowance: tuple[float, float], price: tuple[float, float], approach: float
     ) -> FloatArray | None:
-        """Return a path past all places with bends that the arm can take behind its tip; None without one."""
+        """Return a path past all places whose bends the arm can follow behind its tip; None without one."""
         task = self.task
         nearness, margin = price
         radius, beside = allowance
@@ -298,13 +299,13 @@ class SpaceTipWays:
             yield TipWay("round another side", way, _CLOSE)
 
     def _ends(self, approach: float) -> list[FloatArray]:
-        """Return the last places of a path: via places, where the straight approach begins, and the goal."""
+        """Return the last places of a path: the via places, the beginning of the straight approach, and the goal."""
         if self.direction is None or approach == 0.0:
             return [*self.task.via, self.goal]
         return [*self.task.via, self._before_goal(approach), self.goal]
 
     def _before_goal(self, approach: float) -> FloatArray:
-        """Return where the straight approach begins: as far before the goal as clearance permits."""
+        """Return the place where the straight approach begins, as far before the goal as clearance permits."""
         if self.direction is None:
             return self.goal
         task = self.task
@@ -343,14 +344,14 @@ class SpaceTipWays:
         return (self.fed or 0.0) - self.straight + _SPARE_LENGTH * self.task.unit
 
     def _grid(self, cells: int, margin: float, beside: float = 0.0, longest: float = np.inf) -> TipGrid:
-        """Return the grid of places with clearance for the tip, a share of the margin and a further distance [m].
+        """Return the grid of places where the tip has a fraction of the margin and a further distance as clearance.
 
         Args:
             cells: approximate number of cells.
-            margin: share of the margin.
+            margin: fraction of the planning margin.
             beside: the further distance [m].
-            longest: longest path that is sought, up to where the approach begins; cells on no such path count as closed
-                [m].
+            longest: length of the longest path that is sought, up to where the approach begins [m]; cells on no such
+                path count as closed.
         """
         key = (cells, margin, beside, longest)
         if key not in self._grids:
@@ -366,7 +367,7 @@ class SpaceTipWays:
     def _closed_behind(self, grid: TipGrid) -> TipGrid:
         """Return the grid closed just behind the end of the guide tube: no arm turns back through its hole.
 
-        The grid itself where the base is fixed, or where a place to be passed lies there.
+        Return the grid itself where the base is fixed, or where a place to be passed lies behind the tube's end.
         """
         arm = self.task.arm
         if not arm.base_axes:
@@ -404,7 +405,7 @@ class SpaceTipWays:
 
     @cached_property
     def _box(self) -> FloatArray:
-        """Box of the tip paths, where the tip can be, and not far beyond everything in the scene."""
+        """Box of the tip paths: the places that the tip may reach, cut off a little beyond the scene, and both ends."""
         task = self.task
         places = [task.scene.reshape(-1, 3), self.start, self.goal, *task.via]
         found = np.vstack([np.atleast_2d(place) for place in places])
@@ -422,7 +423,7 @@ class SpaceTipWays:
 
 
 def _prices(grid: TipGrid, avoided: list[FloatArray], price: float) -> FloatArray:
-    """Return the extra cost of cells near paths that have failed, of the shape of the grid."""
+    """Return the extra cost of cells near paths that have failed, as an array of the grid's shape."""
     prices = np.zeros(grid.gaps.shape)
     for way in avoided:
         lengths = np.linalg.norm(np.diff(way, axis=0), axis=1)
@@ -439,13 +440,14 @@ def _prices(grid: TipGrid, avoided: list[FloatArray], price: float) -> FloatArra
 
 
 def _closed_about(grid: TipGrid, place: FloatArray, radius: float, side: FloatArray | None = None) -> TipGrid:
-    """Return the grid closed within a radius of a place, all round or only on one side of it.
+    """Return the grid with the cells closed that are within a radius of a place, all round or on one side only.
 
     Args:
         grid: the grid.
         place: the place, shape (3,) [m].
         radius: the radius [m].
-        side: direction to the side that is closed, more than half a cell away, shape (3,); all round when None.
+        side: direction to the side on which cells more than half a cell away are closed, shape (3,); all round when
+            None.
     """
     low, high = (grid.index(place + way * radius) for way in (-1.0, 1.0))
     about = tuple(slice(a, b + 1) for a, b in zip(low, high, strict=True))

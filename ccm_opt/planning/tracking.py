@@ -1,10 +1,10 @@
 """Motions under users' terms that depend on the path parameter.
 
-The path parameter u advances in small steps. At each step the arm is drawn to the reference motion, which ignores these
-limits, while the limits at u are rows of every step; u advances when they are met.
+The path parameter u advances in small steps. At each step the arm is drawn to the reference motion, which was found
+without these limits, while the limits at u are rows of every step; u advances when the limits are met.
 
 The growth of u along a motion is free. Among all monotone schedules, dynamic time warping (Sakoe and Chiba, 1978)
-chooses the one that violates the constraints least, and of equal ones the one nearest to even growth.
+chooses the schedule that violates the constraints least, and among equal ones the schedule nearest to even growth.
 """
 
 from dataclasses import dataclass, replace
@@ -61,7 +61,7 @@ class Reference:
         return cls(u, space.closest(motion.configurations))
 
     def drawn(self, space: CurveUnknowns, u: float, pose: Pose) -> tuple[list[Term], bool]:
-        """Return the terms that draw the links to the reference at u, and whether one step could turn them there."""
+        """Return the terms that draw the links to the reference at u, and whether one step could turn them that far."""
         missing = np.array([np.interp(u, self.u, column) for column in self.unknowns.T]) - pose.v
         rows = turn_rows(space.arm, pose)
         turn = rows @ missing
@@ -84,7 +84,7 @@ class TrackedPoses:
     u: list[float]
 
     def append(self, poses: list[Pose], u: float) -> None:
-        """Add poses, the path parameter growing evenly up to u."""
+        """Add poses with path parameters that grow evenly up to u."""
         self.u.extend(np.linspace(self.u[-1], u, len(poses) + 1)[1:].tolist())
         self.poses.extend(poses)
 
@@ -92,7 +92,7 @@ class TrackedPoses:
 def follow_reference(
     stepper: StepperOf[AnyUnknowns], reference: Reference, goal: GoalPose, start: Pose, deadline: Deadline
 ) -> TrackedPoses:
-    """Return the poses that track a reference motion under the stepper's limits, to its end, or onto the goal.
+    """Return poses that track a reference motion under the stepper's limits, to the motion's end or onto the goal.
 
     Args:
         stepper: stepper with the limits.
@@ -131,7 +131,7 @@ def _ended(
     """Return the poses from the last tracked one to the end of the reference, or at least onto the goal.
 
     Raises:
-        Stalled: neither is reached.
+        Stalled: neither the end of the reference nor the goal is reached.
     """
     end = stepper.pose(reference.unknowns[-1])
     poses = [pose]
@@ -148,7 +148,7 @@ def _ended(
 
 
 def _advanced(stepper: StepperOf[AnyUnknowns], reference: Reference, u: float, pose: Pose) -> list[Pose] | None:
-    """Return poses towards the reference at u, to one that meets the limits of the stepper; None when there is none."""
+    """Return poses towards the reference at u, up to one that meets the stepper's limits; None when there is none."""
     poses = []
     kept = False
     for _ in range(_MEETING_STEPS):
@@ -185,7 +185,7 @@ _EVEN = 0.02
 
 
 def shares_of(motion: SpaceMotion, slowness: FloatArray) -> FloatArray:
-    """Return the share of the joint path's length at each configuration of a motion, shape (K,)."""
+    """Return, for each configuration of a motion, the fraction of the joint path's length before it, shape (K,)."""
     arcs = arc_lengths(motion.configurations * slowness)
     return np.asarray(arcs / arcs[-1]) if arcs[-1] > 0.0 else np.linspace(0.0, 1.0, len(arcs))
 
@@ -212,7 +212,7 @@ def schedule(motion: SpaceMotion, user: UserLimit, slowness: FloatArray) -> Floa
 
 
 def _missed(user: UserLimit, q: FloatArray, u: float) -> FloatArray:
-    """Return the worst row's violation at u, as a turn of the whole arm, in each of N configurations, shape (N,)."""
+    """Return the worst row's violation at u in each of N configurations, as a turn of the whole arm, shape (N,)."""
     rows = user.placed(u).rows
     table = rows.table(q, u)
     scale = user.turns(np.asarray(rows.slopes(q[0], u)[1]))
@@ -245,11 +245,11 @@ def _cheapest(price: FloatArray) -> tuple[list[int], list[int]]:
 
 
 def tracked(task: SpaceTask, motion: SpaceMotion) -> SpaceMotion:
-    """Return a motion under constraints that depend on u, near one found without them.
+    """Return a motion under constraints that depend on u, near a motion found without the constraints.
 
     Args:
         task: task with the constraints.
-        motion: certified motion to the same goal.
+        motion: certified motion to the task's goal.
 
     Raises:
         MotionNotFound: names the constraint that could not be met, and by how much it was violated.

@@ -1,7 +1,7 @@
 """The search by two trees: one grows from the start, one from poses at the goal, until a motion joins them.
 
 After RRT-Connect (Kuffner and LaValle, 2000), with the continuation as local planner: an extension follows a guide
-round and along obstacles instead of stopping at the first contact, so a few hundred poses cover what thousands of
+around and along obstacles instead of stopping at the first contact, so that a few hundred poses cover what thousands of
 straight connections would not.
 """
 
@@ -56,10 +56,10 @@ def search_by_trees(runs: list[PlanarRun]) -> list[Pose]:
     """Grow both trees until they meet, and return the poses from start to goal.
 
     Args:
-        runs: runs of one task with different margins, the narrowest last, whose poses and goal are used.
+        runs: runs of one task with different margins, the narrowest last; the poses and the goal of that one are used.
 
     Raises:
-        Stalled: the time is up or nothing new is reached; its pose is the one nearest to the goal.
+        Stalled: the time is up or nothing new is reached; the exception's pose is the one nearest to the goal.
     """
     search = TreeSearch.from_runs(runs)
     search.run()
@@ -78,9 +78,9 @@ class TreeSearch:
         rng: source of every random choice.
         trees: trees from the start, and from poses at the goal.
         samplers: samplers of their extensions.
-        rejected: number of extensions since the last that added a node.
+        rejected: number of extensions since the last one that added a node.
         extensions: number of extensions so far.
-        found: poses from start to goal, empty as long as there are none.
+        found: poses from start to goal; empty until a motion is found.
     """
 
     runs: list[PlanarRun]
@@ -130,11 +130,11 @@ class TreeSearch:
 
     @property
     def _exhausted(self) -> bool:
-        """Whether the trees reach nothing new, or the most extensions have been made."""
+        """Whether the trees reach nothing new, or the maximum number of extensions has been made."""
         return self.rejected >= _SATURATED or self.extensions >= MOST_EXTENSIONS
 
     def _draw_root(self) -> None:
-        """Add another pose at the goal, if there is one, and try to connect it at once."""
+        """Add another pose at the goal, if there is one, and try at once to connect it to the other tree."""
         pose = next(self.goal_poses, None)
         if pose is not None:
             root = self.trees[_Root.GOAL].add_root(pose)
@@ -174,7 +174,7 @@ class TreeSearch:
         return poses[: int(failing[0]) + 1] if len(failing) else poses
 
     def _keep(self, tree: PoseTree, node: int, poses: list[Pose]) -> list[int]:
-        """Add those poses that are apart from all nodes, and return the numbers of the new nodes."""
+        """Add the poses that are far enough from all nodes, and return the numbers of the new nodes."""
         added: list[int] = []
         edge: list[Pose] = []
         last = len(poses) - 1

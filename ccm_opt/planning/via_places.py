@@ -1,4 +1,4 @@
-"""Via places: where a tip path passes, in order, the places that a goal names on the way."""
+"""Via places, which a goal lists and the path of the tip passes in order, and where a path passes them."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -24,12 +24,12 @@ class Passings:
 
     @property
     def along(self) -> FloatArray:
-        """The positions as single numbers, corners being integers, shape (m,)."""
+        """Positions as leg number plus share, so that corners of the path have integers, shape (m,)."""
         return np.asarray(self.leg + self.share, dtype=np.float64)
 
 
 def passings(tips: FloatArray, places: FloatArray) -> Passings:
-    """Return where a path passes places in their order, with the least sum of squared distances from them.
+    """Return where a path passes places in order, so that the sum of the squared distances from these is least.
 
     Args:
         tips: corners of the path, at least two, shape (K, 3) [m].
@@ -46,7 +46,7 @@ def passings(tips: FloatArray, places: FloatArray) -> Passings:
 
 
 def _in_order(away: FloatArray) -> IntArray:
-    """Return one column for each row of a table, shape (m, k), non-decreasing and with the least sum; shape (m,)."""
+    """Return a column for each row of a table (m, k), non-decreasing and with the least sum of entries, shape (m,)."""
     # Dynamic programme: the least sum of rows so far with the last at a column or before it; then back from the end.
     sums = np.zeros_like(away)
     best = np.zeros(away.shape[1])
@@ -62,7 +62,7 @@ def _in_order(away: FloatArray) -> IntArray:
 
 
 def first_violation(tips: FloatArray, places: FloatArray, reach: float) -> tuple[int, float] | None:
-    """Return the number of the first place that a path does not pass, and its distance [m]; None without one.
+    """Return the number of the first place that a path does not pass, and the path's distance from it [m], or None.
 
     Args:
         tips: samples of the path, shape (N, 3) [m].
@@ -92,13 +92,13 @@ class PassedPlaces(LimitOf[CurveUnknowns]):
     reach: float
 
     def _passed(self, sweep: Any) -> tuple[IntArray, FloatArray]:
-        """Return the keyframes that pass the places, (m,), and the offsets from these to the tip, shape (m, d) [m]."""
+        """Return the keyframes that pass the places, (m,), and the tip's offsets from the places, shape (m, d) [m]."""
         off = sweep.points[:, sweep.space.arm.links] - self.places[:, None]
         keyframe = _in_order(np.sum(off**2, axis=2))
         return keyframe, off[np.arange(len(keyframe)), keyframe]
 
     def keyframe_rows(self, sweep: Any, u: FloatArray) -> tuple[KeyframeRows, ...]:
-        """Return bounds for each axis: the tip stays in the cube inscribed in the ball, or leaves it no farther."""
+        """Return bounds per axis that keep the tip in the cube inscribed in the ball, or no farther out than before."""
         del u
         keyframe, off = self._passed(sweep)
         moved = np.flatnonzero(keyframe > 0)
@@ -113,7 +113,7 @@ class PassedPlaces(LimitOf[CurveUnknowns]):
         )
 
     def holds(self, sweep: Any, before: Any, u: FloatArray) -> bool:
-        """Return whether the tip passes every place within reach, or as near as before."""
+        """Return whether the tip passes every place within ``reach``, or at least as near as before."""
         del u
         away, was = (np.linalg.norm(self._passed(each)[1], axis=1) for each in (sweep, before))
         return bool(np.all(away <= np.maximum(self.reach, was) * (1.0 + 1e-9)))

@@ -87,11 +87,11 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
         return self.follow_ways(self.first_ways(), failures)
 
     def begins_bent(self) -> bool:
-        """Return whether a fed arm begins with bent joints, so that it has to leave where it lies as it came there."""
+        """Return whether a fed arm begins with bent joints, so that it can leave its place only along its own shape."""
         return bool(self.task.arm.base_axes) and bool(np.any(self.start.q[:-1]))
 
     def begins_straight(self) -> bool:
-        """Return whether a fed arm begins straight, so that it may go on from where it stands."""
+        """Return whether a fed arm begins straight, so that it may move on from its start without being withdrawn."""
         return bool(self.task.arm.base_axes) and not self.begins_bent()
 
     def find_straight(self, failures: list[Failure]) -> SpaceMotion | None:
@@ -101,7 +101,7 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
     def first_ways(self) -> Iterator[TipWay]:
         """Yield the tip paths that turn off where a joint has left the guide tube, then those that turn off at once.
 
-        A bend may begin so near to the mouth that an arm of few links has only the latter.
+        A bend may begin so near to the mouth of the tube that only the latter exist for an arm of few links.
         """
         ways = self.ways()
         yield from ways.first()
@@ -119,7 +119,7 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
     def find_by_withdrawing(
         self, find: Callable[[SpaceTask], SpaceMotion], failures: list[Failure]
     ) -> SpaceMotion | None:
-        """Return the motion back into the guide tube and from there to the goal, by any strategy; None where it fails.
+        """Return the motion back into the guide tube, and from there to the goal by any strategy; None on failure.
 
         Where the arm cannot be drawn back along its own shape, the way back is one from the tube to the start, run
         backwards. Where that fails too, the tip is led to the goal from where the withdrawal ended.
@@ -156,7 +156,7 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
     def _found_from(
         self, home: FloatArray, find: Callable[[SpaceTask], SpaceMotion], task: SpaceTask
     ) -> SpaceMotion | None:
-        """Return the motion of a task that begins in the guide tube, found in a share of the time; else None."""
+        """Return the motion of a task that begins in the guide tube, if found in a fraction of the time; else None."""
         share = task.deadline.within(_WITHDRAWN_SHARE * task.deadline.left)
         try:
             return find(replace(task, start=home, stage=None, deadline=share))
@@ -164,7 +164,7 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
             return None
 
     def _drawn_back_before(self, found: SpaceMotion) -> SpaceMotion | None:
-        """Return a motion from the guide tube with the way back along the arm's own shape before it, certified."""
+        """Return the certified motion back along the arm's own shape, and then along a motion from the guide tube."""
         curve, start = found.curve.blended_to(self.start.q)
         stepper = self.task.stepper(curve, 0.0)
         poses = withdrawn(stepper, start, self.task.deadline)
@@ -174,7 +174,7 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
     def _led_back_before(
         self, found: SpaceMotion, from_tube: Callable[[SpaceTask], SpaceMotion | None]
     ) -> SpaceMotion | None:
-        """Return a motion from the guide tube with one from there to the start, run backwards, before it, certified."""
+        """Return the certified motion back along ``from_tube``, run backwards, and then along ``found``."""
         start = GoalPose(self.start.tip, self.start.tip_direction)
         entered = from_tube(replace(self.task, goal=start, goal_pose=self.start.q, via=(), refuse=lambda: None))
         if entered is None or entered.curve.knots != found.curve.knots:
@@ -183,7 +183,7 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
         return self._turned_over(replace(found, curve=curve).through(onward), back)
 
     def _turned_over(self, onward: SpaceMotion, back: FloatArray) -> SpaceMotion | None:
-        """Return the way back, unknowns of shape (K, p), and onward in one, certified; None where it is not."""
+        """Return the ways back (unknowns of shape (K, p)) and onward as one certified motion; None if not certified."""
         stepper = self.task.stepper(onward.curve, 0.0)
         unknowns = turned_over(stepper, back, onward.unknowns, wholly=bool(self.task.via))
         if unknowns is None:
@@ -214,7 +214,7 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
         Args:
             ways: tip paths.
             failures: failures of candidates are appended here.
-            slides: whether the motion begins at the task's start, so that the arm lies on the track of its tip.
+            slides: whether the motion begins at the task's start, so that the arm lies on the track of its own tip.
         """
         task = self.task
         slides = slides and task.stage is None and bool(task.arm.base_axes)
@@ -235,7 +235,7 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
         return replace(self, stepper=self.task.stepper(self.stepper.space, share))
 
     def _has_room(self, motion: SpaceMotion) -> bool:
-        """Return whether a motion's clearance suffices for the optimisation to be expected to reach the wanted gap."""
+        """Return whether a motion has so much clearance that the optimisation should reach the preferred clearance."""
         task = self.task
         room = _GRAZING * task.wanted_gap
         if task.least_gap(motion.configurations) < room:
@@ -246,8 +246,8 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
     def _slid(self, way: TipWay, failures: list[Failure]) -> SpaceMotion | None:
         """Return the motion with all joints sliding along a tip path, or None.
 
-        It lies in the curve of the fewest knots that leaves the path half of the wanted gap or, failing that, touches
-        nothing.
+        The motion lies in the curve of the fewest knots that leaves the path half of the preferred clearance or,
+        failing that, touches nothing.
         """
         task = self.task
         corners = np.vstack([part for part, _ in self._legs(way)])
@@ -261,7 +261,7 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
         return run.attempt("on the track of the tip", partial(run.arrived, poses), failures)
 
     def _fitted_slide(self, configurations: FloatArray) -> "tuple[SpaceRun, FloatArray] | None":
-        """Return a run in a curve that represents configurations, and their unknowns there, certified; else None."""
+        """Return a run in a curve that represents configurations, and their certified unknowns in it; else None."""
         task = self.task
 
         @cache
@@ -317,7 +317,7 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
 
     # ------------------------------------------------------------ led to poses of the whole arm, and drawn
     def to_poses(self, failures: list[Failure]) -> SpaceMotion | None:
-        """Return a motion to a goal pose, straight in the unknowns or else by way of straighter poses; else None."""
+        """Return a motion to a goal pose, straight in the unknowns or else via straighter poses; None on failure."""
         task = self.task
         name = "straight to the pose" if task.goal_pose is not None else "straight to a pose at the goal"
         goals = []
@@ -357,7 +357,7 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
 
     @cached_property
     def _free_goals(self) -> list[Pose]:
-        """Free poses at the goal that are known so far; the one of the whole arm is the only one."""
+        """Free poses at the goal that are known so far; a whole-arm goal is the only such pose."""
         return [] if self.goal.coordinates is None else [self.stepper.pose(self.goal.coordinates)]
 
     @cached_property
@@ -383,7 +383,7 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
         return poses
 
     def _draws(self, number: int = 0) -> np.random.Generator:
-        """Return the random generator of a strategy, with another seed for each try."""
+        """Return the random generator of a strategy, with a different seed for each round."""
         return np.random.default_rng((self.task.seed, number) if number else self.task.seed)
 
     # ------------------------------------------------------------ from place to place
@@ -391,8 +391,8 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
         """Return one motion through the via places to the goal, planned stage by stage; None if a stage fails.
 
         Args:
-            find: finds a motion to one of them; raises ``MotionNotFound``.
-            failures: not changed.
+            find: finds the motion of one stage; raises ``MotionNotFound``.
+            failures: left unchanged.
         """
         del failures
         now = self.start.v

@@ -18,8 +18,8 @@ _TURNING_FEEDS = 24
 def withdrawn(stepper: SpaceStepper, start: FloatArray, deadline: Deadline) -> list[Pose]:
     """Return the poses from the given one back along the feed, as far as they are certified.
 
-    The curve is fixed in space while the arm is drawn along it. Bends that the curve cannot reproduce may prevent that;
-    then the arm is led back step by step.
+    The curve is fixed in space while the arm is drawn along it. Where bends that the curve cannot reproduce prevent
+    this, the arm is led back step by step.
 
     Args:
         stepper: stepper of a fed arm.
@@ -45,7 +45,7 @@ def withdrawn(stepper: SpaceStepper, start: FloatArray, deadline: Deadline) -> l
 
 
 def _led_back(stepper: SpaceStepper, pose: Pose, deadline: Deadline) -> list[Pose]:
-    """Return the poses from the given one back along its own shape, as far as steps lead."""
+    """Return the poses from the given one back along the arm's own shape, as far as steps lead."""
     arm = stepper.space.arm
     left = float(pose.q[-1]) - arm.base_range[0]
     shape = ArmTrack.behind(pose.points, np.zeros((0, 3)))
@@ -59,9 +59,9 @@ def _led_back(stepper: SpaceStepper, pose: Pose, deadline: Deadline) -> list[Pos
 def turned_over(
     stepper: SpaceStepper, back: FloatArray, onward: FloatArray, *, wholly: bool = False
 ) -> FloatArray | None:
-    """Return a motion back into the guide tube and out again that goes back no farther than it must; None without one.
+    """Return a motion back into the guide tube, no farther than necessary, and out again; None without one.
 
-    At some feed the arm goes straight over from the shape that it has on the way back to the one on the way onward.
+    At a certain feed the arm goes straight over from its shape on the way back to its shape on the way onward.
 
     Args:
         stepper: stepper in whose unknowns both ways are.
@@ -70,7 +70,7 @@ def turned_over(
         wholly: whether the way back and the way onward are to be kept whole.
 
     Returns:
-        Certified, shape (N, p).
+        Unknowns of the certified motion, shape (N, p).
     """
     if len(stepper.failing_edges(back)) or len(stepper.failing_edges(onward)):
         return None
