@@ -1,9 +1,10 @@
 """Choice of the samples of a plan that are sent to a controller, such that its interpolation keeps every limit.
 
 A controller joins points with positions and velocities by cubics, whose accelerations may exceed those of the plan
-where these jump between two points. So points are chosen one after the other, each as far from the last as the cubic
-between them keeps the limits and stays near the plan. Where not even neighbouring samples do, the motion is slowed down
-a little. A plan of limited jerk has continuous accelerations and is joined by quintics.
+where these jump between two points. So points are chosen one after the other, each as far from the previous point as
+possible while the cubic between them keeps the limits and stays near the plan. Where not even neighbouring samples
+allow this, the motion is slowed down slightly. A plan of limited jerk has continuous accelerations, so its
+points are joined by quintics.
 """
 
 import itertools
@@ -188,7 +189,7 @@ def points_at(
     smooth: bool,
     time: FloatArray | None = None,
 ) -> ControllerPoints:
-    """Return points for a controller at some samples of a plan that is already slowed down.
+    """Return points for a controller at given samples of a plan that is already slowed down.
 
     Args:
         slower: the slowed plan.

@@ -324,7 +324,7 @@ def resolve_file(
         name: path of the file as given in the problem file.
         folder: folder of the problem file; None where there is none.
         path: key path at which the file is named.
-        kind: what is expected, with an example: "a drawing, for example 'scene.svg'".
+        kind: expected kind of file, with an example: "a drawing, for example 'scene.svg'".
         issues: receives the reason why the file may not be read.
         allow_outside: whether the file may lie outside that folder.
 

@@ -1,7 +1,7 @@
-"""Reading of DXF drawings: lines, arcs, circles, ellipses, polylines, splines, solids, hatches, and their blocks.
+"""Reading of DXF drawings: lines, arcs, circles, ellipses, polylines, splines, solids, hatches, and blocks.
 
-Only the model space counts, seen along z, without layers that are off or frozen. Open pieces on one layer whose
-ends meet are joined; a closed chain is an outline. Annotations and construction lines are left out and reported, even
+Only the model space counts, seen along z, without layers that are off or frozen. Open pieces of a layer are joined
+where their ends meet; a closed chain is an outline. Annotations and construction lines are left out and reported, even
 broken ones; anything else unreadable is refused by name, since a missing obstacle is worse than a refused file.
 """
 
@@ -276,7 +276,7 @@ def _entities(drawing: "Drawing", found: _Findings) -> Iterator[_Placed]:
 
 
 def _parts(inserted: _Placed, found: _Findings) -> list[_Placed]:
-    """Return the entities of a block reference; those on layer 0 get the reference's layer."""
+    """Return the entities of a block reference; entities on layer 0 get the reference's layer."""
     entity = inserted.entity
     block = str(entity.dxf.name)
     if inserted.depth == _DEEPEST:

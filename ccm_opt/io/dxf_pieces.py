@@ -119,7 +119,7 @@ _FULL_TURN = 1e-9
 
 
 def hatch_rings(entity: Entity, distance: float) -> tuple[tuple[FloatArray, ...], bool]:
-    """Return the closed boundaries of a HATCH or MPOLYGON, and whether they have curves."""
+    """Return the closed boundaries of a HATCH or MPOLYGON, and whether any has curves."""
     pieces = [_boundary(path, distance) for path in entity.paths]
     return tuple(piece.points for piece in pieces), any(piece.curved for piece in pieces)
 

@@ -50,8 +50,8 @@ def atomic_replace(
         wanted: the folder.
         files: content by file name; names with slashes lie in subfolders.
         ours: names of files and folders that runs write, which are not carried over from the old folder.
-        chosen: called under the lock; returns the folder to write, ``wanted`` or one next to it, and raises where none
-            may be written.
+        chosen: function called under the lock; returns the folder to write, either ``wanted`` or a folder next to it,
+            and raises where no folder may be written.
 
     Returns:
         The folder written.

@@ -283,7 +283,7 @@ def _on_edges(vertices: FloatArray, flat: IntArray, others: IntArray) -> BoolArr
     second = flat[rows, (longest + 1) % 3]
 
     def key(starts: IntArray, ends: IntArray) -> IntArray:
-        """Return one number per edge, the same in either direction."""
+        """Return a number that identifies each edge, regardless of its direction."""
         return np.minimum(starts, ends) * (len(vertices) + 1) + np.maximum(starts, ends)
 
     edges = np.unique(key(others, np.roll(others, -1, axis=1)))

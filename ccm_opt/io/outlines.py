@@ -69,7 +69,7 @@ def with_holes(shapes: Sequence[Shape], distance: float) -> list[Shape]:
 
 
 def split_off_boundary(shapes: Sequence[Shape], growth: float, distance: float) -> tuple[shapely.Polygon, list[Shape]]:
-    """Return the largest outline as the room, shrunk by its line width and chord deviation, and the other shapes.
+    """Return the largest outline, shrunk by line width and chord deviation, as the room, and the other shapes.
 
     Raises:
         ProblemError: there is no closed outline, or the largest is no simple polygon.

@@ -85,7 +85,7 @@ class RecordedResults:
         figures: figures of merit by name; None for those that are not finite.
         checks: checks in the order of the record; NaN for numbers that are not finite.
         verdict: verdict on the simulation, by the field names of ``SimulationVerdict``.
-        tolerance: errors that the motion survives; empty where not asked for.
+        tolerance: errors that the motion survives; empty where not requested.
         data: the whole record.
     """
 

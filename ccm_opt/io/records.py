@@ -312,7 +312,7 @@ def bend_arrays(arrays: Mapping[str, npt.NDArray[np.generic]]) -> dict[str, npt.
 def curve_arrays(curves: tuple[Configuration, ...]) -> dict[str, npt.NDArray[np.generic]]:
     """Return the curves to which the keyframes were fitted, as arrays of their concatenated segments.
 
-    The segments of curve k are ``offsets[k]`` to ``offsets[k + 1]``.
+    The segments of curve k run from ``segments_offsets[k]`` up to, but excluding, ``segments_offsets[k + 1]``.
     """
     segments = [segment for curve in curves for segment in curve.segments]
     return {

@@ -71,7 +71,7 @@ def pose_arrays(found: StaticPose) -> dict[str, npt.NDArray[np.generic]]:
 def write_reach(found: ReachMap, out: Path, pictures: Mapping[str, bytes] | None = None) -> Path:
     """Write the folder of a reachability map, with arrays named after its fields; angles [rad], lengths [m].
 
-    Arguments, result and errors are as for ``write_pose``.
+    Arguments, result and errors are those of ``write_pose``.
     """
     own = ("directions",) if found.problem.dimension == 3 else ("headings", "heading_ranges")
     arrays = dict(zip("xyz", found.axes, strict=False))

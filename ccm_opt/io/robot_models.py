@@ -41,7 +41,7 @@ class Revolute:
         axis: axis of rotation, a unit vector in the joint's own frame, x along the link.
         limit: bound on the absolute angle [rad]: the bend limit for a bend, half a turn for other revolutes.
         starts_ball: whether it is the first revolute of its ball joint.
-        carries_link: whether it is the last revolute of its ball joint, the one that carries the link.
+        carries_link: whether it is the last revolute of its ball joint, which carries the link.
         rotor_inertia: rotor inertia of its drive [kg m²].
         friction: viscous friction [N m s/rad].
     """

@@ -44,7 +44,7 @@ CLOSEST_KNOTS = 1e-6
 
 
 class SegmentTable(Table):
-    """One curvature segment: a length, five curvature values, three knots."""
+    """A curvature segment, with its length, five curvature values and three knots."""
 
     length: PositiveLength = Field(
         description="Length of the segment; the lengths add up to that of the arm (to 1e-6)."
@@ -65,7 +65,7 @@ class SegmentTable(Table):
 
 
 class PoseTable(Table):
-    """A whole-arm pose, one of shape, joints_deg, segments."""
+    """A pose of the whole arm, given by exactly one of shape, joints_deg and segments."""
 
     rules = Rules(exactly_one=("shape", "joints_deg", "segments"), needs={"heading_deg": ("segments",)})
 
@@ -123,7 +123,7 @@ class CircleTable(Table):
 
 
 class WallTable(Table):
-    """A polyline swept by a disc of half its thickness."""
+    """A wall: the area swept by a disc along a polyline; the disc's diameter is the wall's thickness."""
 
     points: Polyline = Field(description="Vertices of the line, in order.")
     thickness: NonNegativeLength = Field(
@@ -132,7 +132,7 @@ class WallTable(Table):
 
 
 class ObstacleTable(Table):
-    """One obstacle: exactly one of polygon, box, circle, wall; a polygon may have holes."""
+    """An obstacle, given by exactly one of polygon, box, circle and wall; a polygon may have holes."""
 
     rules = Rules(exactly_one=("polygon", "box", "circle", "wall"))
 
@@ -166,7 +166,7 @@ class ObstacleTable(Table):
 
 
 class SceneTable(Table):
-    """A drawing of obstacles, and how it is placed; lengths stay in the problem file's unit."""
+    """A drawing of obstacles and its placement; lengths stay in the problem file's unit."""
 
     file: Annotated[str, Field(min_length=1)] | None = Field(
         default=None,
@@ -250,7 +250,7 @@ class SphereTable(Table):
 
 
 class BarTable(Table):
-    """A round bar."""
+    """A cylinder or capsule, given by the ends of its axis and its radius."""
 
     start: Annotated[SpacePoint, Field(alias="from")] = Field(description="First end of the axis.")
     end: Annotated[SpacePoint, Field(alias="to")] = Field(description="Second end of the axis.")
@@ -258,7 +258,7 @@ class BarTable(Table):
 
 
 class PlacementTable(Table):
-    """Where a body stands and how it is turned: it is turned first, then moved."""
+    """Placement of a body, which is rotated first and then moved."""
 
     rules = Rules(at_most_one=("rotation_deg", "quaternion"))
 
@@ -272,7 +272,7 @@ class PlacementTable(Table):
 
 
 class SpaceObstacleTable(Table):
-    """One obstacle: exactly one of mesh, box, sphere, cylinder, capsule."""
+    """An obstacle in space, given by exactly one of mesh, box, sphere, cylinder and capsule."""
 
     rules = Rules(
         exactly_one=("mesh", "box", "sphere", "cylinder", "capsule"),
@@ -351,7 +351,7 @@ class SpaceWorkspaceTable(Table):
 
 
 class BaseTable(Table):
-    """Position and orientation of the base."""
+    """Position and orientation of the base of an arm in space."""
 
     position: SpacePoint = Field(
         description="Position of the first joint; it may touch a wall, but not lie inside one."
@@ -376,7 +376,7 @@ class SpaceArmTable(ChainTable):
 
 
 class SpacePoseTable(Table):
-    """A pose of the whole arm, one of shape, joints_deg."""
+    """A pose of the whole arm in space, given by exactly one of shape and joints_deg."""
 
     rules = Rules(exactly_one=("shape", "joints_deg"))
     segments: ClassVar[None] = None
@@ -470,7 +470,7 @@ def _folder_name(name: str) -> str:
 
 
 class RootTable(Table):
-    """The keys above the first table, and the tables, which are validated separately."""
+    """The whole file: the keys above the first table, and the tables, which are validated separately."""
 
     schema_version: Literal[1] = Field(alias="schema", description="Version of the format.")
     space: Literal[2, 3] = Field(

@@ -235,7 +235,7 @@ class Rules(NamedTuple):
 
 
 class Table(BaseModel):
-    """Base class of all tables: unknown keys, wrong types, and numbers that are not finite or too large are errors."""
+    """Base class of all tables, which refuses unknown keys, wrong types, and numbers not finite or too large."""
 
     rules: ClassVar[Rules] = Rules()
 
@@ -300,7 +300,7 @@ MAX_LINKS = 400
 
 
 class InertiaTable(Table):
-    """Moments of inertia of the links about their centres [kg m²], one for all links or one each."""
+    """Moments of inertia of the links about their centres [kg m²], each one value for all links or one per link."""
 
     axial: PositiveEach = Field(description="Moment about the link's axis [kg m²].")
     transverse: PositiveEach = Field(description="Moment about an axis across the link, through its centre [kg m²].")
@@ -332,7 +332,7 @@ class FeedTable(Table):
 
 
 class ChainTable(Table):
-    """What arms in the plane and in space have in common."""
+    """Keys that arms in the plane and in space have in common."""
 
     rules = Rules(at_most_one=("link_mass", "masses"))
 
@@ -386,7 +386,7 @@ class ChainTable(Table):
 
 
 class ArmTable(ChainTable):
-    """The arm in its plane."""
+    """An arm in the plane."""
 
     base: Point = Field(description="Position of the first joint; it may touch a wall, but not lie inside one.")
     base_heading_deg: Degrees = Field(default=0.0, description="Heading of the straight arm.")
@@ -406,7 +406,7 @@ class PointLimitTable(Table):
 
 
 class LimitsTable(Table):
-    """Joint limits, each one number, one per ball joint, or one per revolute; limits of the feed axis and of points."""
+    """Limits of joints (one for all, one per ball joint, or one per revolute), of the feed axis, and of points."""
 
     velocity: PositiveEach = Field(description="Joint velocity [rad/s].")
     acceleration: PositiveEach = Field(description="Joint acceleration [rad/s²].")
@@ -437,7 +437,7 @@ class LimitsTable(Table):
 
 
 class GainsTable(Table):
-    """Gains of the PD law for every joint: proportional [N m/rad], derivative [N m s/rad]; else they suit the arm."""
+    """Gains of the PD law for every joint, proportional [N m/rad] and derivative [N m s/rad]; by default tuned."""
 
     proportional: Positive | None = Field(
         default=None, description="Proportional gain [N m/rad]. Default: tuned for the arm, or to the other gain."
@@ -448,7 +448,7 @@ class GainsTable(Table):
 
 
 class DisturbancesTable(Table):
-    """How the simulated arm differs from the controller's model."""
+    """Differences between the simulated arm and the controller's model."""
 
     mass_error: Annotated[float, Field(gt=-1.0)] = Field(
         default=Disturbances.mass_error,
@@ -475,7 +475,7 @@ class DisturbancesTable(Table):
 
 
 class SimulationTable(Table):
-    """How the timed motion is simulated."""
+    """Settings of the simulation of the timed motion."""
 
     gravity: Vector = Field(
         default_factory=SimulationOptions().gravity.tolist,
@@ -530,7 +530,7 @@ class WeightsTable(Table):
 
 
 class PlannerTable(Table):
-    """Which planner, for how long, and with which options."""
+    """Choice of the planner, its time limit and its options."""
 
     method: MethodName = Field(
         default=PlannerOptions.method,
@@ -614,7 +614,7 @@ class PlannerTable(Table):
 
 
 class ToleranceTable(Table):
-    """Errors under which the motion must stay clear."""
+    """Errors under which the motion must stay collision-free."""
 
     joint_error_deg: Annotated[float, Field(ge=0.0, lt=180.0), _RADIANS, _DEGREES] = Field(
         default=0.0,
@@ -626,7 +626,7 @@ class ToleranceTable(Table):
 
 
 class VerificationTable(Table):
-    """How strictly plans are verified."""
+    """Settings that determine how strictly plans are verified."""
 
     contact_tolerance: PositiveLength | None = Field(
         default=VerificationOptions.contact_tolerance,

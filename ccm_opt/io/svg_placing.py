@@ -289,7 +289,7 @@ def _shapes_in(node: ET.Element) -> int:
 
 
 def _shape_name(place: Place) -> str:
-    """Return the name of a shape: of the first that exists of its use, itself, its group, its id, and its kind."""
+    """Return the name of a shape: the name of its use, its own, that of its group, its id, or its kind."""
     node = place.node
     own = own_name(node)
     if place.used:
@@ -307,19 +307,19 @@ def own_name(node: ET.Element) -> str:
 
 
 def _titled(node: ET.Element) -> str:
-    """Return the kind of an element with its name or id, for messages."""
+    """Return the kind of an element with the element's name or id, for messages."""
     name = own_name(node) or node.attrib.get("id", "")[:_LONGEST_NAME]
     return f"{node.tag} '{name}'" if name else node.tag
 
 
 def _conditional(node: ET.Element) -> bool:
-    """Return whether an alternative of a switch depends on program or language, or cannot be drawn at all."""
+    """Return whether an alternative of a ``switch`` depends on program or language, or cannot be drawn at all."""
     asks = ("requiredExtensions", "requiredFeatures", "systemLanguage")
     return node.tag not in _USABLE or any(key in node.attrib for key in asks)
 
 
 def _metres_per_unit(root: ET.Element, view: View) -> float | None:
-    """Return the length of a user unit by the picture's physical width [m]; None where it has none.
+    """Return the length of a user unit [m], derived from the picture's physical width; None where no width is given.
 
     Pixels, plain numbers and per cent are no physical sizes.
     """
@@ -330,7 +330,7 @@ def _metres_per_unit(root: ET.Element, view: View) -> float | None:
 
 
 def _view_box(root: ET.Element) -> View:
-    """Return the size of the picture in user units: that of its viewBox, or its width and height."""
+    """Return the size of the picture in user units, from its viewBox or else from its width and height."""
     try:
         box = numbers_in(root.attrib.get("viewBox", ""))
         if len(box) == 4:

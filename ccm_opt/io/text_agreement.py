@@ -154,7 +154,7 @@ def _check(path: Path, find: Callable[[str], str], most_bytes: int) -> Check:
 
     Args:
         path: path of the file.
-        find: returns how the file's text differs from what it should be, or an empty text.
+        find: returns how the file's text differs from the expected one, or an empty text.
         most_bytes: largest size; larger files fail the check unread.
     """
     try:
@@ -168,7 +168,7 @@ def _check(path: Path, find: Callable[[str], str], most_bytes: int) -> Check:
 def _point_defect(
     text: str, plan: tuple[Problem, JointTrajectory, JointStates], found: list[ControllerPoints], *, of_table: bool
 ) -> str:
-    """Return how the points in a file differ from the plan's; empty where they agree.
+    """Return how the points in a file differ from those of the plan; empty where they agree.
 
     Args:
         text: text of the file.
@@ -229,7 +229,7 @@ def _matching_samples(time: FloatArray, plan: JointTrajectory) -> tuple[IntArray
 
 
 def _model_defect(text: str, folder: Path, problem: Problem, texts: Sequence[str]) -> str:
-    """Return how a description of the arm differs from all valid ones, or its meshes from the problem's; or empty.
+    """Return how a description of the arm, or its meshes, differ from the valid ones; empty where they agree.
 
     Args:
         text: text of the description.
@@ -260,7 +260,7 @@ def _elements(text: str) -> list[str]:
 
 
 def _difference(lines: Sequence[str], variants: Iterable[Sequence[str]], tolerance: float) -> str:
-    """Return how lines differ from the closest of some variants; empty where they equal one.
+    """Return how lines differ from the closest of several variants; empty where they equal a variant.
 
     The closest variant is the one with the most leading lines in common.
 
@@ -352,7 +352,7 @@ def _off(found: object, wanted: object, path: str, allowed: float) -> Iterator[s
 
     Args:
         found: value in the record.
-        wanted: value expected.
+        wanted: expected value.
         path: path of the value.
         allowed: allowed difference of numbers.
     """

@@ -215,7 +215,7 @@ class ClearanceRecord:
 
     Attributes:
         time: times of the samples, the motion's ends and stops among them, shape (N,) [s].
-        wanted: preferred clearance [m]; 0 when none was asked for.
+        wanted: preferred clearance [m]; 0 when none was requested.
         clearance: required distance between the surfaces of arm and walls, from which gaps to walls are counted [m].
         wall_gaps: least gap to a wall at the samples, shape (N,) [m].
         self_gaps: least gap between two links at the samples, shape (N,) [m].
