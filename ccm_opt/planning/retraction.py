@@ -150,7 +150,7 @@ WayBack: TypeAlias = tuple[TipPath, tuple[int, FloatArray]]
 def drawn_back(
     stepper: Stepper, start: Pose, wanted: FloatArray, path: TipPath, lengths: tuple[float, ...], *, whole_arm: bool
 ) -> Iterator[GuideCandidate]:
-    """Yield candidates that draw the arm back along itself onto another shape, by folds of several lengths.
+    """Yield candidates that draw the arm back along itself onto another shape, by several folds on either side.
 
     Args:
         stepper: stepper of the link space.

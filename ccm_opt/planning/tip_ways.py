@@ -405,7 +405,7 @@ class SpaceTipWays:
 
     @cached_property
     def _box(self) -> FloatArray:
-        """Box of the tip paths: the places that the tip may reach, cut off a little beyond the scene, and both ends."""
+        """Box of the tip paths, which contains both ends and, up to a little beyond the scene, the reach of the tip."""
         task = self.task
         places = [task.scene.reshape(-1, 3), self.start, self.goal, *task.via]
         found = np.vstack([np.atleast_2d(place) for place in places])

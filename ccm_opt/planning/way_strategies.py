@@ -87,7 +87,7 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
         return self.follow_ways(self.first_ways(), failures)
 
     def begins_bent(self) -> bool:
-        """Return whether a fed arm begins with bent joints, so that it can leave its place only along its own shape."""
+        """Return whether a fed arm begins with bent joints, so that it has to leave its place along its own shape."""
         return bool(self.task.arm.base_axes) and bool(np.any(self.start.q[:-1]))
 
     def begins_straight(self) -> bool:
