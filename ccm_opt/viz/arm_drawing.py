@@ -27,10 +27,10 @@ _INSIDE = 0.9
 
 
 def draw_workspace(axes: Axes, workspace: Workspace, window: FloatArray | None = None) -> None:
-    """Draw boundary and obstacles, with names if there are few obstacles and the names fit into them.
+    """Draw boundary and obstacles; if there are only a few obstacles, also those names that fit into them.
 
     Args:
-        axes: axes to draw in, with their size and place in the figure settled.
+        axes: axes to draw in, with their final size and position in the figure.
         workspace: workspace to draw.
         window: lower left and upper right corner of the visible part, shape (2, 2) [m]; the whole workspace when None.
     """
@@ -46,7 +46,7 @@ def draw_workspace(axes: Axes, workspace: Workspace, window: FloatArray | None =
 
 
 def whole_workspace(workspace: Workspace) -> FloatArray:
-    """Return lower left and upper right corner of a planar workspace with a margin, shape (2, 2) [m]."""
+    """Return the lower left and upper right corners of a planar workspace with a margin, shape (2, 2) [m]."""
     bounds = np.reshape(workspace.boundary.bounds, (2, 2))
     return np.asarray(bounds + PICTURES.workspace_margin * np.ptp(bounds, axis=0).max() * np.array([[-1.0], [1.0]]))
 
@@ -69,7 +69,7 @@ def polygon_patch(polygon: shapely.Polygon, **look: object) -> PathPatch:
 
 
 def _name(axes: Axes, obstacle: Obstacle) -> None:
-    """Write an obstacle's name into its largest visible part, rotated if that is tall; omit it if it does not fit."""
+    """Write an obstacle's name into its largest visible part, rotated in tall parts; omit names that do not fit."""
     left, right, low, high = *axes.get_xlim(), *axes.get_ylim()
     parts = shapely.get_parts(shapely.intersection(obstacle.outline(), shapely.box(left, low, right, high)))
     seen = max(parts, key=shapely.area, default=shapely.Polygon())
@@ -122,7 +122,7 @@ def draw_body(
 
 
 def draw_poses(axes: Axes, poses: FloatArray) -> None:
-    """Draw poses as thin lines coloured from early to late; ``poses`` has shape (k, links + 1, 2) [m]."""
+    """Draw poses, shape (k, links + 1, 2) [m], as thin lines with colours from early to late."""
     shades = colormaps[style.POSE_COLOURS](np.linspace(0.15, 0.85, len(poses)))
     axes.add_collection(LineCollection(list(poses), colors=shades, linewidths=1.1, alpha=0.9, zorder=5))
     middle = shades[len(shades) // 2]
@@ -130,7 +130,7 @@ def draw_poses(axes: Axes, poses: FloatArray) -> None:
 
 
 def draw_tip_path(axes: Axes, tips: FloatArray) -> None:
-    """Draw the path of the tip; ``tips`` has shape (T, 2) [m]."""
+    """Draw the path of the tip through positions of shape (T, 2) [m]."""
     axes.plot(
         tips[:, 0],
         tips[:, 1],
@@ -144,7 +144,7 @@ def draw_tip_path(axes: Axes, tips: FloatArray) -> None:
 
 @dataclass(frozen=True)
 class Side:
-    """A direction from which a scene is viewed; ``PLANE`` maps places of shape (..., 2) to such places.
+    """A direction from which a scene is viewed; ``PLANE`` leaves the positions of planar scenes unchanged.
 
     Attributes:
         name: name of the view.
@@ -159,7 +159,7 @@ class Side:
     labels: tuple[str, str]
 
     def __call__(self, points: FloatArray) -> FloatArray:
-        """Return the places in the picture, shape (..., d) to (..., 2) [m]."""
+        """Project positions, shape (..., d), to the picture plane, shape (..., 2) [m]."""
         return np.stack((points @ self.across, points @ self.up), axis=-1)
 
 
@@ -183,14 +183,14 @@ SLANTED = Side(
 
 @dataclass(frozen=True)
 class PlanDrawing:
-    """The data that pictures show of a plan.
+    """Data of a plan that pictures show.
 
     Attributes:
-        problem: the problem as posed.
+        problem: the original problem.
         trajectory: the motion.
         points: joints and tip at every sample, shape (T, links + 1, d) [m].
         curves: curves behind the planner's keyframes, in order; may be empty.
-        nearest: place of the least gap; None if it was not measured or nothing is near.
+        nearest: position of the least gap; None if the gap was not measured or nothing is near.
         simulated: joints and tip of the simulated arm of a planar plan, in space, shape (T, links + 1, 3) [m]; None if
             it was not simulated.
     """
@@ -210,7 +210,7 @@ class PlanDrawing:
 
     @property
     def planar_problem(self) -> Problem:
-        """The problem as posed, if it is in the plane.
+        """The original problem, if the problem is in the plane.
 
         Raises:
             TypeError: the problem is in space.

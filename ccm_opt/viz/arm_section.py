@@ -29,13 +29,13 @@ _STEPS = 40
 
 @dataclass(frozen=True, eq=False)
 class ArmSection:
-    """Free lengths of rays across the arm, at places along it.
+    """Free lengths of rays perpendicular to the arm, at several positions along its axis.
 
     Attributes:
         place: arc length along the arm, shape (N,) [m].
         free: length of the rays in four directions, up, left, down, right, at most the search distance, shape (N, 4)
             [m].
-        nearest: distance of the axis from the nearest surface in any direction, which the rays may not hit, at most the
+        nearest: distance of the axis from the nearest surface in any direction, even between the rays; at most the
             search distance, shape (N,) [m].
         reach: search distance [m].
     """
@@ -47,12 +47,12 @@ class ArmSection:
 
 
 def section_along(problem: Problem, points: FloatArray, count: int, reach: float) -> ArmSection:
-    """Measure the section of a pose.
+    """Measure the free space around the arm in a pose.
 
     Args:
         problem: problem with the surfaces.
         points: joints and tip, shape (links + 1, 3) [m].
-        count: number of places along the arm.
+        count: number of positions along the arm.
         reach: search distance [m].
     """
     arm = problem.arm
@@ -70,7 +70,7 @@ def section_along(problem: Problem, points: FloatArray, count: int, reach: float
 
 
 def _carried_up(along: FloatArray, first: FloatArray) -> FloatArray:
-    """Carry an upward direction along the links by the smallest rotations, shape (links, 3)."""
+    """Return an upward direction per link, carried from link to link by the smallest rotation, shape (links, 3)."""
     found = [first - (first @ along[0]) * along[0]]
     for before, after in pairwise(along):
         axis = np.cross(before, after)
@@ -89,7 +89,7 @@ def free_lengths(tree: SurfaceTree, origins: FloatArray, rays: FloatArray, reach
 
     Args:
         tree: tree of the surfaces.
-        origins: shape (N, 3) [m].
+        origins: start points of the rays, shape (N, 3) [m].
         rays: unit vectors, shape (N, 3).
         reach: search distance [m].
     """
@@ -107,7 +107,7 @@ def draw_section(
     pose: FloatArray,
     title: str = "section along the arm at the goal",
 ) -> None:
-    """Draw the surfaces around the straightened arm, and the distance to the nearest one in any direction.
+    """Draw the surfaces around the straightened arm, and the distance to the nearest surface in any direction.
 
     Args:
         axes: axes to draw in.

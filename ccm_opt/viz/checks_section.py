@@ -64,17 +64,17 @@ _BOUND = 1e-5
 
 @dataclass(frozen=True)
 class CheckWords:
-    """One check in words.
+    """Texts that describe one check.
 
     Attributes:
         title: what was checked.
         worst: worst value found, with its unit.
-        limit: the limit, in words.
-        used: share of the limit that is used, from 0; None if the limit is a least gap or 0.
+        limit: text for the limit.
+        used: fraction of the limit that is used, at least 0; None if the limit is a least gap or 0.
         where: link or joint, and obstacle.
         time: time of the worst value [s], or None.
         passed: whether the check passed.
-        of_itself: whether the plan is checked against itself only.
+        of_itself: whether the plan is only checked for consistency with itself.
     """
 
     title: str
@@ -88,7 +88,7 @@ class CheckWords:
 
 
 def checks_in_words(checks: Iterable[Check], units: PageUnits, *, in_space: bool = False) -> list[CheckWords]:
-    """Return all checks in words, the most important first, those of the plan against itself last.
+    """Return the texts of all checks, the most important first, checks of the plan's own consistency last.
 
     Args:
         checks: checks of the verifier.
@@ -108,10 +108,10 @@ def _rank(name: str) -> int:
 
 
 def joint_in_words(where: str, *, in_space: bool) -> str:
-    """Return a place with joints in readable form: in the plane a joint has one bend, in space bends a and b.
+    """Return readable text for the place of a check; a joint has one bend in the plane, and bends a and b in space.
 
     Args:
-        where: such as ``joint 3 (ball03_yaw)``.
+        where: place as the verifier names it, such as ``joint 3 (ball03_yaw)``.
         in_space: whether joints have two bends.
     """
     if in_space:
@@ -156,7 +156,7 @@ def _in_words(check: Check, units: PageUnits, *, in_space: bool) -> CheckWords:
 
 
 def check_title(name: str) -> str:
-    """Return the name of a check in words."""
+    """Return the readable title of a check."""
     if name in _WORDS:
         return _WORDS[name]
     if stop := _PAUSE.fullmatch(name):
@@ -175,7 +175,7 @@ def check_title(name: str) -> str:
 def _constraint_value(check: Check) -> str:
     """Return the violation of a user's constraint, or its distance from its bounds.
 
-    Any violation of a soft constraint passes the check, so it counts as kept only without one.
+    A soft constraint passes the check with any violation, but here any violation of it is stated as one.
     """
     allowed = 0.0 if check.name.startswith("soft") else check.limit
     if not check.worst <= allowed:
@@ -217,7 +217,7 @@ def _row(check: CheckWords) -> tuple[Child, ...]:
 
 
 def _place(check: CheckWords) -> Markup:
-    """Return where the worst value was found; its time is a button that goes there."""
+    """Return where the worst value was found, with a button that moves the page to its time."""
     if check.time is None:
         return joined((check.where,))
     between = ", " if check.where else ""
@@ -226,7 +226,7 @@ def _place(check: CheckWords) -> Markup:
 
 
 def used_bar(share: float | None) -> Markup | None:
-    """Return a share of a limit as a bar with its number; None if there is no such share."""
+    """Return the used fraction of a limit as a bar with its number; None if there is no such fraction."""
     if share is None:
         return None
     width = 100.0 * min(share, 1.0)
@@ -235,7 +235,7 @@ def used_bar(share: float | None) -> Markup | None:
 
 
 def _simulation(verdict: SimulationVerdict) -> Markup:
-    """Return the simulation's verdict on the plan, and what would help if the arm did not follow."""
+    """Return the simulation's verdict on the plan, with remedies if the arm did not follow."""
     step = f"with steps of {1e3 * verdict.step:g} ms"
     if verdict.followed:
         return element("p", element("span", "Followed", cls="holds"), f" in the simulation, {step}.")

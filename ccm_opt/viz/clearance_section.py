@@ -42,7 +42,7 @@ def clearance_sentences(room: ClearanceRecord, units: PageUnits, most: int = 3) 
     Args:
         room: the record.
         units: units of lengths.
-        most: most stretches short of the preferred clearance that are named, those that fall shortest.
+        most: maximum number of stretches below the preferred clearance to mention, those farthest below first.
     """
     yield _least_gap(room, units)
     worst = sorted(room.short, key=lambda part: part.nearest.gap - part.nearest.wanted)[:most]
@@ -60,7 +60,7 @@ def clearance_sentences(room: ClearanceRecord, units: PageUnits, most: int = 3) 
 
 
 def _least_gap(room: ClearanceRecord, units: PageUnits) -> str:
-    """Return the least gap of the motion, and where it is."""
+    """Return a sentence on the least gap of the motion and its position."""
     near = room.nearest
     if not near.link:
         return f"least gap above {units.given(room.reach, 'm')}, the largest gap measured"
@@ -72,7 +72,7 @@ def _least_gap(room: ClearanceRecord, units: PageUnits) -> str:
 
 
 def _short_stretch(part: ShortStretch, units: PageUnits) -> str:
-    """Return where and when the clearance is below the preferred one, and by how much."""
+    """Return a sentence on where, when and by how much the clearance is below the preferred clearance."""
     near = part.nearest
     gap = f"{units.length(near.gap)} of the preferred {units.given(near.wanted, 'm')}"
     times = f"{part.begin:.2f} to {part.end:.2f} s"
@@ -80,7 +80,7 @@ def _short_stretch(part: ShortStretch, units: PageUnits) -> str:
 
 
 def _bound(possible: PossibleGap, units: PageUnits) -> str:
-    """Return what bounds the gap of any motion."""
+    """Return a sentence on the upper bound for the gap of every motion."""
     most = units.length(possible.value)
     if possible.walls:
         one, other = possible.walls
@@ -89,11 +89,11 @@ def _bound(possible: PossibleGap, units: PageUnits) -> str:
 
 
 def clearance_section(room: ClearanceRecord | None, units: PageUnits) -> Markup | None:
-    """Return the section on clearance; None if it was not measured.
+    """Return the section on clearance; None if clearance was not measured.
 
     Args:
         room: the record.
-        units: of the page.
+        units: units of the page.
     """
     if room is None:
         return None
@@ -109,7 +109,7 @@ def clearance_section(room: ClearanceRecord | None, units: PageUnits) -> Markup 
 
 
 def nearest_mark(solution: Solution, units: PageUnits) -> dict[str, object] | None:
-    """Return the place of the least gap and its words, for the scene; None if nothing is near."""
+    """Return the mark of the least gap for the scene, with its position and text; None if nothing is near."""
     room = solution.room
     if room is None or not room.nearest.link:
         return None
@@ -118,7 +118,7 @@ def nearest_mark(solution: Solution, units: PageUnits) -> dict[str, object] | No
 
 
 def least_gap_place(problem: Problem, trajectory: JointTrajectory, near: NearPlace) -> FloatArray:
-    """Return the point midway between the two bodies at the least gap, shape (2,) [m]."""
+    """Return the midpoint between the two bodies at the least gap, shape (2,) [m]."""
     at = [np.interp(near.time, trajectory.time, column) for column in trajectory.positions.T]
     points = problem.arm.joint_positions_at(np.array(at))
     first = shapely.LineString(points[near.link - 1 : near.link + 1])
@@ -147,10 +147,10 @@ _TIME = re.compile(r" at t = (\d+(?:\.\d+)?) s")
 
 
 def survived_in_words(error: SurvivedError, units: PageUnits, *, in_space: bool) -> tuple[str, str, str]:
-    """Return the kind of error, the largest one that is survived, and what limits it and when.
+    """Return texts for the kind of a tolerated error, its largest value, and the limiting check with its time.
 
     Args:
-        error: the survived error, with what limits it.
+        error: the tolerated error, with the check that limits it.
         units: units of the page or table.
         in_space: whether joints have two bends, with names of their own.
     """
@@ -164,7 +164,7 @@ def survived_in_words(error: SurvivedError, units: PageUnits, *, in_space: bool)
 
 
 def gap_data(room: ClearanceRecord) -> dict[str, object]:
-    """Return the record of a motion's clearance as the page's script reads it; lengths [m], times [s].
+    """Return the record of a motion's clearance in the form that the page's script reads; lengths [m], times [s].
 
     Args:
         room: the record.
@@ -187,7 +187,7 @@ def gap_data(room: ClearanceRecord) -> dict[str, object]:
 
 
 def chart_top(room: ClearanceRecord) -> float:
-    """Return the gap at the top of the chart [m]: a multiple of the wanted or least gap, at most the largest."""
+    """Return the gap at the top of the chart [m]: a multiple of the preferred or least gap, at most the largest gap."""
     # The record caps gaps at its search distance; capped values are not shown as if they were gaps.
     largest = 1.1 * float(room.gaps.max())
     shown = max(_PREFERRED_CLEARANCES_SHOWN * room.wanted, 2.0 * float(room.gaps.min())) if room.wanted else room.reach

@@ -43,11 +43,11 @@ _ROUNDING = 1e-5
 def three_digits(value: float, finest: int) -> str:
     """Return a number with three significant digits, limited to a number of decimals.
 
-    A number that would then read 0 is given with two digits instead; NaN and infinity become a dash.
+    A number that this would round to 0 is given with two digits instead; NaN and infinity become a dash.
 
     Args:
         value: the number.
-        finest: most decimals.
+        finest: maximum number of decimals.
     """
     if not isfinite(value):
         return NONE
@@ -61,12 +61,12 @@ def three_digits(value: float, finest: int) -> str:
 
 @dataclass(frozen=True)
 class PageUnits:
-    """Units of a page: lengths by the size of the arm or as in the file, angles in degrees.
+    """Units of a page: lengths in a unit that suits the arm or is the file's, angles in degrees.
 
     Attributes:
         name: name of the unit of length.
         metres: size of that unit [m].
-        decimals: most decimals of lengths.
+        decimals: maximum number of decimals of lengths.
     """
 
     name: str
@@ -93,15 +93,15 @@ class PageUnits:
 
     @classmethod
     def of_page(cls, problem: Problem) -> "PageUnits":
-        """Return the units of a problem's page: those of its file.
+        """Return the units of a problem's page, which are those of the problem file.
 
-        For a file in metres they are chosen to suit the arm.
+        For a file in metres, the units are chosen to suit the arm.
         """
         length = problem.arm.length
         return cls.of_arm(length) if problem.length_unit == "m" else cls.of_file(problem.length_unit, length)
 
     def data(self) -> dict[str, object]:
-        """Return the unit as the scripts of a page read it."""
+        """Return the unit of length in the form that the page's scripts read."""
         return {"name": self.name, "metres": self.metres, "decimals": self.decimals}
 
     def length(self, value: float) -> str:
@@ -109,7 +109,7 @@ class PageUnits:
         return f"{three_digits(value / self.metres, self.decimals)} {self.name}"
 
     def given(self, value: float, unit: str) -> str:
-        """Return a chosen value, such as a limit, without trailing zeros."""
+        """Return the text of a value that the user chose, such as a limit, without trailing zeros."""
         number, _, rest = self.shown(value, unit).partition(" ")
         digits = number.rstrip("°")
         whole = digits.rstrip("0").rstrip(".") if "." in digits else digits
@@ -119,9 +119,9 @@ class PageUnits:
         """Return a value with a unit that is easy to read.
 
         Args:
-            value: in ``unit``.
+            value: the value in ``unit``.
             unit: SI unit of the value; lengths and their rates are converted to the page's unit, angles to degrees.
-            scale: greatest of the values compared, which sets the prefix and the resolution.
+            scale: greatest of several values to be compared, which sets their common prefix and resolution.
         """
         if unit in {"m", "m/s", "m/s²", "m/s³"}:
             return f"{self.length(value)}{unit[1:]}"
@@ -144,7 +144,7 @@ _WHOLE_UNITS = frozenset(("", "s", "names", "tolerances", "rad/s", "rad/s²", "r
 
 
 class Markup(str):
-    """HTML text; any other text is escaped when it is put into an element."""
+    """HTML text that is not escaped when it is put into an element; all other text is."""
 
     __slots__ = ()
 
@@ -174,7 +174,7 @@ def element(name: str, *children: Child, **attributes: str | float | bool | None
 
 
 def joined(children: Iterable[Child]) -> Markup:
-    """Return several children concatenated; texts are escaped."""
+    """Return several pieces of content concatenated; texts are escaped."""
     return Markup("".join(child if isinstance(child, Markup) else escape(child) for child in children if child))
 
 
@@ -264,13 +264,13 @@ CodedArray = dict[str, object]
 
 
 def coded(values: FloatArray, step: float) -> CodedArray:
-    """Encode an array of shape (T,) as differences of integers; no value is off by more than half a step."""
+    """Encode an array of shape (T,) as differences of integers; the error of every value is at most half a step."""
     whole = np.round(np.asarray(values, dtype=np.float64) / step).astype(np.int64)
     return {"step": step, "d": np.diff(whole, prepend=0).tolist()}
 
 
 def step_for(values: FloatArray, share: float = NUMBER_STEP) -> float:
-    """Return a power of ten, at most a share of the values' largest magnitude, as their step; 1 if all are zero."""
+    """Return a step: the largest power of ten up to a fraction of the largest magnitude; 1 if all values are zero."""
     extent = float(np.max(np.abs(values), initial=0.0))
     if extent == 0.0:
         return 1.0
@@ -286,8 +286,8 @@ def page_header(problem: Problem, badges: Iterable[Markup], figures: Iterable[Fi
 
     Args:
         problem: the problem as posed.
-        badges: next to the name.
-        figures: below the description.
+        badges: verdicts shown next to the name.
+        figures: key figures shown below the description.
         units: units of the page.
     """
     theme = element("button", "◐ auto", id="theme", type="button", title="light or dark theme")
@@ -300,12 +300,12 @@ def page_header(problem: Problem, badges: Iterable[Markup], figures: Iterable[Fi
 
 
 def badge(words: str, *, good: bool) -> Markup:
-    """Return a verdict of one or a few words."""
+    """Return the badge for a verdict of one or a few words."""
     return element("span", words, cls="badge" if good else "badge poor")
 
 
 def plan_badges(solution: Solution) -> Markup:
-    """Return the verdicts of the verifier and the simulation on a plan."""
+    """Return badges with the verdicts of the verifier and the simulation on a plan."""
     verdict = solution.simulation.verdict
     verified = all(check.passed for check in solution.checks)
     first = badge("solved and verified" if verified else "rejected by the verifier", good=verified)
@@ -314,7 +314,7 @@ def plan_badges(solution: Solution) -> Markup:
 
 
 def plan_figures(solution: Solution, units: PageUnits) -> list[Figure]:
-    """Return the key figures of a plan; those that it does not have are left out."""
+    """Return the key figures of a plan; figures that the plan does not have are left out."""
     metrics = solution.metrics
     found = [(f"{solution.trajectory.duration:.2f} s", "duration")]
     room = solution.room

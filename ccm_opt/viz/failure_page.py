@@ -30,11 +30,11 @@ _IN_A_WORD = {"contact": "in contact", "blocked": "no passage", "hemmed in": "he
 
 
 def finding_marks(problem: Problem, diagnosis: Diagnosis, units: PageUnits) -> list[Mark]:
-    """Return the scene marks of all findings; the first has its words in the scene, the others in tooltips.
+    """Return the scene marks of all findings; the first finding's text is shown in the scene, the others' in tooltips.
 
     Args:
         problem: the problem as posed.
-        diagnosis: why there is no plan.
+        diagnosis: reasons why there is no plan.
         units: units of the page.
     """
     marks: list[Mark] = []
@@ -80,7 +80,7 @@ def _marks(problem: Problem, finding: Finding, units: PageUnits) -> Iterator[Mar
 
 
 def _too_short(problem: Problem, finding: Finding, units: PageUnits) -> Iterator[Mark]:
-    """Yield the way that is longer than the arm, or a circle of the arm's reach and the gap to the goal."""
+    """Yield marks: the way that is longer than the arm, or a circle of the arm's reach and the gap to the goal."""
     if finding.measured is None or finding.place is None:
         return
     missing = f"arm {units.length(finding.measured - problem.arm.length)} too short"
@@ -107,7 +107,7 @@ def nearest_base(problem: Problem, place: tuple[float, ...]) -> list[float]:
 
 
 def _too_thick(problem: Problem, finding: Finding, units: PageUnits) -> Iterator[Mark]:
-    """Yield the gap between the nearest two walls, and the arm with its clearance as a disc that does not fit."""
+    """Yield marks: the gap between the two nearest walls, and a disc of the arm with clearance, which does not fit."""
     if finding.place is None or finding.measured is None or finding.allowed is None:
         return
     tight = {"radius": 0.5 * finding.allowed, "room": 0.5 * finding.measured}
@@ -130,7 +130,7 @@ def _too_thick(problem: Problem, finding: Finding, units: PageUnits) -> Iterator
 
 
 def _too_stiff(problem: Problem, finding: Finding, units: PageUnits) -> Iterator[Mark]:
-    """Yield the circle that the tip cannot enter, or the arm with every joint at its limit."""
+    """Yield marks: the circle that the tip cannot enter, or the arm with every joint at its limit."""
     arm = problem.arm
     if finding.unit == "m" and finding.allowed is not None:
         base = _listed(arm.base)
@@ -183,7 +183,7 @@ def failure_html(
     Args:
         problem: the problem as posed.
         status: how the search ended, as in ``solution.json``.
-        diagnosis: why there is no plan.
+        diagnosis: reasons why there is no plan.
         timings: CPU times of the stages that ran [s].
 
     Returns:
@@ -217,7 +217,7 @@ def failure_data(problem: Problem, diagnosis: Diagnosis, units: PageUnits) -> di
 
 
 def reason_section(diagnosis: Diagnosis) -> Markup:
-    """Return the section on why there is no plan, and on the other obstructions."""
+    """Return the section on the reason why there is no plan, and on the other obstructions."""
     others = [finding for finding in diagnosis.findings if finding.reason != diagnosis.reason]
     first = next((finding for finding in diagnosis.findings if finding.reason == diagnosis.reason), None)
     also = [element("h3", "Other findings")] if others else []
@@ -236,7 +236,7 @@ def reason_section(diagnosis: Diagnosis) -> Markup:
 
 
 def _sentences(reason: str, before: Markup | None = None) -> Iterator[Markup]:
-    """Yield a reason as markup: its first sentence, and the details as a list."""
+    """Yield the markup of a reason: its first sentence, and the details as a list."""
     first, *details = sentences(reason)
     yield element("p", before, f"{first}.")
     if details:
@@ -253,7 +253,7 @@ def _finding(finding: Finding) -> Markup:
 
 
 def help_section(diagnosis: Diagnosis) -> Markup:
-    """Return the section on what would help: changes that were tried, and others."""
+    """Return the section on remedies: the changes that were tried successfully, and further advice."""
     solved = [element("li", relaxation.words) for relaxation in diagnosis.relaxations]
     tried = [element("li", line) for line in diagnosis.advice]
     parts: list[Markup] = []

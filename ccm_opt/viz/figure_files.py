@@ -67,10 +67,10 @@ def figure_pixels(figure: Figure) -> Image.Image:
 
 
 def figure_file(draw: Callable[[], Figure], kind: FigureFormat) -> bytes:
-    """Return the file content of a figure; equal figures give identical files.
+    """Return the file content of a figure; equal figures result in identical files.
 
     Args:
-        draw: makes the figure; it is called, and the figure is rendered, with the package's fonts in force.
+        draw: makes the figure; the call and the rendering both use the package's fonts.
         kind: file format.
     """
     buffer = BytesIO()
@@ -106,7 +106,7 @@ def label_axis(axis: Axis, words: str, unit: LengthUnit) -> None:
 
     Args:
         axis: axis in metres, with its limits set.
-        words: name of the quantity.
+        words: name of the quantity on the axis.
         unit: unit of the labels.
     """
     metres = METRES[unit]

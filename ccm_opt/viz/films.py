@@ -40,7 +40,7 @@ _STRIP = 32
 
 @dataclass(frozen=True)
 class Film:
-    """The frames of a motion.
+    """A film of a motion, which draws the frames.
 
     Attributes:
         figure: background behind the arm, above a strip for the time.
@@ -48,7 +48,7 @@ class Film:
         points: joints and tip in the picture at the samples of the motion, shape (T, links + 1, 2) [m].
         time: times of the samples, shape (T,) [s].
         radius: radius of the arm [m].
-        settings: sizes.
+        settings: sizes and frame rates.
         shown: samples that are shown, one per frame.
         seconds: total duration of all frames but the last [s].
     """
@@ -63,7 +63,7 @@ class Film:
     seconds: float
 
     def frames(self) -> Iterator[Image.Image]:
-        """Draw the frames, RGB, all of the same size."""
+        """Draw the frames as RGB images of equal size."""
         figure, axes = self.figure, self.axes
         arm = _arm(axes, self.points[0], self.radius, (style.GOAL_ARM, style.GOAL_ARM_EDGE), 0.84)
         for line in arm:
@@ -117,12 +117,12 @@ def _arm(axes: Axes, points: FloatArray, radius: float, colours: tuple[str, str]
 
 
 def make_film(plan: PlanDrawing, settings: FilmSettings | None = None, scene: SceneViews | None = None) -> Film:
-    """Return the film of a plan's motion, in real time unless that takes too many frames.
+    """Return the film of a plan's motion, in real time unless real time would need too many frames.
 
     Args:
         plan: the plan.
         settings: size and number of the frames; when None the defaults of the plane or of space.
-        scene: bodies in space, as prepared for another picture of the problem; when None they are prepared here.
+        scene: bodies in space, if already prepared for another picture of the problem; None to prepare them here.
     """
     problem, points, time = plan.problem, plan.points, plan.trajectory.time
     settings = settings or _usual_settings(plan)
@@ -161,17 +161,17 @@ _QUALITY = ("-c:v", "libx264", "-crf", "20", "-preset", "veryfast", "-pix_fmt", 
 
 
 def encoder() -> str | None:
-    """Return the path of ffmpeg; None where it is not installed."""
+    """Return the path of ffmpeg; None if ffmpeg is not installed."""
     return shutil.which("ffmpeg")
 
 
 def motion_gif(plan: PlanDrawing, scene: SceneViews | None = None) -> bytes:
-    """Return an animated GIF of a plan's motion, in real time unless too long: the content of a file."""
+    """Return the content of an animated GIF file of a plan's motion, in real time unless the motion is too long."""
     return make_film(plan, scene=scene).gif()
 
 
 def motion_mp4(plan: PlanDrawing, settings: FilmSettings | None = None) -> bytes:
-    """Return a video of a plan's motion, in real time unless too long: the content of an MP4 file.
+    """Return the content of an MP4 file of a plan's motion, in real time unless the motion is too long.
 
     Args:
         plan: the plan.

@@ -55,14 +55,14 @@ BindingRow = tuple[str, float, str]
 def binding_rows(
     solution: Solution, record: GoalPoseRecord, points: FloatArray, units: PageUnits, most: int = 6
 ) -> list[BindingRow]:
-    """Return the most binding rows of a goal pose; rows of one link against one wall are merged.
+    """Return the most binding constraints of a goal pose; constraints between the same link and wall are merged.
 
     Args:
         solution: the plan.
-        record: record of the goal pose.
+        record: record of the goal-pose NLP.
         points: base, joints and tip of the pose, shape (n + 1, 2) [m].
         units: units of the page.
-        most: most rows that are returned.
+        most: maximum number of constraints to return.
     """
     merged: dict[tuple[str, str], float] = {}
     for name, multiplier in record.multipliers.items():
@@ -75,7 +75,7 @@ def binding_rows(
 def _row(
     solution: Solution, record: GoalPoseRecord, name: str, multiplier: float, points: FloatArray, units: PageUnits
 ) -> BindingRow:
-    """Return one row; multipliers refer to one arm's length, one radian, or the whole of a limit."""
+    """Return one constraint in words; multipliers refer to one arm's length, one radian, or the whole limit."""
     if region := _REGION.fullmatch(name):
         link = int(region[1])
         end = points[link if region[2] == "end" else link - 1]
@@ -147,7 +147,7 @@ def goal_pose_section(solution: Solution, units: PageUnits) -> Markup | None:
 
 
 def _summary(record: GoalPoseRecord, units: PageUnits) -> str:
-    """Return how the pose was found, and whether the motion ends in it."""
+    """Return text on how the goal pose was found, and on whether the motion ends in that pose."""
     variables, rows = record.size
     solved = (
         f"The goal-pose program ({variables} variables, {rows} constraints) found this pose in "
@@ -181,7 +181,7 @@ def goal_pose_data(solution: Solution) -> dict[str, object] | None:
 def pose_points(solution: Solution, record: GoalPoseRecord) -> FloatArray:
     """Return base, joints and tip of the goal pose, shape (n + 1, 2) [m].
 
-    It may have been computed with fewer links than the arm has.
+    The pose may have been computed with fewer links than the arm has.
     """
     arm = solution.problem.arm
     headings = arm.base_heading + np.cumsum(record.configuration)
@@ -202,7 +202,7 @@ def _segments(record: GoalPoseRecord, units: PageUnits) -> Markup:
 
 
 def _costs(record: GoalPoseRecord) -> Markup:
-    """Return a table of the cost terms, the largest first, with bars for their shares."""
+    """Return a table of the cost terms, the largest first, with bars for their fractions of the total."""
     total = sum(abs(value) for value in record.costs.values()) or 1.0
     rows = []
     for name, value in sorted(record.costs.items(), key=lambda item: -abs(item[1])):
@@ -212,14 +212,14 @@ def _costs(record: GoalPoseRecord) -> Markup:
 
 
 def cost_words(name: str) -> str:
-    """Return a cost term in words; the user's own terms by their names."""
+    """Return readable text for a cost term; the user's own terms are named as the user named them."""
     if name.startswith("user: "):
         return f"your cost '{name.removeprefix('user: ')}'"
     return _COSTS.get(name, name)
 
 
 def _binding(solution: Solution, record: GoalPoseRecord, units: PageUnits) -> Markup:
-    """Return a table of the constraints that bind the pose, the strongest first, and what relaxing them would save."""
+    """Return a table of the constraints that bind the pose, strongest first, with the cost saved by relaxing them."""
     found = binding_rows(solution, record, pose_points(solution, record), units)
     rows = [(words, f"{gain:.2g}", f"per {unit}") for words, gain, unit in found]
     if not rows:
@@ -232,10 +232,10 @@ def _colour(number: int) -> str:
 
 
 def tolerance_section(errors: Sequence[SurvivedError], units: PageUnits, *, in_space: bool = False) -> Markup | None:
-    """Return the section on survived errors; None if there are none.
+    """Return the section on tolerated errors; None if there are none.
 
     Args:
-        errors: survived errors, with what limits them.
+        errors: tolerated errors, with the checks that limit them.
         units: units of the page.
         in_space: whether joints have two bends, with names of their own.
     """
@@ -252,7 +252,7 @@ _OTHERS = ("feed", "feed-velocity", "feed-force", "tip-speed")
 
 
 def timing_section() -> Markup:
-    """Return the section on what limits the speed."""
+    """Return the section on the limits that determine the speed of the motion."""
     return element(
         "section",
         element("h2", "Timing: what limits the speed"),
@@ -287,7 +287,7 @@ def joints_section(groups: Collection[str], *, curvature: bool = True) -> Markup
 
 
 def simulation_section(groups: Collection[str]) -> Markup | None:
-    """Return the section on plan against simulation; None if there is no simulated motion."""
+    """Return the section that compares plan and simulation; None if there is no simulated motion."""
     if "tracking" not in groups:
         return None
     words = (

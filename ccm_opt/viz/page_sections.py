@@ -26,7 +26,7 @@ _KEYS = (
 
 
 def stage_section(label: str, *, moves: bool, in_space: bool = False) -> Markup:
-    """Return the empty stage of a page: the page's script draws the scene in it.
+    """Return the empty element of a page in which the page's script draws the scene.
 
     Args:
         label: description of the scene for screen readers.
@@ -68,13 +68,13 @@ def stage_section(label: str, *, moves: bool, in_space: bool = False) -> Markup:
 
 
 def _slider(name: str, words: str, value: float, most: float) -> Markup:
-    """Return a slider, for the opacity of obstacles or the place of a cut."""
+    """Return a slider for the opacity of obstacles or the position of a cut."""
     bar = element("input", id=name, type="range", min="0", max=str(most), step="0.01", value=str(value))
     return element("label", words, " ", bar)
 
 
 def _cut() -> tuple[Markup, Markup]:
-    """Return the controls of the cut through the obstacles: its place and its axis."""
+    """Return the controls for the position and the axis of the cut through the obstacles."""
     options = [element("option", name, value=str(k), selected=k == 1) for k, name in enumerate("xyz")]
     axis = element("select", *options, id="cut-axis", aria_label="axis of the section")
     return _slider("cut", "cut", 1.0, 1.0), element("label", "across ", axis)
@@ -95,7 +95,7 @@ def player_bar() -> Markup:
 
 
 def goal_times(solution: Solution) -> list[dict[str, object]]:
-    """Return when the arm rests at each goal."""
+    """Return the times at which the arm rests at each goal [s]."""
     time = solution.trajectory.time
     numbers = [*solution.trajectory.stops, len(time) - 1]
     single = len(numbers) == 1
@@ -155,7 +155,7 @@ def _arm_rows(problem: Problem, units: PageUnits) -> Iterable[Row]:
 
 
 def _limit_rows(problem: Problem, units: PageUnits) -> Iterable[Row]:
-    """Yield the limits of the motion, and the share of them that plans use."""
+    """Yield table rows for the limits of the motion and the fraction of them that plans may use."""
     limits = problem.limits
     yield "joint velocities", _bounds(limits.velocity, "rad/s")
     yield "joint accelerations", _bounds(limits.acceleration, "rad/s²")
@@ -199,7 +199,7 @@ def _workspace_rows(problem: Problem, units: PageUnits) -> Iterable[Row]:
 
 
 def _goal_rows(problem: Problem, units: PageUnits) -> Iterable[Row]:
-    """Yield every goal with its tolerances."""
+    """Yield table rows for every goal with its tolerances."""
     for number, stop in enumerate(problem.goals, start=1):
         goal, near = stop.goal, units.given(stop.tolerances.position, "m")
         turn = units.given(min(stop.tolerances.heading, np.pi), "rad")
@@ -246,7 +246,7 @@ def making_section(solution: Solution) -> Markup:
 
 
 def tries_table(solution: Solution) -> Markup | None:
-    """Return a table of all tries if there were several."""
+    """Return a table of all attempts to plan, if there were several."""
     if not solution.tries:
         return None
     rows = [
@@ -303,7 +303,7 @@ class PlanPages:
 
     Attributes:
         found: all plans.
-        links: links to their pages, in order; empty for the page itself, and where there is no plan.
+        links: links to the plans' pages, in order; empty for the current page, and where there is no plan.
     """
 
     found: ParetoPlans

@@ -102,7 +102,7 @@ def _curves_figure(plan: PlanDrawing) -> Figure:
 
 
 def _draw_curves(room: Axes, along: Axes, curves: Sequence[Configuration]) -> None:
-    """Draw evenly chosen curves of a motion, early to late, and their curvatures."""
+    """Draw evenly spaced curves of a motion, early to late, and their curvatures."""
     shown = np.unique(np.linspace(0, len(curves) - 1, _MOST_CURVES).round().astype(int))
     for k, colour in zip(shown, colormaps[style.POSE_COLOURS](np.linspace(0.0, 0.85, len(shown))), strict=True):
         arc = np.linspace(0.0, curves[k].length, _POINTS)
@@ -117,15 +117,15 @@ def _draw_curves(room: Axes, along: Axes, curves: Sequence[Configuration]) -> No
 
 @dataclass(frozen=True)
 class SchemaPanel:
-    """One part of a figure of schemas.
+    """One panel of a schematic figure.
 
     Attributes:
-        title: above it.
-        configurations: in the order of the motion.
-        goal: drawn as an arrow, or None.
-        workspace: the room, or None in open space.
-        subgoal: drawn as a hollow arrow, or None.
-        unit: of lengths on its axes.
+        title: title above the panel.
+        configurations: configurations to draw, in the order of the motion.
+        goal: goal, drawn as an arrow, or None.
+        workspace: workspace with its obstacles, or None in open space.
+        subgoal: intermediate goal, drawn as a hollow arrow, or None.
+        unit: unit of length on the axes.
     """
 
     title: str
@@ -137,7 +137,7 @@ class SchemaPanel:
 
 
 def schemas_png(panels: Sequence[SchemaPanel], columns: int = 1) -> bytes:
-    """Draw panels of schemas in the style of the paper's Figures 3 to 5: curves next to their curvatures.
+    """Draw schematic panels in the style of the paper's Figures 3 to 5: curves next to their curvatures.
 
     Args:
         panels: the panels, row by row.
@@ -216,7 +216,7 @@ def _steps_figure(plan: PlanDrawing) -> Figure:
 
 
 def _step_boundaries(plan: PlanDrawing, count: int) -> IntArray:
-    """Return the samples that bound the steps: the stops of a tour, else so that all steps travel equally far."""
+    """Return the samples that bound the steps: the stops of a tour, or else samples with equal travel between them."""
     stops = plan.trajectory.stops
     last = len(plan.points) - 1
     if stops:
@@ -243,7 +243,7 @@ def _draw_step(axes: Axes, plan: PlanDrawing, samples: IntArray, title: str) -> 
 
 
 def links_picture(plan: PlanDrawing, kind: FigureFormat = "png") -> bytes:
-    """Draw the jointed arm, link by link, in equally spaced poses.
+    """Draw the jointed arm with its individual links, in equally spaced poses.
 
     Args:
         plan: the plan.
@@ -274,9 +274,9 @@ def _links_figure(plan: PlanDrawing) -> Figure:
 
 
 def space_picture(plan: PlanDrawing, kind: FigureFormat = "png") -> bytes:
-    """Draw the simulated arm in space, a third of the time in each of three pictures.
+    """Draw the simulated arm in space, in three pictures that each show a third of the motion's time.
 
-    The planned arm is drawn if it was not simulated.
+    The planned arm is drawn if there is no simulation.
 
     Args:
         plan: the plan.
@@ -346,7 +346,7 @@ def pareto_png(found: ParetoPlans) -> bytes:
     """Return the picture of a Pareto trade-off.
 
     Args:
-        found: the plans.
+        found: the plans of the trade-off.
 
     Returns:
         The content of a PNG file.
@@ -425,7 +425,7 @@ def _draw_point(axes: Axes, plan: ParetoPlan, metres: float, number: int, *, rec
 
 
 def _dress_plan(axes: Axes, found: ParetoPlans, plan: ParetoPlan, number: int) -> None:
-    """Title the picture of a plan with its figures, or "no plan", and frame the recommended one."""
+    """Set the title of a plan's picture to the plan's figures, or "no plan", and frame the recommended plan."""
     axes.set_xticks([])
     axes.set_yticks([])
     recommended = number == found.recommended

@@ -46,7 +46,7 @@ def plan_picture(plan: PlanDrawing, kind: FigureFormat = "png", scene: SceneView
     Args:
         plan: the plan.
         kind: file format.
-        scene: bodies in space, as prepared for another picture of the problem; when None they are prepared here.
+        scene: bodies in space, if already prepared for another picture of the problem; None to prepare them here.
 
     Returns:
         The content of a file of that format.
@@ -59,7 +59,7 @@ def plan_figure(plan: PlanDrawing, scene: SceneViews | None = None) -> Figure:
 
     Args:
         plan: the plan.
-        scene: bodies in space, as prepared for another picture of the problem; when None they are prepared here.
+        scene: bodies in space, if already prepared for another picture of the problem; None to prepare them here.
     """
     problem, points = plan.problem, plan.points
     in_space = problem.dimension == 3
@@ -92,7 +92,7 @@ def plan_figure(plan: PlanDrawing, scene: SceneViews | None = None) -> Figure:
 
 
 def draw_goals(axes: Axes, plan: PlanDrawing, side: Side = PLANE, *, poses: bool = True) -> None:
-    """Draw all goals, numbered where there are several, and optionally the arm at the intermediate ones.
+    """Draw all goals, numbered if there are several, and optionally the arm at the intermediate goals.
 
     Args:
         axes: axes with their limits set.
@@ -120,7 +120,7 @@ def draw_goals(axes: Axes, plan: PlanDrawing, side: Side = PLANE, *, poses: bool
 
 
 def even_steps(points: FloatArray, count: int, *, ends: bool = False) -> IntArray:
-    """Choose samples between start and end about equally far apart in the mean travel of all joints.
+    """Choose samples between start and end such that the mean travel of all joints between them is about equal.
 
     Args:
         points: joints and tip at all samples, shape (T, links + 1, d) [m].
@@ -142,9 +142,9 @@ def draw_goal(
     side: Side = PLANE,
     reach: float = 0.0,
 ) -> None:
-    """Draw a goal as a ring, with an arrow along its direction where it has one.
+    """Draw a goal as a ring, with an arrow along the goal's direction if there is one.
 
-    There is no arrow where any direction will do, or for a whole pose. Tolerances wide enough to be seen are drawn too:
+    There is no arrow if every direction is admissible, or for a whole pose. Tolerances large enough to see are drawn:
     the disc of positions, and in the plane the wedge of headings. Crosses mark the via points.
 
     Args:
@@ -152,9 +152,9 @@ def draw_goal(
         goal: goal to draw.
         tolerances: tolerances of the goal.
         tip: goal position of the tip, shape (d,) [m].
-        label: label in the legend, where via points are named too; empty for none.
+        label: label in the legend, which then also has an entry for via points; empty for none.
         side: direction of view.
-        reach: length of the arrow [m]; 0 for a share of the width of the axes, which differs between views.
+        reach: length of the arrow [m]; 0 for a fraction of the axes' width, which differs between views.
     """
     place = side(tip)
     axes.plot(

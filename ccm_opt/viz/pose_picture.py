@@ -29,7 +29,7 @@ _BAR_SHARE = 0.02
 
 
 def pose_png(found: StaticPose) -> bytes:
-    """Return the picture of a pose: the content of a PNG file."""
+    """Return the content of a PNG file with the picture of a pose."""
     return figure_file(lambda: pose_figure(found), "png")
 
 
@@ -61,7 +61,7 @@ def _pose_title(found: StaticPose) -> str:
 
 
 def _draw_curve(axes: Axes, line: FloatArray, ends: FloatArray) -> None:
-    """Draw the curve and the ends of its segments; places in the picture, shape (n, 2) [m]."""
+    """Draw the curve and the ends of its segments, given as positions in the picture, shape (n, 2) [m]."""
     axes.plot(*line.T, color=style.TIP_PATH, linewidth=1.3, zorder=7, label="curve")
     axes.plot(
         *ends.T, linestyle="none", marker="D", markersize=4, markerfacecolor="white",
@@ -70,7 +70,7 @@ def _draw_curve(axes: Axes, line: FloatArray, ends: FloatArray) -> None:
 
 
 def _draw_binding(axes: Axes, found: StaticPose) -> None:
-    """Draw a bar on each side that a link leans on, at the end of its clearance; wider bars bind more strongly."""
+    """Draw a bar, at clearance distance, for each wall that constrains a link; wider bars bind more strongly."""
     if not found.binding:
         return
     strongest = max(side.multiplier for side in found.binding)
@@ -81,7 +81,7 @@ def _draw_binding(axes: Axes, found: StaticPose) -> None:
 
 
 def _bar(found: StaticPose, side: BindingSide) -> list[tuple[float, float]]:
-    """Return both ends of the bar of a side."""
+    """Return both ends of the bar that is drawn at a side of a link."""
     arm = found.problem.arm
     normal = np.array(side.towards)
     middle = np.array(side.place) + (arm.radius + max(found.pose.gap, 0.0)) * normal
@@ -91,7 +91,7 @@ def _bar(found: StaticPose, side: BindingSide) -> list[tuple[float, float]]:
 
 
 def reach_png(found: ReachMap) -> bytes:
-    """Return the picture of a reach map: the content of a PNG file."""
+    """Return the content of a PNG file with the picture of a reach map."""
     return figure_file(lambda: reach_figure(found), "png")
 
 
@@ -222,7 +222,7 @@ def _colours(found: ReachMap) -> FloatArray:
 
 
 def _draw_cloud(axes: Axes, found: ReachMap, scene: SceneViews) -> None:
-    """Draw all reachable places from back to front, among the bodies near them."""
+    """Draw all reachable positions from back to front, together with the bodies near them."""
     side: Side = SLANTED
     places = found.places[found.reachable]
     about = np.vstack((places, found.problem.arm.base))

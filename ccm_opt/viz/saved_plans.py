@@ -52,7 +52,7 @@ def load(folder: str | Path) -> SavedPlan:
         folder: the output folder.
 
     Raises:
-        ProblemError: there is no such folder, or it is not readable.
+        ProblemError: the folder does not exist or is not readable.
         VerificationError: the folder holds the record of a failure.
     """
     expect(folder, (str, Path), "the path of an output folder")
@@ -119,7 +119,7 @@ def animate(plan: Solution | SavedPlan, file: str | Path) -> Path:
 
 
 def drawn(plan: Solution | SavedPlan) -> "PlanDrawing":
-    """Return the data that pictures show of a plan; a loaded planar plan includes the simulated arm."""
+    """Return the data of a plan that pictures show; for a loaded planar plan, with the simulated arm."""
     from ccm_opt.viz.arm_drawing import PlanDrawing  # noqa: PLC0415 - loads matplotlib
 
     expect(plan, (Solution, SavedPlan), "a plan", "ccm_opt.solve makes one and ccm_opt.load reads one")

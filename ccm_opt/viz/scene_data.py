@@ -39,7 +39,7 @@ SceneData = dict[str, object]
 
 
 def scene_data(problem: Problem, shown: FloatArray) -> SceneData:
-    """Return arm, start, goals, workspace and obstacles of a problem, as the scripts of its page read them.
+    """Return arm, start, goals, workspace and obstacles of a problem in the form that the page's scripts read.
 
     Args:
         problem: problem with the scene.
@@ -105,7 +105,7 @@ def _draw_spatial_workspace(problem: Problem, low: FloatArray, high: FloatArray)
 
 
 def _walls(workspace: Workspace) -> SceneData:
-    """Return boundary and obstacles as SVG paths in integer steps from a corner of the workspace, with the step."""
+    """Return boundary and obstacles as SVG paths in integer steps from a workspace corner, with the step's length."""
     xmin, ymin, xmax, ymax = workspace.boundary.bounds
     step = _PLACE_STEP * max(xmax - xmin, ymax - ymin)
     outlines = [obstacle.outline() for obstacle in workspace.obstacles]
@@ -130,7 +130,7 @@ def _walls(workspace: Workspace) -> SceneData:
 
 
 def _name_place(outline: shapely.Geometry) -> list[float | list[float]]:
-    """Return a point in an obstacle, and the obstacle's extent from there to left and right, and down and up [m]."""
+    """Return a point in an obstacle, and the obstacle's extent from there to the left, right, bottom and top [m]."""
     box = shapely.bounds(outline)
     x, y = shapely.get_coordinates(shapely.point_on_surface(outline))[0]
     reaches = (x, y), (x - box[0], box[2] - x), (y - box[1], box[3] - y)
@@ -167,7 +167,7 @@ def route_layers(problem: Problem, end: FloatArray) -> dict[str, object]:
         end: joints and tip of the last pose, shape (links + 1, 2) [m].
 
     Returns:
-        ``route``, ``length`` [m] and ``regions``; empty if there are too many obstacles or no such way.
+        ``route``, ``length`` [m] and ``regions``; empty if there are too many obstacles or there is no way around them.
     """
     if len(problem.workspace.obstacles) > _MOST_OBSTACLES:
         return {}

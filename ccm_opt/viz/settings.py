@@ -15,9 +15,9 @@ class PictureSettings:
         right: margin [inch].
         top: margin for the title [inch].
         bottom: margin for axis labels and legend [inch].
-        workspace_margin: margin around the whole workspace, as a share of its longest side.
-        most_named_obstacles: with more obstacles than this, names are left out, since they would hide the picture.
-        least_error: smaller tracking errors are drawn as this one on their logarithmic scale [rad] or [m].
+        workspace_margin: margin around the whole workspace, as a fraction of the workspace's longest side.
+        most_named_obstacles: number of obstacles beyond which names are left out, since they would hide the picture.
+        least_error: least tracking error on the logarithmic scale, as which smaller errors are drawn [rad] or [m].
     """
 
     dots_per_inch: int = 120
@@ -40,7 +40,7 @@ class FilmSettings:
         longest_side: longest side of a frame [pixel].
         frames_a_second: frame rate of motions that need no more than ``most_frames`` [1/s]; GIF times count in
             hundredths of a second.
-        most_frames: most frames of a film; longer motions are shown faster than real time.
+        most_frames: maximum number of frames; longer motions are shown faster than real time.
         last_frame: duration of the last frame [ms].
         colours: number of colours in the palette of the film.
         video_side: longest side of a frame of a video [pixel].

@@ -37,7 +37,7 @@ _SIMULATED_POSES = (0.25, 0.5, 0.75)
 def simulation_png(
     problem: Problem, trajectory: JointTrajectory, joints: JointStates, simulated: SimulatedMotion
 ) -> bytes:
-    """Return the picture of a simulated motion: the content of a PNG file.
+    """Return the content of a PNG file with the picture of a simulated motion.
 
     Args:
         problem: arm and workspace.
@@ -49,7 +49,7 @@ def simulation_png(
 
 
 def simulated_samples(trajectory: JointTrajectory, simulated: SimulatedMotion) -> int:
-    """Return the number of samples that the simulation reached; later ones hold no data."""
+    """Return the number of samples that the simulation reached; later samples hold no data."""
     verdict = simulated.verdict
     if verdict.outcome != "diverged" or verdict.time is None:
         return len(trajectory.time)
@@ -81,7 +81,7 @@ def _simulation_figure(
 ) -> Figure:
     """Return the figure of a simulated motion, with its errors over time.
 
-    It shows the planned end, simulated poses and the simulated end, in the plane or from above and from the front.
+    The figure shows the planned end, simulated poses and the simulated end, in the plane or from above and in front.
     """
     arm, reached = problem.arm, simulated_samples(trajectory, simulated)
     carried = np.sum(simulated.base_positions[:reached], axis=1)
@@ -117,7 +117,7 @@ def _simulation_figure(
 
 
 def _sheet_with_errors(spans: list[FloatArray]) -> tuple[Figure, GridSpec]:
-    """Return a figure for stacked views with extents of shape (2,) [m], and for the errors next to them."""
+    """Return a figure and its grid, for stacked views with extents of shape (2,) [m] and for errors beside them."""
     scale = VIEW_SIDE / float(np.max(spans))
     width = max(scale * spans[0][0], 2.6)
     heights = [max(scale * span[1], 1.3) for span in spans]
@@ -127,12 +127,12 @@ def _sheet_with_errors(spans: list[FloatArray]) -> tuple[Figure, GridSpec]:
 
 
 def tolerance_png(problem: Problem, trajectory: JointTrajectory, error: SurvivedError) -> bytes:
-    """Return the picture of the effect of joint errors: the content of a PNG file.
+    """Return the content of a PNG file with the picture of the effect of joint errors.
 
     Args:
         problem: arm and workspace.
         trajectory: the plan.
-        error: the survived joint error.
+        error: the tolerated joint error.
     """
     return figure_file(lambda: _tolerance_figure(problem, trajectory, error), "png")
 
@@ -163,7 +163,7 @@ def _tolerance_figure(problem: Problem, trajectory: JointTrajectory, error: Surv
 
 
 def _draw_error_reach(axes: Axes, flat: FloatArray, half: FloatArray) -> None:
-    """Draw every link as wide as errors may take it.
+    """Draw every link with the width of the region that it may cover under errors.
 
     Args:
         axes: axes with their limits and aspect set.
@@ -181,7 +181,7 @@ def _draw_error_reach(axes: Axes, flat: FloatArray, half: FloatArray) -> None:
 
 
 def _mark_limiting_place(axes: Axes, side: Side, error: SurvivedError) -> None:
-    """Draw a cross at the place that limits the error."""
+    """Draw a cross at the position of the contact or limit that determines the largest tolerated error."""
     if error.place:
         axes.plot(
             *side(np.array(error.place)), marker="x", markersize=8, markeredgewidth=2.0, linestyle="none", zorder=9,

@@ -34,16 +34,16 @@ _POSE_ERROR = 1e-4
 def select_samples(time: FloatArray, columns: FloatArray, tolerance: float, most: int, always: IntArray) -> IntArray:
     """Select the samples to keep, as increasing indices.
 
-    The sample farthest from the lines between those kept so far is added, one at a time (Ramer 1972, Douglas and
+    The sample farthest from the lines between the kept samples is added, one at a time (Ramer 1972, Douglas and
     Peucker 1973, here for all columns at once and the worst first). Unlike keeping the minimum and maximum of even
     stretches of time, this bounds the error, on which the page's drawing of the arm depends, and keeps a tenth of the
     samples.
 
     Args:
-        time: shape (T,), increasing.
-        columns: one curve each, shape (T, C).
+        time: increasing times of the samples, shape (T,).
+        columns: values of the curves, one curve per column, shape (T, C).
         tolerance: largest remaining distance of a sample from the lines, unless ``most`` is reached first.
-        most: most samples kept besides those that are always kept.
+        most: maximum number of samples kept in addition to those that are always kept.
         always: samples that are always kept; so are the first and the last, and the least and the greatest of every
             column.
     """
@@ -64,9 +64,9 @@ def select_samples(time: FloatArray, columns: FloatArray, tolerance: float, most
 
 
 def _farthest(time: FloatArray, columns: FloatArray, begin: int, end: int) -> tuple[float, int, int, int] | None:
-    """Return the sample between two others that is farthest from their line, with the negative distance first.
+    """Return (−distance, index, ``begin``, ``end``) of the sample farthest from the line between two samples.
 
-    None if there is no sample between them.
+    Return None if there is no sample between ``begin`` and ``end``.
     """
     if end - begin < 2:
         return None
@@ -94,9 +94,9 @@ class SeriesGroup:
         title: title above the chart.
         unit: unit of the values.
         names: names of the curves.
-        values: shape (T, C), in ``unit``.
+        values: values of the curves in ``unit``, shape (T, C).
         limits: bound on the magnitude of each curve, shape (C,); inf where there is none.
-        error: largest distance of a sample from its drawn curve, in ``unit``; None for a share of the range.
+        error: largest distance of a sample from its drawn curve, in ``unit``; None for a fraction of the range.
         least: least extent of the axis, in ``unit``, so that negligible values look small.
     """
 
@@ -111,7 +111,7 @@ class SeriesGroup:
 
 
 def series_data(solution: Solution) -> list[dict[str, object]]:
-    """Return all groups of a plan, thinned and encoded, as the page's script reads them.
+    """Return all groups of curves of a plan, thinned and encoded in the form that the page's script reads.
 
     Args:
         solution: the plan.
@@ -122,7 +122,7 @@ def series_data(solution: Solution) -> list[dict[str, object]]:
 
 
 def series_groups(solution: Solution) -> Iterator[SeriesGroup]:
-    """Yield all groups of a plan at every sample, those of the joints first."""
+    """Yield all groups of curves of a plan at every sample, those of the joints first."""
     arm = solution.problem.arm
     trajectory = solution.trajectory
     joints = trajectory.coordinates.names[trajectory.coordinates.bends]
@@ -137,7 +137,7 @@ def series_groups(solution: Solution) -> Iterator[SeriesGroup]:
 
 
 def _base_groups(solution: Solution) -> Iterator[SeriesGroup]:
-    """Yield position, velocity and force of the feed axis, lengths in the page's unit; nothing for a fixed base."""
+    """Yield position, velocity and force of the feed axis, with lengths in the page's unit; none for a fixed base."""
     trajectory = solution.trajectory
     limits = solution.problem.limits
     names = trajectory.coordinates.base_names
@@ -175,13 +175,13 @@ def _drive_groups(solution: Solution) -> Iterator[SeriesGroup]:
 
 
 def _drive_name(number: int) -> str:
-    """Return a name for a revolute that does not bend the arm, by its place in the ball joint."""
+    """Return a name for a revolute that does not bend the arm, according to its position in the ball joint."""
     joint, axis = divmod(number, 3)
     return f"joint {joint + 1}, {('first', 'second', 'third')[axis]} revolute"
 
 
 def _tip_speed(solution: Solution) -> SeriesGroup:
-    """Return the speed of the tip by finite differences, in the page's unit, with its limit if any."""
+    """Return the curve of the tip's speed from finite differences, in the page's unit, with its limit if any."""
     time = solution.trajectory.time
     tips = solution.joint_positions[:, -1]
     velocity = np.gradient(tips, time, axis=0) if len(time) > 1 else np.zeros_like(tips)
@@ -230,12 +230,12 @@ def _coded_group(group: SeriesGroup, time: FloatArray, always: IntArray) -> dict
 
 @dataclass(frozen=True)
 class LimitShare:
-    """Share of one kind of limit that a motion uses.
+    """Fraction of one kind of limit that a motion uses over time.
 
     Attributes:
         name: name of the limit.
-        share: greatest share over all drives at each sample, shape (T,).
-        drive: index of that drive, shape (T,).
+        share: greatest used fraction over all drives at each sample, shape (T,).
+        drive: index of the drive with the greatest fraction at each sample, shape (T,).
         drives: names of the drives.
     """
 
@@ -246,7 +246,7 @@ class LimitShare:
 
 
 def limit_shares(solution: Solution) -> list[LimitShare]:
-    """Return the share of every kind of limit that a plan uses at each sample."""
+    """Return the fraction of every kind of limit that a plan uses at each sample."""
     states = solution.joints
     limits = solution.problem.limits
     trajectory = solution.trajectory
@@ -282,7 +282,7 @@ def _share(name: str, values: FloatArray, bounds: FloatArray, drives: tuple[str,
 
 
 def phase_data(solution: Solution) -> dict[str, object]:
-    """Return the phase plane and the shares of the limits, as the page's script reads them.
+    """Return the phase plane and the used fractions of the limits in the form that the page's script reads.
 
     Args:
         solution: the plan.
@@ -321,8 +321,8 @@ def speed_at_velocity_limits(speed: FloatArray, shares: list[LimitShare], moving
 
     Args:
         speed: speed along the path, shape (T,) [rad/s].
-        shares: shares of all limits.
-        moving: share of the velocity limits at or below which the direction of motion is too uncertain; NaN there.
+        shares: used fractions of all limits.
+        moving: used fraction of the velocity limits up to which the direction of motion is too uncertain; NaN there.
     """
     used = np.max([each.share for each in shares if "velocity" in each.name or "speed" in each.name], axis=0)
     return np.where(used > moving, speed / np.maximum(used, 1e-300), np.nan)

@@ -53,7 +53,7 @@ ARROW_SHARE = 0.09
 
 
 def action_window(problem: Problem, points: FloatArray) -> FloatArray:
-    """Return lower left and upper right corner of the visible part of the plane, shape (2, 2) [m].
+    """Return the lower left and upper right corners of the visible part of the plane, shape (2, 2) [m].
 
     Args:
         problem: problem whose workspace bounds the window, and whose goals lie in it.
@@ -81,13 +81,13 @@ def action_window(problem: Problem, points: FloatArray) -> FloatArray:
 
 
 def figure_layout(window: FloatArray) -> tuple[tuple[float, float], tuple[float, float, float, float]]:
-    """Return the size of a figure of a window of the plane, with margins for labels, title and legend [inch].
+    """Return the size [inch] of a figure that shows a window of the plane, with margins for labels, title and legend.
 
     Args:
         window: lower left and upper right corner, shape (2, 2) [m].
 
     Returns:
-        The size (width, height), and the place of the axes in it (left, bottom, width, height as shares).
+        The size (width, height), and the position of the axes in it (left, bottom, width, height as fractions).
     """
     sizes = PICTURES
     wide, high = np.ptp(window, axis=0) * sizes.longest_side / float(np.ptp(window, axis=0).max())
@@ -100,7 +100,7 @@ def figure_layout(window: FloatArray) -> tuple[tuple[float, float], tuple[float,
 
 @dataclass(frozen=True)
 class SceneViews:
-    """The bodies of a problem as triangles, few enough to be drawn.
+    """Triangle meshes of a problem's bodies, simplified enough to be drawn.
 
     Attributes:
         problem: problem with the scene.
@@ -136,7 +136,7 @@ class SceneViews:
         axes.set_aspect("equal", adjustable="box", anchor="NW")
 
     def draw(self, axes: Axes, side: Side) -> None:
-        """Draw every body as one sheet of glass with its edges; the limits of the axes must be set."""
+        """Draw every body as a transparent sheet with its edges; the limits of the axes must be set."""
         low = np.array([axes.get_xlim()[0], axes.get_ylim()[0]])
         high = np.array([axes.get_xlim()[1], axes.get_ylim()[1]])
         scale = _GLASS_PIXELS / float(np.max(high - low))
@@ -186,7 +186,7 @@ class SceneViews:
 
 
 def _lay_sheet(sheets: IntArray, flat: FloatArray, faces: IntArray) -> None:
-    """Add one sheet of glass at all pixels that a body covers.
+    """Increment the number of sheets of glass at all pixels that a body covers.
 
     Args:
         sheets: number of sheets at every pixel, shape (height, width), y up; changed in place.
@@ -207,20 +207,20 @@ def _lay_sheet(sheets: IntArray, flat: FloatArray, faces: IntArray) -> None:
 
 
 def view_window(side: Side, window: FloatArray) -> FloatArray:
-    """Return lower left and upper right corner of a box, shape (2, d) [m], as seen in the picture, shape (2, 2)."""
+    """Return the lower left and upper right corners in the picture, shape (2, 2), of a box of shape (2, d) [m]."""
     seen = side(_corners(window))
     return np.stack((seen.min(axis=0), seen.max(axis=0)))
 
 
 def _corners(box: FloatArray) -> FloatArray:
-    """Return all corners of a box, shape (2, d) [m], in the order of binary numbers, shape (2^d, d)."""
+    """Return all corners of a box of shape (2, d) [m], in the order of binary numbers, shape (2^d, d)."""
     dimension = box.shape[1]
     counted = np.arange(2**dimension)[:, None] >> np.arange(dimension) & 1
     return np.asarray(np.where(counted == 1, box[1], box[0]))
 
 
 def view_box(problem: Problem, points: FloatArray) -> FloatArray:
-    """Return the corners of the box in which the arm moves, with its near surroundings, shape (2, d) [m].
+    """Return the corners of the box in which the arm moves, including a margin around the motion, shape (2, d) [m].
 
     Args:
         problem: problem with the scene.
@@ -268,7 +268,7 @@ class Sheet:
         Args:
             problem: problem with the scene.
             window: corners of the visible box, shape (2, d) [m].
-            scene: bodies in space that are prepared already; when None they are prepared here.
+            scene: bodies in space, if already prepared; None to prepare them here.
         """
         if problem.dimension == 2:
             size, place = figure_layout(window)
@@ -332,7 +332,7 @@ LOOKS = {
 
 
 def draw_pose(axes: Axes, side: Side, points: FloatArray, radius: float, look: str, label: str | None = None) -> None:
-    """Draw the arm in one pose, as its outline in the plane, as a band in space.
+    """Draw the arm in one pose, in the plane as an outline, in space as a band.
 
     Args:
         axes: axes with their limits and aspect set.
@@ -351,7 +351,7 @@ def draw_pose(axes: Axes, side: Side, points: FloatArray, radius: float, look: s
 
 
 def draw_base(axes: Axes, place: FloatArray, size: float = 6.0) -> None:
-    """Draw a square at the base, at a place in the picture of shape (2,) [m]; its size is in points."""
+    """Draw a square at the base, given its position in the picture, shape (2,) [m], and the square's size in points."""
     axes.plot(*place, marker="s", markersize=size, color=style.BOUNDARY, zorder=8, linestyle="none", label="base")
 
 
@@ -362,8 +362,8 @@ def draw_arm(axes: Axes, flat: FloatArray, radius: float, colour: str, opacity: 
         axes: axes with their limits and aspect set.
         flat: joints and tip in the picture, shape (links + 1, 2) [m].
         radius: radius of the arm [m]; 0 draws a line.
-        colour: of the band.
-        opacity: of the band.
+        colour: colour of the band.
+        opacity: opacity of the band.
         label: label in the legend.
     """
     width = max(2.0 * radius * points_a_metre(axes), 1.2)
