@@ -357,7 +357,7 @@ class PlanarRun(SearchRun[MotionTask, LinkSpace]):
         return self._drawn(further_candidates(self.stepper, self.start, self.guesses, self.task.tip_paths, whole_arm))
 
     def _drawn(self, candidates: Iterator[GuideCandidate]) -> Iterator[GuideCandidate]:
-        """Return the candidates in a random order that the seed determines."""
+        """Return the candidates in the order that the seed determines."""
         return drawn_order(candidates, self.task.seed, _PUT_OFF)
 
     def run(self, tried: Iterator[GuideCandidate], failures: list[Failure]) -> Motion | None:

@@ -133,7 +133,7 @@ class SpaceTask(SearchTask):
 
     @cached_property
     def spare(self) -> float:
-        """Gap proved beyond the clearance, as in the settings but at most half of the smallest gap at the ends [m]."""
+        """Gap proved beyond the clearance, as in the settings, or half of the ends' least gap if this is less [m]."""
         most = self.settings.certificate.spare * self.unit
         ends = (self.start,) if self.goal_pose is None else (self.start, self.goal_pose)
         room = min(self._room(q, 2.0 * most) for q in ends)
