@@ -25,7 +25,7 @@ _PASSED = 27
 
 
 class AbaSteps(NamedTuple):
-    """Functions of the three sweeps and of what is between them, in order."""
+    """CasADi functions of the algorithm's three sweeps and of the steps between them, in order."""
 
     velocity: Any
     tip: Any
@@ -35,7 +35,7 @@ class AbaSteps(NamedTuple):
 
 
 def aba_steps(structure: Structure) -> AbaSteps:
-    """Return the algorithm's functions for a structure."""
+    """Return the functions of the articulated-body algorithm for a structure."""
     joint = BALL_JOINTS[structure.axes]
     steps = AbaSteps(
         link_function("aba_velocity", partial(_velocity, joint), state=3),
@@ -59,7 +59,7 @@ def _in_plane(steps: AbaSteps) -> AbaSteps:
 
 
 def _velocity(joint: BallJoint, state: Any, trig: Any, qd: Any) -> tuple[Any, Any]:
-    """Return ω of a link from that of its parent, and (ω, β) with the velocity-product acceleration β."""
+    """Return ω of a link from ω of its parent, and (ω, β) with the velocity-product acceleration β."""
     w = joint.angular_velocity(trig, qd)
     carried = joint.rotation(trig).T @ state  # Rᵀ ω_p
     omega = carried + w
@@ -67,7 +67,7 @@ def _velocity(joint: BallJoint, state: Any, trig: Any, qd: Any) -> tuple[Any, An
 
 
 def _tip(world: Any) -> tuple[Any]:
-    """Return what is passed on at the tip: the payload's mass, and no force."""
+    """Return the articulated body at the tip, the mass of the payload without a force."""
     payload = ca.diagcat(ca.SX.zeros(3, 3), world[3] * ca.SX.eye(3))
     # Dense: the recursions in C expect every number, zeros too.
     return (ca.densify(ca.vertcat(_pack(payload), ca.SX.zeros(6))),)
@@ -76,7 +76,7 @@ def _tip(world: Any) -> tuple[Any]:
 def _inertia(
     joint: BallJoint, state: Any, trig: Any, motion: Any, tau: Any, qd: Any, body: Any, drive: Any
 ) -> tuple[Any, Any]:
-    """Return (A, P) at the tip of a link's parent from those at the link's tip, with q̈₀ (3,) and K Uᵀ of the link."""
+    """Return (A, P) at the tip of a link's parent from (A, P) at the link's tip, with q̈₀ (3,) and K Uᵀ."""
     beta = motion[3:]
     A, P = _with_link(_unpack(state[:21]), state[21:], body, motion[:3])
     # S column by column: what each unit rate turns.
@@ -121,9 +121,9 @@ def _with_link(A: Any, P: Any, body: Any, omega: Any) -> tuple[Any, Any]:
 def _base(state: Any, thrust: Any, world: Any) -> tuple[Any, Any]:
     """Return (ω̇, a) of the base and its acceleration along the feed, from the innermost link's state and the thrust.
 
-    The base does not turn, so the whole arm pushes it with f = M a + p, M the linear block of A, p the force of P and a
-    less gravity; the thrust F is its component along x̂, the base heading: F = x̂ᵀ (M (a_feed x̂ − g) + p) is solved for
-    a_feed.
+    The base does not turn, so the arm acts on the base with the force f = M a + p, where M is the linear block of A, p
+    the force of P, and a the acceleration less gravity. The thrust F is the component of f along the base heading x̂:
+    F = x̂ᵀ (M (a_feed x̂ − g) + p) is solved for a_feed.
     """
     mass = _unpack(state[:21])[3:, 3:]
     slides = world[4]  # 1 or 0: a base that stands has no acceleration, whatever the thrust
@@ -133,7 +133,7 @@ def _base(state: Any, thrust: Any, world: Any) -> tuple[Any, Any]:
 
 
 def _acceleration(joint: BallJoint, state: Any, trig: Any, motion: Any, solved: Any, body: Any) -> tuple[Any, Any]:
-    """Return (ω̇, a_tip) of a link from those of its parent, and the link's joint accelerations."""
+    """Return (ω̇, a_tip) of a link from (ω̇, a_tip) of its parent, and the link's joint accelerations."""
     to_child = joint.rotation(trig).T
     turned = to_child @ state[:3]
     a = to_child @ state[3:]

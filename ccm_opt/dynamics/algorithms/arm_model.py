@@ -58,7 +58,7 @@ def arm_model(arm: Arm, gravity: FloatArray) -> ArmModel:
 
     Args:
         arm: the arm.
-        gravity: in the world, shape (3,) [m/s²].
+        gravity: gravitational acceleration in the world frame, shape (3,) [m/s²].
     """
     lengths = np.full(arm.links, arm.link_length)
     bodies = np.column_stack((arm.masses, arm.inertia_axial, arm.inertia_transverse, lengths))
@@ -79,5 +79,5 @@ def in_plane_alone(model: ArmModel) -> ArmModel:
 
 
 def _per_ball(arm: Arm, value: FloatArray | float) -> FloatArray:
-    """Return a parameter given once, or for each revolute, by ball joint, shape (links, 3)."""
+    """Return a parameter, given once or for each revolute, by ball joint, shape (links, 3)."""
     return np.broadcast_to(value, (3 * arm.links,)).reshape(arm.links, 3)

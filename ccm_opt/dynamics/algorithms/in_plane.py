@@ -39,10 +39,10 @@ def in_plane(step: Any, inputs: Sequence[Known]) -> tuple[Any, tuple[Known, ...]
 
     Args:
         step: CasADi function of columns.
-        inputs: known numbers of each argument, which are used whatever a caller passes.
+        inputs: known numbers of each argument, which replace the numbers that a caller passes.
 
     Returns:
-        The specialised function, with the same arguments and results, and the numbers of its results that are zero.
+        The specialised function, with the arguments and results of ``step``, and the indices of its zero results.
     """
     symbols = [ca.SX.sym(step.name_in(i), len(known)) for i, known in enumerate(inputs)]
     given = [
@@ -64,7 +64,7 @@ def swept_in_plane(step: Any, start: Known, columns: Sequence[Known]) -> tuple[A
         columns: known numbers of the other arguments, at every link.
 
     Returns:
-        The specialised function, and the numbers of the state and the outputs that are zero at every link.
+        The specialised function, and the indices of the state and the outputs that are zero at every link.
     """
     state = start
     while True:
@@ -77,7 +77,7 @@ def swept_in_plane(step: Any, start: Known, columns: Sequence[Known]) -> tuple[A
 
 
 def _evaluated(step: Any, given: Sequence[Sequence[Value]]) -> list[list[Value]]:
-    """Evaluate a function operation by operation, in its own order, and return its results."""
+    """Evaluate a function operation by operation, in the function's own order, and return its results."""
     work: dict[int, Value] = {}
     results: list[list[Value]] = [[0.0] * step.nnz_out(i) for i in range(step.n_out())]
     # CasADi's own simplification would go further, such as a / (a b) to 1 / b, which changes the rounding.
@@ -102,7 +102,7 @@ def _evaluated(step: Any, given: Sequence[Sequence[Value]]) -> list[list[Value]]
 
 
 def _applied(operation: int, values: Sequence[Value]) -> Value:
-    """Apply an operation to one or two values; it is left out if known values determine its result exactly."""
+    """Return an operation applied to one or two values, folded where known values determine the result exactly."""
     if len(values) == 1:
         odd = operation in (ca.OP_NEG, ca.OP_SQ, ca.OP_TWICE)
         return 0.0 if odd and _is(values[0], 0.0) else ca.SX.unary(operation, values[0])

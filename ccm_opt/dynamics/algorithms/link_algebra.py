@@ -145,7 +145,7 @@ def link_function(name: str, of: Callable[..., tuple[Any, ...]], state: int = 1)
 
     Args:
         name: name of the function.
-        of: function from columns to columns.
+        of: Python function from columns to columns, of which the CasADi function is made.
         state: size of the state that one link passes to the next.
     """
     sizes = {**COLUMNS, "state": state}

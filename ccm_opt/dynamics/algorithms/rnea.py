@@ -24,7 +24,7 @@ from ccm_opt.dynamics.algorithms.link_algebra import BALL_JOINTS, BallJoint, cen
 
 
 class RneaSteps(NamedTuple):
-    """Functions of the recursion: at the base, from link to link out, at the tip, from link to link in."""
+    """CasADi functions of the recursion: at the base, outward by links, at the tip, inward by links."""
 
     base: Any
     outward: Any
@@ -33,7 +33,7 @@ class RneaSteps(NamedTuple):
 
 
 def rnea_steps(structure: Structure) -> RneaSteps:
-    """Return the recursion's functions for a structure."""
+    """Return the functions of the Newton–Euler recursion for a structure."""
     joint = BALL_JOINTS[structure.axes]
     steps = RneaSteps(
         link_function("rnea_base", _base),
@@ -65,7 +65,7 @@ def _tip(state: Any, world: Any) -> tuple[Any]:
 
 
 def _outward(joint: BallJoint, state: Any, trig: Any, qd: Any, qdd: Any, body: Any) -> tuple[Any, Any]:
-    """Return (ω, ω̇, a_tip) of a link from those of its parent, and the link's load (F, N)."""
+    """Return (ω, ω̇, a_tip) of a link from (ω, ω̇, a_tip) of its parent, and the link's load (F, N)."""
     to_child = joint.rotation(trig).T
     w = joint.angular_velocity(trig, qd)
     carried = to_child @ state[:3]  # Rᵀ ω_p
@@ -82,7 +82,7 @@ def _outward(joint: BallJoint, state: Any, trig: Any, qd: Any, qdd: Any, body: A
 
 
 def _load(body: Any, omega: Any, omega_dot: Any, acceleration: Any) -> Any:
-    """Force F and moment N about the ball that a link's own motion needs, (6,)."""
+    """Return the force F and the moment N about the ball that a link's own motion requires, shape (6,)."""
     mass, axial, transverse, length = ca.vertsplit(body)
     force = mass * acceleration
     inertia = ca.vertcat(axial, transverse, transverse)
@@ -95,7 +95,7 @@ def _load(body: Any, omega: Any, omega_dot: Any, acceleration: Any) -> Any:
 def _inward(
     joint: BallJoint, state: Any, trig: Any, load: Any, qd: Any, qdd: Any, body: Any, drive: Any
 ) -> tuple[Any, Any]:
-    """Return (f, n) at the tip of a link's parent from those at the link's own tip, and the link's joint torques."""
+    """Return (f, n) at the tip of a link's parent from (f, n) at the link's tip, and the link's joint torques."""
     length = body[3]
     # The step of the link beyond has turned f' and n' into this frame already; x̂ × f' = (0, −f'_z, f'_y).
     force = load[:3] + state[:3]

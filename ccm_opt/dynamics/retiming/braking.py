@@ -66,7 +66,7 @@ def braked(
         share: share of the drives' limits that may be used, as in the motion; see ``robot.coordinates``.
 
     Returns:
-        A motion that begins as the planned one and ends at rest; stops that it does not reach are left out.
+        A motion that begins as the planned one and ends at rest; stops that the motion does not reach any more are left out.
 
     Raises:
         RetimingError: the arm cannot be braked within its limits.

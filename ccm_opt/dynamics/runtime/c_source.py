@@ -24,13 +24,13 @@ PRIVATE = "#define CASADI_SYMBOL_EXPORT static ALWAYS_INLINE\n"
 
 
 def every_source() -> dict[str, str]:
-    """Return the C sources for all structures of arms, by the names of their files."""
+    """Return the C sources for all structures of arms, by file name."""
     structures = (*(Structure(1, axes) for axes in get_args(Axes)), Structure(1, "zyx", planar=True))
     return {f"dynamics_{structure.variant}.c": source_text(structure) for structure in structures}
 
 
 def source_text(structure: Structure) -> str:
-    """Return the C source for arms of a structure, whatever the number of their links."""
+    """Return the C source for arms of a structure with any number of links."""
     rnea = rnea_steps(structure)
     aba = aba_steps(structure)
     names = "".join(f"#define {name} {name}__{structure.variant}\n" for name in SYMBOLS)

@@ -22,7 +22,7 @@ FeedCall: TypeAlias = Callable[[FloatArray, FloatArray, FloatArray, FloatArray |
 
 
 def arm_for_c(model: ArmModel) -> dict[str, Any]:
-    """Return an arm's numbers and working memory as ``Arm`` of recursion.c."""
+    """Return an arm's parameters and working memory as the structure ``Arm`` of recursion.c."""
     links = model.structure.links
     work = np.zeros((links, native_constant(f"work_per_link__{model.structure.variant}")))
     return {"links": links, "bodies": model.bodies, "drives": model.drives, "world": model.world, "work": work}
@@ -124,7 +124,7 @@ class DynamicsFunction:
     def with_feed(
         self, first: FloatArray, second: FloatArray, third: FloatArray, feed: FloatArray | float = 0.0
     ) -> tuple[FloatArray, FloatArray]:
-        """Evaluate at states of shape (3 * links,) or (N, 3 * links), all three alike, and a feed of () or (N,).
+        """Evaluate at states of equal shapes, (3 * links,) or (N, 3 * links), and a feed of shape () or (N,).
 
         Returns:
             The results for the joints, of the states' shape, and for the feed axis, of shape () or (N,).
@@ -140,7 +140,7 @@ class DynamicsFunction:
     def _general(
         self, first: FloatArray, second: FloatArray, third: FloatArray, feed: FloatArray | float
     ) -> tuple[FloatArray, FloatArray]:
-        """Evaluate at states of any number, type and layout, after checking and converting them."""
+        """Evaluate at states of any number, type and layout, after checks and conversions."""
         shape = np.shape(first)
         fits = len(shape) in {1, 2} and shape[-1] == self._joints
         if not fits or np.shape(second) != shape or np.shape(third) != shape:
@@ -154,11 +154,11 @@ class DynamicsFunction:
 
 
 class InverseDynamics:
-    """Torques that a motion needs, by the Newton–Euler recursion.
+    """Torques that a motion requires, by the Newton–Euler recursion.
 
     Args:
         arm: the arm.
-        gravity: in the world, shape (3,) [m/s²].
+        gravity: gravitational acceleration in the world frame, shape (3,) [m/s²].
     """
 
     def __init__(self, arm: Arm, gravity: FloatArray) -> None:
@@ -174,14 +174,14 @@ class InverseDynamics:
         """Return the torques [N m], shape (N, 3 * links), for arrays of that shape, or (3 * links,) for one state.
 
         Args:
-            angles: [rad].
-            velocities: [rad/s].
-            accelerations: [rad/s²].
-            feed_accelerations: of the base along the base heading, shape (N,) or () [m/s²]; None: the base rests or
-                moves evenly.
+            angles: angles of the revolutes [rad].
+            velocities: velocities of the revolutes [rad/s].
+            accelerations: accelerations of the revolutes [rad/s²].
+            feed_accelerations: accelerations of the base along the base heading, shape (N,) or () [m/s²]; None when
+                the base rests or moves evenly.
 
         Raises:
-            ProblemError: when the shapes do not fit the arm.
+            ProblemError: the shapes do not fit the arm.
         """
         if feed_accelerations is None:
             return self._rnea.of_joints(angles, velocities, accelerations)
@@ -194,7 +194,7 @@ class InverseDynamics:
         accelerations: FloatArray,
         feed_accelerations: FloatArray | float | None = None,
     ) -> FloatArray:
-        """Return the force on the feed axis [N], shape (N,), or () for one state; arguments as for the torques.
+        """Return the force on the feed axis [N], shape (N,), or () for one state; arguments as for ``__call__``.
 
         The force is the component along the base heading of the force that moves and carries the whole arm.
         """
@@ -207,7 +207,7 @@ class InverseDynamics:
         accelerations: FloatArray,
         feed_accelerations: FloatArray | float | None = None,
     ) -> tuple[FloatArray, FloatArray]:
-        """Return the torques and the force on the feed axis from one recursion; arguments as for the torques."""
+        """Return the torques and the force on the feed axis from one recursion; arguments as for ``__call__``."""
         feed = 0.0 if feed_accelerations is None else feed_accelerations
         return self._rnea.with_feed(angles, velocities, accelerations, feed)
 
@@ -215,7 +215,7 @@ class InverseDynamics:
 class MassMatrix:
     """Mass matrix of an arm, payload and rotors included.
 
-    Its columns are the torques for unit accelerations without gravity and at rest.
+    The columns of the matrix are the torques for unit accelerations, without gravity and at rest.
 
     Args:
         arm: the arm.
@@ -254,7 +254,7 @@ class ForwardDynamics:
 
     Args:
         arm: the arm.
-        gravity: in the world, shape (3,) [m/s²].
+        gravity: gravitational acceleration in the world frame, shape (3,) [m/s²].
     """
 
     def __init__(self, arm: Arm, gravity: FloatArray) -> None:
@@ -267,12 +267,12 @@ class ForwardDynamics:
         inertia: θ2 = ±90° under ``zyx``, θ2 = 0 under ``zyz``.
 
         Args:
-            angles: [rad].
-            velocities: [rad/s].
-            torques: [N m].
+            angles: angles of the revolutes [rad].
+            velocities: velocities of the revolutes [rad/s].
+            torques: torques of the revolutes [N m].
 
         Raises:
-            ProblemError: when the shapes do not fit the arm.
+            ProblemError: the shapes do not fit the arm.
         """
         return self._aba.of_joints(angles, velocities, torques)
 
@@ -282,9 +282,9 @@ class ForwardDynamics:
         """Return the accelerations of the joints, and of the base along its feed axis, shape (N,) or () [m/s²].
 
         Args:
-            angles: [rad].
-            velocities: [rad/s].
-            torques: [N m].
-            thrust: on the base along the base heading, shape (N,) or () [N].
+            angles: angles of the revolutes [rad].
+            velocities: velocities of the revolutes [rad/s].
+            torques: torques of the revolutes [N m].
+            thrust: force on the base along the base heading, shape (N,) or () [N].
         """
         return self._aba.with_feed(angles, velocities, torques, thrust)

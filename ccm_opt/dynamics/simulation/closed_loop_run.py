@@ -54,7 +54,7 @@ class RunFault:
     Attributes:
         column: index of the faulty coordinate: a revolute, or after all revolutes the feed axis.
         step: index of the state from the start of the run; state k is at the end of k steps.
-        error: error of the revolute in that state [rad]; not finite if the state is not.
+        error: tracking error of the revolute in that state [rad]; not finite if the state is not finite.
     """
 
     column: int
@@ -75,7 +75,7 @@ def first_far_off(steps: SimulatedSteps, most: float) -> RunFault | None:
 
 
 def first_saturation(steps: SimulatedSteps, limit: FloatArray) -> RunFault | None:
-    """Return the first effort at its limit, given limits of shape (W,) [N m, N]; the effort is held from that state."""
+    """Return the first effort at its limit, with the state from which it is applied, for limits (W,) [N m, N]."""
     full = np.abs(steps.efforts) >= limit
     if not full.any():
         return None
@@ -115,9 +115,9 @@ def judge_run(
     Args:
         record: record of the run.
         names: names of all revolutes.
-        full: first effort at its limit; None if there was none.
+        full: first effort that reached its limit; None if there was none.
         strayed: first large tracking error; None if there was none.
-        lost: fault at which the run was stopped because the arm diverged; None if it was not.
+        lost: fault at which the run was stopped because the arm diverged; None if the run was not stopped.
         needs: greatest effort that the plan requires of the simulated arm; None if no drive has a limit.
     """
     step = record.step
@@ -186,14 +186,15 @@ def simulate(
 
     Args:
         arm: the arm as its controller knows it; ``options.disturbances`` say how the simulated one differs.
-        trajectory: gives the sample times, and the motion of the feed axis when there is one.
-        joints: the same motion for all revolutes; the arm starts on its first sample's angles and velocities.
-        options: gravity, step, controller, disturbances.
-        limits: efforts saturate at ``limits.torque`` and ``limits.feed_force`` when they are not None.
+        trajectory: trajectory with the sample times, and the motion of the feed axis when there is one.
+        joints: motion of the trajectory for all revolutes; the arm starts with the angles and velocities of its first
+            sample.
+        options: gravity, step, controller and disturbances.
+        limits: limits of the drives; efforts saturate at ``limits.torque`` and ``limits.feed_force`` where not None.
 
     Returns:
-        Angles, base and applied torques at the trajectory's own samples, with a verdict on drives and errors. The run
-        stops when the arm diverges; contacts are not checked here.
+        Angles, base positions and applied torques at the trajectory's own samples, with a verdict on drives and errors.
+        The run stops when the arm diverges; contacts are not checked here.
 
     Raises:
         SimulationError: before the run, if the axes are singular on the motion or the gains are unstable at this step.
@@ -236,14 +237,14 @@ def simulated_states(
     limits: Limits,
     interval: float,
 ) -> Iterator[tuple[float, FloatArray, float]]:
-    """Yield the states of the simulation at a time interval, for live display (section 5.1, steps 5 to 7).
+    """Yield the states of the simulation at a fixed time interval, for live display (section 5.1, steps 5 to 7).
 
     Args:
-        arm: as for ``simulate``, with the arguments that follow.
-        trajectory: gives the duration.
+        arm: the arm as its controller knows it; ``options.disturbances`` say how the simulated one differs.
+        trajectory: trajectory that determines the duration.
         joints: the motion for all revolutes.
-        options: gravity, step, controller, disturbances.
-        limits: of the efforts.
+        options: gravity, step, controller and disturbances.
+        limits: limits of the efforts.
         interval: time between two states, rounded to steps [s].
 
     Yields:
@@ -302,7 +303,7 @@ def closed_loop(
     Args:
         plant: the simulated arm.
         arm: the arm as its controller knows it.
-        options: gravity, step, controller.
+        options: gravity, step and controller.
         limits: limits of the efforts.
         planar: whether the arm starts in its plane and no input of the loop leads out of it.
     """

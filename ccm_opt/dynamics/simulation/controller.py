@@ -48,7 +48,7 @@ from ccm_opt.robot.arm import Arm
 
 
 def stiffened(model: ArmModel, step: float, kd: FloatArray) -> ArmModel:
-    """Return the arm that a controller believes in, with rotors heavier by h Kd: what PD moves by the end of a step."""
+    """Return a controller's model of the arm with rotor inertias raised by h Kd, as PD at the end of a step needs."""
     drives = model.drives.copy()
     drives[:, :3] += step * kd.reshape(-1, 3)
     return replace(model, drives=drives)
@@ -62,7 +62,7 @@ class CompiledLoop:
     Args:
         plant: the arm that moves.
         model: the arm as the controller knows it.
-        numbers: gains, limits and step, see ``loop_numbers``.
+        numbers: gains, limits and step of the loop, see ``loop_numbers``.
     """
 
     def __init__(self, plant: ArmModel, model: ArmModel, numbers: Mapping[str, Any]) -> None:
@@ -131,10 +131,10 @@ def gains(arm: Arm, options: SimulationOptions) -> tuple[FloatArray, FloatArray]
 
 
 def inertia_at_most(arm: Arm) -> FloatArray:
-    """Return an upper bound of the inertia that each joint moves when all bends move, shape (3 * links,) [kg m²].
+    """Return an upper bound on the inertia seen by each joint when all bends move, shape (3 * links,) [kg m²].
 
-    It is the row sum over the bends of the straight arm's mass matrix. Yaw and roll get the value of their ball's
-    bend, since the arm beyond a ball has no greater inertia about another axis through it.
+    The bound is the row sum, over the bends, of the straight arm's mass matrix. Yaw and roll get the value of their
+    ball's bend, since the arm beyond a ball has no greater inertia about another axis through it.
     """
     straight = MassMatrix(arm)(np.zeros(3 * arm.links))
     bends = np.sum(np.abs(straight[1::3, 1::3]), axis=1)
@@ -153,9 +153,9 @@ def feed_gains(arm: Arm, options: SimulationOptions) -> tuple[float, float]:
 def loop_numbers(arm: Arm, options: SimulationOptions, limits: Limits) -> dict[str, Any]:
     """Return the parameters of the closed loop under their names in ``simulation.c``.
 
-    They are the step [s], whether the law is computed torque, else PD, Kp and Kd of every joint, shape (3 * links,),
-    and of the feed axis, see ``gains`` and ``feed_gains``, and bounds on the torques, shape (3 * links,) [N m], and on
-    the thrust of the feed axis [N], inf where there are none.
+    The parameters are the step [s], whether the law is computed torque rather than PD, Kp and Kd of every joint, shape
+    (3 * links,), and of the feed axis, see ``gains`` and ``feed_gains``, and bounds on the torques, shape (3 * links,)
+    [N m], and on the thrust of the feed axis [N], inf where there are none.
     """
     kp, kd = gains(arm, options)
     feed_kp, feed_kd = feed_gains(arm, options)
@@ -172,7 +172,7 @@ def loop_numbers(arm: Arm, options: SimulationOptions, limits: Limits) -> dict[s
 
 
 def disturbed_arm(arm: Arm, disturbances: Disturbances) -> Arm:
-    """Return the arm that is simulated: heavier links, more payload, more friction."""
+    """Return the simulated arm, which has heavier links, a larger payload and more friction than the given one."""
     heavier = 1.0 + disturbances.mass_error
     return replace(
         arm,
@@ -189,7 +189,7 @@ class Noise:
 
     Args:
         disturbances: standard deviations and seed.
-        planar: whether the arm stays in its plane; then only the bends get noise, so that it does stay there.
+        planar: whether the arm stays in its plane; then only the bends get noise, so that the arm does not leave it.
     """
 
     def __init__(self, disturbances: Disturbances, *, planar: bool) -> None:
@@ -198,7 +198,7 @@ class Noise:
         self._planar = planar
 
     def draw(self, count: int, joints: int) -> FloatArray:
-        """Return the noise on angles [rad] and speeds [rad/s] of some steps, shape (count, 2, joints)."""
+        """Return the noise on angles [rad] and speeds [rad/s] of ``count`` steps, shape (count, 2, joints)."""
         if not np.any(self._scale):
             return np.zeros((count, 2, joints))
         noise = self._scale * self._random.standard_normal((count, 2, joints))
@@ -213,15 +213,15 @@ class Noise:
 class StepReference:
     """Joint reference on a grid of equal steps.
 
-    Angles follow the cubic Hermite polynomial of the samples' angles and velocities, velocities its derivative. The
-    acceleration of a step is its mean over the step, since the control is constant over a step.
+    Angles follow the cubic Hermite polynomial of the samples' angles and velocities, velocities follow its derivative.
+    The acceleration of a step is the mean over the step, since the control is constant over a step.
 
     Attributes:
         angles: cubic Hermite spline of the angles of the joints that move.
-        velocities: its derivative.
-        moving: numbers of the joints that move, shape (M,); all others stand at zero.
+        velocities: derivative of that spline.
+        moving: indices of the joints that move, shape (M,); all others stay at zero.
         joints: number of all joints.
-        step: [s].
+        step: length of a step [s].
         steps: number of steps that cover the motion.
     """
 
@@ -257,10 +257,10 @@ def step_reference(time: FloatArray, angles: FloatArray, velocities: FloatArray,
     """Return the reference of a sampled motion.
 
     Args:
-        time: strictly increasing from 0, shape (T,) [s].
-        angles: shape (T, joints) [rad].
-        velocities: shape (T, joints) [rad/s].
-        step: [s].
+        time: sample times, strictly increasing from 0, shape (T,) [s].
+        angles: angles at the samples, shape (T, joints) [rad].
+        velocities: velocities at the samples, shape (T, joints) [rad/s].
+        step: length of a step [s].
     """
     steps = max(1, int(np.ceil(time[-1] / step - 1e-9)))  # a last sample that rounding puts past a step needs no more
     # In the plane two of three revolutes never move.
@@ -270,13 +270,13 @@ def step_reference(time: FloatArray, angles: FloatArray, velocities: FloatArray,
 
 
 def hermite(fraction: FloatArray, step: float, start: FloatArray, end: FloatArray) -> FloatArray:
-    """Return the angles inside steps from angles and velocities at both ends of each.
+    """Return the angles inside steps by cubic interpolation of angles and velocities at both ends.
 
     Args:
-        fraction: place inside the step in [0, 1], shape (N,).
+        fraction: time inside the step as a fraction of the step, in [0, 1], shape (N,).
         step: length of a step [s].
         start: angles and velocities at the start of each step, shape (N, 2, joints).
-        end: likewise at the end.
+        end: angles and velocities at the end of each step, shape (N, 2, joints).
 
     Returns:
         Angles, shape (N, joints) [rad].

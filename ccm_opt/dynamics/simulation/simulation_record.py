@@ -68,12 +68,12 @@ class SimulationRecord:
     Attributes:
         step: length of a step [s].
         places: times of the plan's samples in units of steps, shape (T,).
-        positions: at the samples that steps have reached, shape (T, W).
-        efforts: held at the samples, shape (T, W) [N m, N]; 0 where no step has been.
-        limit: of the efforts, shape (W,) [N m, N].
+        positions: positions at the samples that steps have reached, shape (T, W) [rad, m].
+        efforts: efforts applied at the samples, shape (T, W) [N m, N]; 0 at samples not reached yet.
+        limit: limits of the efforts, shape (W,) [N m, N].
         tracking_error: largest difference of a joint's angle from its reference at the end of a step [rad].
-        full_steps: number of steps in which some effort was at its limit.
-        end: number of the last step that was added.
+        full_steps: number of steps in which an effort was at its limit.
+        end: index of the last step that was added.
     """
 
     step: float
@@ -136,7 +136,7 @@ def check_options(arm: Arm, options: SimulationOptions) -> None:
         options: gravity, step, controller and gains.
 
     Raises:
-        ProblemError: the options are unsuitable; names the setting at fault and what would help.
+        ProblemError: the options are unsuitable; names the setting at fault and a remedy.
     """
     straight = np.zeros((1, 3 * arm.links))
     # An arm with two bends per joint leaves any plane; one with a single bend stays in its own.
@@ -160,11 +160,11 @@ def check_axes(arm: Arm, angles: FloatArray, *, planar: bool) -> None:
 
     Args:
         arm: the arm.
-        angles: of all revolutes along the motion, shape (T, 3 * links) [rad].
-        planar: whether the arm stays in its plane, where the bends alone move and nothing is singular.
+        angles: angles of all revolutes along the motion, shape (T, 3 * links) [rad].
+        planar: whether the arm stays in its plane, where only the bends move and no joint is singular.
 
     Raises:
-        SimulationError: saying what would do.
+        SimulationError: a ball joint is singular on the motion; names a remedy.
     """
     if arm.axes == "zyz":
         raise SimulationError(
@@ -190,7 +190,7 @@ def check_axes(arm: Arm, angles: FloatArray, *, planar: bool) -> None:
 
 
 def check_finite(steps: SimulatedSteps, names: tuple[str, ...], step: float) -> None:
-    """Raise an error if any state of some steps is not finite.
+    """Raise an error if a state of the given steps is not finite.
 
     Args:
         steps: steps of the run.
@@ -218,7 +218,7 @@ def check_finite(steps: SimulatedSteps, names: tuple[str, ...], step: float) -> 
 
 @dataclass(frozen=True)
 class PlanNeeds:
-    """The effort of a plan, followed exactly, that is the greatest share of a drive's limit.
+    """The effort of an exactly followed plan that uses the largest share of its drive's limit.
 
     Attributes:
         column: index of the drive: a revolute, or after all revolutes the feed axis.
@@ -236,14 +236,14 @@ class PlanNeeds:
 
     @property
     def share(self) -> float:
-        """Share of the limit that the effort takes; infinite for a limit of zero."""
+        """Share of the limit that the effort uses; infinite for a limit of zero."""
         return self.effort / self.limit if self.limit > 0.0 else np.inf
 
 
 def largest_need(
     plant: Arm, trajectory: JointTrajectory, joints: JointStates, gravity: FloatArray, limit: FloatArray
 ) -> PlanNeeds | None:
-    """Return the effort of a plan that takes the greatest share of its limit; None if no drive has a limit.
+    """Return the effort of a plan that uses the largest share of its limit; None if no drive has a limit.
 
     Args:
         plant: the simulated arm.

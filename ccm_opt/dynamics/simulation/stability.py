@@ -44,14 +44,14 @@ def check_stability(
     """Refuse gains with which the sampled loop is unstable, and friction that the integrator cannot follow.
 
     Args:
-        arm: the arm that moves.
+        arm: the simulated arm.
         angles: reference motion, shape (T, 3 * links) [rad].
         options: controller, gains and step.
         planar: whether the arm stays in its plane, so that only the bends matter.
         believed: the arm as its controller knows it; the arm itself if None.
 
     Raises:
-        SimulationError: a condition of this module's docstring is violated; the message has its figures.
+        SimulationError: a condition of this module's docstring is violated; the message reports the values.
     """
     poses = _spread(angles, _CHECKED_POSES)
     if options.controller == "computed-torque":
@@ -64,23 +64,23 @@ def check_stability(
 
 
 def fastest_mode(arm: Arm, poses: FloatArray, *, planar: bool) -> float:
-    """Return the largest eigenvalue of M⁻¹ [1/(kg m²)] at some poses; of its bends alone for a planar motion.
+    """Return the largest eigenvalue of M⁻¹ over several poses [1/(kg m²)]; of the bends only for a planar motion.
 
     Args:
         arm: the arm.
-        poses: shape (N, 3 * links) [rad].
+        poses: angles of all revolutes, shape (N, 3 * links) [rad].
         planar: whether the arm stays in its plane.
     """
     return fastest_rate(arm, poses, np.ones(3 * arm.links), planar=planar)
 
 
 def fastest_rate(arm: Arm, poses: FloatArray, damping: FloatArray, *, planar: bool) -> float:
-    """Return the largest eigenvalue of M⁻¹ diag(damping) [1/s] at some poses; arguments as for ``fastest_mode``.
+    """Return the largest eigenvalue of M⁻¹ diag(damping) over several poses [1/s].
 
     Args:
         arm: the arm.
-        poses: shape (N, 3 * links) [rad].
-        damping: of every joint, shape (3 * links,) [N m s/rad].
+        poses: angles of all revolutes, shape (N, 3 * links) [rad].
+        damping: viscous damping of every joint, shape (3 * links,) [N m s/rad].
         planar: whether the arm stays in its plane.
     """
     mass_matrix = MassMatrix(arm)
@@ -94,7 +94,7 @@ def fastest_rate(arm: Arm, poses: FloatArray, damping: FloatArray, *, planar: bo
 
 
 def _check_computed_torque(options: SimulationOptions) -> None:
-    """Check that ωn dt < 1."""
+    """Refuse gains of computed torque that violate ωn dt < 1."""
     value = options.bandwidth * options.step
     if value < 1.0:
         return
@@ -111,7 +111,7 @@ def _check_computed_torque(options: SimulationOptions) -> None:
 
 
 def _check_pd(believed: Arm, poses: FloatArray, options: SimulationOptions, *, planar: bool) -> None:
-    """Check that ν dt (1 + κ dt) / (1 + ν dt) < 2 (1 + mass error), for an arm that is lighter than believed."""
+    """Refuse PD gains unless ν dt (1 + κ dt) / (1 + ν dt) < 2 (1 + mass error), for an arm lighter than believed."""
     step = options.step
     proportional, derivative = gains(believed, options)
     ratio = float(np.max(proportional / derivative))
@@ -131,7 +131,7 @@ def _check_pd(believed: Arm, poses: FloatArray, options: SimulationOptions, *, p
 
 
 def _pd_advice(options: SimulationOptions, ratio: float, bound: float) -> tuple[str, ...]:
-    """Return advice that makes PD stable whatever ν is, where possible."""
+    """Return advice on how to make PD stable, independently of ν where possible."""
     computed = 'simulation.controller = "computed-torque"'
     # For ν without bound the condition is 1 + κ dt < bound.
     most = _ADVISED_SHARE * (bound - 1.0) / options.step
@@ -145,7 +145,7 @@ def _pd_advice(options: SimulationOptions, ratio: float, bound: float) -> tuple[
 
 
 def _check_feed(arm: Arm, poses: FloatArray, options: SimulationOptions, *, planar: bool) -> None:
-    """Refuse damping of the feed axis under PD that is too great for the mass that it moves at first."""
+    """Refuse damping of the feed axis under PD that is too large for the effective mass of the base."""
     if options.controller == "computed-torque":
         return
     # The base has one mode: λ is the inverse of the mass that moves with it at once.
@@ -184,9 +184,9 @@ def _check_friction(arm: Arm, poses: FloatArray, options: SimulationOptions, *, 
 
 
 def _lightest_base(arm: Arm, poses: FloatArray, *, planar: bool) -> float:
-    """Return the least effective mass of the base with free joints over a number of poses [kg].
+    """Return the minimum effective mass of the base, with free joints, over several poses [kg].
 
-    It is the Schur complement of the joints' block in the mass matrix.
+    The effective mass is the Schur complement of the joints' block in the mass matrix.
     """
     mass_matrix = MassMatrix(arm)
     moving = _moving(planar=planar)
