@@ -66,7 +66,7 @@ def braked(
         share: share of the drives' limits that may be used, as in the motion; see ``robot.coordinates``.
 
     Returns:
-        A motion that begins as the planned one and ends at rest; stops that the motion does not reach any more are left out.
+        A motion that begins as the planned one and ends at rest; stops that the motion no longer reaches are left out.
 
     Raises:
         RetimingError: the arm cannot be braked within its limits.
@@ -103,7 +103,7 @@ def _fall(
     Args:
         path: the planned motion over the fraction of its duration, in [0, 1].
         limits: limits of motions along the path.
-        caution: share of every limit that is used.
+        caution: fraction of every limit that is used.
         begin: time of the planned motion at which braking begins [s].
         whole: duration of the planned motion [s].
         step: time between two samples [s].

@@ -153,7 +153,7 @@ def retime_paul(
         inverse_dynamics: map from angles, velocities and accelerations, each of shape (N, 3 * links), to torques of
             that shape [N m].
         revolutes: linear map from bends, shape (N, links), to revolute angles, shape (N, 3 * links); also maps rates.
-        window: largest half transition as a share of the shorter leg beside it, at most ½.
+        window: maximum half transition as a fraction of the shorter adjacent leg, at most ½.
         step: largest time between two samples [s].
         coordinates: the columns of the path; when None, one bend per link, and a feed axis if a column is left.
         arm: arm whose points are limited; needed only when the limits name points.
@@ -164,7 +164,7 @@ def retime_paul(
         keyframes at its corners; the caller has to verify the motion.
 
     Raises:
-        RetimingError: a joint cannot even hold the arm at some point of the polygon, or no slower motion keeps the
+        RetimingError: a joint cannot even hold the arm still at a point of the polygon, or no slower motion keeps the
             torque limits.
     """
     vias = _distinct(path.keyframes)
@@ -201,7 +201,7 @@ def fastest_legs(vias: FloatArray, axes: DriveLimits, window: float, least: floa
     Args:
         vias: coordinates of the via points, shape (K ≥ 2, n).
         axes: limits of the drives.
-        window: largest half transition as a share of the shorter leg beside it.
+        window: maximum half transition as a fraction of the shorter adjacent leg.
         least: minimum duration of a half transition [s].
     """
     lengths = np.abs(np.diff(vias, axis=0))

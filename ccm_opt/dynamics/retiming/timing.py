@@ -353,7 +353,7 @@ def retime(
         found the speeds.
 
     Raises:
-        RetimingError: a drive cannot even hold the arm still at some point of the path.
+        RetimingError: a drive cannot even hold the arm still at a point of the path.
         ProblemError: points are limited, but no arm is given, or a point lies beyond the arm.
     """
     columns = coordinates or likely_coordinates(limits, path.spline.c.shape[1])

@@ -40,9 +40,9 @@ class SmoothingSettings:
     """Settings of the smoothing of the fastest motion that limits its jerk.
 
     Attributes:
-        halvings: number of smoothing windows tried, each half as long as the one before, beginning with half the
+        halvings: number of smoothing windows tried, each half as long as the previous one, beginning with half of the
             motion. Taste.
-        beside: further windows tried, as multiples of the best of these. Derived: √½ and √2 lie halfway.
+        beside: further windows tried, as multiples of the best halved window. Derived: √½ and √2 lie halfway.
         looks: number of places, besides the corners of the profile, at which limits are evaluated to compare windows.
             Taste.
     """
@@ -57,13 +57,13 @@ class SamplingSettings:
     """Settings of the sampling of a timed motion.
 
     Attributes:
-        step: largest time between two samples [s]. Taste: 250 samples a second, as drives of robots take them.
+        step: largest time between two samples [s]. Taste: 250 samples per second, a usual rate for robot drives.
         hair: chord deviation that is always allowed [m]. Derived: half of the verifier's tolerance, with which the
             driver replaces it for the arm and the problem; the default is for an arm of one metre.
         most_pieces: maximum number of pieces of a step divided so that chords stay near the path. Taste; it bounds the
             number of samples.
         unseen_share: share of a joint's change of velocity that its sampled accelerations may leave unexplained; steps
-            are halved until it is met. Derived: half of what the verifier allows.
+            are halved until this holds. Derived: half of what the verifier allows.
     """
 
     step: float = 4e-3

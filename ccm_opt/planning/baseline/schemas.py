@@ -426,7 +426,7 @@ def _met(
 def _first_guess(position: FloatArray, heading: float, goal: TipPose, least_ratio: float) -> CurvatureSegment:
     """Return the first guess of a segment, with zero curvature at both ends.
 
-    It turns by α to the chord and by β from it: a bump of α + β and a wave of (α - β)/2.
+    The segment turns by α to its chord and by β from the chord: a bump of α + β and a wave of (α - β)/2.
 
     Raises:
         ProblemError: start and goal of the segment coincide.

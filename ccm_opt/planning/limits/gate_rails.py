@@ -273,7 +273,7 @@ class GateRails(Limit):
     def _pull(self, space: LinkSpace, pose: Pose) -> Term | None:
         """Return the term that pulls joints on rails sideways onto the middle lines.
 
-        None where no joint is on a rail.
+        The result is None where no joint is on a rail.
         """
         unit = space.nominal_length
         first, legs = self._legs

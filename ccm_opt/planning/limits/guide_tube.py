@@ -148,7 +148,7 @@ class GuideTubeLimit(Limit):
 
     # ------------------------------------------------------------ between keyframes
     def failures(self, q: FloatArray, depth: int | None = None) -> IntArray:
-        """Return the intervals in which a bent joint is held by the tube at some time."""
+        """Return the intervals in which a bent joint is held by the tube at any time."""
         del depth
         return np.flatnonzero(self._held_bent(q))
 

@@ -62,7 +62,7 @@ class MotionCertificate:
 
 
 def failed_intervals(limits: tuple[LimitOf[Any], ...], q: FloatArray, depth: int | None = None) -> IntArray:
-    """Return the intervals in which some limit cannot be certified, sorted.
+    """Return the sorted intervals in which at least one limit cannot be certified.
 
     The arguments are those of ``MotionCertificate.failures``.
     """

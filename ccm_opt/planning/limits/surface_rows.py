@@ -80,7 +80,7 @@ def room_lacking(sweep: Sweep, finder: SurfaceFinder, wanted: float) -> FloatArr
     Args:
         sweep: the motion.
         finder: finder of the contacts.
-        wanted: gap that is asked for beyond contact [m].
+        wanted: preferred gap beyond contact [m].
     """
     return distance_lacking(sweep.space.arm, finder.tree, sweep.timed_joints[1:], finder.kept + wanted)
 

@@ -77,9 +77,9 @@ class UserLimit(LimitOf[CurveUnknowns]):
         terms: the constraints and costs, compiled.
         u: path parameter at which the constraints are evaluated.
         at_goal: whether to use the constraints at the goal instead of those on the way.
-        lead: largest share of the motion by which intervals of constraints are widened, so that a path which is smooth
-            at keyframes keeps them over their whole interval; where one ends shortly before another begins, they stay
-            apart.
+        lead: largest fraction of the motion by which intervals of constraints are widened, so that a path that is
+            smooth at keyframes satisfies constraints over their whole intervals; intervals that are separated by a
+            short gap stay separate.
     """
 
     terms: "UserTerms"

@@ -180,7 +180,7 @@ class Sweep:
     def curvature(self, rows: "IntervalRows", multipliers: FloatArray, pull: FloatArray) -> RowCurvature | None:
         """Return the second derivatives of Σ λ g + pull·tip for multipliers λ, shape (m,), and a pull, shape (d,).
 
-        None where they are not computed: in space they couple all links to each other.
+        The result is None where second derivatives are not computed: in space they couple all links to each other.
         """
         del rows, multipliers, pull
         return None

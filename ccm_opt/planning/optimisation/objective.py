@@ -194,7 +194,7 @@ class Objective:
     def blocks(self, sweep: Sweep, k: IntArray, m: IntArray) -> FloatArray:
         """Return the convex second derivatives with respect to the unknowns of keyframes k and m, shape (b, p, p).
 
-        Zero where |k − m| > 2.
+        The blocks are zero where |k − m| > 2.
         """
         blocks: FloatArray = (k == m)[:, None, None] * self.shape
         for order, metric in ((1, self.first), (2, self.second)):

@@ -227,7 +227,7 @@ def thinned(
 def with_more_room(
     motion: CurveMotion[Any], begun: CurveMotion[Any], task: SearchTask, margin: float | None = None
 ) -> CurveMotion[Any]:
-    """Return an optimised motion or, where it lacks clearance, the better of it and one with more keyframes.
+    """Return an optimised motion or, where it lacks clearance, the better of this motion and one with more keyframes.
 
     The motion with more keyframes is optimised with a higher price of missing clearance.
 

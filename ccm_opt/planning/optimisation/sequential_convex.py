@@ -95,7 +95,7 @@ class MotionProgram(Generic[SweepType]):
         lack: returns the clearance that a motion lacks over all its intervals, in nominal links, where it counts in the
             merit.
         yielding: whether keyframes may take a reduced share of a step where the motion would not be certified, while
-            the others take all of it.
+            the others take the full step.
     """
 
     curve: CurveUnknowns
@@ -389,7 +389,7 @@ def _part_taken(iterate: _Iterate[SweepType], step: QuadraticStep) -> tuple[_Ite
 
 
 def _raised(prices: FloatArray, failing: IntArray, sweep: Sweep) -> FloatArray:
-    """Return the prices of slack, shape (K m,), raised in some intervals of a motion."""
+    """Return the prices of slack, shape (K m,), raised in the failing intervals of a motion."""
     raised = prices.reshape(sweep.intervals, -1).copy()
     raised[failing] *= _PRICE_RISE
     return raised.ravel()
