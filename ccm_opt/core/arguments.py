@@ -30,10 +30,10 @@ def expect(value: object, kind: type | tuple[type, ...], what: str, hint: str = 
 
 
 def expect_that(fits: Callable[[], bool], value: object, what: str, hint: str = "") -> None:
-    """Refuse a value that fails a test; a test that raises because the value does not suit it counts as failed.
+    """Refuse a value that fails a test; a test that raises an error for an unsuitable value counts as failed.
 
     Args:
-        fits: the test; TypeError, ValueError and AttributeError from it count as failure.
+        fits: the test; TypeError, ValueError and AttributeError raised by the test count as failure.
         value: the value tested.
         what: the expected kind of value, in words, with an article.
         hint: advice on what to give instead; may be empty.

@@ -187,7 +187,7 @@ class NoPlanFound(CcmError):  # noqa: N818 - it names a result, not a defect
 
     @property
     def status(self) -> str:
-        """Status written to ``solution.json``: "infeasible" only where a finding proves it."""
+        """Status written to ``solution.json``, which is "infeasible" only where a finding proves infeasibility."""
         return "infeasible" if self.diagnosis.proved else self.unproved_status
 
 

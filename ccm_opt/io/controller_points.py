@@ -404,7 +404,7 @@ def trajectory_tables(trajectory: JointTrajectory, joints: JointStates) -> tuple
 def bending_joints(joints: JointStates, coordinates: Coordinates) -> JointStates:
     """Return the states of only those revolutes that bend the arm.
 
-    These are the second of every ball joint in the plane, the first and second in space.
+    In the plane these are the second revolute of every ball joint, in space the first and the second.
     """
     bending = coordinates.drive_numbers[coordinates.bends]
     return replace(

@@ -89,7 +89,7 @@ def obstacles_of(shape: Shape, growth: float, wall_thickness: float) -> list[Obs
 
 
 def divided(shape: Shape, largest: float) -> list[Shape]:
-    """Return a placed shape split into the part with area and its flat rings as lines; empty if it has no extent.
+    """Split a placed shape into the part with area and, as lines, its flat rings; empty if the shape has no extent.
 
     Args:
         shape: the shape, in the coordinates of the result.

@@ -82,7 +82,7 @@ def problem_data(problem: Problem, mesh_files: Sequence[str] | None = None) -> T
     Args:
         problem: the problem; its ``source`` is ignored.
         mesh_files: path of the mesh of each obstacle in space, relative to where the data will be read; ignored for
-            obstacles that are no meshes. None for the paths of ``stored_mesh_paths``.
+            obstacles that are no meshes. None uses the paths from ``stored_mesh_paths``.
 
     Returns:
         Plain numbers, texts, lists and tables, from which ``problem_from_mapping`` rebuilds the problem.

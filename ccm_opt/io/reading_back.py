@@ -218,7 +218,8 @@ def _curve(
 def _turns(lengths: FloatArray, curvatures: FloatArray, knots: FloatArray) -> FloatArray:
     """Return the change of heading along each segment, shape (S,) [rad].
 
-    It is linear in the curvatures, so the integrals of the basis are computed once for all segments of equal knots.
+    The change is linear in the curvatures, so the integrals of the basis are computed once for all segments with equal
+    knots.
     """
     kinds, kind = np.unique(knots, axis=0, return_inverse=True)
     of_kinds = [
@@ -229,7 +230,7 @@ def _turns(lengths: FloatArray, curvatures: FloatArray, knots: FloatArray) -> Fl
 
 
 def recorded_nearest(folder: Path) -> NearPlace | None:
-    """Return the place of the least gap of a plan; None where its record has none, or nothing is near.
+    """Return the place of the least gap of a plan; None where the record has no such place, or nothing is near.
 
     Args:
         folder: an output folder.

@@ -95,7 +95,7 @@ def visual_radius(arm: Arm) -> float:
 
 
 def checked_share(arm: Arm, k: int) -> float:
-    """Return the fraction of link ``k``, counted from 0, that lies in the mount, which may touch walls."""
+    """Return the fraction of link ``k``, counted from 0, inside the mount, which may touch walls; from 0 to 1."""
     return float(np.clip(arm.mount_length / arm.link_length - k, 0.0, 1.0))
 
 
@@ -245,7 +245,7 @@ def urdf_text(
     *,
     bends_only: bool = False,
 ) -> str:
-    """Return the URDF of the arm, and of the obstacles around it.
+    """Return the URDF of the arm and of the obstacles around the arm.
 
     The root link ``world`` is the world frame; base position and heading are in the fixed joint ``base_mount``. All
     joint frames are parallel at zero angles, which give the straight arm along the base heading. A feed axis is the
@@ -386,7 +386,7 @@ def mjcf_text(
     *,
     bends_only: bool = False,
 ) -> str:
-    """Return the MJCF of the arm, with a motor at every revolute, and of the obstacles around it.
+    """Return the MJCF of the arm, with a motor at every revolute, and of the obstacles around the arm.
 
     Links collide with obstacles and anything else that a scene adds, not with each other; the mount, which may touch
     walls, is visual only. Zero angles give the straight arm along the base heading. A feed axis is the slide joint

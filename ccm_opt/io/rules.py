@@ -239,7 +239,7 @@ _TINY_SHARE = 0.01
 def outside_message(
     file: str, box: FloatArray, origin: FloatArray, room: FloatArray, unit: LengthUnit, *, scale: float, keys: str
 ) -> str:
-    """Return the message that a drawing or mesh lies wholly outside the room, with values that would bring it in.
+    """Return the message that a drawing or mesh lies wholly outside the room, with values that move it inside.
 
     Args:
         file: name of the file.
@@ -247,7 +247,7 @@ def outside_message(
         origin: position of the drawing's or mesh's own origin, shape (d,) [m].
         room: least and greatest corner of the room, shape (2, d) [m].
         unit: unit of length of the problem file.
-        scale: length of one unit of the drawing or mesh, in that unit.
+        scale: length of one unit of the drawing or mesh, in ``unit``.
         keys: names of the keys for scale and position, separated by a blank.
     """
     scale_key, place_key = keys.split()
@@ -280,8 +280,8 @@ def check_drawing(
 
     Args:
         drawing: report on the imported drawing.
-        offset: position of its origin, shape (2,), in the file's unit.
-        scale: length of one unit of the drawing, in the file's unit.
+        offset: position of the drawing's origin, shape (2,), in ``unit``.
+        scale: length of one unit of the drawing, in ``unit``.
         room: boundary of the workspace [m].
         unit: unit of length of the problem file.
         issues: receives the defect.
@@ -316,7 +316,7 @@ def check_base(
     issues: Issues,
     drawing: ImportedDrawing | None = None,
 ) -> None:
-    """Report a base inside an obstacle or outside the room; it may touch walls, as the mount does.
+    """Report a base inside an obstacle or outside the room; a base that touches walls is allowed, as for the mount.
 
     Args:
         workspace: the workspace.
@@ -367,7 +367,7 @@ def _way_out(workspace: Workspace, number: int, drawing: ImportedDrawing | None)
 
 
 def _depth_inside(obstacle: Obstacle, point: FloatArray) -> float:
-    """Return the depth of a point inside an obstacle in the plane [m]; outside, minus its distance."""
+    """Return the depth of a point inside an obstacle in the plane [m]; for a point outside, minus the distance."""
     place = shapely.Point(point)
     inside_core = isinstance(obstacle.core, shapely.Polygon) and shapely.contains_properly(obstacle.core, place)
     edge = obstacle.core.boundary if isinstance(obstacle.core, shapely.Polygon) else obstacle.core

@@ -120,7 +120,7 @@ class _Rule:
 
     @property
     def weight(self) -> tuple[int, int, int]:
-        """Specificity of the selector as in CSS: the numbers of ids, classes and element types."""
+        """Specificity of the selector as in CSS, given by the numbers of ids, classes and element types."""
         ids = sum(part.startswith("#") for part in self.parts)
         return ids, len(self.parts) - ids, bool(self.tag)
 

@@ -46,7 +46,7 @@ class TryRecord:
 
     Attributes:
         seed: seed of the try.
-        duration: duration of its motion [s]; None when the try found no motion.
+        duration: duration of the motion found [s]; None when the try found no motion.
         gap: least gap of the motion beyond the required clearance [m]; None when the try found no motion.
         reason: why the try found no motion; empty when it found one.
         taken: whether the motion of this try became the plan.
