@@ -37,7 +37,7 @@ def expect_arguments(
         flags: arguments, by name, that must be booleans.
 
     Raises:
-        ProblemError: naming what was expected, and how to write it.
+        ProblemError: an argument is invalid; the message names what was expected, and how to write it.
     """
     expect_callable(progress, "a function for progress=", "for example progress=print")
     expect_method(planner, ["plan"], "a planner: an object with plan(problem)", "ccm_opt.BuiltInPlanner() is one")
@@ -56,7 +56,7 @@ def refuse_without_effect(problem: Problem) -> None:
     """Refuse planner options that have no effect on a problem, as when a problem file sets them.
 
     Raises:
-        ProblemError: naming the options, and why they have no effect.
+        ProblemError: options have no effect; the message names them and the reason.
     """
     found = options_without_effect(problem.planner, in_space=problem.dimension == 3)
     lines = [f"planner.{name}: {why}" for name, why in found]
@@ -99,11 +99,11 @@ def refuse_contradictions(problem: Problem, terms: UserTerms | None) -> None:
     Nothing is refused if the start violates a constraint, since the planner reports that as invalid input.
 
     Args:
-        problem: what to solve.
+        problem: the problem to solve.
         terms: the user's constraints and costs.
 
     Raises:
-        UnreachableGoal: naming the constraint and its least violation.
+        UnreachableGoal: a constraint is violated in every pose; the error names the constraint and its least violation.
     """
     if terms is None or _breaks_start(problem, terms):
         return

@@ -97,7 +97,7 @@ def clearance_over_time(
         trajectory: the motion, which passes the verifier.
         wanted: the preferred clearance [m]; 0 when there is none.
         checks: checks of the verifier, which hold the least gaps; computed here when None.
-        settings: what counts as enough, and the search distance.
+        settings: fraction of the preferred clearance that counts as enough, and search distance.
         verification: resolution of the least gap between samples.
 
     Returns:

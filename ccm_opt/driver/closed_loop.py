@@ -100,8 +100,8 @@ def simulate_and_check(
     """Simulate a planned motion and judge the result; an arm that does not follow its plan raises no error.
 
     If the arm does not follow, the simulation is repeated with smaller steps, since the integration may be at fault.
-    The first run in which the arm follows counts; otherwise the run at the problem's own step, unless a smaller step
-    gives a better outcome.
+    The result is the first run in which the arm follows; otherwise the run at the problem's own step, unless a smaller
+    step gives a better outcome.
 
     Args:
         problem: arm, limits, obstacles and simulation options.

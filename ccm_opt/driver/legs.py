@@ -35,7 +35,7 @@ class Planner(Protocol):
         """Plan a motion to the problem's only goal.
 
         Raises:
-            NoPlanFound: there is no path within the limits; with a diagnosis.
+            NoPlanFound: there is no path within the limits; the error holds a diagnosis.
         """
         ...
 
@@ -50,7 +50,7 @@ class Retimer(Protocol):
         ``robot.coordinates``.
 
         Raises:
-            RetimingError: there is no timing within the limits; with a diagnosis.
+            RetimingError: there is no timing within the limits; the error holds a diagnosis.
         """
         ...
 
@@ -69,7 +69,7 @@ class Leg:
 
 
 def whole_path(legs: Sequence[Leg]) -> JointPath:
-    """Return the paths of all legs joined end to end, each over an equal share of [0, 1].
+    """Return the paths of all legs joined end to end, each over an equal part of [0, 1].
 
     The spline has a corner at every stop.
     """
@@ -119,7 +119,7 @@ def plan_legs(
         retrace: whether an arm in space may run legs backwards.
 
     Raises:
-        NoPlanFound: naming the goal that is not reached.
+        NoPlanFound: a goal is not reached; the error names that goal.
     """
     known = [] if recorded is None else recorded
     goals = [*((stop.goal, stop.tolerances) for stop in problem.stops), (problem.goal, problem.tolerances)]

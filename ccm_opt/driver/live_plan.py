@@ -69,7 +69,7 @@ class _FollowingPlanner:
 
         Raises:
             ProblemError: the start is in contact.
-            NoPlanFound: with the reason and what would help; the last motion is kept.
+            NoPlanFound: no plan was found; the error names the reason and helpful changes; the last motion is kept.
         """
         planner = self.quick if self.hurried else self.thorough
         if problem.dimension == 3:

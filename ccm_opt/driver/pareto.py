@@ -27,7 +27,7 @@ class ParetoSettings:
             ``most`` times the default, or the scene's upper bound where that is less.
         most: the largest preferred clearance, as a multiple of the default.
         least_top: fraction of the default preferred clearance below which an upper bound is ignored: where an end of
-            the motion has next to no clearance, the rest can still keep some.
+            the motion has next to no clearance, the rest of the motion can still keep some.
         enough_of_top: fraction of the largest preferred clearance that the plan for it must keep; in a narrower scene,
             the gap that this plan kept becomes the largest preferred clearance, so that the five plans differ.
         narrowings: maximum number of times that the largest preferred clearance is reduced in this way, since a plan
@@ -68,10 +68,10 @@ def pareto(
     motion. Every plan has the problem's full time limit.
 
     Args:
-        problem: what to solve; its own ``wanted_gap`` is ignored.
+        problem: the problem to solve; its own ``wanted_gap`` is ignored.
         progress: as for ``solve``, with the number of the plan before the name of the stage.
         constraints: constraints of the user, as for ``solve``.
-        costs: costs of the user, likewise.
+        costs: costs of the user, as for ``solve``.
         explain: whether a failure of the first plan is explained.
         settings: settings of the stages that the problem does not set; the defaults when None.
         trade_off: the preferred clearances, and how the recommended plan is chosen.

@@ -72,7 +72,7 @@ def with_lowered_costs(
     """Plan with the user's costs scaled by the largest factor for which a plan is found; keep hard constraints.
 
     Args:
-        problem: what to solve.
+        problem: the problem to solve.
         terms: the user's constraints and costs.
         planned: function that plans a problem with given terms; the time limit of the problem is the CPU time left.
         shares: factors of the costs' weights, tried in this order.
@@ -81,8 +81,8 @@ def with_lowered_costs(
         The plan, and the factor of the costs' weights with which it was planned.
 
     Raises:
-        NoPlanFound: there is no plan even at the last share; or the goal is unreachable.
-        VerificationError: the verifier rejects the plan made at the last share.
+        NoPlanFound: there is no plan even with the last factor; or the goal is unreachable.
+        VerificationError: the verifier rejects the plan made with the last factor.
     """
     deadline = Deadline.after(problem.planner.time_limit)
     for share in shares[:-1]:
@@ -114,13 +114,13 @@ def best_try(
     time.
 
     Args:
-        problem: what to solve.
+        problem: the problem to solve.
         terms: the user's constraints and costs.
         planned: function that plans the problem once.
         draft_solution: function that turns the best plan so far into a solution, for Ctrl-C.
 
     Raises:
-        NoPlanFound: no try found a plan; the error of the first try.
+        NoPlanFound: no try found a plan; the error is that of the first try.
         VerificationError: no try found a plan, and the verifier refused the plan of the first.
         CancelledWithPlan: on Ctrl-C once a try has found a plan; it holds the best so far.
     """
@@ -171,7 +171,7 @@ class _Tries:
         Gaps count up to the preferred clearance.
 
         Raises:
-            NoPlanFound: no try found a plan; the error of the first try.
+            NoPlanFound: no try found a plan; the error is that of the first try.
             VerificationError: no try found a plan, and the verifier rejected the plan of the first try.
         """
         if not self.plans:
@@ -234,7 +234,7 @@ def surviving_errors(
     found; the certificate, computed from the poses, decides.
 
     Args:
-        problem: what to solve.
+        problem: the problem to solve.
         terms: the user's constraints and costs.
         planned: function that plans a motion.
         settings: time limits of the rounds, and precision of the certificate.
@@ -284,7 +284,7 @@ def solve(
     """Plan, time, verify and simulate a motion, in the plane or in space.
 
     Args:
-        problem: what to solve.
+        problem: the problem to solve.
         progress: called when a stage starts, and when the search turns to another candidate.
         planner: another planner, in space one that plans spatial problems; when None the built-in planner for the
             problem.
@@ -300,7 +300,7 @@ def solve(
 
     Raises:
         ProblemError: the problem is invalid, or uses in space an option of the plane.
-        NoPlanFound: there is no plan within the limits; with a diagnosis.
+        NoPlanFound: there is no plan within the limits; the error holds a diagnosis.
         VerificationError: the verifier rejects the plan, which is a defect of the planner.
         CancelledWithPlan: on Ctrl-C once there is a verified plan, which the error holds; a ``KeyboardInterrupt``.
     """

@@ -79,7 +79,7 @@ class PlanningRun:
             terms: terms passed to the planner; the plan is checked against all terms of the user.
 
         Raises:
-            NoPlanFound: with a diagnosis.
+            NoPlanFound: no plan was found; the error holds a diagnosis.
             VerificationError: the verifier rejects the plan.
         """
         self.recorded.clear()
@@ -174,7 +174,7 @@ class BuiltInPlanner:
     Attributes:
         constraints: constraints of the user, which the paths keep. ``solve`` does not pass its own constraints on to
             the planner that it is given, so pass them here too.
-        costs: costs of the user, likewise.
+        costs: costs of the user, to be passed here for the same reason.
         settings: settings of the stages.
     """
 
@@ -193,7 +193,7 @@ class BuiltInPlanner:
 
         Raises:
             ProblemError: the planner does not suit this problem.
-            NoPlanFound: there is no path within the limits; with a diagnosis.
+            NoPlanFound: there is no path within the limits; the error holds a diagnosis.
         """
         Problem.expected(problem)
         terms = compiled_terms(problem.arm, self.constraints, self.costs)
@@ -221,7 +221,7 @@ class BuiltInRetimer:
             path: from the problem's start to its goal.
 
         Raises:
-            RetimingError: there is no timing within the limits; with a diagnosis.
+            RetimingError: there is no timing within the limits; the error holds a diagnosis.
             VerificationError: the path does not solve the problem.
         """
         Problem.expected(problem)

@@ -131,7 +131,7 @@ def with_constraint_first(
 ) -> NoPlanFound:
     """Return a failure whose reason first names the user's constraints that no pose found at the goal satisfies.
 
-    In all other cases the failure is returned unchanged.
+    In all other cases, for example if a pose satisfies all constraints, the failure is returned unchanged.
 
     Args:
         failure: the failed search for a motion.

@@ -59,7 +59,7 @@ def reach_map(
 
     Args:
         problem: arm, workspace and start; in the plane with a fixed base.
-        step: width of a cell [m]; when None a share of the arm's length.
+        step: width of a cell [m]; when None a fraction of the arm's length.
         headings: number of headings tried in each cell, evenly spaced over a full turn; in space the number of
             directions, evenly spaced over the sphere.
         workers: number of processes on this machine, or an object that opens an executor, such as ``DaskWorkers``; the
@@ -132,7 +132,7 @@ def _expect_grid(step: object, headings: object, workers: object) -> None:
     """Refuse an invalid cell width, number of headings, or workers.
 
     Raises:
-        ProblemError: naming what was expected.
+        ProblemError: an argument is invalid; the message names what was expected.
     """
     expect_that(lambda: step is None or is_number(step), step, "a cell width [m] for step=")
     expect_that(lambda: headings is None or is_whole(headings), headings, "a whole number for headings=")
@@ -144,7 +144,7 @@ def _expect_grid(step: object, headings: object, workers: object) -> None:
 
 
 def _width(problem: Problem, usual: float, step: float | None) -> float:
-    """Return the width of a cell [m]: the given one, or the usual share of the arm's length.
+    """Return the width of a cell [m]: the given one, or the default fraction of the arm's length.
 
     Raises:
         ProblemError: the width is not positive, or exceeds twice the arm's length.

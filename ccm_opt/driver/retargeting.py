@@ -52,7 +52,7 @@ def retarget(
         planner: another planner for the motion from rest; the problem's own when None.
         constraints: constraints of the user for the motion from rest, as for ``solve``. A solution does not keep those
             that it was solved with, so they are given again here.
-        costs: costs of the user, likewise.
+        costs: costs of the user for the motion from rest, also given again here.
         progress: called when a stage starts, and when the search turns to another candidate.
         settings: settings of the stages, as for ``solve``; the defaults when None.
 
@@ -113,7 +113,7 @@ def _retargeted(
         reached: plans the motion from rest to the new goal.
         terms: the user's constraints and costs for the motion from rest.
         stages: names and times the stages.
-        settings: of all stages.
+        settings: settings of all stages.
 
     Raises:
         KeyboardInterrupt: on Ctrl-C; the motion from rest alone is no plan for an arm that is still moving.

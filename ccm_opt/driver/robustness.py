@@ -40,7 +40,7 @@ def tolerance_of(
 
     Args:
         solution: the plan.
-        simulated: whether the survived payload and friction are computed too, by some dozens of simulations.
+        simulated: whether the survived payload and friction are computed too, by a few dozen simulations.
         settings: settings; the defaults when None.
 
     Returns:

@@ -21,15 +21,15 @@ class Settings:
     ``Settings(timing=replace(TimingSettings(), grid=GridSettings(intervals=400)))``.
 
     Attributes:
-        curve: of the curve planner in the plane, from free space to the smooth path.
-        space: of the planner in space.
-        poses: of the search for the best pose at a goal.
-        reach: of the map of reachable tip positions.
-        timing: of timing along a path.
+        curve: settings of the curve planner in the plane, from free space to the smooth path.
+        space: settings of the planner in space.
+        poses: settings of the search for the best pose at a goal.
+        reach: settings of the map of reachable tip positions.
+        timing: settings of timing along a path.
         verification: tolerances of the verifier.
-        room: of the record of the clearance that a motion keeps.
+        room: settings of the record of the clearance that a motion keeps.
         tolerance: precision of the errors that a motion survives.
-        diagnosis: of the explanation of failures.
+        diagnosis: settings of the explanation of failures.
     """
 
     curve: CurvePlannerSettings = field(default_factory=CurvePlannerSettings)

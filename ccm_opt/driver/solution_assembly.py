@@ -95,7 +95,7 @@ def clearance_record(
         problem: the problem as posed.
         trajectory: the motion.
         checks: checks of the verifier, which hold the least gaps.
-        settings: of all stages.
+        settings: settings of all stages.
     """
     room = clearance_over_time(problem, trajectory, problem.wanted_gap, checks, settings.room, settings.verification)
     if room.wanted == 0.0:
@@ -187,7 +187,7 @@ def described(
         problem: the problem that the plan solves.
         plan: a plan that passes every check.
         stages: names and times the stages, including those before.
-        settings: of all stages.
+        settings: settings of all stages.
         figures: further figures of merit, by name.
 
     Raises:

@@ -103,7 +103,7 @@ def verified(
     """Verify a motion and return its checks; arguments as for ``verify``.
 
     Raises:
-        VerificationError: naming the checks that fail.
+        VerificationError: the motion fails checks; the message names them.
     """
     checks = verify(problem, trajectory, joints, settings)
     if failures := failed_checks(checks):
@@ -127,7 +127,7 @@ def timed_and_verified(
         stages: names and times the stages.
         retimer: another method of timing a leg; when None the one that the problem names.
         terms: the user's constraints and costs; they apply to every leg by itself.
-        settings: of all stages.
+        settings: settings of all stages.
 
     Raises:
         NoPlanFound: a path cannot be timed within the limits, or the motion violates a constraint.

@@ -62,7 +62,7 @@ def compiled_constraint(constraint: Constraint, quantities: ArmQuantities) -> Co
     """Return a constraint with its compiled functions.
 
     Raises:
-        ProblemError: the constraint is invalid; the message names it and what is wrong.
+        ProblemError: the constraint is invalid; the message names it and the error.
     """
     expression = _expression(constraint, "constraint", quantities)
     lower = _bound(constraint, "lower", expression.numel())
@@ -107,7 +107,7 @@ def compiled_cost(cost: Cost, quantities: ArmQuantities) -> CompiledCost:
     """Return a cost with its compiled functions.
 
     Raises:
-        ProblemError: the cost is invalid; the message names it and what is wrong.
+        ProblemError: the cost is invalid; the message names it and the error.
     """
     expression = _expression(cost, "cost", quantities)
     if expression.numel() != 1:
@@ -203,9 +203,9 @@ class UserTerms:
         return replace(self, constraints=tuple(_softened(item, q, weight) for item in self.constraints))
 
     def with_costs_lowered(self, share: float) -> "UserTerms":
-        """Return the terms with the weights of costs and soft constraints scaled by a share.
+        """Return the terms with the weights of costs and soft constraints scaled by a factor.
 
-        At a share of 0, costs and soft constraints are dropped.
+        At a factor of 0, costs and soft constraints are dropped.
         """
         if share == 0.0:
             return replace(self, constraints=self.hard, costs=())

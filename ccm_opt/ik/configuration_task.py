@@ -14,7 +14,7 @@ END_TOLERANCE = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class ConfigurationTask:
-    """What the NLP of one configuration is asked to achieve.
+    """The task that the NLP of one configuration must solve.
 
     Attributes:
         base: position of the base, shape (2,) [m].

@@ -150,12 +150,12 @@ def certified_containment(
 ) -> RowBlock:
     """Return the rows that keep the whole curve of a segment in its region.
 
-    They are A_k P + B_i (a_i/m)²/8 ≤ b_k at both ends of every sub-step, m of them per piece.
+    The rows are A_k P + B_i (a_i/m)²/8 ≤ b_k at both ends of every sub-step, m of them per piece.
 
-    Between two points h apart along the curve it leaves their chord by at most B t(1-t) h²/2, t in [0, 1] (the error
-    of linear interpolation, de Boor, chapter II), and the region is convex. Margins α² B h²/2 and (1-α)² B h²/2 at
-    the two points cover that for every α. Everywhere α = 1/2; where the arm itself begins or ends α = 0 leaves that
-    point without margin, since a base or a goal may touch the wall.
+    Between two points h apart along the curve, the curve leaves their chord by at most B t(1-t) h²/2, t in [0, 1] (the
+    error of linear interpolation, de Boor, chapter II), and the region is convex. Margins α² B h²/2 and (1-α)² B h²/2
+    at the two points cover this deviation for every α. Here α = 1/2; where the arm itself begins or ends, α = 0
+    leaves that point without margin, since a base or a goal may touch the wall.
 
     Args:
         k: index of the segment.

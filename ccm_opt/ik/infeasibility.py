@@ -226,7 +226,7 @@ def _meaning(name: str, violation: float, length: float) -> tuple[str, str]:
 def _where(attempt: FailedAttempt, segment: int, piece: int) -> tuple[float, tuple[float, float]]:
     """Return the arc length [m] and position (x, y) [m] of a piece's start, on its segment's chord.
 
-    Both are taken from the solver's last iterate.
+    Arc length and position are taken from the solver's last iterate.
     """
     task = attempt.nlp.task
     states, controls = unpack_variables(attempt.answer.variables)

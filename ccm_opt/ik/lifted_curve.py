@@ -182,7 +182,7 @@ class LiftedCurve:
     def _spline_equations(self) -> RowBlock:
         """Return the equations of the natural spline at the inner knots.
 
-        They are a_{i-1} M_{i-1} + 2 (a_{i-1} + a_i) M_i + a_i M_{i+1} = 6 [ΔC_i/a_i - ΔC_{i-1}/a_{i-1}].
+        The equations are a_{i-1} M_{i-1} + 2 (a_{i-1} + a_i) M_i + a_i M_{i+1} = 6 [ΔC_i/a_i - ΔC_{i-1}/a_{i-1}].
         """
         knots = [PIECES * segment + inside for segment in range(self.segments) for inside in range(1, PIECES)]
         before = self.pieces.take([knot - 1 for knot in knots])

@@ -74,7 +74,7 @@ def build_configuration_nlp(
     """Build the multiple-shooting NLP of a task; nothing is solved.
 
     Args:
-        task: what the configuration must achieve.
+        task: the task that the configuration must solve.
         regions: index of the region of each segment, not decreasing, each region at least once; by default one segment
             per region.
         tip_heading: the tip's heading including whole turns [rad]; by default ``task.goal_heading``.

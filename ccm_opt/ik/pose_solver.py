@@ -191,7 +191,7 @@ class PoseQuestion:
         }
 
     def padded_sides(self) -> dict[str, FloatArray]:
-        """Return the normals (n + 1, sides, d), offsets and gap shares (n + 1, sides), in the base axes.
+        """Return the normals (n + 1, sides, d), offsets and gap fractions (n + 1, sides), in the base axes.
 
         Padding sides have a zero normal, and an offset that always holds.
         """

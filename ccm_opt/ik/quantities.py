@@ -97,8 +97,9 @@ class ArmQuantities(ABC):
     def heading_slopes(self, slopes: FloatArray) -> FloatArray:
         """Convert derivatives with respect to a configuration into derivatives with respect to link turns.
 
-        Both have shape (m, c); the base column becomes a slope per arm length of feed. If one link turns about a bend
-        axis and all other links keep their direction, its own bend grows by the turn and the next bend decreases by it.
+        Argument and result have shape (m, c); the base column becomes a derivative per arm length of feed. If one link
+        turns about a bend axis and all other links keep their direction, the link's own bend grows by the turn and the
+        next bend decreases by as much.
         """
         bends, k = len(self.arm.bend_limits), self.arm.bends_a_joint
         turned: FloatArray = np.concatenate((slopes[:, :bends], self.arm.length * slopes[:, bends:]), axis=1)

@@ -25,7 +25,7 @@ FEED = "feed"
 
 @dataclass(frozen=True)
 class Coordinates:
-    """The layout of an arm's configuration: what each coordinate is and which drive moves it.
+    """The layout of an arm's configuration: the meaning of each coordinate, and the drive that moves it.
 
     Attributes:
         names: name of each coordinate, for messages.

@@ -119,12 +119,12 @@ def interpolate(first: Configuration, last: Configuration, share: float) -> Conf
     """Return a configuration between two others, with linearly interpolated base heading and curvature.
 
     Args:
-        first: the curve at share 0.
-        last: the curve at share 1, with the same base and length.
-        share: 0 gives the first curve, 1 the last.
+        first: the curve at ``share`` 0.
+        last: the curve at ``share`` 1, with the same base and length.
+        share: position between the curves; 0 gives the first curve, 1 the last.
 
     Returns:
-        A curve with the segment boundaries of both; ``last`` itself at share 1.
+        A curve with the segment boundaries of both; ``last`` itself at ``share`` 1.
     """
     if share >= 1.0:
         return last

@@ -23,7 +23,7 @@ def ball_angles(arm: Arm, positions: FloatArray, tolerance: float = LENGTH_TOLER
         arm: the arm.
         positions: positions of the balls and the tip, shape (..., links + 1, 2) in the plane or (..., links + 1, 3) in
             the world [m]; the first must be the arm's base, or lie on its feed axis.
-        tolerance: allowed error of the base position and of the link lengths, as a share of a link.
+        tolerance: allowed error of the base position and of the link lengths, as a fraction of the link length.
 
     Returns:
         Angles in (−π, π], shape (..., 3 * links) [rad].
@@ -109,7 +109,7 @@ def configuration_from_positions(arm: Arm, positions: FloatArray, tolerance: flo
         arm: the arm.
         positions: positions of joints and tip, shape (..., links + 1, 3) [m]; the first is the base, or lies on its
             feed axis.
-        tolerance: allowed error of the base position and of the link lengths, as a share of a link.
+        tolerance: allowed error of the base position and of the link lengths, as a fraction of the link length.
 
     Raises:
         ProblemError: the shape, the base or a link length does not fit the arm.

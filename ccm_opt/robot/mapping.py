@@ -67,9 +67,9 @@ def even_joint_directions(points: FloatArray, link_length: float) -> FloatArray:
 def least_squares_directions(points: FloatArray, means: FloatArray, link_length: float) -> FloatArray:
     """Return the link directions that fit the joints to the curve in least squares, with an exact tip.
 
-    They are d = argmin Σ|P_j − p(s_j)|² + ε Σ angle(d_i, m_i)² subject to the exact tip. Gauss–Newton in the turns of
-    the links, Newton on the tip equations (Nocedal and Wright, Numerical Optimization, chapter 18); each step solves H
-    δ + Jᵀλ = -g, J δ = -c by its Schur complement.
+    The directions are d = argmin Σ|P_j − p(s_j)|² + ε Σ angle(d_i, m_i)² subject to the exact tip. The method is
+    Gauss–Newton in the turns of the links, and Newton on the tip equations (Nocedal and Wright, Numerical Optimization,
+    chapter 18); each step solves H δ + Jᵀλ = -g, J δ = -c with the Schur complement.
 
     Args:
         points: points of the curve at the arc length of every joint, shape (links + 1, d) [m].
