@@ -41,7 +41,7 @@ def main() -> None:
 
 
 def _exit_out_of_memory(message: str) -> None:
-    """Print the error in one line and exit at once: Python's own shutdown may need memory, too."""
+    """Print the error in one line and exit at once, since Python's own shutdown may also need memory."""
     sys.stderr.write(f"error: {message}\n")
     sys.stderr.flush()
     os._exit(1)

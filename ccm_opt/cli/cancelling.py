@@ -153,7 +153,7 @@ def _look(number: int, frame: FrameType | None) -> None:
 def last_steps_uninterrupted() -> None:
     """Only note the next Ctrl-C, without an interrupt, until the block of ``interrupts_as_usual`` ends.
 
-    The work on one file is all but done by then. A second Ctrl-C interrupts as usual, in case those last steps hang.
+    The work on a file is then almost finished. A second Ctrl-C interrupts as usual, in case the last steps hang.
     """
     if threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGINT, _note)

@@ -160,7 +160,7 @@ def simulate_folders(
     Args:
         folders: output folders of ``ccm-opt solve``.
         options: values of ``SimulationOptions`` by name; None keeps the plan's own.
-        disturbances: values of ``Disturbances`` by name, likewise.
+        disturbances: values of ``Disturbances`` by name; None keeps the plan's own.
         pictures: whether to draw ``simulation.png`` into the folder.
 
     Returns:

@@ -255,7 +255,7 @@ class NamedProblems:
         """Read the problem of a file, and report its drawing or meshes.
 
         Raises:
-            ProblemError: the file is invalid, or its problem has the name of an earlier one.
+            ProblemError: the file is invalid, or its problem has the name of an earlier problem.
         """
         if len(self.files) > 1 and not self.warned:
             self.warned = True

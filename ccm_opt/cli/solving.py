@@ -72,7 +72,7 @@ def failures_recorded(
         NoPlanFound: there is no plan; the diagnosis is written to ``solution.json``.
         VerificationError: the verifier rejects the plan; this is also written to ``solution.json``.
         KeyboardInterrupt: on Ctrl-C; a record with the status ``cancelled`` and the reason, as far as it is known, is
-            written; or the plan if there is one already.
+            written; or the plan if it exists already.
         MemoryError: this, or another error of exhausted memory, occurred before a reason was known; recorded as the
             reason.
     """
@@ -121,7 +121,7 @@ def write_unfinished(target: Path, files: Mapping[str, bytes]) -> None:
 
 
 def report_folder(folder: Path, target: Path, what: str) -> None:
-    """Warn that an earlier result is kept, and where the new one was written instead.
+    """Warn that an earlier result is kept, and say where the new result was written instead.
 
     Args:
         folder: folder that was written.

@@ -76,7 +76,7 @@ def listed_problems() -> dict[str, Path]:
 
 
 def _listed_name(file: Path) -> str:
-    """Return the listed name of a problem; those in space get a prefix, since one in the plane may share the name."""
+    """Return the listed name of a problem; problems in space get a prefix, since a planar one may share the name."""
     return f"{SPACE_FOLDER}/{file.stem}" if file.parent.name == SPACE_FOLDER else file.stem
 
 
@@ -102,7 +102,7 @@ def _copy(name: str, known: dict[str, Path], out: Path, taken: dict[Path, str]) 
     """Copy one problem, and the drawing or meshes that it needs.
 
     Raises:
-        ProblemError: there is no problem of that name, or one of the files exists already.
+        ProblemError: there is no problem of that name, or any of the files exists already.
     """
     if name not in known:
         close = difflib.get_close_matches(name, known, n=1)

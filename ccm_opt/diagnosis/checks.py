@@ -139,8 +139,8 @@ class FirstLinkCells:
         """Return whether open cells connect two poses within their tolerances; also true if a pose is in contact.
 
         Args:
-            start: one pose.
-            goal: the other pose.
+            start: first pose.
+            goal: second pose.
             turns: full turns that are added to the first bend of the goal [rad].
         """
         first = self._pose_labels(start, 0.0)

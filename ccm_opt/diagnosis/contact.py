@@ -96,7 +96,7 @@ def _touch(problem: Problem, name: str, key: str, what: str, found: ObstacleGap,
         problem: the problem.
         name: name of the pose.
         key: key of the pose in the problem file.
-        what: part of the arm that is in contact, in words.
+        what: text that names the part of the arm in contact.
         found: gaps to the obstacle.
         k: index of the segment in contact.
         play: amount by which tolerances may widen the gap [m].
@@ -201,7 +201,7 @@ def overloaded(problem: Problem, reason: str, number: int, load: float) -> Findi
 
     Args:
         problem: the problem.
-        reason: joint, pose, load and limit, in words.
+        reason: text that states joint, pose, load and limit.
         number: index of the revolute.
         load: torque that the revolute needs [N m].
     """

@@ -63,7 +63,7 @@ def moved_goals(
 ) -> Iterator[Parameter]:
     """Yield parameters that turn the goal's direction, or move its position, such that the goal may become reachable.
 
-    At most one of each is yielded, and none for problems with a whole-arm goal or several goals.
+    At most one parameter of each kind is yielded, and none for problems with a whole-arm goal or several goals.
 
     Args:
         problem: the problem.
@@ -260,7 +260,7 @@ def _position(problem: Problem, goal: TipGoal, place: FloatArray, *, inside: boo
 
 
 def _in_file(place: FloatArray, unit: LengthUnit) -> str:
-    """Return a position (d,) [m] in the unit of the problem file, to a tenth of a millimetre, in words."""
+    """Return the text of a position (d,) [m] in the problem file's unit, rounded to a tenth of a millimetre."""
     decimals = {"m": 4, "mm": 1, "in": 3}[unit]
     return f"({', '.join(f'{float(coordinate) / METRES[unit]:.{decimals}f}' for coordinate in place)})"
 

@@ -34,10 +34,10 @@ class Parameter:
 
     Attributes:
         key: key of the value in the problem file.
-        easier: +1 if larger values make the problem easier, −1 if smaller ones do.
+        easier: +1 if larger values make the problem easier, −1 if smaller values do.
         read: returns the value in a problem, in SI units and radians.
         write: returns the problem with another value.
-        words: returns a value with its unit, in words.
+        words: returns the text of a value with its unit.
         scale: returns the factor from a value to the unit of ``words``.
         fits: returns whether the parameter can be changed in a problem.
         unit: returns the factor from a value to SI units; 1 except for values that are fractions.

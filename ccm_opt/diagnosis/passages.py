@@ -342,7 +342,7 @@ class PassageWays(Ways):
         return np.asarray(shapely.get_coordinates(shapely.shortest_line(*space.components_of_ends)).mean(axis=0))
 
     def _beside(self, place: FloatArray) -> tuple[str, ...]:
-        """Return the names of the two walls nearest to a position, or of the one that contains it."""
+        """Return the names of the two walls nearest to a position, or of the wall that contains the position."""
         first, *others = nearest_walls(self.problem.workspace, place, 2)
         core = next(wall.core for wall in self.problem.workspace.walls if wall.name == first)
         inside = first != BOUNDARY_NAME and shapely.distance(core, shapely.Point(place)) == 0.0

@@ -272,7 +272,7 @@ class _State:
     def _steps(self, sources: BoolArray) -> FloatArray:
         """Return the number of steps of the shortest chain from source cubes to each cube; ∞ if there is none.
 
-        Undecided cubes count one step each, connected free cubes one step together.
+        Each undecided cube counts as one step; a group of connected free cubes counts as one step together.
         """
         # Connected free cubes are one node of the graph, so passing through all of them costs one step.
         count = len(self.open)

@@ -67,7 +67,7 @@ class CheckWords:
     """Texts that describe one check.
 
     Attributes:
-        title: what was checked.
+        title: name of the checked quantity.
         worst: worst value found, with its unit.
         limit: text for the limit.
         used: fraction of the limit that is used, at least 0; None if the limit is a least gap or 0.
@@ -175,7 +175,7 @@ def check_title(name: str) -> str:
 def _constraint_value(check: Check) -> str:
     """Return the violation of a user's constraint, or its distance from its bounds.
 
-    A soft constraint passes the check with any violation, but here any violation of it is stated as one.
+    Every violation of a soft constraint is stated, although the constraint passes the check with any violation.
     """
     allowed = 0.0 if check.name.startswith("soft") else check.limit
     if not check.worst <= allowed:

@@ -285,7 +285,7 @@ def page_header(problem: Problem, badges: Iterable[Markup], figures: Iterable[Fi
     """Return the header of a page: name, badges, description and figures.
 
     Args:
-        problem: the problem as posed.
+        problem: the original problem.
         badges: verdicts shown next to the name.
         figures: key figures shown below the description.
         units: units of the page.

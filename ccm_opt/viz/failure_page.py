@@ -33,7 +33,7 @@ def finding_marks(problem: Problem, diagnosis: Diagnosis, units: PageUnits) -> l
     """Return the scene marks of all findings; the first finding's text is shown in the scene, the others' in tooltips.
 
     Args:
-        problem: the problem as posed.
+        problem: the original problem.
         diagnosis: reasons why there is no plan.
         units: units of the page.
     """
@@ -181,7 +181,7 @@ def failure_html(
     """Return the HTML report of a problem without a plan.
 
     Args:
-        problem: the problem as posed.
+        problem: the original problem.
         status: how the search ended, as in ``solution.json``.
         diagnosis: reasons why there is no plan.
         timings: CPU times of the stages that ran [s].

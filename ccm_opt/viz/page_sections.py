@@ -122,7 +122,7 @@ def problem_section(problem: Problem, units: PageUnits) -> Markup:
     """Return the section on the problem: arm, limits, workspace, start and goals.
 
     Args:
-        problem: the problem as posed.
+        problem: the original problem.
         units: units of the page.
     """
     rows = [

@@ -160,10 +160,10 @@ _NO_WIDTH = 1e-6
 
 
 def route_layers(problem: Problem, end: FloatArray) -> dict[str, object]:
-    """Return the arm's way around the obstacles in its last pose, pulled taut, and the regions along it.
+    """Return the arm's taut way around the obstacles in its last pose, and the regions along that way.
 
     Args:
-        problem: the problem as posed.
+        problem: the original problem.
         end: joints and tip of the last pose, shape (links + 1, 2) [m].
 
     Returns:

@@ -94,7 +94,7 @@ DEFAULT = ("nlp", "hill-climbing")
 
 
 def method_named(name: str) -> Method:
-    """Return a built-in method, or one for any planner given as ``module:attribute``.
+    """Return a built-in method, or a method that wraps the planner given as ``module:attribute``.
 
     Args:
         name: name of a method, or a reference to a planner or to something that returns one when called without

@@ -45,7 +45,7 @@ class SupervisionSettings:
         time_factor: wall time for planning, as a multiple of the planner's CPU time limit. Derived: the wall guard of
             our own deadlines.
         spare_time: additional wall time for timing, verification and simulation [s]. Taste.
-        most_memory: most resident memory of a run [B]. Taste: our planners take less than a tenth.
+        most_memory: maximum resident memory of a run [B]. Taste: our planners take less than a tenth.
         look_every: time between two checks of a run's memory [s]. Taste.
         last_words: time in which a process may end before it is killed [s]. Taste.
     """

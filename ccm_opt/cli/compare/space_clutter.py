@@ -156,7 +156,7 @@ def space_clutter(seed: int, count: int, links: int, name: str) -> Problem:
 
 
 def _random_body(rng: np.random.Generator, middle: FloatArray) -> Body:
-    """Sample a ball, a box or a bar at a place.
+    """Sample a ball, a box or a bar of random size at a given position.
 
     Balls and boxes are 60 to 180 mm thick; bars are 20 to 60 mm thick and 0.1 to 0.4 m long.
     """

@@ -187,7 +187,7 @@ def claim_port(port: int) -> socket.socket:
     """Open the socket of the page, on this machine only.
 
     Args:
-        port: port number; 0 for any free one.
+        port: port number; 0 for any free port.
 
     Raises:
         ProblemError: the port is in use, or not allowed.

@@ -65,7 +65,7 @@ class MotionFrames:
         return _nearest_row(self.trajectory.time, shares, time)
 
     def swept(self) -> shapely.Geometry:
-        """Return the region of the plane that the arm sweeps, approximated by some of its poses."""
+        """Return the region of the plane that the arm sweeps, approximated by a subset of the motion's poses."""
         chosen = np.linspace(0, len(self.points) - 1, _TUBE_FRAMES).astype(int)
         radius = max(self.problem.arm.radius, VIEW.thin_arm * self.problem.arm.length)
         bodies = shapely.buffer(shapely.linestrings(self.points[chosen]), radius, quad_segs=VIEW.curved)
@@ -94,7 +94,7 @@ class MotionFrames:
 
 
 def _nearest_row(times: FloatArray, rows: FloatArray, time: float) -> FloatArray:
-    """Return the row at the time nearest to a given one."""
+    """Return the row of an array that belongs to the time nearest to a given time."""
     return np.asarray(rows[int(np.argmin(np.abs(times - time)))])
 
 

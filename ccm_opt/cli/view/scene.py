@@ -127,7 +127,7 @@ class Scene:
             self.server.scene.add_line_segments("/room/edges", edges, colours.WALLS, thickness=0.003)
 
     def _draw_obstacle(self, obstacle: Obstacle, most_triangles: int, cell: float) -> None:
-        """Draw one obstacle, replacing an earlier one of its name; in space it is transparent.
+        """Draw one obstacle in place of any earlier obstacle of the same name; obstacles in space are transparent.
 
         Args:
             obstacle: obstacle in the plane or in space.
@@ -194,7 +194,7 @@ class Scene:
             self._draw_route(route_layers(problem, self.frames.points[-1]))
 
     def _draw_route(self, layers: dict[str, object]) -> None:
-        """Draw the arm's way around the obstacles, and the regions along it."""
+        """Draw the arm's way around the obstacles, and the regions along that way."""
         route = np.array(layers.get("route", []), dtype=np.float64)
         if "route" in self.shown and len(route) > 1:
             self._line(LAYERS["route"], self.world(route), colours.GOAL, 0.006)
