@@ -35,7 +35,7 @@ Objective: TypeAlias = Callable[[Shapes], FloatArray]
 
 
 class Ending(StrEnum):
-    """How a climb ended."""
+    """Reasons why a climb can end."""
 
     ARRIVED = "arrived"
     LOCAL_MINIMUM = "local minimum"

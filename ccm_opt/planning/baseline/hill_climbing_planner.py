@@ -158,7 +158,7 @@ def _on_route(taut: FloatArray, distance: float) -> tuple[TipPose, FloatArray]:
 def _track(
     world: World, room: FreeSpace, first: TipPose, way: FloatArray, goal: TipPose, run: float, shrink: float
 ) -> SegmentTrack:
-    """Return the straights and turns from the first subgoal to the goal, along the taut path between their runs.
+    """Return straight runs and turns from the first subgoal to the goal, along the taut path between the end runs.
 
     Raises:
         ProblemError: a turn is too sharp.

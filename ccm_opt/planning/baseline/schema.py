@@ -89,7 +89,7 @@ def hold(
         before: the arm before the change; it must be able to move from there to the result.
         changed: the arm after the change.
         segment: index of the segment whose end is held; the operators change it and those before it.
-        held: pose of its end.
+        held: pose at which that end is held.
         schema: name of the schema, for messages.
 
     Raises:
@@ -128,7 +128,7 @@ def hold(
 
 
 def _middles(beginnings: list[Configuration]) -> tuple[Configuration, ...]:
-    """Return the configurations midway between each initial configuration and the next, coordinate by coordinate."""
+    """Return the configurations midway between consecutive initial configurations, coordinate by coordinate."""
     middles = []
     for one, other in pairwise(beginnings):
         first = Shapes.from_configurations([one])

@@ -134,7 +134,7 @@ def scm_5(world: World, start: Configuration, curve: CurvatureSegment, length: f
     Args:
         world: the world.
         start: configuration of the arm; its tip segment lies on the curve.
-        curve: the segment that the tip segment may become.
+        curve: curve along which the tip segment moves; the tip segment is always its first part.
         length: final length of the segment [m].
 
     Yields:

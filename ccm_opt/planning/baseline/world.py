@@ -71,7 +71,7 @@ class World:
 
     @property
     def of_curve(self) -> "World":
-        """The world with the tips of the curve, as intermediate subgoals require."""
+        """World with the tips of the curve instead of the jointed arm, as intermediate subgoals require."""
         return replace(self, tips=_curve_tips)
 
     def crowding(self, shapes: Shapes) -> FloatArray:

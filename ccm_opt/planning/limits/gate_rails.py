@@ -187,7 +187,7 @@ class GateLines:
 
     # ------------------------------------------------------------ links in gates
     def holds_links(self, points: FloatArray, radius: float) -> BoolArray:
-        """Return which links are in gates, shape (K, links).
+        """Return a mask of the links that are in gates, shape (K, links).
 
         Args:
             points: joints and tips of poses, shape (K, links + 1, 2) [m].

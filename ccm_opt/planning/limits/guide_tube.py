@@ -203,7 +203,7 @@ class GuideTubeLimit(Limit):
         return first
 
     def _bent(self, poses: FloatArray) -> BoolArray:
-        """Return which joints are bent by more than the rounding of splines, shape (K, c) to (K, links)."""
+        """Return a mask of the joints bent by more than the rounding of splines, shape (K, c) to (K, links)."""
         return np.asarray(np.abs(poses[:, : self.arm.links]) > TINY)
 
     def _held_bent(self, poses: FloatArray) -> BoolArray:

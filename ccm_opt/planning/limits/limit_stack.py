@@ -89,8 +89,8 @@ class AtRest(LimitOf[CurveUnknowns]):
 class FeedLimit(LimitOf[CurveMap]):
     """Bounds the feed of an arm in space.
 
-    In a step the base may travel a bounded length, and no farther than until the next joint has to stop just outside
-    the guide tube.
+    In a step, the base may travel a bounded length, but not beyond the point at which the next joint has to stop just
+    outside the guide tube.
     """
 
     def linearised(self, space: CurveMap, pose: Pose, turn: float) -> LimitRows:
@@ -268,11 +268,11 @@ class JointLimit(LimitOf[CurveUnknowns]):
     """Bounds the bends of the joints.
 
     Where the base is fixed, bends are linear in the unknowns and, between keyframes, in the path parameter: rows are
-    exact, and a motion whose keyframes keep the limits keeps them throughout.
+    exact, and a motion whose keyframes satisfy the limits satisfies them throughout.
 
     Attributes:
         arm: the arm.
-        share: share of every limit that rows leave to steps and keyframes.
+        share: share of every limit within which rows keep steps and keyframes.
         accepted: share of every limit up to which the resulting bends are accepted.
     """
 

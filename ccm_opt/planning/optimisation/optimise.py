@@ -56,7 +56,7 @@ _MOST_INTERVALS = 60
 def optimise(
     motion: CurveMotion[Any], task: SearchTask, margin: float | None = None, rounds: int | None = None
 ) -> CurveMotion[Any]:
-    """Shorten a certified motion in its homotopy class.
+    """Shorten a certified motion without leaving its homotopy class.
 
     Args:
         motion: piecewise linear in its unknowns, certified; its keyframes meet all equations.
