@@ -55,7 +55,7 @@ def find_pose(
     that.
 
     Args:
-        problem: with a goal for the tip; in the plane with an arm on a fixed base.
+        problem: problem with a goal for the tip; in the plane, the arm must have a fixed base.
         constraints: constraints of the user; those that cover the goal become rows of the NLP.
         costs: costs of the user; those that cover the goal become terms of its objective.
         progress: called when a stage starts, and when the search turns to another candidate.

@@ -113,8 +113,8 @@ def plan_legs(
     certified legs backwards, and the next leg is planned from there.
 
     Args:
-        problem: with any number of stops; its time limit applies to all legs together.
-        planner: plans a leg.
+        problem: problem with any number of stops; its time limit applies to all legs together.
+        planner: the planner of every leg.
         recorded: known paths with their problems; new ones are appended.
         retrace: whether an arm in space may run legs backwards.
 

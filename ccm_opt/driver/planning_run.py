@@ -49,8 +49,8 @@ class PlanningRun:
 
     Attributes:
         problem: the problem as the caller posed it.
-        planner: given by the caller; None for the built-in one.
-        retimer: given by the caller; None for the one that the problem names.
+        planner: planner given by the caller; None for the built-in one.
+        retimer: retimer given by the caller; None for the one that the problem names.
         constraints: constraints of the user.
         costs: costs of the user.
         terms: constraints and costs, compiled; None when there are none.
@@ -189,7 +189,7 @@ class BuiltInPlanner:
         """Plan a certified path.
 
         Args:
-            problem: with one goal; goals in sequence are planned leg by leg.
+            problem: problem with one goal; goals in sequence are planned leg by leg.
 
         Raises:
             ProblemError: the planner does not suit this problem.
@@ -218,7 +218,7 @@ class BuiltInRetimer:
 
         Args:
             problem: the problem that the path solves.
-            path: from the problem's start to its goal.
+            path: path from the problem's start to its goal.
 
         Raises:
             RetimingError: there is no timing within the limits; the error holds a diagnosis.

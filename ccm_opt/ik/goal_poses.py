@@ -109,7 +109,7 @@ class GoalPoses:
     def wanted_gap(self) -> float:
         """Clearance beyond the required one, above which more clearance does not lower the cost [m].
 
-        This is the problem's preferred clearance; if that is zero, the clearance that a pose keeps by default.
+        It is ``wanted_share`` times the problem's preferred clearance or, if that is zero, the default one.
         """
         return self.wanted_share * (self.problem.wanted_gap or self.problem.default_gap)
 

@@ -47,7 +47,7 @@ def shortfalls(nlp: ConfigurationNLP, configuration: Configuration) -> tuple[Sho
 
     Args:
         nlp: the NLP, for its task and the region of each segment.
-        configuration: in metres, from ``polished_configuration``.
+        configuration: the configuration in metres, from ``polished_configuration``.
     """
     task = nlp.task
     tip, heading = configuration.tip

@@ -224,7 +224,7 @@ def solve_nlp(nlp: ConfigurationNLP, guess: FloatArray) -> RowAnswer:
     """Solve the NLP from a guess, in one thread at a time; failures are reported in the result, not raised.
 
     Args:
-        nlp: from ``build_configuration_nlp``, possibly with more costs.
+        nlp: the NLP from ``build_configuration_nlp``, possibly with more costs.
         guess: initial variables, shape (variables,).
 
     Raises:

@@ -33,7 +33,7 @@ class PoseSettings:
     Attributes:
         segments: number of curvature segments for an arm of up to 24 links; the same as in the coordinates of the
             motion (derived).
-        links_a_segment: number of links beyond 24 for which one segment is added. Measured in space: with too few
+        links_a_segment: number of links beyond 24 per additional segment. Measured in space: with too few
             segments most joints share a piece between knots, and arms of 36 links take a hundred iterations and more
             instead of fifteen, behind holes and in a tank with 36 and 60 links; with three segments, arms that are
             straight up to a hole take three times the iterations (``tests.benchmarks.bench_space_poses``).

@@ -121,7 +121,7 @@ def _tangent_step(
 
 
 def _across(directions: FloatArray) -> FloatArray:
-    """Return unit vectors perpendicular to each direction, shape (n, d), and to each other, shape (n, d - 1, d)."""
+    """Return orthonormal vectors perpendicular to each direction, shape (n, d - 1, d), for directions (n, d)."""
     return np.asarray(np.linalg.svd(directions[:, None, :])[2][:, 1:])
 
 
