@@ -393,7 +393,7 @@ class ParetoPlan:
 
     @property
     def energy(self) -> float:
-        """Energy exchanged by the drives, the time integral of |effort × velocity| [J]; inf without a motion."""
+        """Energy exchanged by the drives, the time integral of ``|effort × velocity|`` [J]; inf without a motion."""
         if self.solution is None:
             return np.inf
         joints = self.solution.joints
