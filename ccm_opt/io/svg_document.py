@@ -219,10 +219,8 @@ _PIXELS: Mapping[str, float] = {
     "q": 96.0 / 101.6,
 }
 """Units of length in user units (CSS Values, section 6.2)."""
-METRES_IN: Mapping[str, float] = {"mm": 1e-3, "cm": 1e-2, "in": 0.0254, "pt": 0.0254 / 72.0, "pc": 0.0254 / 6.0}
-"""Lengths of physical units [m]."""
-PHYSICAL = re.compile(rf"({NUMBER.pattern})(mm|cm|in|pt|pc)", re.IGNORECASE)
-"""A length in a physical unit."""
+_PIXEL = 0.0254 / 96.0
+"""Length of a user unit of a picture without viewBox [m] (likewise)."""
 
 
 def affine(
@@ -279,6 +277,15 @@ def length_of(text: str, view: View, across: bool | None) -> float:
             whole = view.width if across else view.height
         return 0.01 * value * whole
     raise ProblemError(f"it has the length '{text[:40]}', whose unit has no fixed size; use plain numbers")
+
+
+def physical_length(text: str) -> float | None:
+    """Return a length in a physical unit [m]; None for pixels, plain numbers, per cent, and what is no length."""
+    match = _LENGTH.fullmatch(text.strip())
+    unit = "" if match is None else match[2].lower()
+    if match is None or unit in {"", "px"} or unit not in _PIXELS:
+        return None
+    return float(match[1]) * _PIXELS[unit] * _PIXEL
 
 
 def parse_transform(text: str) -> FloatArray:

@@ -14,8 +14,6 @@ from ccm_opt.core.errors import ProblemError
 from ccm_opt.io.shapes import IMPORT
 from ccm_opt.io.svg_document import (
     FOREIGN,
-    METRES_IN,
-    PHYSICAL,
     StyleSheet,
     View,
     affine,
@@ -23,6 +21,7 @@ from ccm_opt.io.svg_document import (
     length_of,
     numbers_in,
     parse_transform,
+    physical_length,
     style_sheet,
 )
 from ccm_opt.problem import LeftOut
@@ -323,10 +322,8 @@ def _metres_per_unit(root: ET.Element, view: View) -> float | None:
 
     Pixels, plain numbers and per cent are no physical sizes.
     """
-    size = PHYSICAL.fullmatch(root.attrib.get("width", "").strip())
-    if size is None or "viewBox" not in root.attrib or not view.width:
-        return None
-    return float(size[1]) * METRES_IN[size[2].lower()] / view.width
+    width = physical_length(root.attrib.get("width", ""))
+    return None if width is None or "viewBox" not in root.attrib or not view.width else width / view.width
 
 
 def _view_box(root: ET.Element) -> View:

@@ -31,10 +31,11 @@ SMOOTHNESS = 2.0
 """Weight on those differences where the turns of joints that a smoother curve cannot reproduce are blended in.
 Measured: among bays of a wing box, blades and pipes, motions to such an end are a twentieth shorter than with little
 weight, with wider gaps."""
-_FEED_A_SPAN = 0.12
-"""Largest feed over a span of a path, and over a piece of an edge [u]. Less than half of the length on which joints
-stay straight beyond the guide tube, so that no joint is bent on a span on which the tube holds it. In a piece bends are
-linear and not those of the curve; measured in pipes, over whole links the two part by up to 27 mm on an arm of 1 m."""
+FEED_A_SPAN = 0.12
+"""Largest feed over a span of a path, over a piece of an edge, and between keyframes of a slide on the tip's path [u].
+Less than half of the length on which joints stay straight beyond the guide tube, so that no joint is bent on a span on
+which the tube holds it. In a piece bends are linear and not those of the curve; measured in pipes, over whole links the
+two part by up to 27 mm on an arm of 1 m."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,7 +121,7 @@ class CurveMap(CurveUnknowns):
             return BSpline(spline.t, np.clip(self.configurations(spline.c), *limits), k)
         ends = spline.t[k:-k]
         fed = np.asarray(spline(ends))[:, self.feed_column] * self.scale[self.feed_column]
-        most = _FEED_A_SPAN * self.nominal_length
+        most = FEED_A_SPAN * self.nominal_length
         parts = np.maximum(np.ceil(np.abs(np.diff(fed)) / most), 1.0).astype(np.intp)
         inner = np.concatenate([np.linspace(ends[i], ends[i + 1], part + 1)[1:] for i, part in enumerate(parts)])
         knots = np.concatenate((np.zeros(k + 1), inner, np.ones(k)))
@@ -181,7 +182,7 @@ class CurveMap(CurveUnknowns):
         places = [before]
         while share < 1.0:
             to_stop = feed_to_next_stop(self, start + share * way, forward=way > 0.0)
-            room = min(to_stop, _FEED_A_SPAN * self.nominal_length)
+            room = min(to_stop, FEED_A_SPAN * self.nominal_length)
             share = 1.0 if abs(way) * (1.0 - share) <= room else share + room / abs(way)
             places.append(before + share * (after - before))
         return places

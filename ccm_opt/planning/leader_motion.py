@@ -17,6 +17,7 @@ from ccm_opt.core.arrays import FloatArray
 from ccm_opt.core.errors import Diagnosis
 from ccm_opt.core.length_words import file_length, short_length
 from ccm_opt.core.polyline import arc_lengths
+from ccm_opt.planning.curve_map import FEED_A_SPAN
 from ccm_opt.planning.followable_ways import slid_along
 from ccm_opt.planning.guides import ArmTrack
 from ccm_opt.planning.limits.following import FOLLOWING_SHARE, FollowingLimit
@@ -29,11 +30,9 @@ from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.biarc import bend_shares, free_before, smooth_step
 from ccm_opt.robot.rigid_motions import NOMINAL_LINKS
 
-_STEP = 0.12
-"""Most feed between two keyframes [u]: less than half of the length on which joints stay straight beyond the guide
-tube, so that no joint is bent on a span of the path on which the tube holds it."""
 _STEP_SHARE = 0.4
-"""The same as a share of that length, where a pose bends a joint closer to the tube."""
+"""Most feed between two keyframes as a share of the length on which joints stay straight beyond the guide tube, where a
+pose bends a joint closer to the tube than usual."""
 _LEAST_STEP = 0.03
 """Least feed between two keyframes [u]. Taste: with less, paths have a thousand keyframes."""
 _SAMPLES = 16
@@ -99,7 +98,7 @@ class OwnPath:
         bends = self.straight > 0.0
         before = min(free_before(arm), 0.5 * self.straight) if bends else free_before(arm)
         unit = arm.length / NOMINAL_LINKS
-        step = max(min(_STEP * unit, _STEP_SHARE * before), _LEAST_STEP * unit)
+        step = max(min(FEED_A_SPAN * unit, _STEP_SHARE * before), _LEAST_STEP * unit)
         feeds = np.linspace(first, self.feed, max(2, int(np.ceil((self.feed - first) / step)) + 1))
 
         def shares(places: FloatArray) -> FloatArray:

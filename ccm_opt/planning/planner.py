@@ -366,10 +366,15 @@ class MotionPlanner:
         return None if lifted is None else replace(planned, motions=(lifted,))
 
 
+def _following(problem: Problem, arm: Arm) -> tuple[FollowingLimit, ...]:
+    """Return the limit on how far a fed arm may leave the path of its tip; none unless the problem sets one."""
+    within = problem.planner.follow_within
+    return () if within is None else (FollowingLimit(arm, within),)
+
+
 def _bounded(problem: Problem, task: SpaceTask) -> SpaceTask:
     """Return the task with the limit, if any, on how far the arm may leave the path of its tip."""
-    within = problem.planner.follow_within
-    return task if within is None else replace(task, held=(*task.held, FollowingLimit(task.arm, within)))
+    return replace(task, held=(*task.held, *_following(problem, task.arm)))
 
 
 def _smoothed(problem: Problem, task: SpaceTask, motions: tuple[SpaceMotion, ...]) -> JointPath:
@@ -382,7 +387,7 @@ def _smoothed(problem: Problem, task: SpaceTask, motions: tuple[SpaceMotion, ...
     behind = path_behind_tip(bounded, motions[0], optimised=True) if task.follows else None
     if behind is not None:
         return behind
-    limits = [limit for limit in bounded.held if isinstance(limit, FollowingLimit)]
+    limits = _following(problem, task.arm)
     kept = [motion for motion in motions if not any(len(limit.failures(motion.configurations)) for limit in limits)]
     if not kept:
         raise MotionNotFound(not_behind_tip(task, limits[0], motions[0]))
@@ -394,8 +399,7 @@ def _limits_of_feed(arm: Arm, problem: Problem) -> tuple[LimitOf[Any], ...]:
     if not arm.base_axes:
         return ()
     tube = GuideTubeLimit(arm, travel_between_samples(arm, problem.limits))
-    within = problem.planner.follow_within
-    return (tube,) if within is None else (tube, FollowingLimit(arm, within))
+    return (tube, *_following(problem, arm))
 
 
 def _nothing_proved() -> None:

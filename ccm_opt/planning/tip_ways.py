@@ -1,6 +1,6 @@
 """Tip paths, the candidates of the search in space."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise, product
@@ -382,12 +382,7 @@ class SpaceTipWays:
 
         if np.any(behind(np.stack((self.start, self.goal, *self.task.via)))):
             return grid
-        low, high = (grid.index(hole + side * (depth + wide)) for side in (-1.0, 1.0))
-        about = tuple(slice(a, b + 1) for a, b in zip(low, high, strict=True))
-        sides = (grid.low[d] + grid.cell * np.arange(low[d], high[d] + 1) for d in range(3))
-        gaps = grid.gaps.copy()
-        gaps[about][behind(np.stack(np.meshgrid(*sides, indexing="ij"), axis=-1))] = 0.0
-        return replace(grid, gaps=gaps)
+        return _closed_where(grid, hole, depth + wide, behind)
 
     def _distances(self, cells: int, longest: float, reach: float) -> GridDistances:
         """Return the distances of the places of a grid, at least up to a reach; arguments as for ``_grid``."""
@@ -449,15 +444,33 @@ def _closed_about(grid: TipGrid, place: FloatArray, radius: float, side: FloatAr
         side: direction to the side on which cells more than half a cell away are closed, shape (3,); all round when
             None.
     """
-    low, high = (grid.index(place + way * radius) for way in (-1.0, 1.0))
+
+    def near(places: FloatArray) -> BoolArray:
+        apart = places - place
+        closed = np.sum(apart**2, axis=-1) < radius**2
+        if side is not None:
+            closed &= apart @ side > 0.5 * grid.cell
+        return np.asarray(closed)
+
+    return _closed_where(grid, place, radius, near)
+
+
+def _closed_where(
+    grid: TipGrid, middle: FloatArray, reach: float, closed: Callable[[FloatArray], BoolArray]
+) -> TipGrid:
+    """Return the grid with the cells closed that a condition selects in a cube.
+
+    Args:
+        grid: the grid.
+        middle: middle of the cube, shape (3,) [m].
+        reach: half of the cube's side [m].
+        closed: returns a mask of the places (..., 3) whose cells are to be closed.
+    """
+    low, high = (grid.index(middle + way * reach) for way in (-1.0, 1.0))
     about = tuple(slice(a, b + 1) for a, b in zip(low, high, strict=True))
     axes = (grid.low[d] + grid.cell * np.arange(low[d], high[d] + 1) for d in range(3))
-    apart = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1) - place
-    closed = np.sum(apart**2, axis=-1) < radius**2
-    if side is not None:
-        closed &= apart @ side > 0.5 * grid.cell
     gaps = grid.gaps.copy()
-    gaps[about][closed] = 0.0
+    gaps[about][closed(np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1))] = 0.0
     return replace(grid, gaps=gaps)
 
 

@@ -236,12 +236,18 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
 
     def _has_room(self, motion: SpaceMotion) -> bool:
         """Return whether a motion has so much clearance that the optimisation should reach the preferred clearance."""
+        return self._keeps(_GRAZING * self.task.wanted_gap, motion.curve, motion.unknowns)
+
+    def _keeps(self, gap: float, curve: CurveMap, unknowns: FloatArray) -> bool:
+        """Return whether a motion, unknowns of shape (K, p), is certified with a gap [m] beyond the clearance.
+
+        The gaps at its keyframes decide first, as they are found sooner.
+        """
         task = self.task
-        room = _GRAZING * task.wanted_gap
-        if task.least_gap(motion.configurations) < room:
+        if task.least_gap(curve.configurations(unknowns)) < gap:
             return False
-        roomy = replace(task, clearance=task.clearance + room)
-        return len(roomy.stepper(motion.curve, 0.0).failing_edges(motion.unknowns)) == 0
+        roomy = replace(task, clearance=task.clearance + gap)
+        return len(roomy.stepper(curve, 0.0).failing_edges(unknowns)) == 0
 
     def _slid(self, way: TipWay, failures: list[Failure]) -> SpaceMotion | None:
         """Return the motion with all joints sliding along a tip path, or None.
@@ -271,12 +277,9 @@ class SpaceRun(SearchRun[SpaceTask, CurveMap]):
             return run, placed_slide(curve, fitted_slide(curve, run.start.v, configurations), configurations)
 
         for room in (_SLIDE_ROOM * task.wanted_gap, 0.0):
-            certified = replace(task, clearance=task.clearance + room)
             for knots in _KNOTS:
                 run, unknowns = fit(knots)
-                if task.least_gap(run.stepper.space.configurations(unknowns)) < room:
-                    continue
-                if len(certified.stepper(run.stepper.space, 0.0).failing_edges(unknowns)) == 0:
+                if self._keeps(room, run.stepper.space, unknowns):
                     return run, unknowns
         return None
 

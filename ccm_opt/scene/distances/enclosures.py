@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 import shapely
@@ -49,6 +50,7 @@ def deepest_enclosure(workspace: Workspace, places: FloatArray, *, entering: flo
     return max(_enclosures(workspace, places, entering), key=lambda found: found.depth, default=None)
 
 
+@lru_cache(maxsize=64)
 def opening_width(body: MeshBody) -> float:
     """Return an upper bound of the diameter of a ball that fits through the widest opening of a mesh [m].
 
@@ -109,8 +111,9 @@ def _enclosures(workspace: Workspace, places: FloatArray, entering: float = math
         low, high = box_about(body.triangles)
         within = (places >= low - body.rounding) & (places <= high + body.rounding)
         numbers = np.flatnonzero(np.all(within, axis=1))
-        # A closed mesh has no opening, and no open shells to leave out.
-        closed_only = len(numbers) > 0 and body.kind == "mesh" and opening_width(body) > 2.0 * entering
+        # Openings matter only to an arm that may enter, and take long to measure.
+        may_enter = len(numbers) > 0 and entering < math.inf and body.kind == "mesh"
+        closed_only = may_enter and opening_width(body) > 2.0 * entering
         for number in numbers:
             # The depth takes longer to find than whether a point is inside; with rounding the depth alone answers both.
             if body.rounding or encloses(body, places[number], closed_only=closed_only):
