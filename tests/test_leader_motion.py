@@ -63,13 +63,16 @@ def test_an_arm_from_its_tube_stays_on_the_path_of_its_tip(seed: int, feed: floa
 @given(seed=st.integers(0, 2**32), feeds=st.tuples(st.floats(-0.6, 0.0), st.floats(-0.6, 0.0)))
 @settings(deadline=None, max_examples=25)
 def test_an_arm_on_another_path_is_drawn_back_first(seed: int, feeds: tuple[float, float]) -> None:
-    """From one pose to another: both are met, in small steps, and no joint in the tube is bent."""
+    """From one pose to another: both are met, no joint in the tube is bent, and steps are small.
+
+    Beyond the tube a joint bends with a smooth step of slope 1.5 at most, and is fed by 0.4 of its length at a time.
+    """
     start, end = pose(seed, feeds[0]), pose(seed + 1, feeds[1])
     keyframes = keyframes_behind_tip(ARM, start, end)
     assert keyframes is not None
     assert np.array_equal(keyframes[[0, -1]], np.stack((start, end)))
     assert not np.any(tubed_bends(keyframes))
-    assert np.max(np.abs(np.diff(keyframes, axis=0))) < 0.3
+    assert np.max(np.abs(np.diff(keyframes, axis=0))) <= 1.5 * 0.4 * ARM.joint_limit
 
 
 def test_an_arm_that_cannot_be_drawn_back_far_enough_has_no_such_motion() -> None:
