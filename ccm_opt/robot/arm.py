@@ -18,20 +18,22 @@ from ccm_opt.robot.link_bodies import DEFAULT_LINK_MASS, cylinder_inertia
 Axes = Literal["zyx", "zyz"]
 MappingName = Literal["least-squares", "even-joints"]
 _LINK_MARGIN_SHARE = 0.2
-"""Share of the free length between two distant links that planning keeps as a margin between them where the full margin
-cannot be kept. Taste."""
+"""Fraction of the free length between two distant links that planning keeps as a margin between them where the full
+margin cannot be kept. Taste."""
 HELD_TOLERANCE = ROUNDING
-"""A joint this close to the hole counts as having passed it [m]."""
+"""Distance before the end of the guide tube within which a joint counts as having left the tube [m]."""
 
 
 @dataclass(frozen=True)
 class Feed:
-    """A linear axis that carries the base along its heading through a guide tube; distances are from ``Arm.base`` [m].
+    """A linear axis that carries an arm's base through a guide tube, along the heading of the straight arm.
+
+    Positions on the axis are measured from ``Arm.base``.
 
     Attributes:
-        low: least position of the base on the axis [m].
-        high: greatest position of the base on the axis [m].
-        hole: where the guide tube ends [m]; joints that have not passed it are held straight.
+        low: lower bound on the position of the base [m].
+        high: upper bound on the position of the base [m].
+        hole: position of the far end of the guide tube [m]; joints still inside the tube are held straight.
     """
 
     low: float
@@ -48,16 +50,17 @@ class Arm:
     everything beyond it by a about its z axis and then by b about the new y axis, and its link lies along the new x
     axis, R_i = R_(i−1) Rz(a_i) Ry(b_i), like a ball joint in ``zyx`` order whose roll stays at zero.
 
-    In the plane, a pose is a row that measures how far a motion turns and moves the arm: the link headings, then the
-    displacement of the base in link lengths. One unit in any column moves the tip by about one link length.
+    In the plane, a pose is a row of the link headings [rad] followed by the displacement of the base in link lengths.
+    Distances between poses weigh turning and feeding alike: one unit in any column moves the arm by about one link
+    length.
 
     Attributes:
         links: number of links, even.
         link_length: l [m].
         radius: radius of the links, whose ends are round [m]; 0 is allowed.
         base: position of the first joint, shape (d,) [m].
-        joint_limit: bound on each bend of every joint except the first [rad].
-        base_limit: bound on each bend of the first joint [rad].
+        joint_limit: bound on the absolute value of each bend of every joint except the first [rad].
+        base_limit: bound on the absolute value of each bend of the first joint [rad].
         self_collision: whether the axes of links far apart along the arm must stay ``2 * radius`` apart.
         mount_length: length of arm, measured from the base, that may touch obstacles [m].
         masses: mass of each link, shape (links,) [kg].
@@ -73,7 +76,7 @@ class Arm:
         payload: point mass carried at the tip [kg].
         rotor_inertia: inertia of the drives, reflected to the joints, one number or shape (3 * links,) [kg m²].
         friction: viscous friction of the joints, one number or shape (3 * links,) [N m s/rad].
-        clamped_joints: number of joints, counted from the base, that planning leaves straight in space.
+        clamped_joints: number of joints, counted from the base, whose bends are limited to zero.
     """
 
     links: int
@@ -126,7 +129,7 @@ class Arm:
         feed: Sequence[float] | FloatArray | None = None,
         hole: float | None = None,
     ) -> "Arm":
-        """Return an arm of solid cylindrical links from its overall dimensions, in the given unit of length.
+        """Return a planar arm of solid cylindrical links from its overall dimensions.
 
         Args:
             length: length of the whole arm.
@@ -135,10 +138,10 @@ class Arm:
             unit: unit of all lengths in this call: "m", "mm" or "in".
             base: position of the first joint, (x, y).
             heading_deg: heading of the straight arm, counter-clockwise from x [deg].
-            joint_limit_deg: bound on the bend of every joint except the first [deg].
-            base_limit_deg: bound on the bend of the first joint [deg].
+            joint_limit_deg: bound on the absolute bend of every joint except the first [deg].
+            base_limit_deg: bound on the absolute bend of the first joint [deg].
             mount_length: length of arm, measured from the base, that may touch obstacles; the radius if None.
-            self_collision: whether distant links must not touch.
+            self_collision: whether links far apart along the arm must not touch each other.
             link_mass: mass of every link, or one mass per link [kg].
             payload: point mass carried at the tip [kg].
             axes: order of the three revolute axes of a ball joint, "zyx" or "zyz".
@@ -192,11 +195,11 @@ class Arm:
 
     @property
     def bends_a_joint(self) -> int:
-        """Number of bends of a joint, 1 in the plane, 2 in space."""
+        """Number of bends of every joint, 1 in the plane, 2 in space."""
         return self.dimension - 1
 
     def with_links(self, links: int) -> "Arm":
-        """Return this arm divided into another number of links, with the same length and evenly spread mass."""
+        """Return an arm of equal length and total mass with another number of links, all of equal mass."""
         share = self.links / links
         return replace(
             self,
@@ -210,12 +213,12 @@ class Arm:
 
     @property
     def coordinates(self) -> Coordinates:
-        """The coordinates of a configuration, one per column, c in all."""
+        """Layout of the arm's configurations: name, unit and drive of each of their c coordinates."""
         return joint_coordinates(self.links, self.bends_a_joint, tuple(FEED for _ in self.base_axes))
 
     @cached_property
     def bend_limits(self) -> FloatArray:
-        """Bound on the absolute value of each bend, in coordinate order, k bends per joint, shape (k links,) [rad]."""
+        """Bound on the absolute value of each bend, joint by joint, shape (k links,) for k bends per joint [rad]."""
         k = self.bends_a_joint
         limits = np.full(k * self.links, self.joint_limit)
         limits[:k] = self.base_limit
@@ -225,14 +228,14 @@ class Arm:
 
     @cached_property
     def lower_limits(self) -> FloatArray:
-        """Least value of every coordinate, shape (c,) [rad, m]."""
+        """Lower bound of every coordinate of a configuration, shape (c,) [rad, m]."""
         limits = np.concatenate((-self.bend_limits, [axis.low for axis in self.base_axes]))
         limits.flags.writeable = False
         return limits
 
     @cached_property
     def upper_limits(self) -> FloatArray:
-        """Greatest value of every coordinate, shape (c,) [rad, m]."""
+        """Upper bound of every coordinate of a configuration, shape (c,) [rad, m]."""
         limits = np.concatenate((self.bend_limits, [axis.high for axis in self.base_axes]))
         limits.flags.writeable = False
         return limits
@@ -254,15 +257,20 @@ class Arm:
         return self.embedded(self.base)
 
     def embedded(self, points: FloatArray) -> FloatArray:
-        """Return points, shape (..., d), in world coordinates, shape (..., 3) [m]; the plane is world x-z."""
+        """Return points of the arm's plane or space, shape (..., d), in world coordinates, shape (..., 3) [m].
+
+        The plane (x, y) is world x-z; points in space are returned unchanged.
+        """
         if self.dimension == 3:
             return points
         return np.stack((points[..., 0], np.zeros(points.shape[:-1]), points[..., 1]), axis=-1)
 
     def configuration(self, bends: FloatArray, feed: float) -> FloatArray:
-        """Return the configuration, shape (c,), with the given bends and base position.
+        """Return the configuration with given bends and a given position of the base, shape (c,) [rad, m].
 
-        Bends have shape (links,) or (links, 2) [rad]; the position of the base on its feed axis is in metres.
+        Args:
+            bends: bends of the joints, shape (links,) in the plane and (links, 2) in space [rad].
+            feed: position of the base on its feed axis [m]; ignored if the base is fixed.
         """
         return np.append(np.ravel(bends), [feed for _ in self.base_axes])
 
@@ -277,9 +285,9 @@ class Arm:
         return self._in_space(q)[0]
 
     def link_rotations(self, q: FloatArray) -> FloatArray:
-        """Return the rotations of the links, whose first columns are the link directions.
+        """Return the rotation matrices of the links; the first column of each is the direction of the link.
 
-        The rotations map link coordinates to world coordinates in space, and to plane coordinates in the plane.
+        They map link coordinates to world coordinates in space, and to plane coordinates in the plane.
 
         Args:
             q: configurations, shape (..., c) [rad, m].
@@ -295,7 +303,13 @@ class Arm:
         return np.stack((np.stack((cos, -sin), axis=-1), np.stack((sin, cos), axis=-1)), axis=-2)
 
     def _in_space(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return positions (..., links + 1, 3) [m] and rotations (..., links, 3, 3) for configurations (..., c)."""
+        """Return the joint and tip positions and the link rotations of configurations in space, shape (..., c).
+
+        Positions have shape (..., links + 1, 3) [m], rotations (..., links, 3, 3).
+
+        Raises:
+            ValueError: the configurations do not have c coordinates.
+        """
         links = self.links
         if q.shape[-1:] != (len(self.coordinates),):
             raise ValueError(f"configurations have the shape {q.shape}; expected (..., {len(self.coordinates)})")
@@ -309,18 +323,19 @@ class Arm:
         return positions, rotations
 
     def bend_pairs(self, q: FloatArray) -> FloatArray:
-        """Return the two bends of every joint in space, shape (..., links, 2) [rad], of configurations (..., c)."""
+        """Return the bends of configurations in space, shape (..., c), as one pair per joint, (..., links, 2) [rad]."""
         return q[..., : 2 * self.links].reshape(*q.shape[:-1], self.links, 2)
 
     def headings(self, q: FloatArray) -> FloatArray:
-        """Return the link headings φ in the plane, shape (..., links) [rad].
+        """Return the link headings of a planar arm, the cumulative sums of its bends, shape (..., links) [rad].
 
-        ``q`` holds bends, shape (..., links), or configurations, shape (..., c).
+        Args:
+            q: bends, shape (..., links), or configurations, shape (..., c).
         """
         return self.base_heading + np.cumsum(q[..., : self.links], axis=-1)
 
     def bends(self, headings: FloatArray) -> FloatArray:
-        """Return the joint bends that give the link headings, both of shape (..., links) [rad].
+        """Return the joint bends of a planar arm for given link headings, both of shape (..., links) [rad].
 
         The first bend is relative to the base heading.
         """
@@ -341,9 +356,9 @@ class Arm:
         return positions + np.asarray(feed)[..., None, None] * self.direction
 
     def poses(self, q: FloatArray) -> FloatArray:
-        """Return the poses of configurations: link headings [rad], then base displacement in link lengths.
+        """Return the link headings [rad] and the base displacements in link lengths of planar configurations.
 
-        Configurations and poses have shape (..., c).
+        Configurations and results have shape (..., c); the headings come first.
         """
         base = q[..., self.links :] / self.link_length
         return np.concatenate((self.headings(q[..., : self.links]), base), axis=-1)
@@ -355,7 +370,7 @@ class Arm:
 
     @property
     def base_axes(self) -> tuple[Feed, ...]:
-        """The axes that carry the base, in the order of their coordinates; empty if the base is fixed."""
+        """Linear axes that carry the base, in the order of their coordinates; empty if the base is fixed."""
         return () if self.feed is None else (self.feed,)
 
     @property
@@ -369,12 +384,15 @@ class Arm:
         return max((axis.hole for axis in self.base_axes), default=-np.inf)
 
     def held(self, feed: FloatArray | float) -> BoolArray:
-        """Return which joints the guide tube still holds straight, boolean, shape (..., links).
+        """Return for each joint whether it is still inside the guide tube, which holds it straight.
 
         Without a guide tube, no joint is held.
 
         Args:
             feed: position of the base on its feed axis, shape (...) [m].
+
+        Returns:
+            Boolean array of shape (..., links).
         """
         along = np.asarray(feed)[..., None] + self.link_length * np.arange(self.links)
         held: BoolArray = along < self.hole - HELD_TOLERANCE
@@ -382,9 +400,10 @@ class Arm:
 
     @property
     def mount_end(self) -> tuple[int, float]:
-        """Index of the link on which the mount ends, and the fraction of that link in [0, 1] that is mount.
+        """Index of the link in which the mount ends, and the fraction of that link that belongs to the mount.
 
-        A fraction of 1 for the last link means that the whole arm is mount.
+        The mount is the first part of the arm, which may touch obstacles. A fraction of 1 for the last link means that
+        the whole arm is mount.
         """
         length = self.mount_length / self.link_length
         # The small number stops rounding from placing the end of a mount of whole links on the previous link.
@@ -393,17 +412,20 @@ class Arm:
 
     @property
     def free_shares(self) -> FloatArray:
-        """Fraction of each link that belongs to the mount; the rest of the link may touch nothing; shape (links,)."""
+        """Fraction of each link that belongs to the mount and so may touch obstacles, from 0 to 1, shape (links,)."""
         return np.clip(self.mount_length / self.link_length - np.arange(self.links), 0.0, 1.0)
 
     def exposed_links(self, points: FloatArray) -> tuple[int, FloatArray]:
-        """Return the index of the first link beyond the mount, and the axes of all links beyond the mount's end.
+        """Return the index of the first link that extends beyond the mount, and the link axes without the mount.
+
+        The axis of a link that belongs to the mount in part is cut at the end of the mount.
 
         Args:
             points: joints and tip of one or more poses, shape (..., links + 1, d) [m].
 
         Returns:
-            The index, and the axes, shape (..., k, 2, d) [m]; no axes if the whole arm is mount.
+            The index, and the two end points of the axis of each of the k links from there on, shape (..., k, 2, d)
+            [m]; k = 0 if the whole arm is mount.
         """
         first, share = self.mount_end
         if share > 1.0 - ROUNDING:
@@ -414,44 +436,54 @@ class Arm:
 
     @property
     def first_self_pair(self) -> int:
-        """Least difference j − i of the indices of two links whose axes must stay two radii apart.
+        """Least difference of the indices of two links that are checked for self-collision.
 
-        Links count as neighbours around a bend unless ``(|i − j| − 1) l ≥ max(2 l, π r)``.
+        Links i and j closer than that along the arm, ``(|i − j| − 1) l < max(2 l, π r)``, may be near each other merely
+        because the arm bends between them.
         """
         reach = max(2.0 * self.link_length, np.pi * self.radius)
         return int(np.ceil(reach / self.link_length - 1e-9)) + 1
 
     @property
     def distant_pairs(self) -> tuple[IntArray, IntArray]:
-        """Pairs of links i < j that are far enough apart along the arm to touch, as two arrays of shape (p,)."""
+        """Pairs of links i < j far enough apart along the arm to count in self-collision, two arrays of shape (p,)."""
         first, second = np.triu_indices(self.links, self.first_self_pair)
         return first, second
 
     @property
     def self_pairs(self) -> tuple[IntArray, IntArray]:
-        """Pairs of links whose axes must stay two radii apart, the distant pairs, or none without self-collision."""
+        """Pairs of links i < j whose axes must stay two radii apart, two arrays of shape (p,).
+
+        They are the distant pairs, or none if self-collision is switched off.
+        """
         if self.self_collision:
             return self.distant_pairs
         none = np.zeros(0, dtype=np.intp)
         return none, none
 
     def link_margins(self, first: IntArray, second: IntArray, margin: float) -> FloatArray:
-        """Return the clearance that planning keeps between the surfaces of distant links, shape (p,) [m].
+        """Return the gap that planning keeps between the surfaces of pairs of distant links, shape (p,) [m].
 
-        Links that are close together along the arm cannot keep the full margin around a tight bend; for these the
-        margin is a fraction of the free length that the links between them leave when stretched out.
+        Links that are close together along the arm cannot keep the full margin around a tight bend. Their gap is at
+        most a fraction of (j − i − 1) l − 2 r, the distance of their surfaces when the arm is straight.
 
         Args:
             first: indices of the links nearer to the base, shape (p,).
             second: indices of the links farther from the base, shape (p,).
-            margin: margin that planning keeps from walls [m].
+            margin: full margin, which planning keeps from walls [m].
         """
         between = (second - first - 1) * self.link_length - 2.0 * self.radius
         return np.clip(_LINK_MARGIN_SHARE * between, 0.0, margin)
 
 
 def _feed_axis(given: Arguments, ends: object, hole: object) -> Feed:
-    """Return the feed axis with the given range and end of the guide tube."""
+    """Return the feed axis for user input; invalid values are collected in ``given``.
+
+    Args:
+        given: collector of argument errors, which also converts lengths to metres.
+        ends: range (least, greatest) of the base position, in the user's unit of length.
+        hole: end of the guide tube, in the user's unit; None for the greatest position.
+    """
     low, high = given.metres * given.numbers("feed", ends, 2, "numbers (least, greatest)")
     given.must(low < high or low == high == 0.0, f"feed: expected (least, greatest) with least < greatest, got {ends}")
     end = high if hole is None else given.length("hole", hole)

@@ -33,10 +33,10 @@ class SpaceArc(NamedTuple):
 def biarc(
     base: FloatArray, frame: FloatArray, tip: FloatArray, direction: FloatArray
 ) -> tuple[SpaceArc, SpaceArc] | None:
-    """Return two arcs that lead from a frame to a point with a given direction, or None if no such arcs exist.
+    """Return the biarc from a start frame to an end point with a given direction, or None if there is none.
 
-    Frames are carried along the arcs without turning about them. No such arcs exist if the tip lies behind the base and
-    points the same way.
+    The frame is carried along the arcs without turning about the tangent. There is no biarc if the end lies straight
+    behind the start and has the start's direction.
 
     Args:
         base: start of the first arc, shape (3,) [m].
@@ -58,7 +58,10 @@ def biarc(
 
 
 def _arc(frame: FloatArray, chord: FloatArray) -> SpaceArc:
-    """Return the arc that starts along t and spans a chord; the arc's angle is twice that between t and the chord."""
+    """Return the circular arc that starts along the first axis t of a frame, shape (3, 3), and ends a chord away.
+
+    The arc turns by twice the angle between t and the chord, shape (3,) [m].
+    """
     along, *aside = frame.T @ chord
     away = float(np.hypot(*aside))
     half = float(np.arctan2(away, along))
@@ -67,27 +70,32 @@ def _arc(frame: FloatArray, chord: FloatArray) -> SpaceArc:
 
 
 STRAIGHT_BEFORE = 0.3
-"""Nominal links beyond the end of the guide tube on which joints are straight: the fewer, the more stops."""
+"""Length beyond the end of the guide tube on which joints stay straight, in nominal links (1/24 of the arm). A shorter
+one needs more stops of the feed."""
 FREE_AFTER = 2.0
-"""Nominal links beyond the end of the guide tube after which joints bend freely."""
+"""Distance beyond the end of the guide tube from which on joints bend freely, in nominal links (1/24 of the arm)."""
 
 
 def free_before(arm: Arm) -> float:
     """Return the arc length beyond the end of the guide tube on which joints stay straight [m].
 
-    Every emerging joint stops on this length once, so that no joint begins to bend while the tube still holds it.
+    The feed stops once for every emerging joint within this length, so that no joint begins to bend while the tube
+    still holds it.
     """
     return STRAIGHT_BEFORE * arm.length / NOMINAL_LINKS
 
 
 def bend_shares(arm: Arm, places: FloatArray) -> FloatArray:
-    """Return the fraction of its full bend that each joint may take at its position, shape (joints,).
+    """Return the fraction of its bend limit that each joint may use, given its distance from the guide tube.
 
-    The fraction grows smoothly from 0 to 1 beyond the end of the guide tube.
+    The fraction grows smoothly from 0 near the end of the tube to 1 farther out; without a tube all fractions are 1.
 
     Args:
         arm: the arm, with or without a guide tube.
-        places: arc lengths of the joints beyond the end of the tube, shape (joints,) [m].
+        places: arc lengths from the end of the tube to the joints, shape (joints,) [m].
+
+    Returns:
+        Fractions from 0 to 1, shape (joints,).
     """
     if not arm.base_axes:
         return np.ones(len(places))
@@ -95,16 +103,19 @@ def bend_shares(arm: Arm, places: FloatArray) -> FloatArray:
 
 
 def smooth_step(places: FloatArray, first: float, last: float) -> FloatArray:
-    """Return values that grow from 0 to 1 between two places, with zero slope at both, in the shape of ``places``."""
+    """Return 3 x² − 2 x³ with x growing from 0 at ``first`` to 1 at ``last`` and clipped to [0, 1].
+
+    The result has the shape of ``places`` and zero slope at both ends.
+    """
     x = np.clip((places - first) / (last - first), 0.0, 1.0)
     return np.asarray(x * x * (3.0 - 2.0 * x))
 
 
 def straight_at_exit(arm: Arm, q: FloatArray) -> FloatArray:
-    """Return the configuration with the joints just beyond the end of the guide tube straightened.
+    """Return a configuration in space with the bends of all joints inside or just outside the guide tube set to zero.
 
-    A joint there would have to bend within the short feed since it left the tube, which no smooth path can do. The
-    caller has to restore the tip position afterwards.
+    Such a joint would have to bend within the short feed since it left the tube, which no smooth joint path can do.
+    The caller has to restore the tip position afterwards. Without a tube the configuration is returned unchanged.
 
     Args:
         arm: the arm, with or without a guide tube.

@@ -19,10 +19,10 @@ from ccm_opt.robot.rigid_motions import carried, chained
 from ccm_opt.robot.segment import EVEN_KNOTS, CurvatureSegment, Knots, curvature_spline
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(8)
-"""Gauss points for positions, and over a link. In space directions are smooth except at knots, where their third
-derivative jumps."""
+"""Gauss-Legendre nodes and weights on [-1, 1] for positions, and for means over a link. Directions are smooth except at
+spline knots, where their third derivative jumps."""
 _MAGNUS_NODES = np.polynomial.legendre.leggauss(3)[0]
-"""Gauss points of one integration step of a curve in space."""
+"""Gauss-Legendre nodes on [-1, 1] of one step of the Magnus integration of a curve in space."""
 MAX_TURN_STEP = 0.4
 """Largest total turn in a quadrature interval [rad]; the error of 8 Gauss points is then below 1e-12 of its length."""
 MOST_TURN = 0.05
@@ -31,18 +31,18 @@ MOST_TURN = 0.05
 LEAST_STEPS = 40
 """Least number of steps per segment in space, so that the curvature changes little within one step."""
 _PROBES = 5
-"""Number of places between two knots at which the curvature is sampled to choose the step size."""
+"""Number of arc lengths per interval at which the curvature is sampled to choose the step size."""
 
 
 def integrate_positions(
     heading_at: Callable[[FloatArray], FloatArray], arc: FloatArray, knots: FloatArray
 ) -> FloatArray:
-    """Return the positions relative to the base at given arc lengths, shape (m, 2) [m].
+    """Return the positions on a planar curve relative to its base, ∫ (cos θ, sin θ) ds, by Gauss-Legendre quadrature.
 
     Args:
-        heading_at: exact heading as a function of arc length [rad].
-        arc: increasing arc lengths, shape (m,) [m].
-        knots: arc lengths of the spline's knots, increasing; quadrature intervals never straddle one.
+        heading_at: heading θ of the curve as a function of arc length [rad].
+        arc: arc lengths of the positions, increasing, shape (m,) [m].
+        knots: arc lengths of the knots of the curvature spline, increasing [m]; no quadrature interval contains one.
 
     Returns:
         Shape (m, 2) [m].
@@ -56,7 +56,12 @@ def integrate_positions(
 
 
 def _refine(heading_at: Callable[[FloatArray], FloatArray], edges: FloatArray) -> FloatArray:
-    """Return the edges with their intervals divided until the curve turns by at most ``MAX_TURN_STEP`` on each."""
+    """Return increasing arc lengths refined until a planar curve turns by at most ``MAX_TURN_STEP`` between two.
+
+    Args:
+        heading_at: heading of the curve as a function of arc length [rad].
+        edges: arc lengths, increasing [m]; all are kept.
+    """
     probes = heading_at(np.linspace(0.0, 1.0, 9)[:, None] * np.diff(edges) + edges[:-1])
     # The heading is a quartic between knots: nine probes capture almost all of its total turn.
     turns = np.abs(np.diff(probes, axis=0)).sum(axis=0)
@@ -65,7 +70,7 @@ def _refine(heading_at: Callable[[FloatArray], FloatArray], edges: FloatArray) -
 
 
 def _parted(edges: FloatArray, counts: IntArray) -> FloatArray:
-    """Return the arc lengths that divide each interval between edges into the given number of equal parts."""
+    """Return edges, shape (m + 1,), with each of the m intervals divided into ``counts`` equal parts, shape (m,)."""
     first = np.repeat(np.cumsum(counts) - counts, counts)
     share = (np.arange(counts.sum()) - first) / np.repeat(counts, counts)
     return np.append(np.repeat(edges[:-1], counts) + share * np.repeat(np.diff(edges), counts), edges[-1])
@@ -84,11 +89,11 @@ class Curve(Protocol):
 
     @property
     def boundaries(self) -> FloatArray:
-        """Arc lengths of the segment boundaries, 0 first and L last, shape (segments + 1,) [m]."""
+        """Arc lengths of the segment boundaries from 0 to L, shape (segments + 1,) [m]."""
 
     @property
     def length(self) -> float:
-        """Total length L [m]."""
+        """Total length L of the curve [m]."""
 
     def positions_at(self, arc: FloatArray) -> FloatArray:
         """Return the positions, shape (m, d) [m], at increasing arc lengths in [0, L], shape (m,) [m]."""
@@ -118,14 +123,14 @@ class Configuration:
         curvatures: Sequence[FloatArray],
         knots: Sequence[Knots] | None = None,
     ) -> "Configuration":
-        """Join segments end to end from a base pose and return the curve; the headings of the segments follow.
+        """Return the planar curve of given segments joined end to end; headings are continuous at the joints.
 
         Args:
             base: position of the base, shape (2,) [m].
             heading: heading at the base [rad].
-            lengths: segment lengths [m].
-            curvatures: five values per segment [1/m].
-            knots: three inner knots per segment; evenly spaced if None.
+            lengths: length of each segment [m].
+            curvatures: curvature at the five knots of each segment, arrays of shape (5,) [1/m].
+            knots: three inner knots of each segment as fractions of its length; evenly spaced if None.
         """
         segments: list[CurvatureSegment] = []
         for k, (length, curvature) in enumerate(zip(lengths, curvatures, strict=True)):
@@ -148,7 +153,7 @@ class Configuration:
 
     @cached_property
     def breakpoints(self) -> FloatArray:
-        """Arc lengths of all spline knots and boundaries, increasing, 0 first and L last [m]."""
+        """Arc lengths of all spline knots and segment boundaries, increasing from 0 to L [m]."""
         knots = [start + s.breakpoints[:-1] for start, s in zip(self.boundaries[:-1], self.segments, strict=True)]
         return np.append(np.concatenate(knots), self.boundaries[-1])
 
@@ -159,20 +164,20 @@ class Configuration:
 
     @cached_property
     def spline(self) -> PPoly:
-        """Curvature over arc length [1/m]."""
+        """Curvature of the curve as a function of arc length [1/m], a piecewise cubic."""
         return curvature_spline(np.concatenate([segment.coefficients for segment in self.segments]), self.breakpoints)
 
     @cached_property
     def _turns(self) -> PPoly:
-        """Turn from the base, ∫ κ ds, over arc length [rad]."""
+        """Turn of the heading from the base, ∫ κ ds, as a function of arc length [rad]."""
         return self.spline.antiderivative()
 
     def curvature_at(self, arc: FloatArray) -> FloatArray:
-        """Return the curvature at arc lengths in [0, L], shape of ``arc`` [1/m]."""
+        """Return the curvature at arc lengths in [0, L], in the shape of ``arc`` [1/m]."""
         return np.asarray(self.spline(arc))
 
     def heading_at(self, arc: FloatArray) -> FloatArray:
-        """Return the heading at arc lengths in [0, L], shape of ``arc`` [rad]; exact."""
+        """Return the exact heading at arc lengths in [0, L], in the shape of ``arc`` [rad]."""
         return np.asarray(self.base_heading + self._turns(arc))
 
     def positions_at(self, arc: FloatArray) -> FloatArray:
@@ -183,22 +188,22 @@ class Configuration:
         return self.base + integrate_positions(self.heading_at, np.asarray(arc, dtype=np.float64), self.breakpoints)
 
     def heading_integral_at(self, arc: FloatArray) -> FloatArray:
-        """Return the integral of the heading from the base to arc lengths, shape of ``arc`` [rad m]; exact."""
+        """Return the exact integral of the heading over arc length from 0 to ``arc``, in its shape [rad m]."""
         return np.asarray(self.base_heading * arc + self._turns.antiderivative()(arc))
 
     def mean_headings(self, links: int) -> FloatArray:
-        """Return the mean heading over each of ``links`` equal arc lengths, shape (links,) [rad]; exact."""
+        """Return the exact mean heading over each of ``links`` equal arc lengths, shape (links,) [rad]."""
         edges = np.linspace(0.0, self.length, links + 1)
         means: FloatArray = np.diff(self.heading_integral_at(edges)) * (links / self.length)
         return means
 
     def mean_directions(self, links: int) -> FloatArray:
-        """Return the directions of the mean headings, shape (links, 2)."""
+        """Return the unit vectors of the mean headings over ``links`` equal arc lengths, shape (links, 2)."""
         return unit_vector(self.mean_headings(links))
 
     @cached_property
     def tip(self) -> tuple[FloatArray, float]:
-        """Position (2,) [m] and heading [rad] of the tip."""
+        """Position of the tip, shape (2,) [m], and heading of the tip [rad]."""
         return self.positions_at(np.array([self.length]))[0], self.segments[-1].end_heading
 
 
@@ -207,8 +212,8 @@ class SpaceSegment(NamedTuple):
 
     Attributes:
         length: L, positive [m].
-        curvature: κ1 and κ2 at the five knots, shape (5, 2) [1/m].
-        knots: S_b, S_c, S_d with 0 < S_b < S_c < S_d < 1.
+        curvature: curvatures κ1 and κ2 at the five knots, shape (5, 2) [1/m].
+        knots: the three inner knots as fractions of the length, increasing between 0 and 1.
     """
 
     length: float
@@ -223,7 +228,7 @@ class SpaceConfiguration:
     Attributes:
         base: position of the base, shape (3,) [m].
         base_frame: (t, n1, n2) at the base as columns, a rotation, shape (3, 3).
-        turns: two planar curves, one for each curvature; their headings are the turns ∫ κ ds.
+        turns: two planar curves whose curvatures are κ1 and κ2, so that their headings are ∫ κ1 ds and ∫ κ2 ds.
     """
 
     base: FloatArray
@@ -243,14 +248,14 @@ class SpaceConfiguration:
         curvatures: Sequence[FloatArray],
         knots: Sequence[Knots] | None = None,
     ) -> "SpaceConfiguration":
-        """Join segments end to end from a base frame and return the curve.
+        """Return the curve in space of given segments joined end to end, starting with a given frame.
 
         Args:
             base: position of the base, shape (3,) [m].
             frame: (t, n1, n2) at the base as columns, shape (3, 3).
-            lengths: segment lengths [m].
-            curvatures: five pairs (κ1, κ2) per segment, each array of shape (5, 2) [1/m].
-            knots: three inner knots per segment; evenly spaced if None.
+            lengths: length of each segment [m].
+            curvatures: κ1 and κ2 at the five knots of each segment, arrays of shape (5, 2) [1/m].
+            knots: three inner knots of each segment as fractions of its length; evenly spaced if None.
 
         Raises:
             ValueError: the arguments do not make valid segments.
@@ -266,7 +271,7 @@ class SpaceConfiguration:
 
     @cached_property
     def segments(self) -> tuple[SpaceSegment, ...]:
-        """The segments, base first."""
+        """Segments of the curve, from the base to the tip."""
         pairs = zip(*(turn.segments for turn in self.turns), strict=True)
         return tuple(
             SpaceSegment(one.length, np.column_stack((one.curvature, other.curvature)), one.knots)
@@ -284,7 +289,7 @@ class SpaceConfiguration:
         return self.turns[0].length
 
     def curvature_at(self, arc: FloatArray) -> FloatArray:
-        """Return κ1 and κ2, shape (..., 2) [1/m], at arc lengths in [0, L], shape (...) [m]."""
+        """Return the curvatures κ1 and κ2, shape (..., 2) [1/m], at arc lengths in [0, L], shape (...) [m]."""
         return np.stack([turn.curvature_at(arc) for turn in self.turns], axis=-1)
 
     def sample_frames(self, arc: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -306,7 +311,10 @@ class SpaceConfiguration:
         return frames[at], self.base + places[at]
 
     def _steps(self, edges: FloatArray) -> FloatArray:
-        """Return arc lengths, including the edges, spaced so closely that the curve turns very little in between."""
+        """Return increasing arc lengths refined until the curve turns by at most ``MOST_TURN`` between two.
+
+        Every segment has at least ``LEAST_STEPS`` of the intervals. ``edges`` are arc lengths, all of which are kept.
+        """
         probes = np.linspace(edges[:-1], edges[1:], _PROBES)
         sharpest = np.linalg.norm(self.curvature_at(probes), axis=-1).max(axis=0)
         # A nearly straight curve may still change its curvature a lot over a long step.
@@ -321,7 +329,8 @@ class SpaceConfiguration:
     def mean_directions(self, links: int) -> FloatArray:
         """Return the mean direction over each of ``links`` equal arc lengths, shape (links, 3).
 
-        Turns are averaged relative to the frame at the middle of each length; in the plane this gives the mean heading.
+        The rotation vectors from the direction in the middle of a length to its other directions are averaged; for a
+        curve in a plane the result is the direction of the mean heading.
         """
         length = self.length / links
         middles = length * (np.arange(links) + 0.5)
@@ -342,6 +351,6 @@ class SpaceConfiguration:
 
     @cached_property
     def tip(self) -> tuple[FloatArray, FloatArray]:
-        """Position (3,) [m] and direction (3,) of the tip."""
+        """Position of the tip, shape (3,) [m], and direction of the tip, a unit vector of shape (3,)."""
         frames, places = self.sample_frames(np.array([self.length]))
         return places[0], frames[0, :, 0]

@@ -1,15 +1,15 @@
-"""Coordinates of an arm's configuration: names, units, drives, and the limits of the drives.
+"""Coordinates of an arm's configuration, with their names, units and drives, and the limits of the drives.
 
 A configuration q of an arm is one row of numbers: first the coordinates that bend its joints, then those that carry its
-base. Planning, timing, simulation and verification exchange such rows; the layout, or the arm, tells them the meaning
-of every entry. An arm with a fixed base has no coordinates of the second kind; their arrays then have shape (…, 0), so
+base. Planning, timing, simulation and verification exchange such rows; the layout, or the arm, gives the meaning of
+every entry. An arm with a fixed base has no coordinates of the second kind; their arrays then have shape (…, 0), so
 that sums over them are zero and loops over them do nothing.
 
 Plans use a fraction σ of the limits on velocities, accelerations, jerks and efforts, to leave a reserve for the
 controller. Part of an effort does not depend on timing: the effort that holds the arm still under gravity. Let h be
-that part as a fraction of the limit. A planned effort may then take max(σ, h + ½ σ (1 − h)) of the limit: normally σ;
-and where gravity alone takes so much that hardly any of σ is left for moving, h and half of the usual fraction σ of the
-rest. So an arm that can be held still can be moved, whatever σ is; and σ = 1 means the limits themselves.
+that part as a fraction of the limit. A planned effort may then take max(σ, h + ½ σ (1 − h)) of the limit: normally σ,
+but where gravity leaves little or nothing of σ for moving, h and half of the usual fraction σ of the rest. So an arm
+that can be held still can be moved, whatever σ is; σ = 1 means the full limits.
 """
 
 from dataclasses import dataclass
@@ -72,7 +72,7 @@ class Coordinates:
 
     @property
     def drive_count(self) -> int:
-        """Number of drives, all revolutes, and the axes that carry the base."""
+        """Number of drives: one for every revolute and one for every axis that carries the base."""
         return self.revolutes + len(self.base_names)
 
     def advance(self, q: FloatArray) -> FloatArray:
@@ -86,14 +86,18 @@ class Coordinates:
         return np.asarray(np.sum(q[..., self.base], axis=-1))
 
     def travel(self, change: FloatArray, link_length: float) -> FloatArray:
-        """Return a bound on how far any point of the arm moves for a change of coordinates, shape (...) [m].
+        """Return an upper bound on the displacement of any point of the arm for a change of coordinates [m].
 
-        A link that turns moves everything beyond it by at most its length times its turn. In the plane that turn is the
-        sum of the bends up to the link; in space bends are about different axes, so opposite bends need not cancel.
+        A link that turns moves everything beyond it by at most its length times its turn. In the plane the turn is the
+        absolute sum of the bend changes up to the link; in space joints bend about different axes, so opposite changes
+        need not cancel, and the sum of their norms is taken.
 
         Args:
             change: change of the coordinates, shape (..., c) [rad, m].
-            link_length: l [m].
+            link_length: length of a link [m].
+
+        Returns:
+            Bounds, shape (...).
         """
         bends = change[..., self.bends]
         if self.bends_a_joint > 1:
@@ -104,11 +108,11 @@ class Coordinates:
 
 @lru_cache(maxsize=64)
 def joint_coordinates(links: int, bends_a_joint: int = 1, axes: tuple[str, ...] = ()) -> Coordinates:
-    """Return the coordinates of an arm: the bends of its joints, then the axes that carry its base.
+    """Return the layout of an arm's configurations: the bends of its joints, then the axes that carry its base.
 
-    Ball i has the revolutes 3 i to 3 i + 2, in the order of ``joint_names``. The planar bend is the angle of the second
-    revolute with opposite sign; the bends a and b in space are the angles of the first and the second. The remaining
-    revolutes stay at zero.
+    Ball joint i has the revolutes 3 i to 3 i + 2, in the order of ``joint_names``. The planar bend is the angle of the
+    second revolute with opposite sign; the bends a and b in space are the angles of the first and the second. The
+    remaining revolutes stay at zero.
 
     Args:
         links: number of links.
@@ -132,12 +136,12 @@ def joint_coordinates(links: int, bends_a_joint: int = 1, axes: tuple[str, ...] 
 
 @dataclass(frozen=True)
 class PointLimit:
-    """Bounds on the motion of a point of the arm.
+    """Bounds on the speed and acceleration of a point of the arm.
 
     Attributes:
-        at: arc length along the arm from its base [m]; None for the tip.
-        velocity: greatest speed [m/s]; inf if it is not limited.
-        acceleration: greatest acceleration in any direction [m/s²]; inf if it is not limited.
+        at: arc length along the arm from its base to the point [m]; None for the tip.
+        velocity: upper bound on the speed [m/s]; inf for no limit.
+        acceleration: upper bound on the magnitude of the acceleration [m/s²]; inf for no limit.
     """
 
     at: float | None = None
@@ -146,23 +150,25 @@ class PointLimit:
 
     @property
     def name(self) -> str:
-        """Name of the point in messages."""
+        """Name of the point for messages, "tip" or its arc length."""
         return "tip" if self.at is None else f"point at {self.at:g} m"
 
 
 @dataclass(frozen=True)
 class Limits:
-    """Bounds on every revolute; each array has shape (3 * links,), with the three revolutes of a ball in a row.
+    """Limits of an arm's revolutes, feed axis and points; every bound is on the absolute value.
+
+    Arrays have shape (3 * links,), with the three revolutes of a ball joint in a row.
 
     Attributes:
-        velocity: greatest velocities of the revolutes [rad/s].
-        acceleration: greatest accelerations of the revolutes [rad/s²].
-        torque: greatest torques of the revolutes [N m], or None if torque is not limited.
-        feed_velocity: greatest velocity of the feed axis [m/s], or None if there is no feed axis.
-        feed_acceleration: greatest acceleration of the feed axis [m/s²], or None if there is no feed axis.
-        feed_force: greatest force of the feed axis [N], or None if it is not limited.
-        jerk: greatest jerks of the revolutes [rad/s³], or None if jerk is not limited.
-        feed_jerk: greatest jerk of the feed axis [m/s³], or None if it is not limited.
+        velocity: bounds on the velocities of the revolutes [rad/s].
+        acceleration: bounds on the accelerations of the revolutes [rad/s²].
+        torque: bounds on the torques of the revolutes [N m], or None for no limit.
+        feed_velocity: bound on the velocity of the feed axis [m/s], or None if there is no feed axis.
+        feed_acceleration: bound on the acceleration of the feed axis [m/s²], or None if there is no feed axis.
+        feed_force: bound on the force of the feed axis [N], or None for no limit.
+        jerk: bounds on the jerks of the revolutes [rad/s³], or None for no limit.
+        feed_jerk: bound on the jerk of the feed axis [m/s³], or None for no limit.
         points: limits of points of the arm, such as its tip.
     """
 
@@ -177,7 +183,7 @@ class Limits:
     points: tuple[PointLimit, ...] = ()
 
     def of_drives(self, coordinates: Coordinates) -> "DriveLimits":
-        """Return the limits of every drive of an arm, in the order of the drives."""
+        """Return the limits of every drive of an arm: all revolutes, then the axes that carry the base."""
         axes = len(coordinates.base_names)
 
         def both(of_revolutes: FloatArray | None, of_axes: float | None) -> FloatArray:
@@ -192,20 +198,22 @@ class Limits:
         )
 
     def of_coordinates(self, coordinates: Coordinates) -> "DriveLimits":
-        """Return the limits of the drives that move an arm's coordinates, one per coordinate."""
+        """Return the limits of an arm's coordinates, one entry per coordinate: those of the drives that move them."""
         return self.of_drives(coordinates).of(coordinates.drive_numbers)
 
 
 def planned_share(holding: FloatArray, share: float) -> FloatArray:
-    """Return the fraction of its limit that a planned effort may take; the module's docstring gives the formula.
+    """Return the fraction max(σ, h + ½ σ (1 − h)) of its limit that a planned joint effort may take.
+
+    The module's docstring explains the formula.
 
     Args:
-        holding: effort that holds the arm still at each pose, as a signed fraction of the limit.
-        share: σ, the fraction of the limits that plans normally use.
+        holding: effort that holds the arm still at each pose, as a signed fraction of the limit; h is its magnitude,
+            clipped to 1.
+        share: fraction σ of the limits that plans normally use.
 
     Returns:
-        Fractions in the shape of ``holding``, at most 1, and above the magnitude of ``holding`` wherever that is below
-        1.
+        Fractions in the shape of ``holding``, at most 1, and above h wherever h is below 1.
     """
     held = np.minimum(np.abs(holding), 1.0)
     return np.asarray(np.maximum(share, held + 0.5 * share * (1.0 - held)))
@@ -213,13 +221,13 @@ def planned_share(holding: FloatArray, share: float) -> FloatArray:
 
 @dataclass(frozen=True)
 class DriveLimits:
-    """Limits of several drives, one entry per drive; ∞ where there is no limit.
+    """Limits of n drives on absolute values; ∞ where there is no limit.
 
     Attributes:
-        velocity: greatest velocities, shape (n,) [rad/s, m/s].
-        acceleration: greatest accelerations, shape (n,) [rad/s², m/s²].
-        jerk: greatest jerks, shape (n,) [rad/s³, m/s³].
-        effort: greatest efforts, shape (n,) [N m, N].
+        velocity: bounds on the velocities, shape (n,) [rad/s, m/s].
+        acceleration: bounds on the accelerations, shape (n,) [rad/s², m/s²].
+        jerk: bounds on the jerks, shape (n,) [rad/s³, m/s³].
+        effort: bounds on the efforts, shape (n,) [N m, N].
     """
 
     velocity: FloatArray
@@ -228,12 +236,9 @@ class DriveLimits:
     effort: FloatArray
 
     def rates_within(self, share: float) -> "DriveLimits":
-        """Return the limits with velocities, accelerations and jerks scaled by a factor.
-
-        Limits on efforts are not changed.
-        """
+        """Return drive limits with velocities, accelerations and jerks scaled by a factor, and unchanged efforts."""
         return DriveLimits(share * self.velocity, share * self.acceleration, share * self.jerk, self.effort)
 
     def of(self, drives: IntArray) -> "DriveLimits":
-        """Return the limits of the drives that have the given indices."""
+        """Return the limits of the drives with given indices, shape (k,), in that order."""
         return DriveLimits(self.velocity[drives], self.acceleration[drives], self.jerk[drives], self.effort[drives])

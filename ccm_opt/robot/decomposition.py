@@ -1,9 +1,9 @@
-"""Decomposition of a configuration (section 2.2): add, delete, divide and merge segments, and move a boundary.
+"""Operations on the segments of a planar curve: add, delete, divide, merge, move a boundary (paper, section 2.2).
 
-Dividing, merging and moving a boundary leave the curve as it is. Its curvature is a piecewise cubic over arc length; a
-segment holds up to four of the pieces exactly if they join with continuous second derivatives. So a part of a divided
-segment keeps the knots that lie in it, is given idle knots to make up three, and keeps the second derivatives at its
-ends.
+Dividing, merging and moving a boundary leave the shape of the curve as it is. The curvature of a curve is a piecewise
+cubic over arc length; a segment holds up to four pieces exactly if they join with continuous second derivatives. So a
+part of a divided segment keeps the knots inside it, gets further knots without effect up to three inner knots, and
+keeps the second derivatives at its ends.
 """
 
 from collections.abc import Sequence
@@ -22,16 +22,16 @@ _FIT_SAMPLES = 65
 
 
 def add_segment(configuration: Configuration, segment: CurvatureSegment) -> Configuration:
-    """Return the configuration with one more segment at its tip, which continues from the tip's heading."""
+    """Return a planar curve extended by a segment at its tip; the segment is turned to start at the tip's heading."""
     heading = configuration.segments[-1].end_heading
     return Configuration(configuration.base, (*configuration.segments, replace(segment, heading=heading)))
 
 
 def delete_segment(configuration: Configuration) -> Configuration:
-    """Return the configuration without its tip segment.
+    """Return a planar curve without its last segment.
 
     Raises:
-        ProblemError: the configuration has only one segment.
+        ProblemError: the curve has only one segment.
     """
     if len(configuration.segments) == 1:
         raise ProblemError("a configuration has at least one segment; got one, expected two or more to delete from")
@@ -39,15 +39,15 @@ def delete_segment(configuration: Configuration) -> Configuration:
 
 
 def divide_segment(configuration: Configuration, index: int, at: float) -> Configuration:
-    """Return the same curve with one segment divided in two.
+    """Return a planar curve of unchanged shape with one segment divided in two.
 
     Args:
         configuration: the curve.
         index: index of the segment to divide.
-        at: where to divide the segment, as a fraction of its length in (0, 1).
+        at: arc length of the division from the segment's start, as a fraction of the segment's length in (0, 1).
 
     Raises:
-        ProblemError: the place is not inside the segment.
+        ProblemError: ``at`` does not lie inside the segment.
     """
     if not SHORTEST <= at <= 1.0 - SHORTEST:
         raise ProblemError(f"a segment is divided between its ends, at a share in (0, 1) of its length; got {at}")
@@ -58,19 +58,19 @@ def divide_segment(configuration: Configuration, index: int, at: float) -> Confi
 
 
 def merge_segments(configuration: Configuration, index: int, tolerance: float = 1e-9) -> Configuration:
-    """Return the same curve with two neighbouring segments merged.
+    """Return a planar curve with two neighbouring segments merged into one, its shape kept within a tolerance.
 
-    Two segments have up to seven inner knots between them, one has three. If at most three of these knots matter, as
-    after a division, the curve does not move at all; else the headings are fitted by least squares with the headings at
-    both ends exact.
+    Two segments have up to seven inner knots between them, one has three. If a derivative of the curvature jumps at no
+    more than three of the seven, as after a division, the shape is kept exactly; else the headings are fitted by least
+    squares with the headings at both ends exact.
 
     Args:
         configuration: the curve.
         index: index of the first of the two segments.
-        tolerance: allowed change of the heading [rad].
+        tolerance: allowed change of the heading anywhere on them [rad].
 
     Raises:
-        ProblemError: one segment cannot follow the two within the tolerance.
+        ProblemError: no single segment keeps the shape of the two within the tolerance.
     """
     merged = _joined(configuration, index).fitted(tolerance)
     return _replaced(configuration, index, index + 2, (merged,))
@@ -82,9 +82,9 @@ def move_boundary(
     length: float,
     tolerance: float = 1e-9,
 ) -> Configuration:
-    """Return the same curve with the boundary between two neighbouring segments moved.
+    """Return a planar curve with the boundary between two neighbouring segments moved along the curve.
 
-    One of the segments becomes longer, the other shorter.
+    One segment becomes longer, the other shorter; the shape of the curve is kept within a tolerance.
 
     Args:
         configuration: the curve.
@@ -93,7 +93,8 @@ def move_boundary(
         tolerance: allowed change of the heading [rad].
 
     Raises:
-        ProblemError: one of the two segments would vanish, or a segment cannot follow its part within the tolerance.
+        ProblemError: one of the two segments would vanish, or no segment keeps the shape of its part of the curve
+            within the tolerance.
     """
     stretch = _joined(configuration, index)
     if not SHORTEST * stretch.length <= length <= (1.0 - SHORTEST) * stretch.length:
@@ -104,27 +105,27 @@ def move_boundary(
 
 
 def segment_head(segment: CurvatureSegment, length: float) -> CurvatureSegment:
-    """Return the first ``length`` metres of a segment, exactly."""
+    """Return the first ``length`` metres of a segment as an exact segment of their own."""
     if length >= segment.length:
         return segment
     return _Stretch.from_segments((segment,)).part(0.0, length).segment()
 
 
 def segment_tail(segment: CurvatureSegment, length: float) -> CurvatureSegment:
-    """Return the rest of a segment after its first ``length`` metres, exactly."""
+    """Return what follows the first ``length`` metres of a segment, as an exact segment of its own."""
     return _Stretch.from_segments((segment,)).part(length, segment.length).segment()
 
 
 def interpolate(first: Configuration, last: Configuration, share: float) -> Configuration:
-    """Return a configuration between two others, with linearly interpolated base heading and curvature.
+    """Return a planar curve whose base heading and curvature are interpolated linearly between those of two curves.
 
     Args:
-        first: the curve at ``share`` 0.
-        last: the curve at ``share`` 1, with the same base and length.
-        share: position between the curves; 0 gives the first curve, 1 the last.
+        first: first curve.
+        last: last curve, with the base and the length of the first.
+        share: interpolation parameter; 0 gives the first curve, 1 the last.
 
     Returns:
-        A curve with the segment boundaries of both; ``last`` itself at ``share`` 1.
+        A curve with the segment boundaries of both curves; ``last`` itself if ``share`` is at least 1.
     """
     if share >= 1.0:
         return last
@@ -149,12 +150,15 @@ def _joined(configuration: Configuration, index: int) -> "_Stretch":
 def _replaced(
     configuration: Configuration, first: int, end: int, segments: Sequence[CurvatureSegment]
 ) -> Configuration:
-    """Return the configuration with a few segments replaced by others that end at the same heading."""
+    """Return a planar curve whose segments ``first`` to ``end - 1`` are replaced by others.
+
+    The new segments must start and end at the headings of the old ones.
+    """
     return replace(configuration, segments=(*configuration.segments[:first], *segments, *configuration.segments[end:]))
 
 
 def _merged(values: FloatArray, length: float) -> FloatArray:
-    """Return the values sorted, with duplicates (up to rounding) removed."""
+    """Return arc lengths sorted and without duplicates, which may differ by rounding relative to ``length`` [m]."""
     values = np.sort(values)
     distinct: FloatArray = values[np.append(True, np.diff(values) > ROUNDING * length)]
     return distinct
@@ -166,7 +170,7 @@ class _Stretch:
 
     Attributes:
         heading: heading at the start [rad].
-        breaks: increasing arc lengths between the pieces, the first is 0, shape (m + 1,) [m].
+        breaks: increasing arc lengths of the ends of the m pieces, starting at 0, shape (m + 1,) [m].
         coefficients: curvature coefficients in powers of the offset from each break, shape (m, 4).
     """
 
@@ -187,7 +191,10 @@ class _Stretch:
         return float(self.breaks[-1])
 
     def on(self, breaks: FloatArray) -> FloatArray:
-        """Return the curvature coefficients of the same stretch on finer breaks, shape (len(breaks) - 1, 4)."""
+        """Return the curvature coefficients of the stretch on a finer division, shape (len(breaks) - 1, 4).
+
+        ``breaks`` are increasing arc lengths that include the stretch's own breaks within their range [m].
+        """
         piece = np.searchsorted(self.breaks[1:-1], 0.5 * (breaks[:-1] + breaks[1:]))
         t = breaks[:-1] - self.breaks[piece]
         return _about(self.coefficients[piece], t)
@@ -207,9 +214,11 @@ class _Stretch:
         return float(self.heading + turns.sum())
 
     def _jumps(self) -> FloatArray:
-        """Return the jumps of the curvature C and of C', C'' and C''' at every inner break, shape (m - 1, 4) [1/m].
+        """Return the sizes of the jumps of the curvature C and of C', C'' and C''' at every inner break.
 
-        Derivatives are scaled by powers of the length, so that all are comparable.
+        Returns:
+            Absolute jumps, shape (m - 1, 4) [1/m]; the k-th derivative is multiplied by the k-th power of the length,
+            so that all are comparable.
         """
         widths = np.diff(self.breaks)
         powers = np.arange(PIECES)
@@ -220,7 +229,7 @@ class _Stretch:
         return jumps
 
     def segment(self) -> CurvatureSegment:
-        """Return the stretch as one segment, exactly; it must have at most four pieces that join smoothly.
+        """Return one segment equal to the stretch, which must have at most four pieces that join smoothly.
 
         Raises:
             ProblemError: the stretch does not fit into one segment.
@@ -231,7 +240,7 @@ class _Stretch:
         return found
 
     def _exact(self) -> CurvatureSegment | None:
-        """Return the stretch as one segment if that leaves the curve unchanged, else None."""
+        """Return one segment equal to the stretch, or None if no segment is."""
         jumps = self._jumps()
         scale = ROUNDING * max(1.0 / self.length, float(np.abs(self.coefficients[:, 0]).max()))
         too_many = len(self.breaks) > PIECES + 1
@@ -256,9 +265,9 @@ class _Stretch:
         return CurvatureSegment(self.length, self.heading, values, _knots(breaks / self.length), moments)
 
     def segments(self, inner: FloatArray) -> tuple[CurvatureSegment, ...]:
-        """Return the stretch as segments with boundaries at the given arc lengths.
+        """Return segments that together equal the stretch, with boundaries at given arc lengths [m].
 
-        Parts of more than four pieces get further boundaries.
+        Parts of more than four cubic pieces get further boundaries, as a segment holds four pieces.
         """
         bounds = _merged(np.concatenate(([0.0], inner, [self.length])), self.length)
         made: list[CurvatureSegment] = []
@@ -270,10 +279,10 @@ class _Stretch:
         return tuple(made)
 
     def fitted(self, tolerance: float) -> CurvatureSegment:
-        """Return one segment for the stretch: exact if possible, else the least-squares fit of its headings.
+        """Return one segment equal to the stretch if there is one, else its least-squares fit.
 
         Raises:
-            ProblemError: the headings of the fit are off by more than the tolerance.
+            ProblemError: a heading of the fit differs from that of the stretch by more than the tolerance [rad].
         """
         exact = self._exact()
         if exact is not None:
@@ -287,9 +296,9 @@ class _Stretch:
         return fit
 
     def _fit(self, samples: int) -> tuple[CurvatureSegment, float]:
-        """Return the natural spline with even knots that best fits the headings, and its greatest error [rad].
+        """Return the least-squares fit of a segment with even knots to the headings, and its greatest error [rad].
 
-        The last heading is exact.
+        The curvature of the fit is a natural cubic spline. The heading at the end is exact.
         """
         arc = np.linspace(0.0, self.length, samples)
         wanted = np.array([self._heading_at(float(s)) for s in arc]) - self.heading
@@ -304,9 +313,11 @@ class _Stretch:
 
 
 def _about(c: FloatArray, t: FloatArray) -> FloatArray:
-    """Return the coefficients of cubics, shape (m, 4), after their origins are shifted.
+    """Return the power coefficients of m cubics c(x) expressed in x − t instead of x, shape (m, 4).
 
-    The new origins lie at the old offsets ``t``, shape (m,).
+    Args:
+        c: coefficients of the powers 0 to 3 of x, shape (m, 4).
+        t: new origin of each cubic, shape (m,).
     """
     value = c[:, 0] + t * (c[:, 1] + t * (c[:, 2] + t * c[:, 3]))
     slope = c[:, 1] + t * (2.0 * c[:, 2] + 3.0 * t * c[:, 3])
@@ -314,7 +325,7 @@ def _about(c: FloatArray, t: FloatArray) -> FloatArray:
 
 
 def _with_idle(breaks: FloatArray) -> FloatArray:
-    """Return five breaks: the given ones, and idle ones that repeatedly halve the widest interval."""
+    """Return five breaks: the given ones, filled up with breaks that repeatedly halve the widest interval."""
     while len(breaks) < PIECES + 1:
         k = int(np.argmax(np.diff(breaks)))
         breaks = np.insert(breaks, k + 1, 0.5 * (breaks[k] + breaks[k + 1]))

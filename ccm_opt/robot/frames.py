@@ -1,7 +1,7 @@
-"""Frames of the ball joints in 3-D: three revolutes per ball, standard Denavit–Hartenberg rows (section 5.2, Figure 6).
+"""Frames of ball joints made of three revolutes each, from a standard Denavit–Hartenberg table (section 5.2, Figure 6).
 
-An arm in space bends each ball by its first two revolutes, and the third stays at zero. A planar arm uses only the
-second.
+An arm in space bends each ball joint ("ball") by its first two revolutes, and the third stays at zero. A planar arm
+uses only the second.
 
 The plane (x, y) of the planner is world x–z. A counter-clockwise turn from x towards z is a turn by *minus* that angle
 about world +y. The fixed base transform contains the base position and base heading, so that zero angles are the
@@ -23,13 +23,13 @@ _QUARTER = 0.5 * np.pi
 
 
 class DhRow(NamedTuple):
-    """One row of a standard Denavit–Hartenberg table: A = Rz(θ + offset) Tz(d) Tx(a) Rx(α).
+    """One row of a standard Denavit–Hartenberg table, with the transform Rz(θ + offset) Tz(d) Tx(a) Rx(α).
 
     Attributes:
-        offset: added to the joint angle θ [rad].
+        offset: constant that is added to the joint angle θ [rad].
         d: shift along the joint axis [m].
-        a: shift along the turned x axis [m].
-        alpha: twist about the turned x axis [rad].
+        a: shift along the x axis after the joint's turn [m].
+        alpha: twist α about the x axis after the joint's turn [rad].
     """
 
     offset: float
@@ -39,18 +39,17 @@ class DhRow(NamedTuple):
 
 
 def joint_names(arm: Arm) -> tuple[str, ...]:
-    """Return the names of the revolutes from the base outwards, 3 * links of them, for example ``ball01_bend``."""
+    """Return the names of all 3 * links revolutes of an arm from the base outwards, such as ``ball01_bend``."""
     width = max(2, len(str(arm.links)))
     kinds = REVOLUTE_NAMES[arm.axes]
     return tuple(f"ball{ball:0{width}d}_{kind}" for ball in range(1, arm.links + 1) for kind in kinds)
 
 
 def revolute_angles(arm: Arm, bends: FloatArray) -> FloatArray:
-    """Return the revolute angles for the joint bends of a configuration, shape (..., 3 * links) [rad].
+    """Return the angles of all revolutes of an arm for given joint bends, shape (..., 3 * links) [rad].
 
-    In the plane θ2 = −bend (section 5.2); in space the bends are θ1 and θ2. All other angles are 0.
-
-    The map is linear, so it also applies to velocities and accelerations.
+    In the plane θ2 = −bend (section 5.2); in space the bends are θ1 and θ2. All other angles are 0. The map is linear,
+    so it also applies to velocities and accelerations.
 
     Args:
         arm: the arm.
@@ -67,16 +66,26 @@ def revolute_angles(arm: Arm, bends: FloatArray) -> FloatArray:
 
 
 def bends_from_revolutes(arm: Arm, angles: FloatArray) -> FloatArray:
-    """Return the joint bends for revolute angles, shape (..., bends) [rad]; other revolutes are ignored."""
+    """Return the joint bends for given revolute angles, the inverse of ``revolute_angles``.
+
+    Revolutes that bend no joint are ignored.
+
+    Args:
+        arm: the arm.
+        angles: revolute angles, shape (..., 3 * links) [rad].
+
+    Returns:
+        Bends in coordinate order, shape (..., links) in the plane and (..., 2 * links) in space [rad].
+    """
     coordinates = arm.coordinates
     return np.asarray(0.0 + coordinates.sense * angles[..., coordinates.drive_numbers[coordinates.bends]])
 
 
 def dh_table(arm: Arm) -> tuple[DhRow, ...]:
-    """Return the standard DH rows of all revolutes, 3 * links of them.
+    """Return the standard Denavit–Hartenberg rows of all 3 * links revolutes of an arm.
 
-    Under ``zyx`` the third frame of a ball has its y axis along the link, so the yaw of every later ball needs another
-    quarter turn to align x with the link again.
+    With axes in ``zyx`` order the third frame of a ball joint has its y axis along the link, so the yaw of every ball
+    but the first has an offset of a quarter turn, which aligns x with the link again.
     """
     return tuple(row for ball in range(arm.links) for row in _ball_rows(arm, first=ball == 0))
 
@@ -90,7 +99,9 @@ def _ball_rows(arm: Arm, *, first: bool) -> tuple[DhRow, DhRow, DhRow]:
 
 
 def frame_transforms(arm: Arm, angles: FloatArray) -> FloatArray:
-    """Return the transforms from the base frame and from every DH frame to the world.
+    """Return the transforms from the base frame and from every Denavit–Hartenberg frame of an arm to the world.
+
+    The base is at its zero position on the feed axis, if any.
 
     Args:
         arm: the arm.
@@ -109,9 +120,14 @@ def frame_transforms(arm: Arm, angles: FloatArray) -> FloatArray:
 
 
 def dh_transform(row: DhRow, angle: FloatArray) -> FloatArray:
-    """Return the transforms Rz(θ + offset) Tz(d) Tx(a) Rx(α) of one DH row, shape (..., 4, 4).
+    """Return the homogeneous transforms Rz(θ + offset) Tz(d) Tx(a) Rx(α) of a Denavit–Hartenberg row.
 
-    The angles have shape (...) [rad].
+    Args:
+        row: the row.
+        angle: joint angles θ, shape (...) [rad].
+
+    Returns:
+        Shape (..., 4, 4).
     """
     c = np.cos(angle + row.offset)
     s = np.sin(angle + row.offset)
@@ -126,7 +142,7 @@ def dh_transform(row: DhRow, angle: FloatArray) -> FloatArray:
 
 
 def joint_positions_3d(arm: Arm, angles: FloatArray, feed: FloatArray | float = 0.0) -> FloatArray:
-    """Return the positions of the balls and the tip in the world, shape (..., links + 1, 3) [m].
+    """Return the positions of the ball joints and of the tip in the world, shape (..., links + 1, 3) [m].
 
     Args:
         arm: the arm.

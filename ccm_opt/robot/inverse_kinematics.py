@@ -1,4 +1,4 @@
-"""Joint angles from joint positions or link directions, in the plane and in space."""
+"""Joint angles of an arm from given joint positions or link directions, in the plane and in space."""
 
 import numpy as np
 
@@ -8,8 +8,8 @@ from ccm_opt.robot.arm import Arm
 from ccm_opt.robot.rigid_motions import bend_rotations
 
 LENGTH_TOLERANCE = 1e-6
-"""Allowed difference between two lengths that should be equal, as a share of the length: the length of a curve is known
-only to about that accuracy. Taste."""
+"""Allowed difference of two lengths that should be equal, as a fraction of the length. The length of a curve is known
+to about this accuracy. Taste."""
 
 
 def ball_angles(arm: Arm, positions: FloatArray, tolerance: float = LENGTH_TOLERANCE) -> FloatArray:
@@ -38,7 +38,10 @@ def ball_angles(arm: Arm, positions: FloatArray, tolerance: float = LENGTH_TOLER
 
 
 def aim(direction: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the angles θ1 and θ2 that turn x̂ to a unit direction, shape (..., 3), with |θ1| ≤ 90°."""
+    """Return the angles θ1 and θ2, shape (...), with which Rz(θ1) Ry(θ2) turns x̂ to a unit direction, shape (..., 3).
+
+    Of the two solutions the one with θ1 within ±90° is returned [rad].
+    """
     x, y, z = np.moveaxis(direction, -1, 0)
     side = np.where(x < 0.0, -1.0, 1.0)
     # A link that points backwards bends by more than 90° rather than swinging its yaw around.
@@ -46,7 +49,15 @@ def aim(direction: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def _world_points(arm: Arm, positions: FloatArray) -> FloatArray:
-    """Return the positions in world coordinates, shape (..., links + 1, 3), after checking their shape."""
+    """Return joint and tip positions in world coordinates, shape (..., links + 1, 3) [m].
+
+    Args:
+        arm: the arm.
+        positions: positions in the plane, (..., links + 1, 2), or in the world, (..., links + 1, 3) [m].
+
+    Raises:
+        ProblemError: the shape does not fit the arm.
+    """
     shape = (arm.links + 1, arm.dimension)
     if positions.ndim < 2 or positions.shape[-2:] not in {shape, (arm.links + 1, 3)}:
         raise ProblemError(
@@ -57,9 +68,18 @@ def _world_points(arm: Arm, positions: FloatArray) -> FloatArray:
 
 
 def _link_directions(arm: Arm, points: FloatArray, tolerance: float) -> tuple[FloatArray, FloatArray]:
-    """Return the link directions in the world, shape (..., links, 3), and the feed, shape (...) [m].
+    """Return the link directions and the displacement of the base for given positions of joints and tip.
 
-    Checks that the base and the link lengths fit the arm within a tolerance [m].
+    Args:
+        arm: the arm.
+        points: positions in the world, shape (..., links + 1, 3) [m].
+        tolerance: allowed error of the base position and of the link lengths [m].
+
+    Returns:
+        Unit vectors in the world, shape (..., links, 3), and the displacement of the base, shape (...) [m].
+
+    Raises:
+        ProblemError: the base position or a link length does not fit the arm.
     """
     axis = arm.base_rotation[:, 0]
     off = points[..., 0, :] - arm.base_position
@@ -81,10 +101,10 @@ def _link_directions(arm: Arm, points: FloatArray, tolerance: float) -> tuple[Fl
 
 
 def bends_from_directions(arm: Arm, directions: FloatArray) -> FloatArray:
-    """Return the bends that make the links point in given directions; the bends also determine the links' rolls.
+    """Return the bends that make the links of an arm point in given directions.
 
-    In the axes of the previous link, a link points along (cos a cos b, sin a cos b, −sin b). Of the two solutions the
-    one with a within ±90° is returned.
+    In the axes of the previous link, a link with the bends a and b points along (cos a cos b, sin a cos b, −sin b). Of
+    the two solutions the one with a within ±90° is returned. The roll of every link follows from the bends.
 
     Args:
         arm: the arm.

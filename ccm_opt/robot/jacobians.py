@@ -1,4 +1,4 @@
-"""Jacobians of points of the arm in space.
+"""Jacobians of the joints and the tip of an arm in the three-dimensional world.
 
 A revolute about the unit vector z through the point o moves a point p with velocity z × (p − o) and turns everything
 beyond it about z (Craig, Introduction to Robotics, section 5.7). In a standard Denavit–Hartenberg table joint j turns
@@ -13,15 +13,15 @@ from ccm_opt.robot.frames import frame_transforms
 
 
 def point_jacobians(arm: Arm, angles: FloatArray) -> FloatArray:
-    """Return the Jacobians of the positions of all balls and the tip.
+    """Return the Jacobians of the positions of all ball joints and of the tip of an arm.
 
     Args:
         arm: the arm.
         angles: revolute angles, shape (..., 3 * links) [rad].
 
     Returns:
-        Derivatives with respect to the axes that carry the base, in the first columns, and then the revolutes, shape
-        (..., links + 1, 3, columns) [m].
+        Derivatives in the world, shape (..., links + 1, 3, columns); the first columns are for the axes that carry the
+        base, the others for the revolutes [m/rad].
     """
     axes, origins, points = _axes_and_points(arm, angles)
     lever = points[..., :, None, :] - origins[..., None, :, :]
@@ -33,7 +33,7 @@ def point_jacobians(arm: Arm, angles: FloatArray) -> FloatArray:
 
 
 def tip_jacobian(arm: Arm, angles: FloatArray) -> FloatArray:
-    """Return the geometric Jacobian of the tip: linear rows [m] above the angular rows of the last link.
+    """Return the geometric Jacobian of an arm's tip, three rows of linear above three of angular velocity.
 
     Args:
         arm: the arm.
@@ -49,13 +49,27 @@ def tip_jacobian(arm: Arm, angles: FloatArray) -> FloatArray:
 
 
 def _axes_and_points(arm: Arm, angles: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the axes of the revolutes, a point on each axis, and the positions of balls and tip, all in the world."""
+    """Return the axes of all revolutes, a point on each axis, and the positions of ball joints and tip in the world.
+
+    Args:
+        arm: the arm.
+        angles: revolute angles, shape (..., 3 * links) [rad].
+
+    Returns:
+        Unit vectors and points, each (..., 3 * links, 3), and positions, (..., links + 1, 3) [m].
+    """
     frames = frame_transforms(arm, angles)
     return frames[..., :-1, :3, 2], frames[..., :-1, :3, 3], frames[..., ::3, :3, 3]
 
 
 def _with_base(arm: Arm, columns: FloatArray, *, moved: float) -> FloatArray:
-    """Return a Jacobian with columns prepended for the axes that carry the base, which run along the base heading."""
+    """Return a Jacobian with a column prepended for each linear axis that carries the base along the base heading.
+
+    Args:
+        arm: the arm.
+        columns: Jacobian for the revolutes, shape (..., 3, 3 * links).
+        moved: length of the new columns: 1 for linear velocity, 0 for angular velocity.
+    """
     direction = moved * arm.base_rotation[:, 0]
     first = np.broadcast_to(direction[:, None], (*columns.shape[:-1], len(arm.base_axes)))
     return np.concatenate((first, columns), axis=-1)

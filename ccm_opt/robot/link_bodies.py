@@ -1,4 +1,4 @@
-"""Mass and inertia of the links."""
+"""Mass and inertia of the links of an arm."""
 
 from ccm_opt.core.arrays import FloatArray
 
@@ -7,13 +7,13 @@ DEFAULT_LINK_MASS = 0.1
 THIN_ROD_RADIUS = 0.01
 """Radius, in link lengths, of the cylinders that give the links of a zero-radius arm their inertia."""
 SPACE_ROD_RADIUS = 0.05
-"""Least radius, in link lengths, of the cylinders that give links in space their inertia. The roll of these links is
-moved by the bends of other joints and held by a drive: with less inertia about the axis the simulated drive overshoots
-within a step of a millisecond."""
+"""Least radius, in link lengths, of the cylinders that give links in space their inertia. Bends of other joints act on
+the roll of such a link, and a drive holds it; with less inertia about the link's axis the simulated drive overshoots
+within one time step of a millisecond."""
 
 
 def cylinder_inertia(masses: FloatArray, radius: float, link_length: float) -> tuple[FloatArray, FloatArray]:
-    """Return the moments of inertia of solid cylinders about their centres, about the axis and across it.
+    """Return the axial and transverse moments of inertia of links that are solid cylinders, about their centres.
 
     The axial moment is m r² / 2, the transverse one m (3 r² + l²) / 12.
 

@@ -1,4 +1,4 @@
-"""The mapping from a curve to the joints of an arm, in the plane and in space."""
+"""Mapping from a continuous curve to the joints of an arm, in the plane and in space."""
 
 import numpy as np
 
@@ -10,28 +10,31 @@ from ccm_opt.robot.configuration import Configuration, Curve
 from ccm_opt.robot.inverse_kinematics import LENGTH_TOLERANCE, bends_from_directions
 
 REGULARISATION = 0.05
-"""ε of the least-squares mapping, in units of l²: just enough to keep neighbouring links from zigzagging. Taste."""
+"""Weight ε of the least-squares mapping, in units of the squared link length: just enough to keep neighbouring links
+from zigzagging. Taste."""
 _MOST_STEPS = 60
-"""Most Newton steps of the least-squares mapping. Taste: ten times the usual number."""
+"""Maximum number of Newton steps of the least-squares mapping. Taste: ten times the usual number."""
 _SETTLED = 1e-11
-"""Largest heading step at which the least-squares mapping has converged [rad]. Derived: a hundred times rounding."""
+"""Largest turn of a link in a Newton step at which the least-squares mapping counts as converged [rad]. Derived: a
+hundred times rounding."""
 _ROUNDING = 1e-8
-"""Step size below which a step no smaller than the last is rounding [rad]. Derived: the square root of rounding."""
+"""Turn of a link in a Newton step below which a step that did not shrink counts as rounding error [rad]. Derived: the
+square root of rounding."""
 
 
 def even_joint_directions(points: FloatArray, link_length: float) -> FloatArray:
-    """Return the link directions that put every second joint on the curve.
+    """Return the link directions of an arm that has every second joint on a curve (paper, section 5.3).
 
-    The odd joint of a pair is at distance l from both even joints, on the side to which the curve bulges: the side of
-    the curve point half-way between them. In the plane these are the two circles of the paper; where the bulge changes
+    Each odd joint is at distance l from its two even neighbours, on the side of the chord between them on which the
+    curve lies half-way. In the plane it is an intersection of the two circles of the paper. Where the curve changes
     side the mapping jumps.
 
     Args:
         points: points of the curve at the arc length of every joint, shape (links + 1, d) [m].
-        link_length: l [m].
+        link_length: length l of a link [m].
 
     Returns:
-        Unit vectors, shape (links, d).
+        Unit vectors from the base to the tip, shape (links, d).
 
     Raises:
         ProblemError: the number of links is odd, or two even joints coincide or are farther apart than two links.
@@ -65,16 +68,19 @@ def even_joint_directions(points: FloatArray, link_length: float) -> FloatArray:
 
 
 def least_squares_directions(points: FloatArray, means: FloatArray, link_length: float) -> FloatArray:
-    """Return the link directions that fit the joints to the curve in least squares, with an exact tip.
+    """Return the link directions that bring all joints of an arm close to a curve, with the tip exactly on its end.
 
-    The directions are d = argmin Σ|P_j − p(s_j)|² + ε Σ angle(d_i, m_i)² subject to the exact tip. The method is
-    Gauss–Newton in the turns of the links, and Newton on the tip equations (Nocedal and Wright, Numerical Optimization,
-    chapter 18); each step solves H δ + Jᵀλ = -g, J δ = -c with the Schur complement.
+    The directions d_i minimise Σ |P_j − p(s_j)|² + ε Σ angle(d_i, m_i)² over the joint positions P_j, subject to the
+    exact tip. The method is Gauss–Newton in the turns of the links, and Newton on the tip equations (Nocedal and
+    Wright, Numerical Optimization, chapter 18); each step solves H δ + Jᵀλ = -g, J δ = -c with the Schur complement.
 
     Args:
-        points: points of the curve at the arc length of every joint, shape (links + 1, d) [m].
-        means: m, the mean direction of the curve over each link, shape (links, d).
-        link_length: l [m].
+        points: points p(s_j) of the curve at the arc length of every joint, shape (links + 1, d) [m].
+        means: mean direction m_i of the curve over each link, shape (links, d).
+        link_length: length of a link [m].
+
+    Returns:
+        Unit vectors, shape (links, d).
 
     Raises:
         ProblemError: the iteration does not converge.
@@ -100,13 +106,24 @@ def least_squares_directions(points: FloatArray, means: FloatArray, link_length:
 def _tangent_step(
     points: FloatArray, directions: FloatArray, means: FloatArray, l: float, epsilon: float
 ) -> tuple[FloatArray, float]:
-    """Return the changes of directions, each perpendicular to its direction, shape (n, d), and the tip error [m]."""
+    """Return one Gauss–Newton step of the least-squares mapping, and the distance of the tip from its goal [m].
+
+    Args:
+        points: points of the curve at the arc length of every joint, shape (n + 1, d) [m].
+        directions: current link directions, unit vectors, shape (n, d).
+        means: mean direction of the curve over each link, shape (n, d).
+        l: length of a link [m].
+        epsilon: weight of the angles between directions and means [m²].
+
+    Returns:
+        Changes of the directions, each perpendicular to its direction, shape (n, d) [rad], and the distance.
+    """
     n, d = directions.shape
     residual = points[0] + l * np.cumsum(directions, axis=0) - points[1:]
     axes = _across(directions)
     turn = l * axes.reshape(-1, d)
     below = np.repeat(np.arange(n)[::-1], d - 1)[:, None]
-    later = np.minimum(below, below.T).astype(np.float64)  # joints short of the tip that both links move
+    later = np.minimum(below, below.T).astype(np.float64)  # number of joints, without the tip, that both links move
     hessian = (turn @ turn.T) * later + epsilon * np.eye(len(turn))
     inner = residual.copy()
     inner[-1] = 0.0
@@ -121,14 +138,15 @@ def _tangent_step(
 
 
 def _across(directions: FloatArray) -> FloatArray:
-    """Return orthonormal vectors perpendicular to each direction, shape (n, d - 1, d), for directions (n, d)."""
+    """Return an orthonormal basis of the space perpendicular to each direction (n, d), shape (n, d - 1, d)."""
     return np.asarray(np.linalg.svd(directions[:, None, :])[2][:, 1:])
 
 
 def _sphere_logarithm(directions: FloatArray, means: FloatArray) -> FloatArray:
-    """Return the sphere logarithms from directions to means, shape (n, d).
+    """Return the logarithms on the unit sphere from directions to means, both of shape (n, d).
 
-    Each logarithm is a vector perpendicular to its direction, as long as the angle between direction and mean [rad].
+    Each logarithm is the vector tangent to the sphere at a direction that points to the mean; its length is the angle
+    between the two [rad].
     """
     along = np.sum(directions * means, axis=1, keepdims=True)
     sideways = means - along * directions
@@ -138,15 +156,15 @@ def _sphere_logarithm(directions: FloatArray, means: FloatArray) -> FloatArray:
 
 
 def map_curve(arm: Arm, curve: Curve, method: MappingName) -> FloatArray:
-    """Return the joint bends with which the arm follows a curve, shape (k links,) [rad].
+    """Return the joint bends with which an arm takes the shape of a curve, shape (k links,), k per joint [rad].
 
-    Every link keeps its length.
+    Links keep their length, so the joints lie only near the curve.
 
     Args:
-        arm: the jointed arm; it is placed at the base of the curve.
+        arm: the jointed arm, whose base is taken to be that of the curve.
         curve: the curve, as long as the arm.
         method: ``even-joints`` puts every second joint on the curve (section 5.3); ``least-squares`` brings all joints
-            close to their points on the curve with the tip exact.
+            close to the curve and the tip exactly to its end.
 
     Raises:
         ProblemError: the lengths differ, or the mapping does not exist for this curve.
@@ -168,14 +186,19 @@ def map_curve(arm: Arm, curve: Curve, method: MappingName) -> FloatArray:
 
 
 def curve_points(curve: Curve, links: int) -> FloatArray:
-    """Return the points of the curve at equal arc lengths, including base and tip, shape (links + 1, d) [m]."""
+    """Return the ends of ``links`` equal arc lengths of a curve, from base to tip, shape (links + 1, d) [m]."""
     return curve.positions_at(np.linspace(0.0, curve.length, links + 1))
 
 
 def shape_error(arm: Arm, curve: Curve, bends: FloatArray) -> float:
-    """Return the greatest distance of a joint from its own point on the curve, max ``|P_j - p(s_j)|`` [m].
+    """Return the greatest distance of a joint from the curve point of equal arc length, max ``|P_j - p(s_j)|`` [m].
 
-    At curvature κ the even-joint mapping gives 0.077 κ l² with the elbow on the bulge side.
+    On a curve of constant curvature κ the even-joint mapping gives 0.077 κ l², with l the link length.
+
+    Args:
+        arm: the arm, which is moved to the base of the curve.
+        curve: the curve.
+        bends: joint bends, shape (k links,) for k bends per joint [rad].
     """
     points = curve_points(curve, arm.links)
     joints = arm.joint_positions_at(arm.configuration(bends, 0.0)) - arm.base + points[0]

@@ -1,7 +1,7 @@
-"""Motion of points at fixed arc lengths along an arm, in the plane and in space.
+"""Position, velocity, acceleration and jerk of points at fixed arc lengths along an arm, in the plane and in space.
 
-Joint i turns by a about the z axis of the previous link and by b about its own y axis. With the axes z and y of those
-links, x along a link and a dash for a derivative in time or along a path (Craig, Introduction to Robotics, section
+Joint i turns by a about the z axis of link i − 1 and by b about the y axis of link i. With these axes z and y, x along
+a link and a dash for a derivative with respect to time or a path parameter (Craig, Introduction to Robotics, section
 5.5):
 
     ω_i = ω_(i−1) + a' z + b' y                α_i = α_(i−1) + a'' z + a' ω_(i−1) × z + b'' y + b' ω_i × y
@@ -20,11 +20,11 @@ from ccm_opt.robot.arm import Arm
 
 @dataclass(frozen=True)
 class MovingPoint:
-    """A point at a fixed arc length along the links; the same formulas give time and path derivatives.
+    """A point of an arm at a fixed arc length, with its derivatives with respect to time or a path parameter.
 
     Attributes:
         arm: the arm.
-        levers: length of each link that lies between the base and the point, shape (links,) [m].
+        levers: length of the part of each link that lies between the base and the point, shape (links,) [m].
     """
 
     arm: Arm
@@ -39,18 +39,23 @@ class MovingPoint:
         return self.arm.base + self._carried(q) + self._summed(self.arm.link_rotations(q)[..., 0])
 
     def velocity(self, q: FloatArray, qd: FloatArray) -> FloatArray:
-        """Return the first derivative of the position, shape (N, d).
+        """Return the first derivative of the point's position, shape (N, d).
 
-        ``qd`` holds the first derivatives of the coordinates, shape (N, c).
+        Args:
+            q: configurations, shape (N, c) [rad, m].
+            qd: first derivatives of the configurations, shape (N, c).
         """
         axes = self._axes(q)
         omega = np.cumsum(_turning(axes, self._rates(qd)), axis=-2)
         return self._carried(qd) + self._summed(np.cross(omega, axes.along))
 
     def acceleration(self, q: FloatArray, qd: FloatArray, qdd: FloatArray) -> FloatArray:
-        """Return the second derivative of the position, shape (N, d).
+        """Return the second derivative of the point's position, shape (N, d).
 
-        ``qd`` and ``qdd`` hold the first and second derivatives of the coordinates, shape (N, c).
+        Args:
+            q: configurations, shape (N, c) [rad, m].
+            qd: first derivatives of the configurations, shape (N, c).
+            qdd: second derivatives of the configurations, shape (N, c).
         """
         axes = self._axes(q)
         rates = self._rates(qd)
@@ -63,15 +68,18 @@ class MovingPoint:
         return self._carried(qdd) + self._summed(np.cross(alpha, axes.along) + inward)
 
     def most_jerk(self, q: FloatArray, qd: FloatArray, step: FloatArray) -> FloatArray:
-        """Return a bound on the jerk of the point while coordinates are linear in time, shape (N,) [m/s³].
+        """Return an upper bound on the point's jerk over N time steps in which the coordinates change linearly.
 
         With bounds S, A and J on |ω|, |α| and |α'| of a link, |x'''| is at most J + 3 A S + S³. The bound on |ω| is its
         value at the start of the step plus its greatest change during the step.
 
         Args:
-            q: coordinates at the start of each step, shape (N, c) [rad, m].
-            qd: rates of the coordinates over the step, shape (N, c).
+            q: configuration at the start of each step, shape (N, c) [rad, m].
+            qd: constant rates of the coordinates in each step, shape (N, c) [rad/s, m/s].
             step: duration of each step, shape (N,) [s].
+
+        Returns:
+            Bounds, shape (N,) [m/s³].
         """
         rates = self._rates(qd)
         if self.arm.dimension == 2:  # headings turn at constant rates, whatever their values
@@ -96,7 +104,10 @@ class MovingPoint:
         return jerk
 
     def _rates(self, qd: FloatArray) -> FloatArray:
-        """Return the rates of both bends of every joint, shape (N, links, 2); in the plane the first is zero."""
+        """Return the rates of both bends of every joint, shape (N, links, 2), from coordinate rates, shape (N, c).
+
+        In the plane the first is zero.
+        """
         if self.arm.dimension == 3:
             return self.arm.bend_pairs(qd)
         bends = qd[..., : self.arm.links]
@@ -112,16 +123,19 @@ class MovingPoint:
         return _Axes(first, rotations[..., 1], rotations[..., 0])
 
     def _summed(self, of_links: FloatArray) -> FloatArray:
-        """Return the sum over the links, weighted by levers, shape (N, d), of vectors of shape (N, links, 2 or 3)."""
+        """Return the sum of vectors of the links, shape (N, links, 2 or 3), weighted by the levers, shape (N, d)."""
         return np.asarray(np.einsum("...lk,l->...k", of_links, self.levers)[..., : self.arm.dimension])
 
     def _carried(self, q: FloatArray) -> FloatArray:
-        """Return the displacement of the base, shape (N, d) [m]; the linear map also applies to derivatives."""
+        """Return the displacement of the base for configurations of shape (N, c), shape (N, d) [m].
+
+        The map is linear, so it also applies to derivatives.
+        """
         return np.asarray(self.arm.coordinates.advance(q)[..., None] * self.arm.direction)
 
 
 class _Axes(NamedTuple):
-    """Axes of the two bends of every joint, and the directions of the links, each of shape (N, links, 3)."""
+    """Axes of the first and second bend of every joint and directions of the links, each of shape (N, links, 3)."""
 
     first: FloatArray
     second: FloatArray
@@ -129,15 +143,20 @@ class _Axes(NamedTuple):
 
 
 def _turning(axes: _Axes, rates: FloatArray) -> FloatArray:
-    """Return the angular velocity that every joint adds to that of its link, shape (N, links, 3)."""
+    """Return the angular velocity of every link relative to the previous link, shape (N, links, 3).
+
+    Args:
+        axes: axes of the joints.
+        rates: rates of the two bends of every joint, shape (N, links, 2).
+    """
     return rates[..., :1] * axes.first + rates[..., 1:] * axes.second
 
 
 def point_of(arm: Arm, at: float | None) -> MovingPoint:
-    """Return the point of an arm at an arc length from its base [m]; the tip if None.
+    """Return the point of an arm at an arc length from its base [m], or the tip for None.
 
     Raises:
-        ProblemError: the arc length is not on the arm.
+        ProblemError: the arc length is negative or exceeds the length of the arm.
     """
     length = arm.length if at is None else at
     if not 0.0 <= length <= arm.length * (1.0 + ROUNDING):

@@ -1,9 +1,9 @@
-"""Rigid motions and frames carried along a curve in space.
+"""Rigid motions, and the integration of frames along a curve in space.
 
 A frame is carried by T' = T ξ̂(s), with the twist ξ = (ω, u) in the frame's own axes. Its motion over a step is the
 exponential of the Magnus series, here to sixth order from three Gauss points (Blanes, Casas, Oteo and Ros, "The Magnus
-expansion and some of its applications", 2009, section 5.4). Twists about a common axis commute, and then the turn is
-exact up to quadrature.
+expansion and some of its applications", 2009, section 5.4). Turns about a common axis commute, and are then exact up to
+quadrature.
 """
 
 import numpy as np
@@ -15,7 +15,7 @@ _SMALL = 1e-3
 
 
 def exponential(twists: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the rotations, shape (..., 3, 3), and translations, shape (..., 3), of twists (ω, u), shape (..., 6)."""
+    """Return the exponentials of twists (ω, u), shape (..., 6): rotations (..., 3, 3) and translations (..., 3)."""
     turn = twists[..., :3]
     along = twists[..., 3:]
     angle = np.linalg.norm(turn, axis=-1)
@@ -34,11 +34,12 @@ def exponential(twists: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def carried(twists: FloatArray, widths: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the motion of a frame over each step, from the twists at the three Gauss points of the step.
+    """Return the rigid motions of a frame over m integration steps, by the sixth-order Magnus expansion.
 
     Args:
-        twists: twists in the frame's own axes per unit of arc length, shape (m, 3, 6).
-        widths: widths of the steps, shape (m,).
+        twists: twists (ω, u) per unit of arc length, in the frame's own axes, at the three Gauss points of each step,
+            shape (m, 3, 6).
+        widths: arc lengths of the steps, shape (m,).
 
     Returns:
         Rotations (m, 3, 3) and translations (m, 3), in the axes of the frame at the start of the step.
@@ -58,9 +59,15 @@ def carried(twists: FloatArray, widths: FloatArray) -> tuple[FloatArray, FloatAr
 
 
 def chained(rotation: FloatArray, rotations: FloatArray, translations: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the frames after every step, from a first frame at the origin.
+    """Return the frames reached by m rigid motions one after the other, from a first frame at the origin.
 
-    Rotations have shape (m + 1, 3, 3), positions (m + 1, 3).
+    Args:
+        rotation: rotation of the first frame, shape (3, 3).
+        rotations: rotation of each step in the axes of the frame before, shape (m, 3, 3).
+        translations: translation of each step in these axes, shape (m, 3).
+
+    Returns:
+        Rotations, shape (m + 1, 3, 3), and positions, shape (m + 1, 3), of the first frame and those after each step.
     """
     frames = np.empty((len(rotations) + 1, 3, 3))
     places = np.zeros((len(rotations) + 1, 3))
@@ -72,7 +79,7 @@ def chained(rotation: FloatArray, rotations: FloatArray, translations: FloatArra
 
 
 def _bracket(first: FloatArray, second: FloatArray) -> FloatArray:
-    """Return the Lie brackets of pairs of twists, shape (..., 6)."""
+    """Return the Lie brackets of pairs of twists (ω, u), all of shape (..., 6)."""
     turn = np.cross(first[..., :3], second[..., :3])
     along = np.cross(first[..., :3], second[..., 3:]) - np.cross(second[..., :3], first[..., 3:])
     return np.concatenate((turn, along), axis=-1)
@@ -88,9 +95,11 @@ def _hat(turn: FloatArray) -> FloatArray:
 
 
 def turn_towards(side: FloatArray, angle: float) -> FloatArray:
-    """Return the rotation that turns the first axis towards a side by an angle [rad], shape (3, 3).
+    """Return the rotation by an angle in the plane of the x axis and a direction perpendicular to x, shape (3, 3).
 
-    The side is a unit vector perpendicular to the first axis, shape (2,).
+    Args:
+        side: direction towards which x turns, a unit vector in the y-z plane, shape (2,).
+        angle: angle of the turn [rad].
     """
     t = np.array([np.cos(angle), *(np.sin(angle) * side)])
     c, s = side
@@ -101,12 +110,12 @@ def turn_towards(side: FloatArray, angle: float) -> FloatArray:
 
 
 NOMINAL_LINKS = 24
-"""Number of nominal links in the length of an arm; the nominal link is the unit of length of all weights in planning.
-"""
+"""Number of nominal links in the length of an arm. The nominal link, a twenty-fourth of the arm, is the unit of length
+of all weights in planning."""
 
 
 def bend_rotations(bends: FloatArray) -> FloatArray:
-    """Return the rotations Rz(a) Ry(b), shape (..., 3, 3), of pairs of bends (a, b), shape (..., 2) [rad]."""
+    """Return the rotations Rz(a) Ry(b), shape (..., 3, 3), of pairs of joint bends (a, b), shape (..., 2) [rad]."""
     cos = np.cos(bends)
     sin = np.sin(bends)
     ca = cos[..., 0]

@@ -1,4 +1,4 @@
-"""Curvature segments, and the five types with at most one inflection (section 2.1, Figure 2)."""
+"""Curvature segments of planar curves, and their five types with at most one inflection (section 2.1, Figure 2)."""
 
 from dataclasses import dataclass
 from enum import StrEnum
@@ -16,14 +16,14 @@ from ccm_opt.core.polyline import vector_heading, wrap
 
 
 def second_derivatives(widths: FloatArray, values: FloatArray, ends: tuple[float, float] = (0.0, 0.0)) -> FloatArray:
-    """Return the second derivatives M of a cubic spline at its knots; the natural spline unless ends are given.
+    """Return the second derivatives M of an interpolating cubic spline of four pieces at its five knots.
 
     Solves a_{i-1} M_{i-1} + 2 (a_{i-1} + a_i) M_i + a_i M_{i+1} = 6 [(C_{i+1} - C_i)/a_i - (C_i - C_{i-1})/a_{i-1}]
     with M_0, M_4 given (de Boor, A Practical Guide to Splines, chapter IV).
 
     Args:
-        widths: spacings of the knots a_0..a_3, shape (4,).
-        values: values at the knots C_a..C_e, shape (5, ...).
+        widths: distances a_0..a_3 of neighbouring knots, shape (4,).
+        values: values C_0..C_4 at the knots, shape (5, ...).
         ends: M_0 and M_4; zero for the natural spline.
 
     Returns:
@@ -41,9 +41,15 @@ def second_derivatives(widths: FloatArray, values: FloatArray, ends: tuple[float
 
 
 def piece_coefficients(widths: FloatArray, values: FloatArray, ends: tuple[float, float] = (0.0, 0.0)) -> FloatArray:
-    """Return the power coefficients of each cubic piece, shape (4 pieces, 4 powers, ...).
+    """Return the power coefficients of the four pieces of an interpolating cubic spline with five knots.
 
-    The powers are those of the offset t in [0, a_i] from the start of the piece.
+    Args:
+        widths: distances of neighbouring knots, shape (4,).
+        values: values at the knots, shape (5, ...).
+        ends: second derivatives at the first and last knot; zero for the natural spline.
+
+    Returns:
+        Coefficients of the powers 0 to 3 of the offset from the start of each piece, shape (4 pieces, 4 powers, ...).
     """
     moments = second_derivatives(widths, values, ends)
     a = widths.reshape(-1, *([1] * (values.ndim - 1)))
@@ -54,9 +60,12 @@ def piece_coefficients(widths: FloatArray, values: FloatArray, ends: tuple[float
 
 
 def curvature_spline(coefficients: FloatArray, breaks: FloatArray) -> PPoly:
-    """Return a piecewise cubic from coefficients of shape (pieces, 4 powers, ...) and its breaks.
+    """Return a piecewise cubic function of arc length.
 
-    The coefficients multiply powers of the arc length from the start of each piece.
+    Args:
+        coefficients: coefficients of the powers 0 to 3 of the arc length from the start of each piece, shape
+            (pieces, 4 powers, ...).
+        breaks: arc lengths of the ends of the pieces, shape (pieces + 1,) [m].
     """
     return PPoly.construct_fast(np.ascontiguousarray(np.swapaxes(coefficients, 0, 1)[::-1]), breaks)
 
@@ -71,15 +80,15 @@ Knots: TypeAlias = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class CurvatureSegment:
-    """A curve segment, the triple (L, start heading, C) of the paper.
+    """A planar curve segment whose curvature is a cubic spline through five knots (paper, section 2.1).
 
     Attributes:
-        length: L, positive [m].
-        heading: heading at s = 0 [rad].
-        curvature: C_a..C_e, the curvature at the five knots, shape (5,) [1/m].
-        knots: S_b, S_c, S_d with 0 < S_b < S_c < S_d < 1.
-        moments: second derivatives of C over arc length at both ends [1/m³]. Zero for the paper's segments, whose
-            spline is natural. The parts of a divided segment need them to leave the curve unchanged.
+        length: length L, positive [m].
+        heading: heading at the start of the segment [rad].
+        curvature: curvature C_a..C_e at the five knots, shape (5,) [1/m].
+        knots: the three inner knots as fractions of the length, 0 < S_b < S_c < S_d < 1.
+        moments: second derivatives of the curvature with respect to arc length at both ends [1/m³]. Zero for the
+            paper's segments, whose spline is natural; the parts of a divided segment need others to keep their shape.
     """
 
     length: float
@@ -98,40 +107,46 @@ class CurvatureSegment:
 
     @cached_property
     def breakpoints(self) -> FloatArray:
-        """Arc lengths of the five knots, shape (5,) [m]."""
+        """Arc lengths of the five knots from the start of the segment, shape (5,) [m]."""
         return self.length * np.array([0.0, *self.knots, 1.0])
 
     @cached_property
     def coefficients(self) -> FloatArray:
-        """Power coefficients of the curvature over arc length from the start of each piece, (4, 4)."""
+        """Coefficients of the four cubic pieces of the curvature, shape (4 pieces, 4 powers).
+
+        The powers 0 to 3 are those of the arc length from the start of the piece.
+        """
         return piece_coefficients(np.diff(self.breakpoints), np.asarray(self.curvature, dtype=np.float64), self.moments)
 
     @cached_property
     def spline(self) -> PPoly:
-        """Curvature over arc length [1/m]."""
+        """Curvature of the segment as a function of arc length [1/m], a piecewise cubic."""
         return curvature_spline(self.coefficients, self.breakpoints)
 
     def heading_at(self, arc: FloatArray) -> FloatArray:
-        """Return the heading θ at arc lengths in [0, L], any shape [rad]; exact, a quartic per piece."""
+        """Return the exact heading at arc lengths in [0, L], in the shape of ``arc`` [rad].
+
+        The heading is a quartic on each piece of the curvature.
+        """
         return np.asarray(self.heading + self.spline.antiderivative()(arc))
 
     @cached_property
     def end_heading(self) -> float:
-        """Heading θ at the segment's end [rad]."""
+        """Heading at the end of the segment [rad]."""
         return float(self.heading_at(np.array(self.length)))
 
 
 _SIGN_SAMPLES = 32
-"""Number of intervals per cubic piece of the sampled headings that show the signs of the curvature. Taste."""
+"""Number of intervals per cubic piece between the headings sampled to find the signs of the curvature. Taste."""
 
 _FIRST_ZERO_OF_J0 = 2.404825557695773
-"""End angle at which the chord of a modal curve vanishes [rad]."""
+"""Angle between the ends and the chord of a modal curve at which the length of the chord vanishes [rad]."""
 SINE = np.array([0.0, 1.0, 0.0, -1.0, 0.0])
-"""One full period of the sine at a segment's five knots."""
+"""Values of one full period of the sine at the five evenly spaced knots of a segment."""
 
 
 class SegmentType(StrEnum):
-    """The signs of a segment's curvature from the base on; left is counter-clockwise and positive."""
+    """Signs of the curvature along a segment, from its start to its end; left is counter-clockwise and positive."""
 
     STRAIGHT = "straight"
     LEFT = "left"
@@ -141,7 +156,7 @@ class SegmentType(StrEnum):
 
     @property
     def mirrored(self) -> "SegmentType":
-        """The type of the mirror image, with left and right exchanged."""
+        """Type of the segment's mirror image, with left and right exchanged."""
         return SegmentType("-".join(_OTHER_SIDE[word] for word in self.value.split("-")))
 
 
@@ -149,11 +164,11 @@ _OTHER_SIDE = {"straight": "straight", "left": "right", "right": "left"}
 
 
 def classify(segment: CurvatureSegment, least_turn: float = 1e-3) -> SegmentType:
-    """Return the type of a segment from the signs of its curvature.
+    """Return the type of a curve segment, given by the signs of its curvature.
 
     Args:
         segment: the segment.
-        least_turn: a stretch of one sign counts if it turns the heading by more than this [rad].
+        least_turn: turn of the heading above which a stretch of one sign counts [rad].
 
     Raises:
         ProblemError: the curvature changes sign more than once; the segment must be divided first.
@@ -174,7 +189,7 @@ def classify(segment: CurvatureSegment, least_turn: float = 1e-3) -> SegmentType
 
 
 def segment_words(segment: CurvatureSegment) -> str:
-    """Return the type of a segment in words, or "several inflections", for which the paper has no type."""
+    """Return the type of a curve segment in words, or "several inflections", for which the paper has no type."""
     try:
         return str(classify(segment))
     except ProblemError:
@@ -188,7 +203,7 @@ def select_segment_type(
     tip_heading: float | None,
     tolerance: float = 1e-6,
 ) -> SegmentType:
-    """Return the simplest type that joins two poses, without simulating any curve (section 2.1).
+    """Return the simplest type of curve segment that joins two poses, without computing a curve (section 2.1).
 
     With the chord from base to tip let α be the turn from the base's tangent to the chord and β the turn from the
     chord to the tip's tangent, both in [-π, π). By the mean value theorem the chord's direction is a weighted mean of
@@ -203,8 +218,8 @@ def select_segment_type(
         base: position of the base, shape (2,) [m].
         base_heading: heading at the base [rad], or None if the base may turn.
         tip: position of the tip, shape (2,) [m]; different from the base.
-        tip_heading: heading at the tip [rad], or None if any heading will do.
-        tolerance: angles below it count as zero [rad].
+        tip_heading: heading at the tip [rad], or None if the tip may have any heading.
+        tolerance: magnitude up to which an angle counts as zero [rad].
     """
     chord = np.asarray(tip, dtype=np.float64) - np.asarray(base, dtype=np.float64)
     direction = vector_heading(chord)
@@ -223,24 +238,24 @@ def select_segment_type(
 
 
 def natural_segment(kind: SegmentType, base: FloatArray, tip: FloatArray, length: float) -> CurvatureSegment:
-    """Return an initial curve of a given type and length from base towards tip; the base turns to aim it.
+    """Return a curve segment of a given type and length from a base to a tip, as a start for further optimisation.
 
-    One-signed types are the circular arc: end angles a with sin(a)/a = chord/L and curvature ±2a/L. Types with an
-    inflection are the modal curve θ = a (1 - cos 2πs), whose chord is L·J₀(a) long and makes the angle a with its ends
-    (Chirikjian and Burdick): curvature ±(2πa/L) sin 2πs. Neither takes the end headings into account; hill climbing or
-    the NLP does. The straight type has zero curvature, whatever the length.
+    Types of one sign are circular arcs: the angle a between chord and ends solves sin(a)/a = chord/L, and the curvature
+    is ±2a/L. Types with an inflection are the modal curve θ = a (1 - cos 2πs), whose chord is L·J₀(a) long and makes
+    the angle a with its ends (Chirikjian and Burdick): curvature ±(2πa/L) sin 2πs. The straight type has zero
+    curvature, whatever the length. Prescribed end headings are left to the optimisation (hill climbing or NLP).
 
     Args:
         kind: the type.
-        base: position of the base, shape (2,) [m].
+        base: position of the base, shape (2,) [m]; the heading there is chosen so that the chord points at the tip.
         tip: position of the tip, shape (2,) [m]; no farther away than ``length``.
-        length: L [m].
+        length: length L of the segment [m].
 
     Returns:
         A segment whose chord points at the tip, exactly for straight and arc, to spline accuracy otherwise.
 
     Raises:
-        ProblemError: the tip is farther than the length.
+        ProblemError: the tip is farther away than the length.
     """
     chord = np.asarray(tip, dtype=np.float64) - np.asarray(base, dtype=np.float64)
     direction = vector_heading(chord)
@@ -255,7 +270,12 @@ def natural_segment(kind: SegmentType, base: FloatArray, tip: FloatArray, length
 
 
 def end_angle(kind: SegmentType, ratio: float) -> float:
-    """Return the angle between the ends and the chord of a natural segment [rad], from chord / length in [0, 1]."""
+    """Return the angle between the chord and the ends of an arc or modal curve of a given type [rad].
+
+    Args:
+        kind: the type; a straight segment has the angle 0.
+        ratio: length of the chord divided by that of the curve, in [0, 1].
+    """
     if kind is SegmentType.STRAIGHT or ratio >= 1.0:
         return 0.0
     if kind in {SegmentType.LEFT, SegmentType.RIGHT}:
@@ -268,6 +288,6 @@ def _sign(angle: float, tolerance: float) -> int:
 
 
 def _extrema(heading: FloatArray) -> IntArray:
-    """Return the indices of the local extrema of a sampled heading, where the curvature changes sign."""
+    """Return the indices of the local extrema of a sampled heading, shape (N,), where the curvature changes sign."""
     slope = np.sign(np.diff(heading))
     return np.flatnonzero(slope[1:] * slope[:-1] < 0) + 1
