@@ -1,4 +1,4 @@
-"""Pieces of DXF drawings: conversion of entities to polylines, and joining of polylines into chains."""
+"""Conversion of DXF entities to polylines, and joining of polylines end to end into chains."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -19,12 +19,12 @@ if TYPE_CHECKING:
     from ezdxf.math import BSpline
 
 _MOST_MEETING = 100
-"""Largest average number of neighbours of an open end within the joining distance. Taste: usually there are two."""
+"""Maximum average number of line ends within joining distance of a line end, itself included. Taste: usually two."""
 
 
 @dataclass(frozen=True)
 class Piece:
-    """A polyline of a drawing.
+    """A polyline from a DXF drawing, in drawing units.
 
     Attributes:
         points: vertices, shape (k, 2); a closed piece does not repeat its first point.
@@ -42,17 +42,17 @@ class Piece:
 
 
 def joined_pieces(pieces: Sequence[Piece], gap: float) -> list[Piece]:
-    """Join open pieces where exactly two ends meet; where more meet, chains end.
+    """Join open polylines into chains wherever exactly two ends meet; where more ends meet, chains stop.
 
     Args:
-        pieces: open pieces of non-zero length; one drawn over another, in whole or in part, counts once.
-        gap: distance up to which ends meet; a short leg then bridges them.
+        pieces: open polylines of non-zero length; one that lies entirely on another is dropped.
+        gap: maximum distance between ends that meet; a short segment then bridges them.
 
     Returns:
-        Chains in the order of their first pieces; a loop is a closed piece.
+        Chains, in the order of the first polyline of each; a loop is a closed piece.
 
     Raises:
-        ProblemError: ends lie so close together that it is ambiguous which of them meet.
+        ProblemError: so many ends lie close together that it is ambiguous which of them meet.
     """
     pieces = _without_duplicates(pieces, gap)
     if not pieces:
@@ -77,7 +77,7 @@ def _chain(line: shapely.LineString, members: Sequence[Piece]) -> Piece:
 
 
 def _without_duplicates(pieces: Sequence[Piece], gap: float) -> list[Piece]:
-    """Return the pieces without those that lie on a longer piece or repeat an earlier one."""
+    """Return the polylines without those that lie, within ``gap``, on a longer one or repeat an earlier one."""
     lines = np.array([shapely.LineString(piece.points) for piece in pieces])
     tree = shapely.STRtree(lines)
     middles = shapely.line_interpolate_point(lines, 0.5, normalized=True)
@@ -92,7 +92,15 @@ def _without_duplicates(pieces: Sequence[Piece], gap: float) -> list[Piece]:
 
 
 def _meeting(points: FloatArray, gap: float) -> FloatArray:
-    """Return points with every cluster, linked by steps of at most ``gap``, moved to its first point; same shape."""
+    """Return points, each moved to the first point of its cluster, with unchanged shape (n, 2).
+
+    Args:
+        points: points, shape (n, 2).
+        gap: maximum distance between neighbours within a cluster (single linkage).
+
+    Raises:
+        ProblemError: clusters are so dense that it is ambiguous which ends meet.
+    """
     # Equal points are one place, however many there are; pairs are sought among different ones only.
     places, place_of = np.unique(points, axis=0, return_inverse=True)
     tree = cKDTree(places)
@@ -109,23 +117,34 @@ def _meeting(points: FloatArray, gap: float) -> FloatArray:
 
 
 Entity: TypeAlias = Any
-"""An entity of ezdxf, of the type that its ``dxftype()`` says."""
+"""An entity of the ezdxf library, of the DXF type that ``dxftype()`` returns."""
 _FRAME_VERTEX = 16
-"""Flag of a POLYLINE vertex that steers a fitted curve and is not on it (DXF reference, VERTEX, code 70)."""
+"""Flag of POLYLINE vertices that are control points of a fitted curve, not on it (DXF reference, VERTEX, code 70)."""
 _CLOSED = 1e-9
-"""Distance between the ends of a spline, relative to its extent, within which it is closed."""
+"""Distance between the two ends of a spline, relative to its extent, up to which the spline counts as closed."""
 _FULL_TURN = 1e-9
-"""Difference from a full turn within which an arc is a full circle [rad]."""
+"""Difference from a full turn up to which an arc counts as a full circle [rad]."""
 
 
 def hatch_rings(entity: Entity, distance: float) -> tuple[tuple[FloatArray, ...], bool]:
-    """Return the closed boundaries of a HATCH or MPOLYGON, and whether any has curves."""
+    """Return the boundaries of a HATCH or MPOLYGON entity as closed rings, and whether any has curves.
+
+    Args:
+        entity: the entity.
+        distance: maximum distance between a curve and its polyline, in drawing units.
+
+    Returns:
+        Points of each ring, shape (k, 2), the first not repeated; and whether a ring is a flattened curve.
+
+    Raises:
+        ProblemError: a boundary is open.
+    """
     pieces = [_boundary(path, distance) for path in entity.paths]
     return tuple(piece.points for piece in pieces), any(piece.curved for piece in pieces)
 
 
 def corner_points(entity: Entity) -> FloatArray:
-    """Return the corners of a SOLID or TRACE in order around its outline, shape (3 or 4, 2)."""
+    """Return the corners of a SOLID or TRACE entity in order around the outline, shape (3 or 4, 2)."""
     # A triangle repeats its last corner.
     points = np.array([(p.x, p.y) for p in entity.wcs_vertices()], dtype=np.float64)
     repeated = np.all(points == np.roll(points, 1, axis=0), axis=1)
@@ -170,7 +189,7 @@ def _turned(points: FloatArray, sweep: float) -> Piece:
 
 
 def _sweep(start: float, end: float) -> tuple[float, float]:
-    """Return the start angle and counter-clockwise sweep of an arc [rad]; equal ends mean a full turn."""
+    """Return the start angle of an arc and its counter-clockwise extent [rad]; equal end angles mean a full turn."""
     sweep = math.fmod(end - start, 2.0 * math.pi)
     return start, sweep if sweep > _FULL_TURN else sweep + 2.0 * math.pi
 
@@ -191,14 +210,25 @@ def _polyline(entity: Entity, distance: float) -> Piece:
 
 
 def _vertex_width(vertex: Entity, polyline: Entity) -> float:
-    """Return the largest width of the leg after a vertex; the polyline's default width where the vertex gives none."""
+    """Return the larger of the two line widths of the segment that begins at a POLYLINE vertex.
+
+    The polyline's default width applies where the vertex gives none.
+    """
     start = vertex.get("start_width", polyline.dxf.get("default_start_width", 0.0))
     end = vertex.get("end_width", polyline.dxf.get("default_end_width", 0.0))
     return float(max(start, end))
 
 
 def _polygonal(points: FloatArray, bulges: FloatArray, closed: bool, distance: float, half_width: float = 0.0) -> Piece:
-    """Return a polyline with bulges as a piece; a polyline that ends where it began counts as closed."""
+    """Return a polyline with circular arcs as a ``Piece``; a polyline that ends at its first point counts as closed.
+
+    Args:
+        points: vertices, shape (k, 2).
+        bulges: tangent of a quarter of the arc angle of the segment after each vertex, 0 if straight, shape (k,).
+        closed: whether the last vertex is joined to the first.
+        distance: maximum distance between an arc and its chords.
+        half_width: half the line width.
+    """
     if len(points) < 2:
         raise ProblemError(f"it has {len(points)} vertices; expected at least two")
     # Many programs repeat the first vertex rather than set the flag.
@@ -226,7 +256,11 @@ def _flat_spline(tool: "BSpline", distance: float) -> Piece:
 
 
 def _boundary(path: Entity, distance: float) -> Piece:
-    """Return one closed boundary of a hatch: a polyline with bulges, or edges that may be out of order."""
+    """Return one closed boundary of a hatch, given as a polyline with arcs or as edges in any order.
+
+    Raises:
+        ProblemError: the edges do not form a single closed loop.
+    """
     if hasattr(path, "vertices"):
         table = np.array(path.vertices, dtype=np.float64).reshape(-1, 3)
         return _polygonal(table[:, :2], table[:, 2], closed=True, distance=distance)
@@ -246,7 +280,7 @@ def _boundary(path: Entity, distance: float) -> Piece:
 
 
 def _edge(edge: Entity, distance: float) -> Piece:
-    """Return one edge of a hatch's boundary; its orientation does not matter."""
+    """Return one edge of a hatch boundary as a polyline; the direction of the edge has no meaning."""
     kind = edge.EDGE_TYPE
     if kind == "LineEdge":
         return _straight(edge)
@@ -267,4 +301,4 @@ PIECES: Mapping[str, Callable[[Entity, float], Piece]] = {
     "POLYLINE": _polyline,
     "SPLINE": _spline,
 }
-"""Converters of entities to pieces, by type."""
+"""Converters of entities to polylines, by DXF type; each takes the entity and the chord tolerance."""

@@ -1,9 +1,9 @@
 """Atomic writing of output folders.
 
-A new folder is assembled in a temporary folder next to its target, called the workshop, and synced to disk. Then it is
-exchanged with the old folder, atomically where the system supports that, so readers find either the old or the new
-folder, complete. Writers lock the parent folder, one at a time. A workshop that a writer finds is therefore left over
-from a killed run: files of the user or of an earlier run in it are put back, the rest is removed.
+A new folder is assembled in a temporary folder next to its target, called the workshop, and synced to disk. The new
+folder is then exchanged with the old one, atomically where the system supports that, so that readers find either the
+old or the new folder, complete. Writers lock the parent folder, one at a time. A workshop that a writer finds is
+therefore left over from a killed run: files of the user or of an earlier run in it are put back, the rest is removed.
 """
 
 import ctypes
@@ -26,12 +26,12 @@ from ccm_opt.problem import Problem
 from ccm_opt.problem.solution import Solution
 
 _PATIENCE = 60.0
-"""Time to wait for other writers in the same folder [s]. Taste: writing takes milliseconds, on a slow disk a second or
-two."""
+"""Maximum time to wait for another writer in the same parent folder [s]. Taste: writing takes milliseconds, on a slow
+disk a second or two."""
 _LOOK = 0.005
-"""Interval between attempts to get the lock [s]. Taste."""
+"""Interval between attempts to lock the parent folder [s]. Taste."""
 WORKSHOP = ".ccm-opt-writing"
-"""Suffix of the name of a workshop, which starts with a dot and the name of the folder assembled in it."""
+"""Suffix of the name of a temporary folder; the name begins with a dot and the name of the target folder."""
 _HERE = -100
 """``AT_FDCWD`` of Linux: relative paths start from the working directory."""
 _EXCHANGE = 2
@@ -44,14 +44,14 @@ def atomic_replace(
     ours: Collection[str],
     chosen: Callable[[Path], Path],
 ) -> Path:
-    """Write a folder atomically, replacing an old one but keeping the user's own entries in it.
+    """Write a folder atomically, replacing an old one but keeping the user's own entries, and return its path.
 
     Args:
         wanted: the folder.
         files: content by file name; names with slashes lie in subfolders.
-        ours: names of files and folders that runs write, which are not carried over from the old folder.
-        chosen: function called under the lock; returns the folder to write, either ``wanted`` or a folder next to it,
-            and raises where no folder may be written.
+        ours: names of files and folders that a run may write, which are not carried over from the old folder.
+        chosen: function called under the lock with ``wanted``; returns the folder to write, ``wanted`` or a sibling,
+            or raises where no folder may be written.
 
     Returns:
         The folder written.
@@ -77,7 +77,7 @@ def atomic_replace(
 
 @contextmanager
 def _alone_in(folder: Path) -> Iterator[None]:
-    """Hold an exclusive lock on a folder during the block; without locks on this system, just run the block.
+    """Hold an exclusive lock on a folder during a ``with`` block; without effect on systems that have no file locks.
 
     Raises:
         TimeoutError: another process holds the lock for too long.
@@ -106,7 +106,14 @@ def _alone_in(folder: Path) -> Iterator[None]:
 
 
 def _assembled(workshop: Path, files: Mapping[str, bytes], target: Path, ours: Collection[str]) -> Path:
-    """Write the new folder in the workshop with the user's entries of the old folder, sync it, and return its path."""
+    """Return the path of a new folder, written and synced in the workshop, with the user's entries of the old folder.
+
+    Args:
+        workshop: temporary folder in which the new folder is made.
+        files: content by file name; names with slashes lie in subfolders.
+        target: the old folder, if there is any.
+        ours: names of entries of the old folder that are not carried over.
+    """
     new = workshop / "new"
     new.mkdir(parents=True)
     for name, content in files.items():
@@ -139,7 +146,7 @@ def _link_or_copy(source: str, place: str) -> str:
 
 
 def _swap(new: Path, target: Path) -> None:
-    """Move the new folder to its target, and any old folder there into the workshop."""
+    """Move a new folder to its target path, and any old folder at that path next to the new folder's former place."""
     if not target.exists():
         new.rename(target)
     elif not _exchanged(new, target):
@@ -148,7 +155,11 @@ def _swap(new: Path, target: Path) -> None:
 
 
 def _exchanged(one: Path, other: Path) -> bool:
-    """Exchange the names of two folders atomically; return False where the system does not support that."""
+    """Return whether the names of two folders were exchanged atomically; False where the system cannot do that.
+
+    Raises:
+        OSError: the exchange failed for another reason.
+    """
     if not sys.platform.startswith("linux"):
         return False
     try:
@@ -163,7 +174,7 @@ def _exchanged(one: Path, other: Path) -> bool:
 
 
 def _clear(workshop: Path, ours: Collection[str]) -> None:
-    """Remove a workshop, after restoring from it the user's entries and any old folder that was moved there."""
+    """Remove a temporary folder, after moving the user's entries and any old folder in it back to their place."""
     if not workshop.is_dir():
         return
     target = workshop.with_name(workshop.name.removeprefix(".").removesuffix(WORKSHOP))
@@ -179,7 +190,7 @@ def _clear(workshop: Path, ours: Collection[str]) -> None:
 
 
 def _sync(folder: Path) -> None:
-    """Sync the entries of a folder to disk, where the system can sync folders."""
+    """Write the directory entries of a folder to disk, where the system can sync folders."""
     with suppress(OSError):
         handle = os.open(folder, os.O_RDONLY)
         try:
@@ -189,11 +200,11 @@ def _sync(folder: Path) -> None:
 
 
 RECORD = "solution.json"
-"""Record of a run, present in every output folder; without a plan it holds the diagnosis."""
+"""File name of the record of a run, in every output folder; where no plan was found, the record holds the diagnosis."""
 ARRAYS = "solution.npz"
 TEXTS = (RECORD, "trajectory.csv", "trajectory.yaml", "arm.urdf", "arm.mjcf.xml")
 FIGURES = ("plan", "curves", "steps", "links", "space")
-"""Still pictures of a plan, each of which may be in one of several formats."""
+"""File names, without suffix, of the still pictures of a plan."""
 PICTURES = (
     *(f"{name}.{kind}" for name in FIGURES for kind in ("png", "svg", "pdf")),
     "motion.gif",
@@ -202,25 +213,25 @@ PICTURES = (
     "simulation.png",
 )
 POSE_RECORD = "pose.json"
-"""Record in the folder of a pose; always present."""
+"""File name of the record in the output folder of a static pose; always present."""
 POSE_ARRAYS = "pose.npz"
 POSE_FILES = (POSE_RECORD, POSE_ARRAYS, "pose.png")
 REACH_RECORD = "reach.json"
-"""Record in the folder of a reachability map; always present."""
+"""File name of the record in the output folder of a reachability map; always present."""
 REACH_FILES = (REACH_RECORD, "reach.npz", "reach.png")
 PARETO_RECORD = "pareto.json"
 PARETO_FILES = (PARETO_RECORD, "pareto.png", "pareto")
-"""Files added to the recommended one of several Pareto plans; the last is a folder with a subfolder for each plan."""
+"""Entries that a set of Pareto-optimal plans adds to those of its recommended plan; the last is a folder of all plans."""
 TOLERANCE_FILES = ("tolerance.json", "tolerance.png")
-"""Files that ``ccm-opt tolerance`` adds to a plan; a new plan removes them."""
+"""Files that the command ``ccm-opt tolerance`` adds to the folder of a plan; a new plan removes them."""
 WRITTEN_FILES = frozenset(
     (*TEXTS, ARRAYS, *PICTURES, *POSE_FILES, *REACH_FILES, *PARETO_FILES, *TOLERANCE_FILES, URDF_MESHES, KEPT_MESHES)
 )
-"""Files and folders that a run writes; anything else in an old folder is the user's and is kept."""
+"""Names of all files and folders that a run may write; any other entry of an old folder is the user's and is kept."""
 
 
 def write_solution(solution: Solution, out: Path, pictures: Mapping[str, bytes] | None = None) -> Path:
-    """Write the folder of a solved problem.
+    """Write the output folder of a solved problem: record, arrays, trajectory, models, meshes and pictures.
 
     Args:
         solution: the verified plan.
@@ -228,16 +239,16 @@ def write_solution(solution: Solution, out: Path, pictures: Mapping[str, bytes] 
         pictures: content of pictures by file name.
 
     Returns:
-        The folder, ``out / <problem's name>``.
+        The folder written, ``out / <name of the problem>``.
 
     Raises:
-        ProblemError: the folder cannot be written, or a folder of something else is in its place.
+        ProblemError: the folder cannot be written, or a folder without a record of a run is at this path.
     """
     return write_folder(out / solution.problem.name, {**solution_files(solution), **(pictures or {})})
 
 
 def solution_files(solution: Solution) -> dict[str, bytes]:
-    """Return the content of every file of a solved problem except the pictures, by file name."""
+    """Return the files of a solved problem, except the pictures, as a mapping from file name to content."""
     problem = solution.problem
     csv, yaml = trajectory_texts(controller_points(problem, solution.trajectory, solution.joints, solution.checks))
     texts = {RECORD: solution_json(solution), "trajectory.csv": csv, "trajectory.yaml": yaml, **model_texts(problem)}
@@ -247,20 +258,25 @@ def solution_files(solution: Solution) -> dict[str, bytes]:
 
 
 def model_meshes(problem: Problem, folder: str = URDF_MESHES) -> dict[str, bytes]:
-    """Return the obstacles' mesh files, to which the URDF and in space the MJCF refer, by path under ``folder``."""
+    """Return the obstacles' mesh files to which the robot models (URDF, in space also MJCF) refer, by path.
+
+    Args:
+        problem: the problem.
+        folder: folder of the mesh files, relative to the models.
+    """
     return scene_meshes(solid_scene(problem.workspace, problem.arm), folder)
 
 
 def model_texts(
     problem: Problem, *, obstacles: bool = True, bends_only: bool = False, meshes: str = URDF_MESHES
 ) -> dict[str, str]:
-    """Return the URDF and MJCF of a problem's arm and obstacles, by file name.
+    """Return the robot models (URDF and MJCF) of a problem's arm and obstacles, as text by file name.
 
     Args:
         problem: the problem.
         obstacles: whether obstacles are included.
-        bends_only: whether revolutes that do not bend the arm are left out.
-        meshes: folder of the obstacles' meshes, relative to the files.
+        bends_only: whether revolute joints that never bend the arm are left out.
+        meshes: folder of the obstacles' mesh files, relative to the models.
     """
     scene = solid_scene(problem.workspace, problem.arm) if obstacles else None
     gravity = problem.simulation.gravity
@@ -271,14 +287,14 @@ def model_texts(
 
 
 def check_target(target: Path, record: str = RECORD) -> None:
-    """Refuse an output folder that could not be written, before any time is spent on planning; nothing is written.
+    """Raise an error for an output folder that could not be written, before time is spent on planning.
 
     Args:
-        target: the folder.
-        record: name of the record that identifies a folder of an earlier run of the same kind.
+        target: the folder; nothing is written.
+        record: name of the file whose presence identifies the folder of an earlier run of the same kind.
 
     Raises:
-        ProblemError: something else is at this path, or nothing can be written there.
+        ProblemError: the path is no folder, or one without that record, or cannot be written.
     """
     try:
         os.fsencode(target)
@@ -304,13 +320,13 @@ def write_folder(
     *,
     beside: Callable[[Path], Path] = Path,
 ) -> Path:
-    """Write an output folder atomically, replacing that of an earlier run but keeping the user's files in it.
+    """Write an output folder atomically in place of that of an earlier run, but keep the user's own files in it.
 
     Args:
-        target: the folder.
+        target: path wanted for the folder.
         files: content by file name; names with slashes lie in subfolders.
-        record: name of the record of this kind of folder, see ``check_target``.
-        beside: returns the folder to write instead of ``target``, or ``target`` itself; called under the lock.
+        record: name of the file whose presence identifies the folder of an earlier run of the same kind.
+        beside: function called under the lock with ``target``; returns the folder to write, ``target`` or a sibling.
 
     Returns:
         The folder written.

@@ -1,4 +1,4 @@
-"""Reading of drawings in GeoJSON and WKT."""
+"""Readers of planar drawings in the formats GeoJSON and WKT."""
 
 import itertools
 import json
@@ -19,17 +19,17 @@ GEOMETRIES = frozenset(
 
 
 def read_geojson(content: bytes, distance: float) -> DrawingContent:
-    """Return the shapes of a GeoJSON file.
+    """Return the shapes in the bytes of a GeoJSON file.
 
     A shape is named after ``properties.name`` of its feature, else after the feature's ``id``, else ``feature`` with
     the feature's number from 1.
 
     Args:
         content: content of the file.
-        distance: unused, since the geometries have no curves.
+        distance: chord tolerance of all drawing readers; unused, since GeoJSON has no curves.
 
     Raises:
-        ProblemError: the content is no GeoJSON, or exceeds a bound.
+        ProblemError: the content is no GeoJSON, or exceeds a limit of ``ImportBounds``.
     """
     del distance
     # Every place is a list of its own, so that there are at least as many brackets as places.
@@ -57,7 +57,13 @@ def read_geojson(content: bytes, distance: float) -> DrawingContent:
 
 
 def _shapes(data: object, place: int, left_out: list[LeftOut]) -> list[Shape]:
-    """Return the shapes of a feature or of a bare geometry; a feature without geometry has none."""
+    """Return the shapes of a GeoJSON feature or bare geometry; an empty list where the feature has no geometry.
+
+    Args:
+        data: the parsed JSON of the feature or geometry.
+        place: number of the feature in the file, from 1.
+        left_out: receives a note on whatever gives no shape.
+    """
     if not isinstance(data, Mapping):
         raise ProblemError(f"feature {place}: expected a GeoJSON object in braces, got {type(data).__name__}")
     name = f"feature {place}"
@@ -94,20 +100,20 @@ def _geometry(data: object, name: str) -> shapely.Geometry:
 
 
 def _depth(text: str) -> int:
-    """Return the largest nesting depth of the brackets in a text."""
+    """Return the maximum nesting depth of the brackets in a text."""
     steps = (1 if bracket in "([{" else -1 for bracket in re.findall(r"[][(){}]", text))
     return max(itertools.accumulate(steps), default=0)
 
 
 def read_wkt(content: bytes, distance: float) -> DrawingContent:
-    """Return the shapes of a WKT file, named ``geometry 1``, ``geometry 2``, … in their order.
+    """Return the shapes in the bytes of a WKT file, named ``geometry 1``, ``geometry 2``, … in file order.
 
     Args:
         content: content of the file; an ``SRID=…;`` before a geometry is skipped.
-        distance: unused, since the geometries have no curves.
+        distance: chord tolerance of all drawing readers; unused, since WKT has no curves.
 
     Raises:
-        ProblemError: the text is no WKT, or exceeds a bound.
+        ProblemError: the text is no WKT, or exceeds a limit of ``ImportBounds``.
     """
     del distance
     # A comma stands between any two places.
@@ -129,7 +135,7 @@ def read_wkt(content: bytes, distance: float) -> DrawingContent:
 
 
 def _pieces(text: str) -> list[str]:
-    """Return the texts of the geometries: lines are joined until their brackets balance."""
+    """Return the text of each WKT geometry in a file, with lines joined until the brackets balance."""
     pieces: list[str] = []
     lines: list[str] = []
     still_open = 0
@@ -146,7 +152,7 @@ def _pieces(text: str) -> list[str]:
 
 
 def _bare(piece: str) -> str:
-    """Return the text of a geometry without a leading SRID and a trailing semicolon."""
+    """Return the text of a WKT geometry without its leading ``SRID=…;`` and trailing semicolon."""
     return re.sub(r"^SRID=\d+;", "", piece.rstrip(";"), flags=re.IGNORECASE)
 
 
@@ -165,12 +171,12 @@ def _wkt_geometry(text: str) -> shapely.Geometry:
 
 
 def geometry_shapes(geometry: shapely.Geometry, name: str, left_out: list[LeftOut]) -> list[Shape]:
-    """Return the shapes of a geometry, splitting collections; a line string is a line even when it is closed.
+    """Return the shapes of a shapely geometry, with collections split; a line string is a line even where it is closed.
 
     Args:
         geometry: a geometry of any kind and nesting.
-        name: name of all its shapes.
-        left_out: receives parts without extent, and a note on heights.
+        name: name given to every shape.
+        left_out: receives a note for each part without extent, and one where z coordinates are ignored.
 
     Raises:
         ProblemError: a coordinate is not a finite number.

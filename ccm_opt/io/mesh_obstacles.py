@@ -1,4 +1,4 @@
-"""Obstacles from mesh files: reading, unit and placement, and repair of repeated or degenerate triangles."""
+"""Obstacles from mesh files: reading, scaling, placement, and removal of repeated and degenerate triangles."""
 
 import hashlib
 from collections.abc import Callable, Mapping, Sequence
@@ -24,7 +24,7 @@ from ccm_opt.scene.bodies import MeshBody
 from ccm_opt.scene.shells import find_shells, repeated
 
 _SAME = 1e-9
-"""Relative difference up to which two scales are equal but for rounding."""
+"""Relative difference between two scale factors that is attributed to rounding."""
 EXPECTED = "a mesh, for example 'casing.stl'"
 
 
@@ -36,14 +36,16 @@ def mesh_bodies(
     *,
     allow_outside: bool = False,
 ) -> dict[int, MeshBody]:
-    """Return the bodies of the obstacles that are meshes, by their index in the file; each mesh file is read once.
+    """Return the obstacles that are meshes as solids in world coordinates, by index among all obstacles of the file.
+
+    Each mesh file is read once, however many obstacles refer to it.
 
     Args:
-        listed: tables of the obstacles with their indices, from 0.
-        folder: folder of the problem file; None where there is none.
+        listed: index (from 0) and table of each obstacle.
+        folder: folder of the problem file, to which mesh paths are relative; None where there is no file.
         metres: metres per unit of length of the problem file.
-        issues: receives the defects of meshes, which are then left out.
-        allow_outside: whether meshes may lie outside the folder.
+        issues: receives the defects of meshes, which are then missing from the result.
+        allow_outside: whether mesh files may lie outside the folder.
     """
     read = cache(_read_and_repaired)
     found: dict[int, MeshBody] = {}
@@ -100,7 +102,7 @@ def _read_and_repaired(place: Path) -> tuple[RawMesh, RawMesh]:
 
 
 def _scale(table: SpaceObstacleTable, file: str, mesh: RawMesh, metres: float) -> tuple[float, tuple[str, ...]]:
-    """Return metres per unit of a mesh, with notes for the user on its unit, its axes and its ignored contents.
+    """Return metres per unit of a mesh file, with notes for the user on unit, axes and ignored contents.
 
     Args:
         table: table of the obstacle.
@@ -131,7 +133,7 @@ def _scale(table: SpaceObstacleTable, file: str, mesh: RawMesh, metres: float) -
 
 
 def turned_up(places: FloatArray) -> FloatArray:
-    """Return points whose y axis points up, shape (n, 3), rotated about x so that z points up."""
+    """Return points of a y-up coordinate system, shape (n, 3), rotated about x into a z-up system."""
     return np.stack((places[:, 0], -places[:, 2], places[:, 1]), axis=1)
 
 
@@ -142,15 +144,15 @@ MESH_READERS: Mapping[str, Callable[[bytes, MeshSettings], RawMesh]] = {
     ".glb": read_glb,
     ".3mf": read_3mf,
 }
-"""Readers by suffix of the file, in lower case."""
+"""Readers of mesh files, by file name suffix in lower case."""
 
 
 def read_mesh_file(path: Path, settings: MeshSettings = MESHES) -> RawMesh:
-    """Read a mesh, in the unit of its file.
+    """Return the mesh in a file, in the unit of that file and without repairs.
 
     Args:
         path: an STL, OBJ, PLY, GLB or 3MF file, recognised by its suffix.
-        settings: bounds on the file.
+        settings: limits on the size of the file and the mesh.
 
     Raises:
         ProblemError: the file cannot be read, or contains no usable mesh.
@@ -167,10 +169,10 @@ def read_mesh_file(path: Path, settings: MeshSettings = MESHES) -> RawMesh:
 
 
 def _refuse_unusable(mesh: RawMesh, settings: MeshSettings) -> None:
-    """Refuse a mesh without triangles, with too many, or with vertices that are not finite or too far away.
+    """Raise an error for a mesh that has no or too many triangles, or used vertices that are not finite or too large.
 
     Raises:
-        ProblemError: the mesh is refused.
+        ProblemError: the mesh has one of these defects.
     """
     count = len(mesh.faces)
     if count == 0:
@@ -192,34 +194,37 @@ def _refuse_unusable(mesh: RawMesh, settings: MeshSettings) -> None:
 
 
 def _used(vertices: FloatArray, faces: IntArray) -> BoolArray:
-    """Return whether each vertex belongs to a triangle, shape (v,); other vertices may be anything, even NaN."""
+    """Return whether each vertex is a corner of any triangle, shape (v,); unused vertices may even be NaN.
+
+    Args:
+        vertices: positions of the vertices, shape (v, 3).
+        faces: vertex indices of the triangles, shape (m, 3).
+    """
     used = np.zeros(len(vertices), dtype=np.bool_)
     used[faces] = True
     return used
 
 
 _MOST_FLAT = 0.5
-"""Share of triangles without area above which a mesh is refused as a broken file. Taste: programs write one in a
-hundred where they cut curved faces."""
+"""Fraction of degenerate triangles above which a mesh file is refused as damaged. Taste: CAD programs write about one
+in a hundred where they cut curved faces."""
 
 _MIXERS = np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9], dtype=np.uint64)
-"""Odd multipliers that hash the three coordinates of a vertex into one number."""
+"""Odd multipliers that hash the three coordinates of a vertex into one integer."""
 
 
 def repaired_mesh(raw: RawMesh, settings: MeshSettings = MESHES) -> RawMesh:
-    """Return a mesh with equal vertices merged, without repeated triangles and triangles degenerate to others' edges.
+    """Return a mesh with equal vertices merged and redundant triangles removed; its surface covers the same points.
 
-    Where two bodies touch, the triangles of both stay.
-
-    No point of the surface is lost: a triangle without area stays unless it covers nothing but an edge or vertex of
-    another triangle.
+    Repeated triangles are removed, except where two bodies touch and both need theirs. A degenerate triangle is removed
+    only if it covers nothing but an edge or a vertex of another triangle.
 
     Args:
         raw: a mesh with finite coordinates.
-        settings: bound below which a triangle has no area.
+        settings: gives the height up to which a triangle counts as degenerate.
 
     Raises:
-        ProblemError: most triangles have no area.
+        ProblemError: more than half of the triangles are degenerate.
     """
     vertices, names = _distinct_rows(raw.vertices)
     faces = names[raw.faces]
@@ -241,7 +246,14 @@ def repaired_mesh(raw: RawMesh, settings: MeshSettings = MESHES) -> RawMesh:
 
 
 def _distinct_rows(points: FloatArray) -> tuple[FloatArray, IntArray]:
-    """Return the distinct points, shape (n, 3), and the index among them of each given point, shape (v,)."""
+    """Return the distinct rows of an array of points, and for each given point the index of its distinct row.
+
+    Args:
+        points: points, shape (v, 3).
+
+    Returns:
+        Distinct points, shape (n, 3), and indices, shape (v,).
+    """
     # Adding 0.0 makes zero and minus zero equal in their bits.
     points = np.ascontiguousarray(points + 0.0)
     bits = points.view(np.uint64)
@@ -258,7 +270,13 @@ def _distinct_rows(points: FloatArray) -> tuple[FloatArray, IntArray]:
 
 
 def _without_area(vertices: FloatArray, faces: IntArray, settings: MeshSettings) -> BoolArray:
-    """Return whether each triangle is degenerate, to a point or a line, shape (m,)."""
+    """Return whether each triangle is degenerate (its corners coincide or are collinear), shape (m,).
+
+    Args:
+        vertices: positions of the vertices, shape (v, 3).
+        faces: vertex indices of the triangles, shape (m, 3).
+        settings: gives the height up to which a triangle counts as degenerate.
+    """
     corners = vertices[faces]
     sides = np.roll(corners, -1, axis=1) - corners
     lengths = np.sqrt(np.einsum("fij,fij->fi", sides, sides))
@@ -268,12 +286,12 @@ def _without_area(vertices: FloatArray, faces: IntArray, settings: MeshSettings)
 
 
 def _on_edges(vertices: FloatArray, flat: IntArray, others: IntArray) -> BoolArray:
-    """Return whether each triangle without area covers only a vertex or an edge of other triangles, shape (f,).
+    """Return whether each degenerate triangle coincides with an edge or a vertex of another triangle, shape (f,).
 
     Args:
         vertices: vertices of the mesh, shape (v, 3).
-        flat: triangles without area, shape (f, 3).
-        others: the other triangles, shape (m, 3).
+        flat: vertex indices of the degenerate triangles, shape (f, 3).
+        others: vertex indices of the other triangles, shape (m, 3).
     """
     corners = vertices[flat]
     sides = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2)
@@ -283,7 +301,7 @@ def _on_edges(vertices: FloatArray, flat: IntArray, others: IntArray) -> BoolArr
     second = flat[rows, (longest + 1) % 3]
 
     def key(starts: IntArray, ends: IntArray) -> IntArray:
-        """Return a number that identifies each edge, regardless of its direction."""
+        """Return an integer for each edge, equal for both directions of the edge."""
         return np.minimum(starts, ends) * (len(vertices) + 1) + np.maximum(starts, ends)
 
     edges = np.unique(key(others, np.roll(others, -1, axis=1)))

@@ -1,6 +1,7 @@
-"""Outlines of a drawing: the polygons that rings enclose, and the meaning of closed outlines.
+"""Interpretation of the closed outlines of a drawing, and repair of the polygons that they enclose.
 
-Depending on the key ``workspace.closed``, closed outlines are solids with holes, walls, or (the largest one) the room.
+Depending on the key ``workspace.closed`` of a problem file, closed outlines are solids with holes, or walls, or the
+largest one bounds the workspace.
 """
 
 import re
@@ -21,14 +22,19 @@ from ccm_opt.core.polygons import mitred
 from ccm_opt.io.shapes import IMPORT, FillRule, Shape, flatten_arc
 
 _SAME = 1e-6
-"""Distance, relative to the drawing's extent, within which two outlines are one outline drawn twice."""
+"""Distance between two outlines, relative to the drawing's extent, up to which they count as one drawn twice."""
 
 _ROUND = 1e-7
-"""Finest chord deviation of a circle, relative to its radius: 7000 corners."""
+"""Minimum chord deviation of a circle, relative to its radius, which gives 7000 corners."""
 
 
 def as_walls(shapes: Sequence[Shape], distance: float) -> list[Shape]:
-    """Return shapes with all outlines turned into lines; areas are unchanged."""
+    """Return shapes with every closed outline turned into a line along it; lines and areas are unchanged.
+
+    Args:
+        shapes: shapes of a drawing.
+        distance: maximum distance between a circle and its polygon.
+    """
     found: list[Shape] = []
     for shape in shapes:
         if shape.drawn in {"line", "area"}:
@@ -42,13 +48,13 @@ def as_walls(shapes: Sequence[Shape], distance: float) -> list[Shape]:
 
 
 def with_holes(shapes: Sequence[Shape], distance: float) -> list[Shape]:
-    """Return shapes in which unfilled outlines inside other outlines of the same layer have become holes of these.
+    """Return shapes in which unfilled outlines inside another outline of their layer are holes in that outline.
 
-    An outline within a hole is solid again. Outlines that touch or cross each other are all solids.
+    An outline within a hole is solid again. Outlines that touch or cross each other are all solid.
 
     Args:
         shapes: shapes, in one unit of length.
-        distance: largest distance allowed between a circle and its polygon.
+        distance: maximum distance between a circle and its polygon.
 
     Raises:
         ProblemError: too many outlines lie within each other.
@@ -69,7 +75,12 @@ def with_holes(shapes: Sequence[Shape], distance: float) -> list[Shape]:
 
 
 def split_off_boundary(shapes: Sequence[Shape], growth: float, distance: float) -> tuple[shapely.Polygon, list[Shape]]:
-    """Return the largest outline, shrunk by line width and chord deviation, as the room, and the other shapes.
+    """Return the largest closed outline of a drawing as the boundary of the workspace, and the other shapes.
+
+    Args:
+        shapes: shapes of a drawing.
+        growth: chord deviation of curves, by which a curved outline is shrunk, besides half its line width.
+        distance: maximum distance between a circle and its polygon.
 
     Raises:
         ProblemError: there is no closed outline, or the largest is no simple polygon.
@@ -93,7 +104,10 @@ def split_off_boundary(shapes: Sequence[Shape], growth: float, distance: float) 
 
 
 def _apart(shape: Shape, distance: float) -> list[Shape]:
-    """Return each ring of a shape as a shape, a circle as a polygon; a huge circle becomes a coarser, wider polygon."""
+    """Return each ring of a shape as a separate shape, a circle as a polygon.
+
+    The polygon of a very large circle is coarser than ``distance``; the excess is added to its line width.
+    """
     if shape.is_circle:
         coarse = max(distance, _ROUND * shape.half_width)
         ring = flatten_arc(shape.rings[0][0], shape.half_width, 0.0, 2.0 * np.pi, coarse)[:-1]
@@ -102,7 +116,14 @@ def _apart(shape: Shape, distance: float) -> list[Shape]:
 
 
 def _nested(parts: Sequence[tuple[int, Shape]]) -> list[tuple[int, Shape]]:
-    """Return the solids among outlines, each with its holes and the index given with its outline."""
+    """Return the solids among the closed outlines of one layer, each with its holes.
+
+    Args:
+        parts: outlines, each with the index of the shape to which it belongs.
+
+    Returns:
+        Solids, each with the index of its outer outline's shape.
+    """
     polygons = np.array([_simple(part.rings[0]) for _, part in parts])
     once = _without_duplicates(polygons)
     parts = [parts[k] for k in once]
@@ -123,13 +144,13 @@ def _nested(parts: Sequence[tuple[int, Shape]]) -> list[tuple[int, Shape]]:
 
 
 def _simple(ring: FloatArray) -> shapely.Polygon:
-    """Return the polygon of a ring; an empty polygon where the ring is invalid or has no area."""
+    """Return the polygon of a ring of shape (k, 2); an empty polygon where the ring is invalid or has no area."""
     polygon = shapely.Polygon(ring) if len(ring) > 2 else shapely.Polygon()
     return polygon if polygon.is_valid and polygon.area > 0.0 else shapely.Polygon()
 
 
 def _without_duplicates(polygons: np.ndarray) -> list[int]:
-    """Return the indices of the polygons that do not repeat an earlier one."""
+    """Return the indices of the polygons whose outline does not repeat that of an earlier polygon."""
     boxes = shapely.bounds(polygons)
     whole = np.flatnonzero(np.isfinite(boxes).all(axis=1))
     if len(whole) == 0:
@@ -153,7 +174,11 @@ def _without_duplicates(polygons: np.ndarray) -> list[int]:
 
 
 def _within(polygons: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return index pairs (outer, inner) of polygons of which the second lies within the first without contact."""
+    """Return pairs of polygons of which the second lies inside the first without contact, as two arrays of indices.
+
+    Raises:
+        ProblemError: there are too many pairs.
+    """
     tree = shapely.STRtree(polygons)
     at_once = max(1, IMPORT.most_nested // len(polygons))
     pairs = []
@@ -169,25 +194,25 @@ def _within(polygons: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 _MOST_CROSSINGS = 1000
-"""Largest number of pairs of non-adjacent edges of one outline that meet, for it to be repaired. Measured: 0.5 s for as
-many, and ten seconds for four times as many."""
+"""Maximum number of intersecting pairs of non-adjacent edges for which an outline is repaired. Measured: 0.5 s at this
+number, ten seconds at four times as many."""
 _REPAIR_SHARE = 1e-3
-"""Share of the enclosed area by which a repair may change it; a larger change means that something else was drawn.
-Taste."""
+"""Maximum change of the enclosed area by a repair, as a fraction of the area; a larger change means that another shape
+was intended. Taste."""
 
 
 def filled(rings: Sequence[FloatArray], rule: FillRule) -> list[shapely.Polygon]:
-    """Return the polygons that rings enclose.
+    """Return the polygons that a set of nested rings encloses under a fill rule.
 
     Args:
-        rings: each of shape (k, 2), k >= 3.
+        rings: points of each ring, shape (k, 2), k ≥ 3.
         rule: fill rule for rings within rings, see ``Shape.rule``.
 
     Returns:
         Valid polygons with area, at least one; holes are kept.
 
     Raises:
-        ProblemError: a ring encloses no area, or crosses itself so that its repair would change the area.
+        ProblemError: a ring encloses no area, or crosses itself such that a repair would change the area.
     """
     if rule == "polygon":
         return repaired(shapely.Polygon(rings[0], rings[1:]))
@@ -215,7 +240,14 @@ def filled(rings: Sequence[FloatArray], rule: FillRule) -> list[shapely.Polygon]
 def _filled_inwards(
     solids: Sequence[shapely.MultiPolygon], around: IntArray, inside: BoolArray, order: Sequence[int]
 ) -> shapely.Geometry:
-    """Return the area that nested rings enclose, filling and clearing level by level from the outermost inwards."""
+    """Return the area enclosed by nested rings: filled and cleared level by level, from the outermost ring inwards.
+
+    Args:
+        solids: area enclosed by each of the n rings alone.
+        around: number of rings that contain each ring, itself included, shape (n,).
+        inside: whether the area just inside each ring is filled, shape (n,).
+        order: indices of the rings, outermost first, filled and cleared levels separated.
+    """
     parts: list[shapely.Geometry] = []
     for (_, fills), members in groupby(order, key=lambda k: (around[k], bool(inside[k]))):
         level = shapely.union_all([solids[k] for k in members])
@@ -228,17 +260,17 @@ def _filled_inwards(
 
 
 def repaired(polygon: shapely.Polygon) -> list[shapely.Polygon]:
-    """Return a polygon repaired into valid polygons.
+    """Return valid polygons that cover the area of a polygon whose outline may cross itself.
 
     Args:
-        polygon: any polygon; its outline may cross itself.
+        polygon: any polygon.
 
     Returns:
-        Valid polygons with area, at least one, that differ from the given one by at most ``_REPAIR_SHARE`` of the area;
-        holes smaller than that, which a repair may leave at a crossing, are filled.
+        Valid polygons with area, at least one, that differ from the given one by at most a thousandth of the area;
+        holes smaller than a thousandth, which a repair may leave at a crossing, are filled.
 
     Raises:
-        ProblemError: there is no area, or the repair would change it too much.
+        ProblemError: the polygon has no area, crosses itself too often, or would change too much by a repair.
     """
     if polygon.is_valid and polygon.area > 0.0:
         return [polygon]
@@ -266,7 +298,7 @@ def repaired(polygon: shapely.Polygon) -> list[shapely.Polygon]:
 
 
 def polygon_parts(geometry: shapely.Geometry) -> list[shapely.Polygon]:
-    """Return the polygons with area among the parts of a geometry."""
+    """Return the polygons of non-zero area within a geometry, which may be a nested collection."""
     parts = [geometry]
     # Collections may hold collections; they are taken apart until only single geometries are left.
     while any(hasattr(part, "geoms") for part in parts):
@@ -275,7 +307,7 @@ def polygon_parts(geometry: shapely.Geometry) -> list[shapely.Polygon]:
 
 
 def _is_tangled(polygon: shapely.Polygon) -> bool:
-    """Return whether too many pairs of non-adjacent edges meet for a repair, whose time grows with their square."""
+    """Return whether more pairs of non-adjacent edges of a polygon intersect than a repair can handle in time."""
     outlines = [_without_repeats(shapely.get_coordinates(ring)) for ring in (polygon.exterior, *polygon.interiors)]
     edges = np.asarray(
         shapely.linestrings(np.concatenate([np.stack((ring[:-1], ring[1:]), axis=1) for ring in outlines]))
@@ -295,14 +327,14 @@ def _is_tangled(polygon: shapely.Polygon) -> bool:
 
 
 def _without_repeats(ring: FloatArray) -> FloatArray:
-    """Return a closed ring without corners equal to the previous one; at least the first and the last are left."""
+    """Return a closed ring without points equal to their predecessor; at least the first and the last point remain."""
     moves = np.any(ring[1:] != ring[:-1], axis=1)
     moves[-1] = True
     return ring[np.concatenate(([True], moves))]
 
 
 def _sentence(why: str) -> str:
-    """Return GEOS's reason for an invalid polygon, for example ``Self-intersection[1 2]``, in plain words."""
+    """Return the reason of GEOS for an invalid polygon, for example ``Self-intersection[1 2]``, in plain words."""
     place = re.search(r"\[(\S+) (\S+)\]", why)
     where = f" at ({float(place[1]):.6g}, {float(place[2]):.6g})" if place else ""
     reason = why.split("[", maxsplit=1)[0].strip().lower()

@@ -1,4 +1,4 @@
-"""Conversion of problems to the tables of a problem file."""
+"""Conversion of planning problems to the tables of a problem file."""
 
 import hashlib
 import tomllib
@@ -42,22 +42,22 @@ from ccm_opt.scene.bodies import Body, MeshBody
 from ccm_opt.scene.workspace import Workspace
 
 Table = dict[str, object]
-"""A table of a problem file."""
+"""A table of a problem file, by key."""
 _BASE_TOLERANCE = 1e-9
-"""Distance allowed between a curve's base and the arm's, as a share of the arm's length: a problem file has one base
-for both. Derived: a thousandth of the contact tolerance of the verifier."""
+"""Distance up to which the base of a backbone curve counts as the arm's base, as a fraction of the arm's length.
+Derived: a thousandth of the contact tolerance of the verifier."""
 KEPT_MESHES = "meshes"
-"""Subfolder of an output folder with copies of the problem's mesh files."""
+"""Name of the subfolder of an output folder that holds copies of the problem's mesh files."""
 
 
 def recorded_data(problem: Problem) -> Table:
-    """Return the tables of a problem for a record, in the plane the tables of its own file if they still apply.
+    """Return the tables of a problem for a record of a run, preferably those that the user wrote.
 
     Args:
         problem: the problem, from a file, from Python, or changed by ``dataclasses.replace``.
 
     Returns:
-        The parsed ``source`` when reading it gives this problem, else ``problem_data``.
+        For a planar problem whose ``source`` still describes the problem, the parsed ``source``; else ``problem_data``.
 
     Raises:
         ProblemError: the problem cannot be expressed in a problem file.
@@ -74,14 +74,14 @@ def recorded_data(problem: Problem) -> Table:
 
 
 def problem_data(problem: Problem, mesh_files: Sequence[str] | None = None) -> Table:
-    """Return every value of a problem in the layout of a problem file.
+    """Return every value of a problem as nested tables in the layout of a problem file.
 
     Angles are converted to degrees, so a problem read from these data may differ in the last bit. Lengths are in the
     problem's unit, as numbers that convert back to exactly the same metres wherever such numbers exist.
 
     Args:
         problem: the problem; its ``source`` is ignored.
-        mesh_files: path of the mesh of each obstacle in space, relative to where the data will be read; ignored for
+        mesh_files: mesh file of each obstacle in space, relative to the folder of the problem file; ignored for
             obstacles that are no meshes. None uses the paths from ``stored_mesh_paths``.
 
     Returns:
@@ -122,10 +122,12 @@ def problem_data(problem: Problem, mesh_files: Sequence[str] | None = None) -> T
 
 
 def check_curves(problem: Problem) -> None:
-    """Refuse a problem with a curve that does not start at the arm's base; a problem file has one base for both.
+    """Refuse a problem whose start or goal has a backbone curve that does not begin at the arm's base.
+
+    A problem file has one base for the arm and all curves.
 
     Raises:
-        ProblemError: a curve starts elsewhere.
+        ProblemError: a curve begins elsewhere.
     """
     arm = problem.arm
     for goal in (problem.start, *(stop.goal for stop in problem.goals)):
@@ -136,10 +138,10 @@ def check_curves(problem: Problem) -> None:
 
 
 def workspace_table(workspace: Workspace, unit: LengthUnit) -> Table:
-    """Return a workspace in the plane as the table ``[workspace]``, with lengths in ``unit``.
+    """Return a planar workspace as the table ``[workspace]`` of a problem file, with lengths in ``unit``.
 
     Raises:
-        ProblemError: its boundary has holes, or an obstacle cannot be expressed in a problem file.
+        ProblemError: the boundary has holes, or an obstacle cannot be expressed in a problem file.
     """
     if workspace.boundary.interiors:
         raise ProblemError(
@@ -151,7 +153,7 @@ def workspace_table(workspace: Workspace, unit: LengthUnit) -> Table:
 
 
 def arm_table(arm: Arm, unit: LengthUnit) -> Table:
-    """Return an arm as the table ``[arm]``, with lengths in ``unit``."""
+    """Return an arm as the table ``[arm]`` of a problem file, with lengths in ``unit``."""
     own: dict[str, object] = {
         "inertia": InertiaTable.of(None, axial=arm.inertia_axial, transverse=arm.inertia_transverse),
         "feed": next((FeedTable.of(axis, range=[axis.low, axis.high]) for axis in arm.base_axes), None),
@@ -163,7 +165,7 @@ def arm_table(arm: Arm, unit: LengthUnit) -> Table:
 
 
 def limits_table(limits: Limits, unit: LengthUnit) -> Table:
-    """Return limits as the table ``[limits]``, with lengths in ``unit``."""
+    """Return limits as the table ``[limits]`` of a problem file, with lengths in ``unit``."""
     bounds = [
         (point.at, {key: bound for key in ("velocity", "acceleration") if np.isfinite(bound := getattr(point, key))})
         for point in limits.points
@@ -176,14 +178,14 @@ def limits_table(limits: Limits, unit: LengthUnit) -> Table:
 def goal_table(
     goal: Goal, unit: LengthUnit, *, in_space: bool, fed: bool, tolerances: Tolerances | None = None
 ) -> Table:
-    """Return a goal as the table ``[goal]``, or a pose of the whole arm as ``[start]``, which has no tolerances.
+    """Return a goal as the table ``[goal]`` of a problem file, or a start pose as the table ``[start]``.
 
     Args:
-        goal: the goal or pose.
+        goal: the goal, or the start pose of the whole arm.
         unit: unit of the lengths in the table.
-        in_space: whether the arm moves in space.
-        fed: whether the base is on a feed axis.
-        tolerances: tolerances of the goal; None for a start.
+        in_space: whether the arm moves in three dimensions.
+        fed: whether the base is on a feed axis (a linear axis that advances the arm).
+        tolerances: tolerances of the goal; None for a start, which has none.
     """
     own: dict[str, object] = {"via": list(goal.via) or None} if in_space else {}
     if tolerances:
@@ -200,18 +202,18 @@ def goal_table(
 
 
 def simulation_table(options: SimulationOptions, unit: LengthUnit) -> Table:
-    """Return simulation options as the table ``[simulation]``."""
+    """Return simulation options as the table ``[simulation]`` of a problem file, with lengths in ``unit``."""
     gains = GainsTable.of(None, proportional=options.proportional_gain, derivative=options.derivative_gain)
     return SimulationTable.of(options, gains=gains if gains.model_fields_set else None).written(unit)
 
 
 def _body(name: str, body: Body, file: str, unit: LengthUnit) -> Table:
-    """Return an obstacle in space as a table; only boxes and meshes need a placement.
+    """Return an obstacle in space as a table of a problem file; a box and a mesh also get their pose.
 
     Args:
         name: name of the obstacle.
-        body: its body.
-        file: path of its mesh; ignored for other bodies.
+        body: the solid.
+        file: path of the mesh file; ignored for other solids.
         unit: unit of the lengths in the table.
     """
     own: dict[str, object] = {body.kind: body}
@@ -232,7 +234,7 @@ def _body(name: str, body: Body, file: str, unit: LengthUnit) -> Table:
 
 
 def stored_mesh_paths(problem: Problem) -> list[str]:
-    """Return the path of each obstacle's mesh in an output folder; entries for other obstacles are unused."""
+    """Return for each obstacle the path of its mesh file in an output folder; entries of other obstacles are unused."""
     slugs = [slug for _, slug in unique_names(each.name for each in problem.workspace.obstacles)]
     # Meshes made in Python are written as OBJ.
     suffixes = {k: PurePosixPath(body.file).suffix.lower() for k, _, body in problem.workspace.meshes if body.content}
@@ -240,29 +242,29 @@ def stored_mesh_paths(problem: Problem) -> list[str]:
 
 
 def _meshes(problem: Problem) -> Iterator[tuple[str, str, MeshBody]]:
-    """Yield the meshes among the obstacles: name of the obstacle, path of the stored file, and the mesh."""
+    """Yield for each obstacle that is a mesh: the obstacle's name, the path of the stored file, and the mesh."""
     kept = stored_mesh_paths(problem)
     yield from ((obstacle, kept[k], body) for k, obstacle, body in problem.workspace.meshes)
 
 
 def stored_meshes(problem: Problem) -> dict[str, bytes]:
-    """Return the mesh files of a problem, byte for byte, so that an output folder can be verified on its own.
+    """Return the mesh files of a problem, byte for byte, by their path in an output folder.
 
-    Meshes made in Python are written as OBJ, in world coordinates and with every digit, so that a later verification
-    uses exactly the certified mesh.
+    With these copies an output folder can be verified on its own. Meshes made in Python are written as OBJ, in world
+    coordinates and with every digit, so that a later verification uses exactly the certified mesh.
     """
     return {name: body.content or _mesh_obj(body) for _, name, body in _meshes(problem)}
 
 
 def _mesh_obj(body: MeshBody) -> bytes:
-    """Return a mesh as OBJ text, with coordinates that are read back exactly."""
+    """Return a mesh as the bytes of an OBJ file, with enough digits to read the same coordinates again."""
     rows = [f"v {' '.join(map(repr, place))}" for place in body.vertices.tolist()]
     rows += [f"f {' '.join(map(str, face))}" for face in (body.faces + 1).tolist()]
     return "\n".join((*rows, "")).encode()
 
 
 def mesh_data(problem: Problem) -> list[dict[str, object]]:
-    """Return a record of every mesh: its original file, its stored copy with hash, and its triangles."""
+    """Return one record per mesh obstacle: original file, stored copy with SHA-256, number of triangles, closedness."""
     kept = stored_meshes(problem)
     return [
         {

@@ -1,7 +1,7 @@
-"""Construction of problems in Python, part by part.
+"""Construction of planning problems from Python objects.
 
-Every part is converted to the equivalent table of a problem file, in the unit of the call, and goes through the same
-checks as a file. So all defects are reported at once, under the keys that the parts would have in a file.
+Every argument is converted to the equivalent table of a problem file, in the unit of the call, and then checked like
+a file. All defects are therefore reported together, under the keys that the arguments would have in a file.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -51,21 +51,21 @@ _WRITERS: Mapping[type, Callable[[Any, LengthUnit], Table]] = {
     PlannerOptions: lambda options, unit: PlannerTable.of(options).written(unit),
     VerificationOptions: lambda options, unit: VerificationTable.of(options).written(unit),
 }
-"""Converters to tables, by type of object. Objects of other types are passed on and refused by the checks of files."""
+"""Converters of objects to tables of a problem file, by type. Objects of other types fail the checks for files."""
 
 
 def _workspace(
     room: object, shapes: object, clearance: object, unit: LengthUnit, issues: Issues, bodies: list[Obstacle] | None
 ) -> Table:
-    """Return the table ``[workspace]`` made of the boundary, the obstacles and the required clearance.
+    """Return the table ``[workspace]`` of a problem file, from bounds, obstacles and required clearance.
 
     Args:
-        room: bounds, an outline, or a whole workspace.
+        room: bounds, the outline of the free area, or a workspace object.
         shapes: obstacles as geometries, objects or tables.
-        clearance: required clearance; None leaves that of ``room``.
+        clearance: required clearance; None keeps the clearance of ``room``.
         unit: unit of the lengths in the table.
         issues: receives the defects of the obstacles.
-        bodies: receives obstacles in space that are given as bodies, which bypass the table; None in the plane.
+        bodies: receives obstacles in space that are given as solids, which bypass the table; None in the plane.
     """
     table: Table = {"bounds": room, "obstacles": []}
     if isinstance(room, Workspace):
@@ -96,14 +96,14 @@ def _workspace(
 
 
 def _goal(goal: object) -> object:
-    """Return the table ``[goal]`` for a tip position or the name of a pose; anything else is returned unchanged."""
+    """Return the table ``[goal]`` for a tip position or the name of a pose; any other value is returned unchanged."""
     if _is_place(goal):
         return {"position": goal}
     return {"shape": goal} if isinstance(goal, str) else goal
 
 
 def _is_place(value: object) -> bool:
-    """Return whether a value is a one-dimensional, non-empty row of numbers."""
+    """Return whether a value is a non-empty one-dimensional sequence of numbers, and may thus be a position."""
     if isinstance(value, (Mapping, str)):
         return False
     found = finite_array(value)
@@ -111,14 +111,14 @@ def _is_place(value: object) -> bool:
 
 
 def _plain(value: Any, writers: Mapping[type, Callable[[Any, LengthUnit], Table]], unit: LengthUnit) -> Any:
-    """Return a value converted to plain tables, lists, texts and numbers, as a TOML parser would return them.
+    """Return a value converted to plain dictionaries, lists, texts and numbers, as a TOML parser would return them.
 
     Keys whose value is None are left out.
 
     Args:
         value: the value, which may contain objects and arrays.
-        writers: converters to tables, by type of object.
-        unit: unit of the lengths in these tables.
+        writers: converters of objects to tables, by type.
+        unit: unit of the lengths in the converted tables.
     """
     if type(value) in writers:
         return writers[type(value)](value, unit)
@@ -132,9 +132,9 @@ def _plain(value: Any, writers: Mapping[type, Callable[[Any, LengthUnit], Table]
 
 
 Given: TypeAlias = Mapping[str, Any]
-"""A table as in a problem file."""
+"""A table with the keys of a problem file."""
 Place: TypeAlias = Sequence[float] | FloatArray
-"""A place (x, y), or (x, y, z) in space."""
+"""A position, shape (2,) in the plane or (3,) in space."""
 GoalLike: TypeAlias = Goal | Place | Given
 
 
@@ -156,9 +156,9 @@ def make_problem(
     verification: VerificationOptions | Given | None = None,
     folder: str | Path | None = None,
 ) -> Problem:
-    """Return a problem made in Python, checked as closely as one from a file.
+    """Return a planning problem built from Python objects, with the same checks as a problem file.
 
-    Parts are objects, in metres and radians, or tables with the keys of a problem file, in ``unit`` and degrees::
+    Each part is an object, in metres and radians, or a table with the keys of a problem file, in ``unit`` and degrees::
 
         problem = ccm_opt.make_problem(
             "behind the post",
@@ -171,7 +171,7 @@ def make_problem(
             goal={"position": (430, 230), "heading_deg": 60},
         )
 
-    An arm whose ``base`` is a table moves in space; its obstacles are bodies, in metres, or tables::
+    An arm whose ``base`` is a table moves in three dimensions; obstacles are then solids, in metres, or tables::
 
         problem = ccm_opt.make_problem(
             "beside the post",
@@ -188,23 +188,23 @@ def make_problem(
         goal: a goal object, a tip position, or a table ``[goal]``; a list of goals is reached in sequence.
         limits: joint limits, or a table ``[limits]``.
         room: the workspace's bounds (x low, y low, x high, y high), its outline, whose holes become obstacles, or a
-            whole workspace; in space the lower and upper corners, shape (2, 3), or None for no bounds.
-        obstacles: shapely geometries, see ``obstacles_of``, in space bodies, or tables of
-            ``[[workspace.obstacles]]``; as a list, or as a mapping by name.
-        clearance: required clearance between the arm's surface and walls; None takes the clearance of ``room``, if that
-            has one, else 0.
+            workspace object; in space the lower and upper corner, shape (2, 3), or None for no bounds.
+        obstacles: shapely geometries, see ``obstacles_of``, in space solids, or tables of
+            ``[[workspace.obstacles]]``; as a list, or as a mapping from name to obstacle.
+        clearance: required distance between the arm's surface and obstacles; None takes the clearance of ``room`` if
+            ``room`` is a workspace object, else 0.
         start: "straight", "folded", a pose, or a table ``[start]``.
         unit: unit of all lengths not given in objects, and of lengths in messages: "m", "mm" or "in".
         description: one line for human readers.
-        joint_error_deg: error of any joint at any time under which the motion must still be collision-free [deg].
+        joint_error_deg: deviation of any joint, at any time, under which the motion must remain collision-free [deg].
         planner: planner options, or a table ``[planner]``.
         simulation: simulation options, or a table ``[simulation]``.
         verification: verification options, or a table ``[verification]``.
-        folder: folder from which the paths of meshes start; required where an obstacle refers to a mesh.
+        folder: folder to which the paths of mesh files are relative; required where an obstacle refers to a mesh file.
 
     Raises:
         ProblemFileError: the problem has defects; the message lists each under its key in a problem file.
-        ProblemError: ``unit`` is no unit, ``arm`` is no arm, or a body shares the name of another obstacle.
+        ProblemError: ``unit`` is no unit, ``arm`` is no arm, or two obstacles have the same name.
     """
     expect_that(lambda: unit in METRES, unit, f"one of {', '.join(METRES)} for unit=")
     expect(arm, (Arm, Mapping), "a ccm_opt.Arm or a table for arm=", "ccm_opt.Arm.snake(…) makes one")

@@ -1,4 +1,4 @@
-"""Meshes as read from files, the bounds on them, and triangulation of faces with more than three corners."""
+"""Triangle meshes as read from files, size limits of mesh files, and triangulation of polygonal faces."""
 
 from dataclasses import dataclass
 
@@ -10,20 +10,20 @@ from ccm_opt.core.errors import ProblemError
 
 @dataclass(frozen=True)
 class MeshSettings:
-    """Bounds on mesh files, the same for all formats.
+    """Limits on the size of mesh files of every supported format.
 
     Attributes:
-        most_bytes: largest size of a file. Taste: two million triangles as text.
-        most_triangles: largest number of triangles of a mesh, or of all meshes of a problem together. Taste: distances
-            would take gigabytes of memory with more.
-        most_unpacked: largest unpacked size of the models in a 3MF file [bytes]. Taste: about
+        most_bytes: maximum size of a file [bytes]. Taste: two million triangles as text.
+        most_triangles: maximum number of triangles of one mesh, and of all meshes of a problem together. Taste: with
+            more, distance queries would take gigabytes of memory.
+        most_unpacked: maximum unpacked size of the models in a 3MF file [bytes]. Taste: about
             ``most_triangles`` triangles as text.
-        deepest: deepest nesting of components in a 3MF file. Taste: programs nest two or three deep.
-        most_parts: largest number of parts of a 3MF or GLB file, counted each time they are used. Taste.
-        least_height: height below which triangles have no area, as a fraction of the mesh's extent. Derived: a few
-            roundings of a vertex in double precision.
-        largest_coordinate: largest coordinate in the mesh's own unit. Derived: beyond it double precision no longer
-            resolves a millionth.
+        deepest: maximum nesting depth of components in a 3MF file. Taste: CAD programs nest two or three deep.
+        most_parts: maximum number of part instances in a 3MF or GLB file. Taste.
+        least_height: height up to which a triangle counts as degenerate, as a fraction of the mesh's extent. Derived: a
+            few rounding errors of a vertex in double precision.
+        largest_coordinate: maximum absolute coordinate, in the unit of the file. Derived: double precision no longer
+            resolves a millionth of a unit beyond this value.
     """
 
     most_bytes: int = 256 * 2**20
@@ -36,12 +36,12 @@ class MeshSettings:
 
 
 MESHES = MeshSettings()
-"""The default bounds."""
+"""Default limits on mesh files."""
 
 
 @dataclass(frozen=True, eq=False)
 class RawMesh:
-    """Vertices and triangles in the unit of the file.
+    """A triangle mesh as read from a file, with coordinates in the unit of that file.
 
     Raises:
         ProblemError: an array has the wrong shape, or a triangle refers to a vertex that does not exist.
@@ -49,10 +49,10 @@ class RawMesh:
     Attributes:
         vertices: positions of the vertices, shape (v, 3).
         faces: indices of the vertices of each triangle, shape (m, 3).
-        metres: metres per unit, where the file states it; else None.
-        passed_over: ignored contents of the file that are no surfaces, in words.
+        metres: metres per unit, where the file states the unit; else None.
+        passed_over: contents of the file that were ignored because they are no surfaces, in words for the user.
         content: bytes of the file.
-        mended: repairs made, in words.
+        mended: repairs made to the mesh, in words for the user.
     """
 
     vertices: FloatArray
@@ -70,14 +70,14 @@ class RawMesh:
 
     @classmethod
     def of_corners(cls, corners: FloatArray) -> "RawMesh":
-        """Return the mesh of triangles given by their corners, shape (m, 3, 3), without shared vertices."""
+        """Return a mesh of m separate triangles, which share no vertices, from corner positions of shape (m, 3, 3)."""
         return cls(corners.reshape(-1, 3), np.arange(3 * len(corners), dtype=np.intp).reshape(-1, 3))
 
     @classmethod
     def joined(
         cls, meshes: list["RawMesh"], metres: float | None = None, passed_over: tuple[str, ...] = ()
     ) -> "RawMesh":
-        """Return several meshes joined into one, with the given unit and ignored contents."""
+        """Return the concatenation of several meshes, with the given unit and record of ignored contents."""
         if not meshes:
             return cls(np.zeros((0, 3)), np.zeros((0, 3), dtype=np.intp), metres, passed_over)
         offsets = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
@@ -87,7 +87,7 @@ class RawMesh:
 
 
 def counted(number: int, what: str) -> str:
-    """Return a count with its noun, for example ``2 lines``."""
+    """Return a number with its noun in the singular or the plural, for example ``2 lines``."""
     return f"{number} {what}" if number == 1 else f"{number} {what}s"
 
 
@@ -96,12 +96,12 @@ _QUADRANGLE = 4
 
 
 def triangulate_faces(vertices: FloatArray, corners: IntArray, counts: IntArray) -> IntArray:
-    """Divide faces into triangles, which cover exactly the face where it is flat and does not cross itself.
+    """Triangulate polygonal faces of a mesh; planar faces that do not cross themselves are covered exactly.
 
     Args:
         vertices: positions of the vertices, shape (v, 3).
-        corners: vertex indices of all faces, one face after the other.
-        counts: number of corners of each face; faces of fewer than three are ignored.
+        corners: vertex indices of all faces, one face after the other, shape (sum of ``counts``,).
+        counts: number of corners of each face, shape (f,); faces with fewer than three are ignored.
 
     Returns:
         Vertex indices of each triangle, shape (m, 3), in the order of the faces.
@@ -121,7 +121,12 @@ def triangulate_faces(vertices: FloatArray, corners: IntArray, counts: IntArray)
 
 
 def _cut(vertices: FloatArray, faces: IntArray) -> IntArray:
-    """Return faces of c corners each, shape (f, c), as triangles, shape (f, c - 2, 3)."""
+    """Return the triangulation of f polygons with c corners each, as vertex indices, shape (f, c - 2, 3).
+
+    Args:
+        vertices: positions of the vertices, shape (v, 3).
+        faces: vertex indices of the polygons, shape (f, c).
+    """
     count = faces.shape[1]
     along = np.arange(1, count - 1)
     fans = faces[:, np.column_stack((np.zeros_like(along), along, along + 1))]
@@ -140,22 +145,26 @@ def _cut(vertices: FloatArray, faces: IntArray) -> IntArray:
 
 
 def _normals(corners: FloatArray) -> FloatArray:
-    """Return the normals of faces, shape (f, 3), of length twice the area, given the corners, shape (f, c, 3)."""
+    """Return the normals of polygons with corners of shape (f, c, 3): twice the area long, shape (f, 3)."""
     spokes = corners - corners[:, :1]
     return np.asarray(np.cross(spokes[:, 1:-1], spokes[:, 2:]).sum(axis=1))
 
 
 def _bends_inward(corners: FloatArray) -> BoolArray:
-    """Return whether each corner of each face is reflex, shape (f, c), given the corners, shape (f, c, 3)."""
+    """Return whether each corner of each polygon is reflex, shape (f, c), from corner positions, shape (f, c, 3)."""
     edges = np.roll(corners, -1, axis=1) - corners
     turns = np.cross(np.roll(edges, 1, axis=1), edges)
     return np.asarray(np.einsum("fci,fi->fc", turns, _normals(corners)) < 0.0)
 
 
 def _cut_flat(corners: FloatArray) -> IntArray | None:
-    """Return the triangulation of one face with corners (c, 3) as corner indices, shape (c - 2, 3).
+    """Return the constrained Delaunay triangulation of one polygon in space, as corner indices of shape (c - 2, 3).
 
-    None where the face is not a simple polygon or cannot be triangulated.
+    Args:
+        corners: positions of the polygon's corners, shape (c, 3).
+
+    Returns:
+        None where the polygon, projected along one coordinate axis, is not simple or cannot be triangulated.
     """
     import shapely  # noqa: PLC0415 - few meshes have such faces
 

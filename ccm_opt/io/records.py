@@ -1,4 +1,4 @@
-"""Records and arrays of solutions and poses: strict JSON, without NaN or infinity, and NumPy archives."""
+"""JSON records and NumPy archives of plans and static poses; the JSON is strict, without NaN or infinity."""
 
 import math
 import zipfile
@@ -29,18 +29,11 @@ from ccm_opt.robot.coordinates import Coordinates
 from ccm_opt.robot.segment import segment_words
 
 SCHEMA = 1
-"""Version of the layout of the records."""
+"""Version of the layout of all JSON records."""
 
 
 def pose_json(found: StaticPose) -> str:
-    """Return the record of a pose.
-
-    Args:
-        found: the pose.
-
-    Returns:
-        JSON text, with null for numbers that are not finite.
-    """
+    """Return the record of a static pose as JSON text, with null for numbers that are not finite."""
     pose = found.pose
     variables, rows = pose.size
     record: dict[str, object] = {
@@ -68,20 +61,20 @@ def pose_json(found: StaticPose) -> str:
 
 
 def pose_failure_json(problem: Problem, status: str, diagnosis: Diagnosis, timings: Mapping[str, float]) -> str:
-    """Return the record of a problem at whose goal no pose was found, as JSON text.
+    """Return the record of a problem at whose goal no pose was found as JSON text.
 
     Args:
         problem: the problem.
         status: how the search ended.
-        diagnosis: why there is no pose.
-        timings: CPU time of the stages that ran [s].
+        diagnosis: reasons why no pose was found.
+        timings: CPU time of each stage that ran, by stage name [s].
     """
     record = {"schema": SCHEMA, "status": status, "problem": recorded_data(problem)}
     return strict_text(record | {"timings": dict(timings), "diagnosis": asdict(diagnosis)})
 
 
 def curve_record(curve: Curve) -> dict[str, object]:
-    """Return a curve as a record: length, knots and curvature of every segment, and in the plane the segment's type."""
+    """Return the record of a backbone curve: length, knots, curvature and, in the plane, type of each segment."""
     segments = [
         {"length": segment.length, "knots": list(segment.knots), "curvature": segment.curvature.tolist()}
         for segment in curve.segments
@@ -95,7 +88,7 @@ def curve_record(curve: Curve) -> dict[str, object]:
 
 
 def goal_pose_data(record: GoalPoseRecord) -> Mapping[str, object]:
-    """Return the record of a goal pose; lengths [m], angles [rad]."""
+    """Return the record of the goal configuration that was optimised before planning; lengths [m], angles [rad]."""
     variables, rows = record.size
     return {
         "reached": record.reached,
@@ -113,7 +106,7 @@ def goal_pose_data(record: GoalPoseRecord) -> Mapping[str, object]:
 
 
 def clearance_data(room: ClearanceRecord) -> Mapping[str, object]:
-    """Return the record of a motion's clearance [m, s], without the arrays, which are in ``solution.npz``."""
+    """Return the record of a motion's clearance [m, s], without the arrays over time, which are in ``solution.npz``."""
     possible = room.possible
     return {
         "wanted_gap": room.wanted,
@@ -135,7 +128,7 @@ def clearance_data(room: ClearanceRecord) -> Mapping[str, object]:
 
 
 def place_data(place: NearPlace) -> Mapping[str, object]:
-    """Return the record of a place where a link is near a wall or another link; lengths [m], times [s]."""
+    """Return the record of where a link comes nearest to an obstacle or another link; lengths [m], times [s]."""
     other: dict[str, object] = {}
     if place.second_link:
         other = {"second_link": place.second_link}
@@ -146,29 +139,22 @@ def place_data(place: NearPlace) -> Mapping[str, object]:
 
 
 def tolerance_data(errors: Iterable[SurvivedError]) -> list[Mapping[str, object]]:
-    """Return one record per error, with the fields of ``SurvivedError``; angles are given in degrees as well."""
+    """Return one record per tracking error that a plan survives; angles are given in degrees as well."""
     return [asdict(e) | ({"size_deg": math.degrees(e.size)} if e.unit == "rad" else {}) for e in errors]
 
 
 def tolerance_json(name: str, errors: Iterable[SurvivedError]) -> str:
-    """Return the text of ``tolerance.json``.
+    """Return the text of ``tolerance.json``, the tracking errors under which a plan remains collision-free.
 
     Args:
         name: name of the problem.
-        errors: the errors that its plan survives.
+        errors: the maximum errors of each kind that the plan survives.
     """
     return strict_text({"problem": name, "tolerance": tolerance_data(errors)})
 
 
 def solution_json(solution: Solution) -> str:
-    """Return the record of a solved problem.
-
-    Args:
-        solution: the verified plan.
-
-    Returns:
-        JSON text, with null for numbers that are not finite.
-    """
+    """Return the record of a verified plan as JSON text, with null for numbers that are not finite."""
     record = _record(solution.problem, "solved", solution.versions)
     record |= {
         "metrics": dict(solution.metrics),
@@ -193,26 +179,23 @@ def solution_json(solution: Solution) -> str:
 
 
 def goal_data(errors: GoalErrors) -> dict[str, object]:
-    """Return the record of the last link's deviation from its goal [m, rad]."""
+    """Return the record of the deviation of the last link from its goal pose [m, rad]."""
     return {"position_error": errors.position, "direction_error": errors.direction, "roll": errors.roll}
 
 
 def _check_data(check: Check) -> dict[str, object]:
-    """Return the record of a check, without the place of the least gap, which is in the record of clearance."""
+    """Return the record of a verifier's check, without the place of minimum clearance, which is recorded elsewhere."""
     return {name: value for name, value in asdict(check).items() if name != "place"}
 
 
 def failure_json(problem: Problem, status: str, diagnosis: Diagnosis, timings: Mapping[str, float]) -> str:
-    """Return the record of a problem without a plan.
+    """Return the record of a problem for which no plan was found as JSON text, with null for non-finite numbers.
 
     Args:
         problem: the problem.
         status: how the search ended.
-        diagnosis: why there is no plan.
-        timings: CPU time of the stages that ran [s].
-
-    Returns:
-        JSON text, with null for numbers that are not finite.
+        diagnosis: reasons why no plan was found.
+        timings: CPU time of each stage that ran, by stage name [s].
     """
     record = _record(problem, status, {})
     record |= {"metrics": {}, "timings": dict(timings), "checks": [], "diagnosis": asdict(diagnosis)}
@@ -231,12 +214,12 @@ def _record(problem: Problem, status: str, versions: Mapping[str, str]) -> dict[
 
 
 _COMPRESSION = 1
-"""Compression level of arrays, from 1, fast, to 9, small. Measured on the plan of the swan's neck, 1.37 MB when not
-compressed: 615 kB in 14 ms at 1, 612 kB in 24 ms at 6."""
+"""Deflate level of arrays, from 1 (fast) to 9 (small). Measured on the plan of the example problem of a swan's neck,
+1.37 MB uncompressed: 615 kB in 14 ms at level 1, 612 kB in 24 ms at level 6."""
 
 
 def solution_arrays(solution: Solution) -> dict[str, npt.NDArray[np.generic]]:
-    """Return the arrays of a plan by their names in the file format; angles [rad], lengths [m], time [s]."""
+    """Return the arrays of a plan, by their names in ``solution.npz``; angles [rad], lengths [m], time [s]."""
     trajectory, room = solution.trajectory, solution.room
     coordinates = trajectory.coordinates
     of_base = {
@@ -268,10 +251,10 @@ def solution_arrays(solution: Solution) -> dict[str, npt.NDArray[np.generic]]:
 
 
 def by_joint(bends: FloatArray, coordinates: Coordinates) -> FloatArray:
-    """Return bends as stored in files: unchanged in the plane, shape (..., links, 2) in space.
+    """Return joint angles in the layout of files: unchanged for a planar arm, shape (..., n links, 2) in space.
 
     Args:
-        bends: bends of an arm, one column each, shape (..., bends) [rad].
+        bends: bend angles of the joints, shape (..., n) in the plane, (..., 2 n) in space [rad].
         coordinates: layout of the arm's coordinates.
     """
     if coordinates.bends_a_joint == 1:
@@ -280,9 +263,9 @@ def by_joint(bends: FloatArray, coordinates: Coordinates) -> FloatArray:
 
 
 def arrays_npz(arrays: Mapping[str, npt.NDArray[np.generic]]) -> bytes:
-    """Return the content of an ``.npz`` file; equal arrays give equal bytes, whenever they are written.
+    """Return the bytes of an ``.npz`` file; equal arrays give equal bytes at any time.
 
-    Arrays with columns of zeros are compressed: revolutes that a planar motion does not move are two thirds of many.
+    Only arrays with columns of zeros are compressed: in a planar plan, two thirds of the revolute joints never move.
     """
     buffer = BytesIO()
     with zipfile.ZipFile(buffer, "w") as archive:
@@ -297,10 +280,12 @@ def arrays_npz(arrays: Mapping[str, npt.NDArray[np.generic]]) -> bytes:
 
 
 def bend_arrays(arrays: Mapping[str, npt.NDArray[np.generic]]) -> dict[str, npt.NDArray[np.generic]]:
-    """Return arrays without the revolutes that do not bend the arm: in the plane two of every three, in space one.
+    """Return the arrays of a plan without the revolute joints that never bend the arm.
+
+    Each joint is modelled by three revolutes, of which one bends a planar arm and two bend an arm in space.
 
     Args:
-        arrays: arrays of a plan, by name.
+        arrays: arrays of a plan, by name as in ``solution.npz``.
     """
     of_revolutes = {"joint_names"} | {f"joint_{what}" for what in ("angles", "velocities", "accelerations", "torques")}
     of_revolutes |= {"simulated_angles", "simulated_torques"}
@@ -310,7 +295,7 @@ def bend_arrays(arrays: Mapping[str, npt.NDArray[np.generic]]) -> dict[str, npt.
 
 
 def curve_arrays(curves: tuple[Configuration, ...]) -> dict[str, npt.NDArray[np.generic]]:
-    """Return the curves to which the keyframes were fitted, as arrays of their concatenated segments.
+    """Return backbone curves as arrays of their concatenated segments, by name as in ``solution.npz``.
 
     The segments of curve k run from ``segments_offsets[k]`` up to, but excluding, ``segments_offsets[k + 1]``.
     """

@@ -1,4 +1,4 @@
-"""Output folders of poses, reachability maps, failures, and Pareto plans."""
+"""Writers of the output folders of poses, reachability maps, failed runs, and Pareto-optimal plans."""
 
 import itertools
 from collections.abc import Mapping
@@ -28,7 +28,7 @@ from ccm_opt.robot.configuration import Configuration, SpaceConfiguration
 
 
 def write_pose(found: StaticPose, out: Path, pictures: Mapping[str, bytes] | None = None) -> Path:
-    """Write the folder of a pose.
+    """Write the output folder of a static pose: record, arrays, mesh files and pictures.
 
     Args:
         found: the pose.
@@ -36,17 +36,17 @@ def write_pose(found: StaticPose, out: Path, pictures: Mapping[str, bytes] | Non
         pictures: content of pictures by file name.
 
     Returns:
-        The folder, ``out / <problem's name>``.
+        The folder written, ``out / <name of the problem>``.
 
     Raises:
-        ProblemError: the folder cannot be written, or a folder of something else is in its place.
+        ProblemError: the folder cannot be written, or a folder without a pose record is at this path.
     """
     files = {POSE_RECORD: pose_json(found).encode(), POSE_ARRAYS: arrays_npz(pose_arrays(found)), **(pictures or {})}
     return write_folder(out / found.problem.name, files | stored_meshes(found.problem), POSE_RECORD)
 
 
 def pose_arrays(found: StaticPose) -> dict[str, npt.NDArray[np.generic]]:
-    """Return the arrays of a pose by their names in the file format; angles [rad], lengths [m]."""
+    """Return the arrays of a static pose, by their names in ``pose.npz``; angles [rad], lengths [m]."""
     arrays: dict[str, npt.NDArray[np.generic]] = {
         "bend_angles": found.bends,
         "joint_positions": found.joint_positions,
@@ -69,9 +69,9 @@ def pose_arrays(found: StaticPose) -> dict[str, npt.NDArray[np.generic]]:
 
 
 def write_reach(found: ReachMap, out: Path, pictures: Mapping[str, bytes] | None = None) -> Path:
-    """Write the folder of a reachability map, with arrays named after its fields; angles [rad], lengths [m].
+    """Write the output folder of a reachability map; angles [rad], lengths [m].
 
-    Arguments, result and errors are those of ``write_pose``.
+    Arrays are named after the fields of the map. Arguments, return value and errors are those of ``write_pose``.
     """
     own = ("directions",) if found.problem.dimension == 3 else ("headings", "heading_ranges")
     arrays = dict(zip("xyz", found.axes, strict=False))
@@ -81,7 +81,7 @@ def write_reach(found: ReachMap, out: Path, pictures: Mapping[str, bytes] | None
 
 
 def reach_json(found: ReachMap) -> str:
-    """Return the record of a reachability map as JSON text: the problem, and figures."""
+    """Return the record of a reachability map as JSON text: problem, counts of grid cells, area or volume, timings."""
     record: dict[str, object] = {
         "schema": SCHEMA,
         "problem": recorded_data(found.problem),
@@ -102,20 +102,20 @@ def reach_json(found: ReachMap) -> str:
 
 
 FAILED = ".failed"
-"""Suffix of the folder of a failure, where the folder itself holds an earlier result, which is kept."""
+"""Suffix of the folder of a failed run, used where the folder without suffix holds an earlier result to be kept."""
 UNFINISHED = ".unfinished"
-"""Suffix, likewise, for a verified plan whose simulation or pictures were interrupted."""
+"""Suffix, used like ``FAILED``, of the folder of a verified plan whose simulation or pictures were interrupted."""
 
 
 def sibling_folder(target: Path, ending: str) -> Path:
-    """Return ``target`` itself or, where this folder holds an earlier result, a folder next to it with a suffix.
+    """Return ``target`` or, where that folder holds an earlier result, a folder next to it with a suffix.
 
     Args:
-        target: the folder of the result.
-        ending: the suffix; a number follows where that folder also holds a result, or something that no run wrote.
+        target: path wanted for the output folder.
+        ending: the suffix; a number is appended where the folder of that name holds a result too, or foreign files.
 
     Returns:
-        A folder that may be written: a new one, or one with the record of an earlier failure.
+        A path that may be written: no folder yet, or one that holds only the record of a failed run.
     """
     if not holds_result(target):
         return target
@@ -124,7 +124,7 @@ def sibling_folder(target: Path, ending: str) -> Path:
 
 
 def holds_result(folder: Path) -> bool:
-    """Return whether a folder holds a plan or a pose, which a failure must not replace."""
+    """Return whether an output folder holds a plan or a pose, which the record of a failed run must not replace."""
     return any((folder / arrays).is_file() for arrays in (ARRAYS, POSE_ARRAYS))
 
 
@@ -142,21 +142,21 @@ def write_failure(
     timings: Mapping[str, float] | None = None,
     pictures: Mapping[str, bytes] | None = None,
 ) -> Path:
-    """Write the folder of a problem without a plan: ``solution.json``, and pictures where there are any.
+    """Write the output folder of a problem for which no plan was found: ``solution.json``, meshes, and any pictures.
 
     Args:
         problem: the problem.
         status: how the search ended.
-        diagnosis: why there is no plan.
-        out: parent directory.
-        timings: CPU time of the stages that ran [s].
+        diagnosis: reasons why no plan was found.
+        out: parent directory, created if missing.
+        timings: CPU time of each stage that ran, by stage name [s].
         pictures: content of pictures by file name.
 
     Returns:
-        The folder ``out / <problem's name>``, with the suffix ``.failed`` where that folder holds an earlier plan.
+        The folder written: ``out / <name of the problem>``, with suffix ``.failed`` where that folder holds a result.
 
     Raises:
-        ProblemError: the folder cannot be written, or a folder of something else is in its place.
+        ProblemError: the folder cannot be written, or a folder without a record of a run is at this path.
     """
     record = failure_json(problem, status, diagnosis, timings or {})
     # Reading the problem in the record again requires its meshes.
@@ -167,20 +167,20 @@ def write_failure(
 def write_pose_failure(
     problem: Problem, status: str, diagnosis: Diagnosis, out: Path, timings: Mapping[str, float]
 ) -> Path:
-    """Write the folder of a problem at whose goal no pose was found: ``pose.json``, in space with the meshes.
+    """Write the output folder of a problem at whose goal no pose was found: ``pose.json`` and the mesh files.
 
     Args:
         problem: the problem.
         status: how the search ended.
-        diagnosis: why there is no pose.
-        out: parent directory.
-        timings: CPU time of the stages that ran [s].
+        diagnosis: reasons why no pose was found.
+        out: parent directory, created if missing.
+        timings: CPU time of each stage that ran, by stage name [s].
 
     Returns:
-        The folder, chosen as for ``write_failure``.
+        The folder written, with suffix ``.failed`` where the folder without suffix holds an earlier result.
 
     Raises:
-        ProblemError: the folder cannot be written, or a folder of something else is in its place.
+        ProblemError: the folder cannot be written, or a folder without a pose record is at this path.
     """
     record = pose_failure_json(problem, status, diagnosis, timings)
     files = {POSE_RECORD: record.encode(), **stored_meshes(problem)}
@@ -191,10 +191,10 @@ _FAILED_PLACE = partial(sibling_folder, ending=FAILED)
 
 
 def pareto_files(found: ParetoPlans) -> dict[str, bytes]:
-    """Return the content of every file of Pareto plans except the pictures, by file name.
+    """Return the files of a set of Pareto-optimal plans, except the pictures, as a mapping from file name to content.
 
-    The folder itself holds the recommended plan, as ``solve`` would write it; all plans are in its subfolder
-    ``pareto``. Lengths in the record are in metres, times in seconds.
+    The top level holds the recommended plan as ``solve`` would write it; the subfolder ``pareto`` holds every plan.
+    Lengths in the record are in metres, times in seconds.
     """
     files = solution_files(found.best)
     record = {
@@ -213,7 +213,7 @@ def pareto_files(found: ParetoPlans) -> dict[str, bytes]:
 
 
 def folder_of(number: int) -> str:
-    """Return the subfolder of a plan, by its number from 1, within the problem's folder."""
+    """Return the subfolder of one Pareto-optimal plan within the output folder, given the plan's number from 1."""
     return f"pareto/{number}"
 
 

@@ -1,7 +1,8 @@
-"""Obstacles as solids for physics engines and viewers: planar obstacles extruded, obstacles in space unchanged.
+"""Conversion of obstacles to solids for physics engines and viewers.
 
-The plane of motion is world x-z; planar obstacles are extruded symmetrically to both sides of it. Engines handle convex
-solids only, so polygons are divided into convex parts, and the outside of the room consists of several solids too.
+Planar obstacles are extruded by equal depths to both sides of the plane of motion, world x-z; obstacles in space are
+unchanged. Physics engines handle convex solids only, so polygons are divided into convex parts, and the exterior of
+the workspace bounds is made of several solids.
 """
 
 import re
@@ -19,7 +20,7 @@ from ccm_opt.scene.workspace import BOUNDARY_NAME, ROOM_NAME, Obstacle, PlaneSha
 
 
 def unique_names(names: Iterable[str]) -> list[tuple[str, str]]:
-    """Return for each obstacle a printable name and a slug of letters, digits and underscores, all unique."""
+    """Return for each obstacle name a printable name and a slug of letters, digits and underscores, each unique."""
     shown: set[str] = set()
     slugs: set[str] = set()
     return [
@@ -32,7 +33,7 @@ def unique_names(names: Iterable[str]) -> list[tuple[str, str]]:
 
 
 def _unlike(name: str, taken: set[str]) -> str:
-    """Return a name that is not taken yet, with a number appended if necessary, and add it to ``taken``."""
+    """Return a name that is not in ``taken``, with a number appended where needed, and add this name to ``taken``."""
     free = name
     number = 1
     while free in taken:
@@ -43,21 +44,21 @@ def _unlike(name: str, taken: set[str]) -> str:
 
 
 _DEPTH = 4.0
-"""Depth of extruded obstacles to either side of the plane, in radii of the arm, as in the viewer. Taste."""
+"""Extrusion depth of planar obstacles to each side of the plane, in radii of the arm, as in the viewer. Taste."""
 _LEAST_DEPTH = 0.02
-"""Least depth of extruded obstacles, as a share of the arm's length, for arms of zero radius. Taste."""
+"""Minimum extrusion depth of planar obstacles, as a fraction of the arm's length, for arms of zero radius. Taste."""
 _BOUNDS_THICKNESS = 0.05
-"""Thickness of the walls around the room, as a share of the arm's length. Taste."""
+"""Thickness of the walls around the workspace bounds, as a fraction of the arm's length. Taste."""
 _THIN_WALL = 1e-6
-"""Thickness given to walls without thickness, which engines cannot handle, as a share of the arm's length. Derived: the
-default contact tolerance."""
+"""Thickness given to walls of zero thickness, which engines cannot handle, as a fraction of the arm's length. Derived:
+the default contact tolerance."""
 _SQUARE = 1e-9
-"""Deviation from a right angle, relative to the sides, up to which a prism of four corners is a box."""
+"""Deviation from a rectangle, relative to the longest side, up to which a quadrangular prism is treated as a box."""
 
 
 @dataclass(frozen=True)
 class SolidObstacle:
-    """An obstacle, or the outside of the room, as solids.
+    """An obstacle, or the exterior of the workspace bounds, as a union of solids.
 
     Attributes:
         name: unique printable name of the obstacle.
@@ -72,12 +73,12 @@ class SolidObstacle:
 
 @dataclass(frozen=True)
 class SolidScene:
-    """Everything that an arm can collide with, as solids.
+    """All obstacles of a workspace and the exterior of its bounds, as solids.
 
     Attributes:
-        obstacles: obstacles in the order of the workspace, the outside of the room last.
-        extruded: whether they are extruded planar obstacles, whose meshes are convex.
-        thinnest: thickness given to surfaces without thickness [m].
+        obstacles: obstacles in the order of the workspace, the exterior of the bounds last.
+        extruded: whether the solids are extruded from planar obstacles, so that their meshes are convex.
+        thinnest: thickness given to walls of zero thickness [m].
     """
 
     obstacles: tuple[SolidObstacle, ...]
@@ -86,11 +87,11 @@ class SolidScene:
 
 
 def solid_scene(workspace: Workspace, arm: Arm) -> SolidScene:
-    """Return the scene of an arm.
+    """Return a workspace as solids that a physics engine can load.
 
     Args:
-        workspace: the obstacles and the room.
-        arm: the arm, whose size sets the depth of extruded solids and the thickness of walls without thickness.
+        workspace: the obstacles and the workspace bounds.
+        arm: the arm, whose length and radius set the extrusion depth and the thickness of walls.
     """
     thickness = _BOUNDS_THICKNESS * arm.length
     thinnest = _THIN_WALL * arm.length
@@ -114,7 +115,12 @@ def solid_scene(workspace: Workspace, arm: Arm) -> SolidScene:
 
 
 def _slabs(bounds: FloatArray, thickness: float) -> Iterator[BoxBody]:
-    """Yield the six walls around a room, outside its bounds, shape (2, 3) [m]."""
+    """Yield the six box-shaped walls that enclose an axis-aligned room, outside its bounds.
+
+    Args:
+        bounds: lower and upper corner of the room, shape (2, 3) [m].
+        thickness: thickness of the walls [m].
+    """
     low, high = bounds
     for axis in range(3):
         # Each wall extends beyond the room by the thickness on all sides, so that the corners are closed.
@@ -124,7 +130,7 @@ def _slabs(bounds: FloatArray, thickness: float) -> Iterator[BoxBody]:
 
 
 def _frame(bounds: tuple[float, float, float, float], wall: float) -> list[shapely.Geometry]:
-    """Return the four boxes around a rectangle, of thickness ``wall`` [m]."""
+    """Return the four boxes of thickness ``wall`` [m] that surround a rectangle (x low, y low, x high, y high) [m]."""
     xmin, ymin, xmax, ymax = bounds
     return [
         shapely.box(xmin - wall, ymin - wall, xmin, ymax + wall),
@@ -135,12 +141,12 @@ def _frame(bounds: tuple[float, float, float, float], wall: float) -> list[shape
 
 
 def _solids(obstacle: Obstacle, thinnest: float, half_depth: float) -> Iterator[Body]:
-    """Yield convex solids whose union is an extruded planar obstacle; the round corners of walls are exact cylinders.
+    """Yield convex solids whose union is a planar obstacle, extruded; the round corners of walls are exact cylinders.
 
     Args:
-        obstacle: the obstacle.
-        thinnest: half the thickness given to walls without thickness [m].
-        half_depth: depth to either side of the plane [m].
+        obstacle: the planar obstacle.
+        thinnest: half the thickness given to walls of zero thickness [m].
+        half_depth: extrusion depth to each side of the plane [m].
     """
     core = obstacle.core
     rounding = obstacle.rounding
@@ -156,14 +162,25 @@ def _solids(obstacle: Obstacle, thinnest: float, half_depth: float) -> Iterator[
 
 
 def _leg(tail: FloatArray, head: FloatArray, half: float) -> FloatArray:
-    """Return the corners, shape (4, 2), of a straight piece of wall of half thickness ``half``, without round ends."""
+    """Return the corners of the rectangle of half width ``half`` [m] around a line segment, shape (4, 2) [m].
+
+    Args:
+        tail: start of the segment, at one short side of the rectangle, shape (2,) [m].
+        head: end of the segment, at the other short side, shape (2,) [m].
+        half: half the width of the rectangle [m].
+    """
     along = (head - tail) / max(float(np.hypot(*(head - tail))), 1e-300)
     across = half * np.array([-along[1], along[0]])
     return np.array([tail - across, head - across, head + across, tail + across])
 
 
 def _extruded(corners: FloatArray, half_depth: float) -> Body:
-    """Return the extrusion of a convex counter-clockwise polygon, shape (k, 2): of a rectangle a box, else a mesh."""
+    """Return a convex planar polygon as a solid: a box where the polygon is a rectangle, else a prism-shaped mesh.
+
+    Args:
+        corners: corners of the polygon, counter-clockwise, shape (k, 2) [m].
+        half_depth: extrusion depth to each side of the plane [m].
+    """
     sides = np.roll(corners, -1, axis=0) - corners
     lengths = np.hypot(*sides.T)
     uneven = float(np.abs(sides[0] + sides[2]).max()) + abs(float(sides[0] @ sides[1])) / lengths.max()
@@ -177,13 +194,13 @@ def _extruded(corners: FloatArray, half_depth: float) -> Body:
 
 
 def convex_parts(geometry: shapely.Geometry) -> tuple[FloatArray, ...]:
-    """Return convex polygons that tile the polygons of a geometry, without their holes.
+    """Return convex polygons that tile the area of a geometry, with its holes left free.
 
     Args:
-        geometry: valid polygons; other parts are ignored.
+        geometry: valid polygons; points and lines are ignored.
 
     Returns:
-        Corners of each convex polygon, counter-clockwise, shape (k, 2); straight corners are left out.
+        Corners of each convex polygon, counter-clockwise, shape (k, 2); corners of 180° are left out.
     """
     from ccm_opt.scene import triangulation  # noqa: PLC0415 - needed for few scenes
 
@@ -203,11 +220,14 @@ def _without_straight(corners: FloatArray) -> FloatArray:
 
 
 def prism_mesh(corners: FloatArray, half_depth: float) -> tuple[FloatArray, IntArray]:
-    """Return the surface of an extruded convex polygon: vertices, shape (2 k, 3) [m], and outward triangles.
+    """Return the surface mesh of an extruded convex polygon.
 
     Args:
         corners: corners of the polygon, counter-clockwise, shape (k, 2) [m].
-        half_depth: depth to either side of the plane [m].
+        half_depth: extrusion depth to each side of the plane [m].
+
+    Returns:
+        Vertices, shape (2 k, 3) [m], and vertex indices of triangles whose normals point outward, shape (m, 3).
     """
     count = len(corners)
     x, z = corners.T

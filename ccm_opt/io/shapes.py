@@ -1,7 +1,7 @@
-"""Shapes found in drawings, and flattening of curves into chords.
+"""Shapes found in drawings, limits on drawings, and approximation of curves by chords.
 
-A curve p(t) replaced by chords over equal steps h of its parameter deviates from the chord at the same parameter by at
-most h² max|p''| / 8 (the error of linear interpolation). The number of steps follows from a bound on p''.
+A curve p(t) deviates from chords over equal parameter steps h by at most h² max|p''| / 8, the error of linear
+interpolation. An upper bound on |p''| therefore gives the number of chords.
 """
 
 import math
@@ -18,23 +18,23 @@ from ccm_opt.problem import LeftOut
 
 @dataclass(frozen=True)
 class ImportBounds:
-    """Bounds of the import, the same for all formats.
+    """Limits on the size of drawings of every supported format.
 
     Attributes:
-        most_bytes: largest size of a file. Taste.
-        most_vertices: largest number of vertices of all obstacles. Taste: a planner would take hours with more.
-        most_points: largest number of points of all shapes, counted while they are read, before repairs join some.
-            Derived: with more points, more than ``most_vertices`` would remain, unless outlines are drawn repeatedly.
-        most_elements: largest number of elements, counted each time they are used or inserted. Derived: an element
-            gives at least one vertex.
-        most_nodes: largest number of elements of any kind, or of points in lists, in a file. Taste.
-        deepest: deepest nesting of elements, which bounds recursion. Taste: people nest a dozen deep, and converters of
-            drawings a few dozen deep.
-        reported_defects: number of defects of a drawing listed in an error. Taste.
-        largest_coordinate: largest coordinate, in the unit of the result. Derived: beyond it double precision no longer
-            resolves a millionth.
-        most_nested: largest number of pairs of rings of one shape whose boxes meet. Measured: this number takes
-            0.5 s when each ring lies inside the next.
+        most_bytes: maximum size of a file [bytes]. Taste.
+        most_vertices: maximum number of vertices of all obstacles together. Taste: planning would take hours with more.
+        most_points: maximum number of points of all shapes together, as read, before repairs merge some. Derived: with
+            more points, more than ``most_vertices`` would remain, unless outlines are drawn repeatedly.
+        most_elements: maximum number of drawn elements, counted at each use or insertion. Derived: an element gives at
+            least one vertex.
+        most_nodes: maximum number of XML elements of any kind, or of JSON lists, in a file. Taste.
+        deepest: maximum nesting depth of elements, which bounds recursion. Taste: people nest a dozen deep, and file
+            converters a few dozen deep.
+        reported_defects: maximum number of defects of a drawing listed in an error message. Taste.
+        largest_coordinate: maximum absolute coordinate, in the unit of the problem file. Derived: double precision no
+            longer resolves a millionth of a unit beyond this value.
+        most_nested: maximum number of pairs of rings of one shape whose bounding boxes meet. Measured: this number
+            takes 0.5 s where each ring lies inside the next.
     """
 
     most_bytes: int = 32 * 2**20
@@ -48,7 +48,7 @@ class ImportBounds:
     most_nested: int = 500_000
 
     def listed(self, defects: Sequence[str]) -> str:
-        """Return the first defects of a drawing in one sentence, and the number of the remaining ones."""
+        """Return a text with the first ``reported_defects`` defects of a drawing and the number of further ones."""
         shown = list(defects[: self.reported_defects])
         if len(defects) > len(shown):
             shown.append(f"and {len(defects) - len(shown)} more")
@@ -56,20 +56,20 @@ class ImportBounds:
 
 
 IMPORT = ImportBounds()
-"""Bounds applied to every drawing."""
+"""Limits applied to every drawing."""
 
 
 FillRule = Literal["polygon", "evenodd", "nonzero"]
-"""Fill rule of nested rings, see ``Shape``."""
+"""Rule that decides which nested rings of a shape are holes, see ``Shape.rule``."""
 
 Drawn = Literal["line", "outline", "painted", "area"]
-"""How a shape is drawn: as an open line; as a closed line without fill, so that outlines within it are holes; filled;
-or as an area, for example a hatch, which is solid whatever closed outlines mean."""
+"""Kind of a drawn shape: an open line; a closed outline without fill, within which other outlines are holes; a filled
+outline; or an area such as a hatch, which is solid under every setting for closed outlines."""
 
 
 @dataclass(frozen=True)
 class Shape:
-    """One shape of a drawing: the area enclosed by closed rings, an open line, or a true circle.
+    """One shape of a drawing: the area enclosed by closed rings, an open line, or an exact circle.
 
     Attributes:
         name: name of the shape in the drawing.
@@ -79,7 +79,8 @@ class Shape:
         rule: ``polygon``: the first ring is the outline, the others are holes; ``evenodd`` and ``nonzero``: nested
             rings are holes by the fill rules of SVG.
         curved: whether a ring is a flattened curve.
-        half_width: distance by which the shape extends beyond its rings, half the line width; the radius of a circle.
+        half_width: distance by which the shape extends beyond its rings: half the line width, or the radius of a
+            circle.
         layer: layer on which the shape is drawn; empty where the drawing has none.
     """
 
@@ -93,24 +94,25 @@ class Shape:
 
     @property
     def is_circle(self) -> bool:
-        """Whether the shape is a true circle."""
+        """Whether the shape is an exact circle rather than a polygon or line."""
         return self.size == 1
 
     @property
     def size(self) -> int:
-        """Number of points of all rings."""
+        """Number of points of all rings together."""
         return sum(len(ring) for ring in self.rings)
 
 
 @dataclass(frozen=True)
 class DrawingContent:
-    """The shapes that a reader found in a drawing.
+    """Shapes that a reader found in a drawing, with the drawing's unit and whatever was ignored.
 
     Attributes:
         shapes: shapes in the order of the drawing.
-        left_out: elements that are no shapes, with the reasons.
+        left_out: elements that gave no shape, each with the reason.
         unit: unit of length stated in the file, for example ``mm``; empty where it states none.
-        metres: length of one unit by the physical size that the file states [m]; None where it states none.
+        metres: length of one drawing unit according to the physical size that the file states [m]; None where it
+            states none.
     """
 
     shapes: tuple[Shape, ...]
@@ -120,22 +122,22 @@ class DrawingContent:
 
 
 Reader: TypeAlias = Callable[[bytes, float], DrawingContent]
-"""Function that returns the shapes in a file's bytes, curves flattened to within a distance in the drawing's unit."""
+"""Reader of a drawing format: takes the bytes of a file and the chord tolerance for curves, in drawing units."""
 
 
 MAX_STEPS = 20_000
-"""Largest number of chords of one curve; more suggest an error of scale."""
+"""Maximum number of chords for one curve; a curve that needs more suggests a wrong scale."""
 
 
 def flatten_bezier(control: FloatArray, distance: float) -> FloatArray:
-    """Return a Bézier curve of any degree as a polyline.
+    """Return a polyline within a given distance of a Bézier curve of any degree.
 
-    The second derivative of a curve of degree d is at most d (d - 1) max|P_i - 2 P_(i+1) + P_(i+2)| (Farin, Curves and
-    Surfaces for CAGD, section 4.4).
+    The second derivative of a curve of degree d is bounded by d (d - 1) max|P_i - 2 P_(i+1) + P_(i+2)| (Farin, Curves
+    and Surfaces for CAGD, section 4.4).
 
     Args:
         control: control points, shape (d + 1, 2).
-        distance: largest distance allowed between curve and polyline.
+        distance: maximum distance between curve and polyline.
 
     Returns:
         Points on the curve, both ends included, shape (k, 2).
@@ -155,9 +157,9 @@ def flatten_bezier(control: FloatArray, distance: float) -> FloatArray:
 def flatten_ellipse(
     center: FloatArray, major: FloatArray, minor: FloatArray, start: float, sweep: float, distance: float
 ) -> FloatArray:
-    """Return the arc center + major cos t + minor sin t of an ellipse as a polyline.
+    """Return a polyline within a given distance of the elliptic arc center + major cos t + minor sin t.
 
-    Its second derivative is at most the longer of the two perpendicular semi-axes.
+    The norm of the second derivative is bounded by the length of the longer semi-axis.
 
     Args:
         center: centre, shape (2,).
@@ -165,7 +167,7 @@ def flatten_ellipse(
         minor: the semi-axis perpendicular to ``major``, shape (2,).
         start: parameter of the first point [rad].
         sweep: change of the parameter, negative for clockwise [rad].
-        distance: largest distance allowed between arc and polyline.
+        distance: maximum distance between arc and polyline.
 
     Returns:
         Points on the arc, both ends included, shape (k, 2).
@@ -183,23 +185,37 @@ def flatten_ellipse(
 
 
 def flatten_arc(center: FloatArray, radius: float, start: float, sweep: float, distance: float) -> FloatArray:
-    """Return a circular arc as a polyline; arguments and result as in ``flatten_ellipse``."""
+    """Return a polyline within a given distance of a circular arc.
+
+    Args:
+        center: centre of the circle, shape (2,).
+        radius: radius of the circle.
+        start: angle of the first point [rad].
+        sweep: extent of the arc, negative for clockwise [rad].
+        distance: maximum distance between arc and polyline.
+
+    Returns:
+        Points on the arc, both ends included, shape (k, 2).
+
+    Raises:
+        ProblemError: the arc would need more than ``MAX_STEPS`` chords.
+    """
     return flatten_ellipse(center, np.array([radius, 0.0]), np.array([0.0, radius]), start, sweep, distance)
 
 
 def flatten_bulges(points: FloatArray, bulges: FloatArray, distance: float) -> FloatArray:
-    """Return a polyline with arcs, given by bulges as in DXF, as a polyline of straight legs.
+    """Return a polyline of straight segments for one with circular arcs, which bulges define as in DXF.
 
-    A bulge b is tan(φ/4) with φ the angle of the arc, positive counter-clockwise; the radius over a chord of length c
-    is c (1 + b²) / (4 |b|).
+    The bulge of an arc of angle φ, positive counter-clockwise, is b = tan(φ/4); over a chord of length c the radius is
+    c (1 + b²) / (4 |b|).
 
     Args:
         points: vertices, shape (k, 2).
-        bulges: bulge of the leg after each point but the last, shape (k - 1,).
-        distance: largest distance allowed between arc and polyline.
+        bulges: bulge of the segment after each vertex but the last, 0 where straight, shape (k - 1,).
+        distance: maximum distance between an arc and its chords.
 
     Returns:
-        Points, all of ``points`` included, shape (m, 2).
+        Vertices of the polyline, all of ``points`` included, shape (m, 2).
     """
     pieces = [points[:1]]
     for tail, head, bulge in zip(points[:-1], points[1:], bulges, strict=True):
@@ -218,18 +234,18 @@ def _bulge(tail: FloatArray, head: FloatArray, bulge: float, distance: float) ->
 
 
 def _pinned(points: FloatArray, first: FloatArray, last: FloatArray) -> FloatArray:
-    """Set the ends of a polyline, in place, to exact values free of rounding, and return it."""
+    """Return a polyline whose first and last points are set, in place, to exact values free of rounding."""
     points[0] = first
     points[-1] = last
     return points
 
 
 def _steps(second_derivative: float, distance: float) -> int:
-    """Return the number of chords needed over a parameter interval of length 1.
+    """Return the number of chords of equal parameter step that keep a curve p(t), 0 ≤ t ≤ 1, within a distance.
 
     Args:
-        second_derivative: bound on |p''|.
-        distance: largest distance allowed between curve and chords.
+        second_derivative: upper bound on |p''|.
+        distance: maximum distance between curve and chords.
 
     Raises:
         ProblemError: the bound is not finite, or more than ``MAX_STEPS`` chords would be needed.
@@ -249,17 +265,17 @@ def _steps(second_derivative: float, distance: float) -> int:
 def flatten_spline(
     knots: FloatArray, control: FloatArray, weights: FloatArray, degree: int, distance: float
 ) -> FloatArray:
-    """Return a B-spline curve, which may be rational, as a polyline.
+    """Return a polyline within a given distance of a B-spline curve, which may be rational (NURBS).
 
-    Between two knots the curve is a quotient p = n / w of polynomials, and their coefficients bound the derivatives:
+    Between two knots the curve is a quotient p = n / w of polynomials, whose coefficients bound the derivatives
     p' = (n' − w' p) / w and p'' = (n'' − 2 w' p' − w'' p) / w (Piegl and Tiller, The NURBS Book, equation 4.8).
 
     Args:
-        knots: knots, non-decreasing, shape (k + degree + 1,).
+        knots: non-decreasing knot values, shape (k + degree + 1,).
         control: control points, shape (k, 2).
         weights: weights of the control points, positive, shape (k,).
-        degree: degree, at least 1.
-        distance: largest distance allowed between curve and polyline.
+        degree: degree of the spline, at least 1.
+        distance: maximum distance between curve and polyline.
 
     Returns:
         Points on the curve, both ends included, shape (m, 2).

@@ -1,9 +1,10 @@
-"""Reading of SVG drawings: path, polygon, polyline, rect, circle, ellipse, line and use, with all transforms.
+"""Reader of SVG drawings: path, polygon, polyline, rect, circle, ellipse, line and use, with all transforms.
 
-Coordinates are the user units of the outermost element. Its physical width is reported only. SVG's y points
-down and is negated, so that the picture keeps its orientation. Anything not drawn as a shape is left out and reported:
-unused definitions, text, images, clip paths, masks, markers, patterns, and hidden elements. Strokes do not matter: a
-closed outline is solid, an open one is a line without width. Outlines without a fill that lie within others are holes.
+Coordinates are in user units of the outermost ``svg`` element; a physical size of that element is only reported. The
+y axis of SVG points down and is negated, so that the picture keeps its orientation. Anything not drawn as a shape is
+left out and reported: unused definitions, text, images, clip paths, masks, markers, patterns, and hidden elements.
+Strokes are ignored: a closed outline is solid, an open one is a line of zero width. Unfilled outlines within others
+are holes.
 """
 
 import math
@@ -24,26 +25,26 @@ from ccm_opt.io.svg_document import View, length_of, numbers_in, parsed_document
 from ccm_opt.io.svg_placing import Picture, Place
 
 _LONGEST_PATH = 2_000_000
-"""Largest number of characters of path data of one element. Derived: ``most_vertices`` points as programs write them,
-with all sixteen digits."""
+"""Maximum number of characters of path data of one element. Derived: enough for ``most_vertices`` points with sixteen
+digits."""
 _PATH_TEXT = re.compile(r"[MmZzLlHhVvCcSsQqTtAa0-9eE+\-.,\s]*")
 _COMMAND = re.compile(r"([MmZzLlHhVvCcSsQqTtAa])([^MmZzLlHhVvCcSsQqTtAa]*)")
 _SMOOTH = {"S": ("CS", "c0 0 0 0 0 0"), "T": ("QT", "q0 0 0 0")}
-"""Smooth curve commands: the commands after which they mirror a control point, and a curve of their degree and zero
-length."""
+"""For each smooth curve command of SVG, the commands after which it mirrors a control point, and the text of a curve of
+equal degree and zero length."""
 _CLOSED = 1e-9
-"""Distance between the ends of a path, relative to its extent, within which it is closed."""
+"""Distance between the two ends of a path, relative to its extent, up to which the path counts as closed."""
 
 
 @dataclass
 class Subpath:
-    """A part of a path that is drawn without lifting the pen.
+    """A connected part of an SVG path, between two move commands.
 
     Attributes:
         begin: starting point, shape (2,).
-        segments: segments of svgelements, end to end.
-        closed: whether a command closes it.
-        curved: whether a segment is a curve.
+        segments: segments of the svgelements library, end to end.
+        closed: whether a close command ends the part.
+        curved: whether any segment is a curve.
     """
 
     begin: FloatArray
@@ -52,7 +53,13 @@ class Subpath:
     curved: bool = False
 
     def flattened(self, distance: float) -> tuple[FloatArray, bool]:
-        """Return the subpath as points, shape (k, 2), the first not repeated at the end, and whether it is closed.
+        """Return the points of the subpath with curves replaced by chords, and whether the subpath is closed.
+
+        Args:
+            distance: maximum distance between a curve and its chords.
+
+        Returns:
+            Points, shape (k, 2), the first not repeated at the end; and whether the last joins the first.
 
         Raises:
             ProblemError: a coordinate is not finite, or a curve needs too many chords.
@@ -66,7 +73,11 @@ class Subpath:
 
 
 def polyline(text: str, *, closed: bool) -> list[Subpath]:
-    """Return the subpath of a polyline or polygon; none where the element has fewer than two points.
+    """Return an SVG polyline or polygon as subpaths: a single one, or none for fewer than two points.
+
+    Args:
+        text: the element's ``points`` attribute.
+        closed: whether the last point joins the first.
 
     Raises:
         ProblemError: the coordinates cannot be read.
@@ -81,7 +92,7 @@ def polyline(text: str, *, closed: bool) -> list[Subpath]:
 
 
 def path_subpaths(text: str) -> list[Subpath]:
-    """Return the subpaths of path data (SVG 1.1, section 8.3); those that draw nothing are left out.
+    """Return the subpaths of SVG path data (SVG 1.1, section 8.3), without those that draw nothing.
 
     Raises:
         ProblemError: the data cannot be read completely.
@@ -98,10 +109,10 @@ def path_subpaths(text: str) -> list[Subpath]:
 
 
 def _with_explicit_controls(text: str) -> str:
-    """Return path data in which no smooth curve mirrors the control point of a curve of another degree.
+    """Return SVG path data in which no smooth curve follows a curve of another degree.
 
-    svgelements would mirror it. A curve of zero length inserted before the smooth one puts the first control point at
-    its start, as the standard requires.
+    The svgelements library would mirror the other curve's control point. A curve of zero length, inserted before the
+    smooth curve, puts the first control point of the latter at its start, as the standard requires.
     """
     words = []
     last = ""
@@ -115,7 +126,7 @@ def _with_explicit_controls(text: str) -> str:
 
 
 def split_subpaths(path: Iterable[Any]) -> list[Subpath]:
-    """Return the subpaths of a path of svgelements."""
+    """Return the subpaths of a path of the svgelements library, without those that draw nothing."""
     found: list[Subpath] = []
     for segment in path:
         kind = type(segment).__name__
@@ -130,7 +141,7 @@ def split_subpaths(path: Iterable[Any]) -> list[Subpath]:
 
 
 def _flat(segment: Any, distance: float) -> FloatArray:
-    """Return the points of a flattened segment without its first point, shape (k, 2)."""
+    """Return the points of a path segment with curves replaced by chords, without the first point, shape (k, 2)."""
     kind = type(segment).__name__
     if kind == "Arc" and segment.rx and segment.ry:
         center = _place(segment.center)
@@ -149,18 +160,18 @@ def _place(point: Sequence[float]) -> FloatArray:
 
 
 def read_svg(content: bytes, distance: float) -> DrawingContent:
-    """Return the shapes of an SVG file.
+    """Return the shapes in the bytes of an SVG file.
 
-    A shape is named after the ``use`` that draws it, its inkscape:label, title or id, or those of the nearest named
-    group, or else after its kind.
+    A shape takes its name from the ``use`` element that draws it, else from its own inkscape:label, title or id, else
+    from the nearest named group, else from its kind of element.
 
     Args:
         content: content of the file.
-        distance: largest distance allowed between a curve and its polyline [user units].
+        distance: maximum distance between a curve and its polyline [user units].
 
     Raises:
-        ProblemError: the content is no SVG, refers to something missing, contains unreadable path data, or draws more
-            than the bounds allow.
+        ProblemError: the content is no SVG, has dangling references or unreadable path data, or exceeds a limit of
+            ``ImportBounds``.
     """
     picture = Picture(parsed_document(content))
     outline = cache(partial(_outline, picture.view))  # read once however often it is drawn
@@ -186,7 +197,7 @@ def read_svg(content: bytes, distance: float) -> DrawingContent:
 
 
 def _outline(view: View, node: ET.Element) -> list[Subpath]:
-    """Return the subpaths of an element in its own coordinates; none where the element has no extent."""
+    """Return the subpaths of an SVG element in the element's own coordinates; none where the element has zero size."""
     text = node.attrib.get("d", "") if node.tag == "path" else node.attrib.get("points", "")
     if len(text) > _LONGEST_PATH:
         raise ProblemError(
@@ -228,7 +239,7 @@ def _round(view: View, node: ET.Element) -> list[Subpath]:
 
 
 def _half_axes(view: View, node: ET.Element) -> tuple[float, float]:
-    """Return both semi-axes; a semi-axis that is missing or ``auto`` equals the other."""
+    """Return the semi-axes rx and ry of an SVG element; one that is missing or ``auto`` equals the other."""
     given = {key: node.attrib.get(key, "auto").strip() for key in ("rx", "ry")}
     known = [key for key in given if given[key] != "auto"]
     if not known:
@@ -243,7 +254,7 @@ def _length(view: View, node: ET.Element, key: str) -> float:
 
 
 def _shapes(place: Place, subpaths: list[Subpath], distance: float) -> list[Shape]:
-    """Return the shapes of one element: a disc, or one region of its closed subpaths and a line for each open one."""
+    """Return the shapes of one SVG element: a disc, or one region for all closed subpaths and one line per open one."""
     if not subpaths:
         return []
     matrix = place.matrix[:2] * [[1.0], [-1.0]]  # SVG's y points down
@@ -272,7 +283,7 @@ def _shapes(place: Place, subpaths: list[Subpath], distance: float) -> list[Shap
 
 
 def _disc(place: Place, outline: Subpath, matrix: FloatArray) -> Shape | None:
-    """Return an element as a disc if it is a circle after its transform, else None."""
+    """Return a circle or ellipse element as a disc if its transformed outline is a circle, else None."""
     if place.node.tag not in {"circle", "ellipse"}:
         return None
     arc = outline.segments[0]

@@ -1,4 +1,4 @@
-"""Validation of the tables of a problem file, the checks between tables, and construction of the problem."""
+"""Validation of parsed problem files: each table alone, then tables against each other, then the problem they give."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -41,7 +41,7 @@ from ccm_opt.problem.options import options_without_effect
 from ccm_opt.robot.arm import MappingName
 
 IN_SPACE_KEY = 3
-"""Value of the key ``space`` for an arm that moves in space."""
+"""Value of the key ``space`` in problem files whose arm moves in three dimensions."""
 _Pose: TypeAlias = PoseTable | SpacePoseTable
 
 
@@ -53,17 +53,17 @@ def check_data(
     *,
     allow_outside: bool = False,
 ) -> Problem | None:
-    """Check parsed data and build the problem.
+    """Return the problem that a parsed problem file describes, after collecting all defects of the file.
 
     Args:
         data: the parsed TOML.
         issues: receives every defect found.
         source: text of the file, kept in the problem unless part of the problem comes from a drawing.
-        folder: folder of the problem file, from which the paths of drawings and meshes start; None without a file.
-        allow_outside: whether drawings and meshes may lie outside that folder.
+        folder: folder to which the paths of drawings and meshes are relative; None where the data come from no file.
+        allow_outside: whether drawings and meshes may lie outside ``folder``.
 
     Returns:
-        The problem, or None when there are defects.
+        The problem, or None where any defect was found.
     """
     in_space = data.get("space") == IN_SPACE_KEY
     whole, drawing = (data, None) if in_space else with_scene(data, folder, issues, allow_outside=allow_outside)
@@ -85,13 +85,19 @@ def check_data(
 
 
 def _length_unit(data: Mapping[str, object]) -> LengthUnit:
-    """Return the unit of lengths of a file; metres where it gives no valid unit, which is reported elsewhere."""
+    """Return the unit of lengths that a problem file states; metres where the unit is missing or invalid."""
     unit = data.get("units", "m")
     return unit if unit in get_args(LengthUnit) else "m"  # type: ignore[return-value]
 
 
 def _validate(data: Mapping[str, object], issues: Issues, *, in_space: bool) -> dict[str, Any]:
-    """Return the validated tables of a file by name; None for a table with defects."""
+    """Return the validated tables of a problem file, by table name, with None for each table that has defects.
+
+    Args:
+        data: the parsed TOML.
+        issues: receives the defects.
+        in_space: whether the arm moves in three dimensions.
+    """
     scale = METRES[_length_unit(data)]
     found: dict[str, Any] = {"root": issues.validate(RootTable, data, (), scale)}
     for name, model in TABLES[in_space].items():
@@ -112,7 +118,14 @@ def _validate(data: Mapping[str, object], issues: Issues, *, in_space: bool) -> 
 
 
 def _goals(data: Mapping[str, object], issues: Issues, scale: float, model: type[Table]) -> tuple[Table, ...] | None:
-    """Return the validated goals in order, or None when one is defective, missing or no table."""
+    """Return the validated ``goal`` tables in order, or None where one is defective, missing or no table.
+
+    Args:
+        data: the parsed TOML.
+        issues: receives the defects.
+        scale: metres per unit of length of the file.
+        model: class that validates one goal table.
+    """
     paths = goal_paths(data)
     if not paths:
         issues.add(("goal",), "expected at least one goal")
@@ -125,7 +138,14 @@ def _goals(data: Mapping[str, object], issues: Issues, scale: float, model: type
 def _obstacles(
     data: Mapping[str, object], issues: Issues, scale: float, model: type[Table]
 ) -> tuple[tuple[int, Table], ...]:
-    """Return the valid obstacles with their indices in the file, from 0; the defects of the others are reported."""
+    """Return the valid obstacle tables with their indices in the file, from 0, and report the defects of the others.
+
+    Args:
+        data: the parsed TOML.
+        issues: receives the defects.
+        scale: metres per unit of length of the file.
+        model: class that validates one obstacle table.
+    """
     workspace = data.get("workspace")
     entries = workspace.get("obstacles", []) if isinstance(workspace, Mapping) else []
     if not isinstance(entries, list):
@@ -144,7 +164,7 @@ def _obstacles(
 
 
 def _is_flat_bar(table: Table, path: KeyPath, issues: Issues) -> bool:
-    """Return whether both ends of a cylinder coincide, and report that defect; a capsule may degenerate to a ball."""
+    """Return whether an obstacle is a cylinder of zero length, and report the defect (a capsule may be that short)."""
     bar = getattr(table, "cylinder", None)
     if bar is None or not np.allclose(bar.start, bar.end, rtol=1e-12, atol=1e-12):
         return False
@@ -155,7 +175,7 @@ def _is_flat_bar(table: Table, path: KeyPath, issues: Issues) -> bool:
 def _check_drawing_places(
     found: Mapping[str, Any], drawing: ImportedDrawing | None, data: Mapping[str, object], issues: Issues
 ) -> None:
-    """Report a drawing or meshes that lie wholly outside the room, where the room has bounds."""
+    """Report a drawing, or meshes, that lie entirely outside the workspace bounds, where bounds are given."""
     room = found["workspace"]
     if room is None:
         return
@@ -168,7 +188,7 @@ def _check_drawing_places(
 
 
 def _check_between(found: Mapping[str, Any], issues: Issues, drawing: ImportedDrawing | None) -> None:
-    """Run the checks that involve the arm and another table, for all tables that are valid."""
+    """Run the checks that compare the arm's table with other tables of a problem file, as far as those are valid."""
     table: ArmTable | SpaceArmTable = found["arm"]
     arm_is_whole = check_arm(table, issues)
     if found["limits"] is not None:
@@ -193,16 +213,17 @@ def _check_between(found: Mapping[str, Any], issues: Issues, drawing: ImportedDr
 
 
 def _has_shape(table: Table) -> bool:
-    """Return whether an obstacle has a shape other than a mesh, so that the table alone defines the obstacle."""
+    """Return whether an obstacle's table gives a shape other than a mesh, so that no file is needed to build it."""
     return any(getattr(table, kind) is not None for kind in table.rules.exactly_one if kind != "mesh")
 
 
 def _check_built_pose(
     table: ArmTable | SpaceArmTable, pose: _Pose, mapping: MappingName, path: KeyPath, issues: Issues
 ) -> None:
-    """Report the defects of a pose that only its construction reveals.
+    """Report defects of a start or goal pose that appear only when the pose is built.
 
-    The arm must fold, or fit the curve; the feed must be within its range; joints in the guide tube must be straight.
+    A folded shape or curve segments must fit the arm; the feed must be within its range; joints still inside the guide
+    tube of a feed axis must be straight.
     """
     arm = build_arm(table)
     key = "shape" if pose.segments is None else "segments"
@@ -230,7 +251,7 @@ def _check_built_pose(
 
 
 def _hint_at_scale(drawing: ImportedDrawing | None, found: Mapping[str, Any], issues: Issues) -> None:
-    """Add a warning about a drawing or mesh of implausible size, which may be the cause of the other defects."""
+    """Report a drawing or mesh of implausible size, as a wrong unit may have caused the other defects."""
     if found["arm"] is None:
         return
     length = found["arm"].links * found["arm"].link_length

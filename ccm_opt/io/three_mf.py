@@ -1,7 +1,7 @@
-"""Reading of 3MF files: the core format and the production extension; other extensions that define shapes are refused.
+"""Reader of 3MF mesh files: core format and production extension; other extensions that define shapes are refused.
 
-The linked parts of the archive are parsed one element at a time by expat, which limits the expansion of entities and
-loads no external ones. Afterwards the objects are placed as the build section specifies.
+The linked parts of the archive are parsed as a stream by expat, which limits the expansion of entities and loads no
+external ones. The objects are then placed as the build section of the file specifies.
 """
 
 import io
@@ -34,7 +34,7 @@ _KNOWN = frozenset(
         "trianglesets/2021/07",
     )
 ) | {"http://schemas.3mf.io/3dmanufacturing/volumetric/2022/01"}
-"""Namespaces whose shapes are read, or are refused by ``_OTHER_SHAPES``, and which say nothing else of a surface."""
+"""XML namespaces that define no surfaces besides those that are read and those refused through ``_OTHER_SHAPES``."""
 _OTHER_SHAPES = {
     "ball": "a beam lattice",
     "beam": "a beam lattice",
@@ -42,17 +42,21 @@ _OTHER_SHAPES = {
     "displacementmesh": "a displaced mesh",
     "levelset": "a level set",
 }
-"""What would be missing from an object, by the name of the element."""
+"""Descriptions of unsupported shapes for error messages, by the name of the XML element that defines the shape."""
 _UNITS = {"micron": 1e-6, "millimeter": 1e-3, "centimeter": 1e-2, "inch": 0.0254, "foot": 0.3048, "meter": 1.0}
-"""Metres in the units of a model; without a word it is the millimetre."""
+"""Metres per unit of length, by the name of the unit in a 3MF model."""
 _BROKEN = (zipfile.BadZipFile, zlib.error, expat.ExpatError, ET.ParseError, RuntimeError, OSError, EOFError, ValueError)
 
 
 def read_3mf(content: bytes, settings: MeshSettings) -> RawMesh:
-    """Read all objects that a 3MF file builds, supports included, as one mesh in the unit of the file.
+    """Return all objects that a 3MF file builds, supports included, as one mesh in the unit of the file.
+
+    Args:
+        content: bytes of the file.
+        settings: limits on mesh files.
 
     Raises:
-        ProblemError: the content is no 3MF file, is damaged, exceeds a bound, or contains an unsupported shape.
+        ProblemError: the content is no 3MF file, is damaged, exceeds a limit, or contains an unsupported shape.
     """
     try:
         parts = _unpacked(content, settings)
@@ -75,7 +79,7 @@ def read_3mf(content: bytes, settings: MeshSettings) -> RawMesh:
 
 
 def _unpacked(content: bytes, settings: MeshSettings) -> dict[str, bytes]:
-    """Return the models and relationships in the archive by path, unpacking no more bytes than the bound allows."""
+    """Return the models and relationship files of a 3MF archive, by path, within the limit on unpacked bytes."""
     found: dict[str, bytes] = {}
     left = settings.most_unpacked
     with zipfile.ZipFile(io.BytesIO(content)) as archive:
@@ -95,7 +99,7 @@ def _unpacked(content: bytes, settings: MeshSettings) -> dict[str, bytes]:
 
 
 def _linked(parts: dict[str, bytes], source: str) -> Iterator[str]:
-    """Yield the paths of the models to which a part, or the archive itself, has a relationship."""
+    """Yield the paths of the models to which a part of a 3MF archive, or the archive itself ("/"), is linked."""
     folder, name = posixpath.split(source)
     links = ET.fromstring(parts.get(posixpath.join(folder, "_rels", f"{name}.rels"), b"<none/>"))  # noqa: S314 - expat
     for link in links.iter("{http://schemas.openxmlformats.org/package/2006/relationships}Relationship"):
@@ -105,12 +109,12 @@ def _linked(parts: dict[str, bytes], source: str) -> Iterator[str]:
 
 @dataclass(frozen=True)
 class _Use:
-    """A use of an object, in the build section or as a component of another object.
+    """A placed instance of a 3MF object, in the build section or as a component of another object.
 
     Attributes:
         path: path of the part of the archive that defines the object.
-        number: id of the object in that part.
-        transform: rotation and scale above the translation, shape (4, 3).
+        number: id of the object in that part of the archive.
+        transform: rotation and scale in the first three rows, translation in the last, for row vectors, shape (4, 3).
     """
 
     path: str
@@ -120,13 +124,13 @@ class _Use:
 
 @dataclass
 class _Object:
-    """An object, made of either triangles or components.
+    """An object of a 3MF model, made of either triangles or instances of other objects.
 
     Attributes:
         shape: name of the element that defines the object: "mesh" or "components"; empty for neither.
         coordinates: coordinates x, y, z of all vertices, one vertex after the other.
         corners: vertex indices of all triangles, three each.
-        components: uses of other objects.
+        components: placed instances of other objects.
     """
 
     shape: str = ""
@@ -136,11 +140,11 @@ class _Object:
 
 
 class _Model:
-    """A model of the archive: unit of length, objects by id, and items of the build section.
+    """A parsed model of a 3MF archive: unit of length, objects by id, and items of the build section.
 
     Raises:
         ProblemError: the unit is unknown, or an object or extension is not supported.
-        KeyError, ValueError, OverflowError, expat.ExpatError: the text is no model, or is damaged.
+        KeyError, ValueError, OverflowError, expat.ExpatError: the text is no 3MF model, or is damaged.
     """
 
     def __init__(self, path: str, text: bytes) -> None:
@@ -215,7 +219,7 @@ class _Model:
             shape.shape = kind
 
     def _use(self, given: dict[str, str]) -> _Use:
-        """Return the use of an object that an element with the given attributes describes."""
+        """Return the placed instance that the attributes of an ``item`` or ``component`` element describe."""
         path = next((given[key] for key in given if key.endswith(" path")), self._path)
         transform = np.array(given.get("transform", "1 0 0 0 1 0 0 0 1 0 0 0").split(), dtype=np.float64)
         if transform.shape != (12,) or not np.isfinite(transform).all():
@@ -225,14 +229,14 @@ class _Model:
 
 @dataclass
 class _Building:
-    """Assembly of the objects of a file, within the bounds.
+    """Assembly of placed objects from the models of a 3MF file, within limits on size and nesting.
 
     Attributes:
-        models: models of the archive by path.
-        settings: bounds on mesh files.
-        taken: path and id of every object used so far.
-        visits: number of uses so far.
-        triangles: number of triangles so far.
+        models: models of the archive, by path.
+        settings: limits on mesh files.
+        taken: path and id of every object placed so far.
+        visits: number of instances placed so far.
+        triangles: number of triangles placed so far.
     """
 
     models: dict[str, _Model]
@@ -242,7 +246,7 @@ class _Building:
     triangles: int = 0
 
     def placed(self, use: _Use, outer: FloatArray, depth: int) -> Iterator[RawMesh]:
-        """Yield the meshes of an object and its components, in the coordinates of the build section.
+        """Yield the meshes of a placed object and of its components, in the coordinates of the build section.
 
         Raises:
             ProblemError: an object is missing, or the assembly has too many parts or triangles, or is nested too deep.
