@@ -221,7 +221,7 @@ REACH_RECORD = "reach.json"
 REACH_FILES = (REACH_RECORD, "reach.npz", "reach.png")
 PARETO_RECORD = "pareto.json"
 PARETO_FILES = (PARETO_RECORD, "pareto.png", "pareto")
-"""Entries that a set of Pareto-optimal plans adds to those of its recommended plan; the last is a folder of all plans."""
+"""Entries that a set of Pareto-optimal plans adds to its recommended plan; the last is a folder with every plan."""
 TOLERANCE_FILES = ("tolerance.json", "tolerance.png")
 """Files that the command ``ccm-opt tolerance`` adds to the folder of a plan; a new plan removes them."""
 WRITTEN_FILES = frozenset(
